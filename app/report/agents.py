@@ -18,7 +18,7 @@ from app.report.model import PolicyRun
 from app.report.statistics.comparisons import compare_policy
 from app.report.statistics.exclusion_sets import METRICS, members, people_of
 from app.report.statistics.first_attempts import first_attempts
-from app.report.statistics.study_figures import live_figure
+from app.report.statistics.study_figures import live_figure, worst_value
 from app.series.data import StudyData
 from app.series.policy_episodes import PolicyEpisode
 from app.series.protocol import Protocol
@@ -46,14 +46,14 @@ def compare_agents(
     policies = runs_of(episodes, protocol) if protocol.rules.players is not None else ()
     random = next((run for run in policies if run.name == "random"), None)
     named = ({"kind": "policy", "name": run.name, "rank": None} for run in policies)
-    made = (_figures(run, tables, random) for run in policies)
+    made = (_figures(run, protocol, tables, random) for run in policies)
     rows = [{**each, **own} for each, own in zip(named, made, strict=True)]
     for receipt in receipts:
         run = _run_of(receipt, protocol)
         about = {name: receipt[name] for name in ("card", "agent", "sees", "seen_by")}
         begun = sum(each["begun"] for each in receipt["episodes"])
         name = receipt["agent"].get("agent") or f"card {receipt['card']['id']}"
-        figures = _figures(run, tables, random)
+        figures = _figures(run, protocol, tables, random)
         row = {"kind": "agent", "name": name, "rank": None, "attempts": begun}
         rows.append({**row, **about, **figures})
     better, words = protocol.rules.metrics[0].is_better, protocol.rules.words
@@ -66,6 +66,7 @@ def compare_agents(
         "paired": is_paired,
         "unpaired": agents.unpaired or None,
         "words": {"score": words.score, "steps": words.steps, "definition": words.definition},
+        "terrains_drawn": protocol.terrains_drawn,
         "better": better,
         "limit": int(protocol.env_config.limit),
         "people": None
@@ -96,7 +97,7 @@ def _run_of(receipt: Mapping[str, Any], protocol: Protocol) -> PolicyRun:
 
 
 def _figures(
-    run: PolicyRun, tables: Mapping[str, Floats], random: PolicyRun | None
+    run: PolicyRun, protocol: Protocol, tables: Mapping[str, Floats], random: PolicyRun | None
 ) -> dict[str, Any]:
     """Return the mean in each metric, its difference to people with intervals where they are paired, and each instance's."""
     found: dict[str, Any] = {"outcomes": list(run.outcomes)}
@@ -108,8 +109,11 @@ def _figures(
             shared = ~np.isnan(tables[metric]).all(axis=0)
             zero = None if random is None else random.values(metric)[shared]
             people = tables[metric][:, shared]
-            compared = compare_policy(run.name, metric, values[shared], people, zero)
-            names = ("terrains", "difference", "these", "new", "normalized")
+            worst = worst_value(protocol.rules, protocol.env_config, metric)
+            compared = compare_policy(
+                run.name, metric, values[shared], people, zero, worst, protocol.terrains_drawn
+            )
+            names = ("terrains", "difference", "interval", "normalized")
             row |= {name: getattr(compared, name) for name in names}
         found[metric] = row
     return found

@@ -38,11 +38,12 @@ from app.report.statistics.exclusion_sets import (
 )
 from app.report.statistics.first_attempts import first_attempts
 from app.report.statistics.formatting import utc
-from app.report.statistics.intervals import HEADLINE_RULE
+from app.report.statistics.intervals import INTERVAL_IN_WORDS
 from app.report.statistics.learning import assess_learning, trial_means
 from app.report.statistics.spread import iqm, iqm_interval, variance_components
 from app.report.statistics.study_figures import (
     headline,
+    interval_for,
     status_rows,
     study_figures,
     worst_value,
@@ -97,7 +98,8 @@ def build(
         closed_at=None if data.closed_ms is None else utc(data.closed_ms),
         protocol=data.protocol.model_dump(mode="json"),
         estimand=ESTIMAND,
-        rule=HEADLINE_RULE,
+        rule=INTERVAL_IN_WORDS,
+        interval_for=interval_for(data.protocol),
         sentence=_sentence(data, groups, synthetic),
         groups=tuple(groups),
         policies=tuple(_policy_row(run, data.protocol.rules.successes) for run in runs),
@@ -252,7 +254,9 @@ def _comparisons_in(
     began = everybody[:, shared]
     for name, own in values.items():
         second = compare_policy(name, metric, own, began, None, worst, drawn)
-        rows[name] = replace(rows[name], everybody=second.difference, everybody_interval=second.new)
+        rows[name] = replace(
+            rows[name], everybody=second.difference, everybody_interval=second.interval
+        )
     family = [name for name in tested_policies(protocol) if name in rows]
     if metric != protocol.primary_metric or not family or len(players) < FEWEST_TO_TEST:
         return list(rows.values())

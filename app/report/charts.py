@@ -247,7 +247,7 @@ def _forest(canvas: Canvas, group: GroupReport, called: Callable[[str], str]) ->
     who = group.name if group.kind == "human" else "players"
     ratios = [(each.ratio, each.ratio_interval) for each in score]
     normalized = [(each.normalized, each.normalized_interval) for each in score]
-    differences = [(each.difference, each.new) for each in steps]
+    differences = [(each.difference, each.interval) for each in steps]
     left, middle, right = canvas.subplots(1, 3, sharey=True)
     _rows(left, ratios, f"policy / {who}", 1.0, "Score, ratio")
     _rows(middle, normalized, f"0 random, 1 {who}", 1.0, "Score, normalized")

@@ -33,7 +33,7 @@ RECRUITMENT = {
 }
 """What the software knows of how participants came, by the protocol's `recruitment`."""
 UNSAID = "What people and agents see is not said in the environment's description."
-TEST = "Test of the paired differences over players and terrains (crossed, Satterthwaite), adjusted by Holm's method."
+TEST = "Test of the paired differences over players and terrains, the inverse of the interval, adjusted by Holm's method."
 
 
 def checklist(data: StudyData, people: GroupReport, policies: Sequence[str]) -> tuple[Item, ...]:
@@ -78,7 +78,7 @@ def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
     ranked = ended_ranked(data, [person for person in data.people if person.kind == "human"])
     labelled = sum(bool(trial.labels) for trial in ranked)
     played = [each for each in people.figures if each.players]
-    sets = [f"{each.name}: {figure_sentence(each, words)}" for each in played]
+    sets = [f"{each.name}: {figure_sentence(each, protocol)}" for each in played]
     erased, finishers = data.arrivals.erased, data.arrivals.erased_finishers
     lost = f" {counted(erased, 'more was', 'more were')} erased, {finishers} of whom had ended all ranked episodes."
     is_compared, nobody = bool(policies and players), "Nobody has played."

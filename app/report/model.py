@@ -169,7 +169,7 @@ class PolicyRow:
 class Report:
     """A study's report. `synthetic` ones are over scripts and never hold a human figure; the others never hold a script's.
 
-    estimand    what the estimates are of, in words; rule: how intervals are made
+    estimand    what the estimates are of, in words; rule: how intervals are made; interval_for: whom they are for
     deviations  of the study as a whole
     scripts     scripted participants, by kind: counted and left out
     """
@@ -188,6 +188,7 @@ class Report:
     protocol: dict[str, Any]
     estimand: str
     rule: str
+    interval_for: str
     sentence: str
     groups: tuple[GroupReport, ...]
     policies: tuple[PolicyRow, ...]

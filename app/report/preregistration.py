@@ -11,7 +11,7 @@ from pathlib import Path
 from app.report.build import ESTIMAND
 from app.report.statistics.exclusion_sets import rule_in_words
 from app.report.statistics.formatting import templates, utc
-from app.report.statistics.intervals import HEADLINE_RULE
+from app.report.statistics.intervals import INTERVAL_IN_WORDS
 from app.report.statistics.planning import assumptions_in_words, power_in_words
 from app.report.statistics.study_figures import EVERYBODY_RULE
 from app.series.folder import Study
@@ -58,7 +58,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
             if name != PER_PROTOCOL
         },
         labels={**labels_of(protocol), **protocol.rules.own_labels},
-        rule=HEADLINE_RULE,
+        rule=INTERVAL_IN_WORDS,
         policies=tested_policies(protocol),
         metric=words.score if is_score else words.steps,
         other_metric=words.steps if is_score else words.score,

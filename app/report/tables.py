@@ -303,7 +303,7 @@ def _comparison(report: Report, group: GroupReport, metric: str) -> PageTable:
     rows = [
         (
             report.title_of(each.policy),
-            _with_interval(each.difference, each.new, digits),
+            _with_interval(each.difference, each.interval, digits),
             _with_interval(each.everybody, each.everybody_interval, digits),
             p_value(each.p_value),
             p_value(each.p_adjusted),
@@ -323,7 +323,7 @@ def _against(report: Report, group: GroupReport) -> PageTable:
     for each in group.comparisons:
         digits = {"score": 3, "steps": 1}[each.metric]
         row = rows.setdefault(each.policy, [])
-        row.append(_with_interval(each.difference, each.new, digits))
+        row.append(_with_interval(each.difference, each.interval, digits))
         row.append(_with_interval(each.everybody, each.everybody_interval, digits))
         if each.p_adjusted is not None:
             adjusted[each.policy] = each.p_adjusted

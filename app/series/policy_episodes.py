@@ -6,6 +6,7 @@ holds them, so that they can be derived again where the policy's file is not at 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -69,7 +70,13 @@ def compared_policies(protocol: Protocol) -> list[str]:
 
 
 def tested_policies(protocol: Protocol) -> list[str]:
-    """The policies whose difference from the people is tested: the protocol's, without `random`."""
+    """The policies whose difference from the people is tested: the protocol's, without `random`.
+
+    None in a score without a lowest value: those who leave have none, so only finishers could claim it.
+    """
+    lowest, _ = protocol.rules.bounds(protocol.env_config)
+    if protocol.primary_metric == "score" and not math.isfinite(lowest):
+        return []
     return [name for name in dict.fromkeys(protocol.policies) if name != "random"]
 
 

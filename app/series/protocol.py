@@ -29,6 +29,7 @@ from app.board.messages import describe_errors
 from app.db.trial import Required
 from app.series.texts import consent
 from app.task import Configuration, Rules, rules_of
+from marsexplorer.intervals import FEWEST
 
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
@@ -356,8 +357,8 @@ class Protocol(_Part):
 
     @property
     def terrains_drawn(self) -> bool:
-        """Whether figures are for other terrains too: several are played, and none is the claim's own."""
-        return self.ranked > 1 and not self.fixed_terrains
+        """Whether figures are for other terrains too: enough are played, and none is fixed."""
+        return self.ranked >= FEWEST and not self.fixed_terrains
 
     @property
     def allowed(self) -> Allowed:

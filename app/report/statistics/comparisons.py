@@ -27,11 +27,6 @@ def player_means(table: Floats) -> Floats:
     return np.asarray(np.nanmean(table, axis=1))
 
 
-def new_terrains_interval(table: Floats) -> Interval | None:
-    """The 95 % interval of the mean over participants and terrains; None if there is none."""
-    return _ends(interval(table, None))
-
-
 def _ends(ends: tuple[Floats, Floats]) -> Interval | None:
     low, high = float(ends[0]), float(ends[1])
     return (low, high) if np.isfinite([low, high]).all() else None
@@ -43,10 +38,9 @@ class PolicyComparison:
 
     mean                   of the policy over the terrains
     difference             policy - people: the mean over players of a player's mean difference on the terrains they finished
-    these                  interval of the difference for other players on exactly these terrains
-    new                    interval of the difference for other players and other terrains
-    everybody              policy - everybody who began, with its interval for other players and other terrains; the other
-                           fields are per protocol; None where no lowest score is declared
+    interval               of the difference
+    everybody              policy - everybody who began, with its interval; the other fields are per protocol; None where no
+                           lowest score is declared
     p_value                of the test that the difference is 0 (`policy_p`); None where the protocol plans no test of it
     p_adjusted             `p_value` by Holm's method over the policies that the protocol names, without `random`
     ratio                  policy / people (the 85.8 % of the paper is this figure), over players and terrains
@@ -59,8 +53,7 @@ class PolicyComparison:
     mean: float
     terrains: int
     difference: float
-    these: Interval | None
-    new: Interval | None
+    interval: Interval | None
     ratio: float | None
     ratio_interval: Interval | None
     normalized: float | None
@@ -108,8 +101,7 @@ def compare_policy(
         mean=float(values.mean()),
         terrains=len(values),
         difference=float(player_means(differences).mean()),
-        these=_ends(interval(differences, lowest, terrains_drawn=False)),
-        new=_ends(interval(differences, lowest, terrains_drawn)),
+        interval=_ends(interval(differences, lowest, terrains_drawn)),
         ratio=ratio,
         ratio_interval=ratio_interval,
         normalized=None if normalized_interval is None else normalized,

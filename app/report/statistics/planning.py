@@ -21,13 +21,13 @@ import scipy
 from app.jobs import Progress
 from app.report.statistics.comparisons import holm, policy_p
 from app.report.statistics.exclusion_sets import members, people_of
-from app.report.statistics.intervals import FEWEST, Interval, interval
+from app.report.statistics.intervals import Interval, interval
 from app.report.statistics.spread import variance_components
 from app.report.statistics.study_figures import metric_bounds, worst_value
 from app.series.data import StudyData
 from app.series.policy_episodes import tested_policies
 from app.series.protocol import Power, Protocol
-from marsexplorer.intervals import CONFIDENCE, Floats
+from marsexplorer.intervals import FEWEST, CONFIDENCE, Floats
 
 WANTED_POWER = 0.8
 """What a new study's difference is derived for."""

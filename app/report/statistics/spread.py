@@ -12,9 +12,9 @@ import scipy
 from numpy.typing import NDArray
 
 from app.report.statistics.crossed import can_be_crossed, crossed_components
-from app.report.statistics.intervals import FEWEST, Interval, interval
+from app.report.statistics.intervals import Interval, interval
 from app.report.statistics.likelihood import TAIL
-from marsexplorer.intervals import Floats
+from marsexplorer.intervals import FEWEST, Floats
 
 
 @dataclass(frozen=True)

@@ -23,12 +23,12 @@ from app.report.statistics.exclusion_sets import (
     statuses,
 )
 from app.report.statistics.formatting import counted
-from app.report.statistics.intervals import FEWEST, Estimate, Interval, estimate
+from app.report.statistics.intervals import Estimate, Interval, estimate
 from app.series.data import StudyData
 from app.series.flow import BEGAN, Status
-from app.series.protocol import PER_PROTOCOL
-from app.task import Configuration, Rules, Words
-from marsexplorer.intervals import Floats
+from app.series.protocol import PER_PROTOCOL, Protocol
+from app.task import Configuration, Rules
+from marsexplorer.intervals import FEWEST, Floats
 
 PER_PROTOCOL_NAME = "per protocol"
 EVERYBODY_RULE = (
@@ -174,18 +174,26 @@ def headline(data: StudyData, per_protocol: StudyFigure, everybody: StudyFigure)
         return data.progress_sentence()
     if not everybody.players:
         return NO_HUMAN_FIGURE
-    words = data.protocol.rules.words
     finished = "Nobody finished as the protocol asks."
     if per_protocol.players:
-        finished = f"Per protocol: {figure_sentence(per_protocol, words)}"
-    began = f"Everybody who began: {figure_sentence(everybody, words)}"
+        finished = f"Per protocol: {figure_sentence(per_protocol, data.protocol)}"
+    began = f"Everybody who began: {figure_sentence(everybody, data.protocol)}"
     return f"{claim_of(data)}. {finished} {began}"
 
 
-def figure_sentence(figure: StudyFigure, words: Words) -> str:
+def interval_for(protocol: Protocol) -> str:
+    """Whom and what a study's intervals are for, in words."""
+    terrains = "and other terrains" if protocol.terrains_drawn else "on these terrains"
+    return f"other players {terrains}"
+
+
+def figure_sentence(figure: StudyFigure, protocol: Protocol) -> str:
     """Return a figure that has at least one player as a sentence."""
+    words = protocol.rules.words
     who = f"{counted(figure.players, 'player')}, {counted(figure.episodes, 'ranked episode')}"
     kind = "95 % interval "  # said once
+    if not protocol.terrains_drawn:
+        kind += f"for {interval_for(protocol)} "
     reasons, said = [], []
     for found, form, unit in (
         (figure.score, ".3f", "mean score {}"),

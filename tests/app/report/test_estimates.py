@@ -8,6 +8,7 @@ import pytest
 
 from app.report import build
 from app.report.page import render
+from app.series import policy_episodes
 from app.series.flow import Arrivals
 from app.series.protocol import default_protocol, protocol_hash
 from app.task import rules_of
@@ -197,6 +198,17 @@ def test_leaving_an_environment_of_negative_scores_gains_nothing(bounds):
         gained = getattr(left.everybody, metric).mean - getattr(honest.everybody, metric).mean
         assert gained <= 0 if metric == "score" else gained >= 0
     assert left.figure.score.mean <= honest.figure.score.mean
+
+
+def test_no_policy_is_tested_in_a_score_without_a_lowest_value():
+    for bounds, primary, tested in (
+        ((-200, 0), "score", ["ppo"]),
+        ((None, None), "score", []),
+        ((None, None), "steps", ["ppo"]),
+    ):
+        named = {"policies": ("ppo", "random"), "primary_metric": primary}
+        protocol = lake(bounds, [[-1.0] * 3]).protocol.model_copy(update=named)
+        assert policy_episodes.tested_policies(protocol) == tested
 
 
 def test_only_what_this_study_earned_is_a_caution():

@@ -307,7 +307,7 @@ def test_policies_are_compared_on_the_terrains_that_both_played():
     assert (ppo.normalized, ppo.normalized_interval) == (None, None), "three players"
     assert (report.policies[0].episodes, report.policies[1].episodes) == (5, 6)
     assert (ppo.p_value, ppo.p_adjusted) == (None, None), "three players"
-    assert ppo.new is None, "three players"
+    assert ppo.interval is None, "three players"
 
 
 def test_a_policy_is_named_as_code_or_as_this_file_with_the_hash_of_the_protocol():
@@ -345,7 +345,7 @@ def test_the_policies_of_the_protocol_without_random_are_tested_in_its_primary_m
     assert smaller.p_adjusted == pytest.approx(2 * smaller.p_value)
     assert larger.p_adjusted == pytest.approx(max(larger.p_value, smaller.p_adjusted))
     for each in tested.values():
-        assert (each.p_value < 0.05) == (not each.new[0] < 0 < each.new[1])
+        assert (each.p_value < 0.05) == (not each.interval[0] < 0 < each.interval[1])
 
 
 def test_one_player_and_one_terrain_are_reported_without_intervals():
@@ -356,6 +356,18 @@ def test_one_player_and_one_terrain_are_reported_without_intervals():
     assert "1 player, 1 ranked episode: mean score 0.900, " in page
     assert "One player gives no interval.</p>" in page
     assert "1 players" not in page
+
+
+@pytest.mark.parametrize(("terrains", "for_others"), [(4, False), (5, True)])
+def test_fewer_than_five_terrains_give_an_interval_for_other_players_alone(terrains, for_others):
+    scores = np.random.default_rng(2).normal(0.7, 0.05, (6, terrains))
+    runs = [run("ppo", [0.9] * terrains), run("random", [0.3] * terrains)]
+    report = build(study(*played(scores), ranked=terrains), runs)
+    assert ("95 % interval for other players on these terrains " in report.sentence) != for_others
+    own = report.groups[0].figure.score.interval
+    assert own == pytest.approx(tuple(map(float, interval(scores, LOWEST, for_others))), abs=1e-9)
+    said = "other players and other terrains" if for_others else "other players on these terrains"
+    assert f"95 % interval for {said}; p and p" in " ".join(render(report).split())
 
 
 def test_the_headline_prints_no_interval_where_there_is_none_to_print():

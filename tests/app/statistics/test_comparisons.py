@@ -30,10 +30,13 @@ def test_a_comparison_is_paired_by_terrain_and_its_intervals_follow_the_peoples(
     found = compare_policy("ppo", "score", values, table, random)
     people = table.mean()
     assert found.difference == pytest.approx(values.mean() - people)
-    own = interval(values - table, None, terrains_drawn=False)
-    assert np.array(found.these) == pytest.approx(np.array(own))
-    assert found.new[0] <= found.these[0] <= found.these[1] <= found.new[1]
-    assert (policy_p(table, None, values) < 0.05) == (found.new[0] > 0 or found.new[1] < 0)
+    own = interval(values - table, None)
+    assert np.array(found.interval) == pytest.approx(np.array(own))
+    alone = compare_policy("ppo", "score", values, table, random, terrains_drawn=False).interval
+    assert found.interval[0] <= alone[0] <= alone[1] <= found.interval[1]
+    assert (policy_p(table, None, values) < 0.05) == (
+        found.interval[0] > 0 or found.interval[1] < 0
+    )
     assert found.ratio == pytest.approx(values.mean() / people)
     assert found.ratio_interval[0] < found.ratio < found.ratio_interval[1]
     assert found.normalized == pytest.approx((values.mean() - 0.3) / (people - 0.3))
@@ -62,7 +65,7 @@ def test_a_p_below_5_percent_and_every_interval_that_leaves_no_difference_out_ar
         found = compared(table, values)
         says = bool(policy_p(table, None, values) < 0.05)
         seen.add(says)
-        assert (found.new[0] > 0 or found.new[1] < 0) == says
+        assert (found.interval[0] > 0 or found.interval[1] < 0) == says
         assert (found.ratio_interval[0] > 1 or found.ratio_interval[1] < 1) == says
         assert (found.normalized_interval[0] > 1 or found.normalized_interval[1] < 1) == says
     assert seen == {True, False}
@@ -83,13 +86,13 @@ def test_the_test_knows_which_players_were_drawn():
     )
     assert flipped.pvalue < 0.01
     assert policy_p(table, None, np.full(20, 0.78)) > 0.3
-    assert found.new[0] < 0 < found.new[1]
+    assert found.interval[0] < 0 < found.interval[1]
 
 
 def test_fewer_than_five_players_have_neither_intervals_nor_p():
     four, five = drawn(1, players=4), drawn(1, players=5)
     assert np.isnan(policy_p(four[0], None, four[1]))
-    assert (compared(*four).new, compared(*four).ratio_interval) == (None, None)
+    assert (compared(*four).interval, compared(*four).ratio_interval) == (None, None)
     assert 0 < policy_p(five[0], None, five[1]) < 1
 
 
@@ -130,8 +133,7 @@ def test_gaps_are_compared_on_the_terrains_that_a_player_finished():
     table = np.array([easy, [0.9, 0.9, NAN, NAN], easy, easy, easy])
     found = compare_policy("ppo", "score", easy + 0.1, table)
     assert found.difference == pytest.approx(0.1)
-    assert found.these == pytest.approx((0.1, 0.1))
-    assert found.new == pytest.approx((0.1, 0.1))
+    assert found.interval == pytest.approx((0.1, 0.1))
 
 
 @pytest.mark.parametrize("worst", [None, -0.5])
@@ -172,10 +174,5 @@ def test_shares_of_people_who_may_be_no_better_than_random_have_no_bounds():
 def test_one_player_gives_no_intervals_and_a_mean_at_zero_no_ratio():
     table = np.array([[0.5, 0.7, 0.6]])
     found = compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table)
-    assert (found.these, found.new, found.ratio_interval, found.normalized) == (
-        None,
-        None,
-        None,
-        None,
-    )
+    assert (found.interval, found.ratio_interval, found.normalized) == (None, None, None)
     assert compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table - 0.6).ratio is None

@@ -8,7 +8,8 @@ import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.report.statistics.intervals import FEWEST, estimate, interval, p_value
+from app.report.statistics.intervals import estimate, interval, p_value
+from marsexplorer.intervals import FEWEST
 
 NAN = float("nan")
 LOW, HIGH = 0.0, 400.0

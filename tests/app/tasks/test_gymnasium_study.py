@@ -13,7 +13,7 @@ from app.db.volunteers import Sums
 from app.report import cautions
 from app.report.agents import compare_agents
 from app.report.statistics.exclusion_sets import everybody_of, people_of
-from app.report.statistics.intervals import estimate_of_means
+from app.report.statistics.intervals import estimate
 from app.report.statistics.study_figures import study_figures
 from app.series.folder import Folder
 from app.series.protocol import default_protocol
@@ -230,7 +230,7 @@ def test_what_was_left_is_worth_what_is_spoilt_and_a_score_beyond_its_bounds_sto
     assert finished.players == 0, "one lacks a terrain, the other gave up two of three"
     (said,) = cautions._about_bounds(data)
     assert "1 ranked episode of 5 ended with a score outside the bounds" in said
-    assert estimate_of_means(np.array([120.0, 300.0, 0.0]), (1, 500)).mean == 140
+    assert estimate(np.array([[120.0], [300.0], [0.0]]), (1, 500), 1).mean == 140
 
 
 def test_what_an_agent_left_is_worth_what_people_get_for_leaving():
