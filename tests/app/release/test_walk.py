@@ -1,0 +1,97 @@
+"""A study from `study new` to `reproduce`, and its figures from the released files alone."""
+
+import csv
+import json
+import shutil
+
+import pytest
+
+from tests.support.command import run
+from tests.support.declared import DECLARATIONS_FILE
+from tests.support.independent_figures import figures
+from tests.support.study import Person
+
+RANKED, WITHDRAWS, LEAVES, GIVES_UP, ERASED = 6, 7, 8, 9, 0
+HOURS_MS = 3 * 3_600_000
+"""Before the closing, so that nobody is interrupted by it."""
+
+
+def take_part(server, number):
+    """Let a person finish, withdraw or leave after two ranked terrains, or give every terrain up."""
+    person = Person(server, "walk", client=server.page())
+    person.to_warm_up()
+    ended = 0
+    while person.me()["stage"] in ("warm_up", "ranked"):
+        is_ranked = person.where["stage"] == "ranked"
+        if is_ranked and number in (WITHDRAWS, LEAVES) and ended == 2:
+            break
+        person.call("next")
+        if is_ranked and number == GIVES_UP:
+            frame = person.me()["about"]["frame"]
+            person.call("give-up", {"episode": frame["episode"], "step": frame["step"]})
+        else:
+            person.play()
+        ended += is_ranked
+    if number == WITHDRAWS:
+        person.call("withdraw")
+    return person.where["participant"]
+
+
+@pytest.fixture
+def released(tmp_path, serve):
+    where = ("--database", tmp_path / "playground.db")
+    sizes = ("--size", "7x9", "--warm-up", 1, "--ranked", RANKED, "--players", 10)
+    plan = (*sizes, "--recruitment", "open", "--policy", "frontier-cost")
+    assert run("study", "new", "walk", *plan, "--declarations", DECLARATIONS_FILE, *where) == 0
+    path = tmp_path / "playground.db-studies/walk/protocol.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"debrief_policy": "frontier-cost"}))
+    assert run("study", "freeze", "walk", "--underpowered", *where) == 0
+    server = serve()
+    server.clock.set_back_ms = HOURS_MS
+    people = [take_part(server, number) for number in range(10)]
+    server.stop()
+    assert run("study", "close", "walk", "--yes", *where) == 0
+    assert run("forget", people[ERASED], "--yes", *where) == 0
+    assert run("report", "--study", "walk", "--json", tmp_path / "report.json", *where) == 0
+    assert run("verify", *where) == 0
+    assert run("release", "--study", "walk", "--out", tmp_path / "walk-1", *where) == 0
+    assert run("reproduce", tmp_path / "walk-1") == 0
+    return tmp_path / "walk-1"
+
+
+def differences(found, release):
+    """Return which figures of a release's report are not those that were found."""
+    (group,) = json.loads((release / "report.json").read_text())["groups"]
+    wanted = {row["status"]: row["people"] for row in group["statuses"]}
+    wrong = [] if found["statuses"] == wanted else ["statuses"]
+    for figure in group["figures"]:
+        for metric, (mean, ends) in found.get(figure["name"], {}).items():
+            if mean != pytest.approx(figure[metric]["mean"], rel=1e-9):
+                wrong.append((figure["name"], metric, "mean"))
+            if ends != pytest.approx(figure[metric]["interval"], abs=1e-6):
+                wrong.append((figure["name"], metric, "interval"))
+    return wrong
+
+
+def test_an_independent_script_finds_the_figures_of_a_walked_study(released, tmp_path):
+    found = figures(released)
+    assert found["statuses"] == {
+        "finished": 6,
+        "gave_up": 1,
+        "withdrew": 1,
+        "left": 1,
+        "erased": 1,
+    }
+    assert differences(found, released) == []
+
+    shutil.copytree(released, tmp_path / "changed")
+    path = tmp_path / "changed/csv/episodes.csv"
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    own = next(row for row in rows if row["phase"] == "ranked" and not row["lowest"])
+    own["score"] = str(float(own["score"]) + 0.001)
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    assert ("everybody", "score", "mean") in differences(figures(tmp_path / "changed"), released)
