@@ -27,7 +27,7 @@ from app.report.statistics.study_figures import metric_bounds, worst_value
 from app.series.data import StudyData
 from app.series.policy_episodes import tested_policies
 from app.series.protocol import Power, Protocol
-from marsexplorer.intervals import FEWEST, CONFIDENCE, Floats
+from marsexplorer.intervals import CONFIDENCE, FEWEST, Floats
 
 WANTED_POWER = 0.8
 """What a new study's difference is derived for."""
