@@ -214,11 +214,11 @@ def test_checklist_and_methods_are_files_of_their_own_that_the_page_links_to():
     files = all_pages(report, "pilot.htm")
     assert list(files) == ["pilot.htm", "pilot-methods.htm", "pilot-checklist.htm"]
     page, methods, checklist = files.values()
-    for own in ("Paper title", "Waudby-Smith", "Methods", "Coverage (%)", "2506.13776"):
+    for own in ("Paper title", "Owen 1988", "Methods", "Coverage (%)", "2506.13776"):
         assert own not in page, own
     assert '<a href="pilot-methods.htm">' in page
     assert '<a href="pilot-checklist.htm">' in page
-    assert "Waudby-Smith" in methods
+    assert "Owen 1988" in methods
     assert '<a href="pilot.htm">' in methods
     assert '<a href="pilot.htm">' in checklist
     assert "<td>Missing</td>" not in checklist
