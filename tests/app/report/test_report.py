@@ -451,14 +451,14 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
         "missing",
     }
     assert {number for number, item in items.items() if item.answer == "Missing"} == {
-        *("0.1", "0.2", "0.3", "0.4"), "2.3.2"
+        *("0.1", "0.2", "0.3", "0.4"), "1.8", "2.3.2"
     }  # fmt: skip
     declared = {item.detail for item in items.values() if item.answer == "Declared"}
     for text in DECLARATIONS.values():
         assert any(text in each for each in declared), text
     assert items["2.5"].answer == "Unknown"
     assert items["3.2.2"].answer == "0 of 3"
-    assert items["1.8"].source == "protocol"
+    assert items["1.8"].source == "missing"
     assert (
         items["4.1"].answer != {item.number: item for item in build(data).checklist}["4.1"].answer
     )
@@ -516,7 +516,13 @@ def test_the_checklist_counts_who_is_left_out_and_names_how_people_came():
         "assumed_episode_sd": 15.0,
     }
     power = {"policy_better": 0.81, "people_better": 0.72, "half_width": 6.0, "studies": 10_000}
-    given = {"recruitment": "panel", **assumed, "policy_difference": 9.0, "power": power}
+    given = {
+        "recruitment": "panel",
+        "players": 10,
+        **assumed,
+        "policy_difference": 9.0,
+        "power": power,
+    }
     items = {item.number: item for item in build(study(people, trials, **given)).checklist}
     assert items["3.2.2"].answer == "1 of 4"
     assert "Of 20 finished ranked episodes 0 carry a label" in items["3.2.2"].detail
