@@ -37,6 +37,7 @@ from app.cli.options import (
     path_option,
     several,
 )
+from app.task import counted
 
 if TYPE_CHECKING:
     from app.report.statistics.planning import StudyDesign
@@ -766,7 +767,7 @@ def _ways(protocol: Protocol) -> list[str]:
         fewest = None if difference is None else fewest_participants(design, difference)
         least, power = reachable_difference(design)
     if fewest is not None:
-        ways.append(f"plan about {fewest} players, for {100 * WANTED_POWER:.0f} %")
+        ways.append(f"plan about {counted(fewest, 'player')}, for {100 * WANTED_POWER:.0f} %")
     elif difference is None:
         ways.append("plan five players and five ranked episodes or more")
     if least is not None:

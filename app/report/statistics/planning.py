@@ -27,6 +27,7 @@ from app.report.statistics.study_figures import metric_bounds, worst_value
 from app.series.data import StudyData
 from app.series.policy_episodes import tested_policies
 from app.series.protocol import Power, Protocol
+from app.task import counted
 from marsexplorer.intervals import CONFIDENCE, FEWEST, Floats
 
 WANTED_POWER = 0.8
@@ -300,9 +301,8 @@ def power_in_words(protocol: Protocol) -> str:
         sentences.append(
             f"The 95 % interval of the mean of those who finish is ±{power.half_width:.3g} wide on average."
         )
-    sentences.append(
-        f"By {power.studies:,} simulated studies, analysed by the report's own functions."
-    )
+    simulated = counted(power.studies, "simulated study", "simulated studies")
+    sentences.append(f"By {simulated}, analysed by the report's own functions.")
     return " ".join(sentences)
 
 
