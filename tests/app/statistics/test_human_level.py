@@ -136,7 +136,7 @@ LAST = "(SELECT id FROM episodes WHERE seed = 3)"
         (
             *(
                 f"DELETE FROM {each} WHERE episode_id = {LAST}"
-                for each in ("steps", "input_events", "event_batches")
+                for each in ("steps", "input_events", "page_loads", "event_batches")
             ),
             "DELETE FROM episodes WHERE seed = 3",
         ),

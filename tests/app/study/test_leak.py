@@ -371,7 +371,7 @@ READING = (
     "study list",
     "study invite small --list",
     "study preregister small --out {out}/text.md",
-    "study power --study small --half-width 1",
+    "study power small --pilot small",
     "costs --study small --json {out}/costs.json",
     "verify",
     "operator list",
@@ -391,8 +391,8 @@ def test_no_command_tells_the_operator_anything_of_a_ranked_episode(open_study, 
     person.play(moves=3)
     said.append(printed(capsys, server, tmp_path / "second"))
     assert said[0] == said[1]
-    refused = said[0]["study power --study small --half-width 1"][0]
-    assert "is open, and its spread is a figure of people" in refused
+    refused = said[0]["study power small --pilot small"][0]
+    assert "shows no figure until it is closed" in refused
     assert (
         "left out, since they are open: small (--open-studies"
         in said[0]["export --out {out}/all"][0]

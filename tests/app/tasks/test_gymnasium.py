@@ -87,7 +87,7 @@ def test_an_episode_played_by_keys_is_attested_shown_and_verified(lake, tmp_path
     answer = client.get(f"/watch/{last['episode']}", follow_redirects=False)
     assert (answer.status_code, answer.headers["location"]) == (303, f"../replay/{last['episode']}")
     answer = client.get(f"/api/episodes/{last['episode']}/costs")
-    assert (answer.status_code, "have no costs" in answer.text) == (422, True)
+    assert (answer.status_code, "are not judged" in answer.text) == (422, True)
     assert verify_database(tmp_path / "playground.db").findings == ()
 
 

@@ -153,7 +153,7 @@ BAD = [
     ({"rival": "human"}, "no policy 'human'; choose one of: "),
     (
         {"seeed": 1},
-        "unknown field 'seeed'; the fields are: seed, player, rival, replays, level, size, map",
+        "unknown field 'seeed'; the fields are: seed, player, rival, replays, challenges, level, size, map",
     ),
     ({"level": "\ud800"}, "no level '\\ud800'"),
     ([], "expected a JSON object"),

@@ -68,14 +68,25 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
         assert found[section][0] > 0, section
     assert found["policies' episodes, replayed"] == (3 * 3 * 2, 0)
     assert found["policies' episodes, played again"] == (3 * 3, 0)
-    assert found["cost of each move"][0] > 100
     assert found["costs"][0] > 30
     with closing(sqlite3.connect(out / "study.sqlite")) as conn:
         judged = conn.execute(
             "SELECT DISTINCT p.kind FROM move_costs m JOIN series_episodes s USING (episode_id) "
             "JOIN participants p ON p.id = s.participant_id"
         ).fetchall()
+        (costs,) = conn.execute("SELECT count(*) FROM move_costs").fetchone()
+        (moves,) = conn.execute(
+            "SELECT count(*) FROM steps JOIN series_episodes s USING (episode_id) "
+            "JOIN participants p ON p.id = s.participant_id "
+            "WHERE p.kind = 'human' AND s.phase = 'ranked'"
+        ).fetchone()
+        (given_up,) = conn.execute(
+            "SELECT count(*) FROM episodes JOIN series_episodes s ON s.episode_id = episodes.id "
+            "JOIN participants p ON p.id = s.participant_id "
+            "WHERE p.kind = 'human' AND s.phase = 'ranked' AND outcome = 'abandoned'"
+        ).fetchone()
     assert judged == [("human",)], "nobody asked what a program's moves cost"
+    assert found["cost of each move"][0] == costs == moves + given_up
     assert [path.name for path in (out / "policies").iterdir()] == [
         f"{policies.policy_hash('ppo')}.onnx"
     ]
