@@ -158,6 +158,7 @@ def test_ctrl_c_and_a_kill_of_the_runner_end_its_workers(ends):
         start_new_session=True,
     )  # fmt: skip
     worker = int(command.stdout.readline())
+    time.sleep(0.5)  # until it waits: Python loses a signal that comes in the moment before a lock is waited for
     os.killpg(command.pid, ends)  # as a terminal does
     _, said = command.communicate(timeout=60)
     eventually(lambda: not runs(worker))

@@ -272,7 +272,7 @@ def spawn(tmp_path, tmp_path_factory, limits):
     """
     from tests.support.forked_server import ServerProcess
 
-    processes, logs = [], tmp_path_factory.mktemp("servers")
+    processes, servers, logs = [], [], tmp_path_factory.mktemp("servers")
 
     def start(listening=None, **settings):
         paths = {"database": str(tmp_path / "playground.db")}
@@ -288,6 +288,7 @@ def spawn(tmp_path, tmp_path_factory, limits):
         assert "is open at" in said[-1], "".join(said)
         server = Running(int(said[-1].split("http://127.0.0.1:")[1].split()[0]))
         server.process, server.said = process, said
+        servers.append(server)
 
         def kill():
             for end in (process.kill, process.wait, process.stdout.close, server.close):
@@ -302,6 +303,8 @@ def spawn(tmp_path, tmp_path_factory, limits):
             process.kill()
             process.wait()
         process.stdout.close()
+    for server in servers:
+        server.close()
 
 
 @pytest.fixture
