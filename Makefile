@@ -8,7 +8,7 @@ BIN     := $(VENV)/bin
 PLAY    := $(VENV)/.play
 DEV     := $(VENV)/.dev
 AUDIT   := $(VENV)/.audit
-SBOM    := dist/marsexplorer-playground.cdx.json
+SBOM    := dist/humanplay.cdx.json
 # tianshou wants an older pandas than the rest, so research has an environment of its own
 RESEARCH := .venv-research
 # and so have the clients that other people's agents use

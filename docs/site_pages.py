@@ -11,8 +11,8 @@ from typing import Any
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-from app.tasks.mars.course import PLAIN_POLICIES, course_of, play_ghost
-from app.web.replays.page import single_file
+from humanplay.tasks.mars.course import PLAIN_POLICIES, course_of, play_ghost
+from humanplay.web.replays.page import single_file
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, Record
 from marsexplorer.policies import begin, load

@@ -23,7 +23,7 @@ try:
     from numba.extending import intrinsic
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
-        "MarsExplorer's rules are compiled by numba: pip install 'marsexplorer-playground[mars]'",
+        "MarsExplorer's rules are compiled by numba: pip install 'humanplay[mars]'",
         name=error.name,
     ) from error
 

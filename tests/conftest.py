@@ -30,13 +30,13 @@ def pytest_collection_finish():
 @pytest.fixture
 def briefly_examined(monkeypatch):
     """A study's environment is examined over a few moves alone; `test_doctor.py` is about more."""
-    monkeypatch.setattr("app.tasks.gymnasium.rules.EXAMINED", 20)
+    monkeypatch.setattr("humanplay.tasks.gymnasium.rules.EXAMINED", 20)
 
 
 @pytest.fixture
 def store(tmp_path):
     """An empty database of a server, `play.db`."""
-    from app.db.store import Store
+    from humanplay.db.store import Store
 
     with closing(Store(tmp_path / "play.db")) as found:
         yield found

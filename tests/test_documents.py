@@ -13,7 +13,7 @@ import click
 import grimp
 import pytest
 
-from app.cli.main import cli
+from humanplay.cli.main import cli
 from marsexplorer.policies.files.card import of_paper, read_card, shipped
 
 ROOT = Path(__file__).parents[1]
@@ -217,7 +217,12 @@ def test_the_notebook_runs_from_top_to_bottom(tmp_path):
     script.write_text(
         "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
     )
-    env = {"MPLBACKEND": "agg", "PYTHONPATH": str(ROOT), "PATH": "", "OMP_NUM_THREADS": "1"}
+    env = {
+        "MPLBACKEND": "agg",
+        "PYTHONPATH": f"{ROOT}:{ROOT / 'app'}",
+        "PATH": "",
+        "OMP_NUM_THREADS": "1",
+    }
     done = subprocess.run(
         [sys.executable, script],
         env=env,
@@ -298,17 +303,17 @@ def test_the_drawing_of_the_units_is_their_contract():
     """Ten units at most on seven floors; what one imports of another counts as one arrow, of which there are at most 35."""
     pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text())
     contracts = {each["name"]: each for each in pyproject["tool"]["importlinter"]["contracts"]}
-    layers = contracts["ten units of app on seven floors"]["layers"]
+    layers = contracts["ten units of humanplay on seven floors"]["layers"]
     text = (ROOT / "docs" / "architecture.md").read_text()
     drawn = [(line[4:14], line[14:27]) for line in re.findall(r"^\d   .*$", text, re.M)]
     assert [[name.strip() for name in floor if name.strip()] for floor in drawn] == [
         each.split(" | ") for each in layers
     ]
-    graph = grimp.build_graph("app", cache_dir=None)
+    graph = grimp.build_graph("humanplay", cache_dir=None)
     arrows = {
         (module.split(".")[1], imported.split(".")[1])
-        for module in graph.modules - {"app"}
-        for imported in graph.find_modules_directly_imported_by(module) - {"app"}
+        for module in graph.modules - {"humanplay"}
+        for imported in graph.find_modules_directly_imported_by(module) - {"humanplay"}
         if module.split(".")[1] != imported.split(".")[1]
     }
     assert len(layers) <= 7

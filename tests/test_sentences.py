@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.task import counted
+from humanplay.task import counted
 
 ROOT = Path(__file__).parents[1]
 PLURALS = (

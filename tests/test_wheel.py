@@ -102,10 +102,10 @@ def files_under(folder):
 def test_page_and_shipped_policies_travel_with_the_wheel(wheel):
     held = set(zipfile.ZipFile(wheel).namelist())
     assert "play/index.html" in files_under(ROOT / "static")
-    assert {f"app/static/{name}" for name in files_under(ROOT / "static")} <= held
-    for package in ("app", "marsexplorer"):  # templates and tables of numbers lie in the packages
-        own = {name for name in files_under(ROOT / package) if "__pycache__" not in name}
-        assert {f"{package}/{name}" for name in own} <= held
+    assert {f"humanplay/static/{name}" for name in files_under(ROOT / "static")} <= held
+    for folder in (ROOT / "app" / "humanplay", ROOT / "marsexplorer"):
+        own = {name for name in files_under(folder) if "__pycache__" not in name}
+        assert {f"{folder.name}/{name}" for name in own} <= held, "templates and tables are there"
     assert {
         f"marsexplorer/data/policies/{name}" for name in files_under(ROOT / "data" / "policies")
     } <= held
@@ -121,7 +121,7 @@ def test_an_installed_wheel_serves_the_page_and_a_session(home, tmp_path):
     where = [
         str(home / "python"),
         "-c",
-        "import app, marsexplorer; print(app.__file__, marsexplorer.__file__)",
+        "import humanplay, marsexplorer; print(humanplay.__file__, marsexplorer.__file__)",
     ]
     for path in subprocess.run(
         where, cwd=tmp_path, capture_output=True, text=True, check=True

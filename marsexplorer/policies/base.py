@@ -89,7 +89,7 @@ def check_onnx() -> None:
         except ModuleNotFoundError as error:
             raise PolicyFileError(
                 f"policy files need the package {library}, which is not installed; "
-                "pip install 'marsexplorer-playground[onnx]'"
+                "pip install 'humanplay[onnx]'"
             ) from error
 
 

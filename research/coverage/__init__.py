@@ -1,5 +1,5 @@
 """How often the report's intervals cover the truth and its tests raise false alarms.
 
 `python -m research.coverage` measures intervals and comparisons on simulated studies.
-Every interval comes from the functions of `app.report.statistics` that the report itself calls.
+Every interval comes from the functions of `humanplay.report.statistics` that the report itself calls.
 """

@@ -9,9 +9,9 @@ from itertools import groupby, product
 
 import click
 
-from app.cli.console import progress as progress_bar
-from app.report.measured_coverage import COVERAGE_FILE, SCORE_POPULATIONS, Cell
-from app.report.statistics.intervals import UNSEEN
+from humanplay.cli.console import progress as progress_bar
+from humanplay.report.measured_coverage import COVERAGE_FILE, SCORE_POPULATIONS, Cell
+from humanplay.report.statistics.intervals import UNSEEN
 from marsexplorer.evaluation.table import Progress
 from research.coverage.measure import (
     PAIRED_ICCS,

@@ -2,7 +2,7 @@
 
 Coverage of the interval and of the ratio, false alarms and power of the test. The truth of a simulated
 study (`simulated_studies`) is the mean over players and terrains; for these terrains, over players
-alone. Test and ratio are the same test (`app.report.statistics.comparisons`): of policy - people = 0,
+alone. Test and ratio are the same test (`humanplay.report.statistics.comparisons`): of policy - people = 0,
 and of policy - ratio people = 0 for the true ratio.
 """
 
@@ -12,9 +12,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from app.report.measured_coverage import Cell, ScorePopulation
-from app.report.statistics.intervals import Ends, interval, p_value
-from app.report.statistics.likelihood import TAIL
+from humanplay.report.measured_coverage import Cell, ScorePopulation
+from humanplay.report.statistics.intervals import Ends, interval, p_value
+from humanplay.report.statistics.likelihood import TAIL
 from marsexplorer.intervals import Floats, t_interval
 from research.coverage.simulated_studies import (
     PAPER,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.report.measured_coverage import SCORE_POPULATIONS, ScorePopulation
+from humanplay.report.measured_coverage import SCORE_POPULATIONS, ScorePopulation
 from marsexplorer.intervals import Floats
 
 TERRAINS = 30

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.report.measured_coverage import ONE_SHAPE, SCORE_POPULATIONS, nearest, saved
+from humanplay.report.measured_coverage import ONE_SHAPE, SCORE_POPULATIONS, nearest, saved
 from research.coverage.__main__ import drawn_entry, markdown_table, own_entry
 from research.coverage.measure import (
     coverage_error,

@@ -40,9 +40,9 @@ def rows_of(name: str, folder: Path, steps: int) -> tuple[str, str]:
         why = next(line for line in done.stderr.splitlines() if line.startswith("ERROR: "))
         shown = (each if isinstance(each, str) else each["id"] for each in family["environments"])
         return "", "".join(f"| {env} | not installed: {why[7:]} |{' |' * 6}\n" for env in shown)
-    command = [python, "-m", "app.cli", "doctor", "--table"]
+    command = [python, "-m", "humanplay.cli", "doctor", "--table"]
     asked = ["--steps", str(family.get("steps", steps)), *envs]
-    environ = os.environ | {"PYTHONPATH": str(ROOT)} | family.get("environ", {})
+    environ = os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'app'}"} | family.get("environ", {})
     printed = subprocess.run(
         [*command, *asked], cwd=place, env=environ, stdout=subprocess.PIPE, text=True, check=False
     )

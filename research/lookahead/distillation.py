@@ -24,9 +24,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from app.cli.console import print_table, progress
-from app.cli.options import PATH
-from app.jobs import Jobs, cores
+from humanplay.cli.console import print_table, progress
+from humanplay.cli.options import PATH
+from humanplay.jobs import Jobs, cores
 from marsexplorer.config import UNKNOWN, EnvConfig
 from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.evaluation.table import ratio_interval

@@ -7,7 +7,7 @@ from __future__ import annotations
 import click
 import numpy as np
 
-from app.report.statistics.crossed import crossed_components
+from humanplay.report.statistics.crossed import crossed_components
 from marsexplorer.config import EXPLORED, RUNNING, EnvConfig
 from marsexplorer.intervals import Floats
 from marsexplorer.rules import STEPS

@@ -15,7 +15,7 @@ import click
 import numpy as np
 import scipy
 
-from app.report.statistics.intervals import interval
+from humanplay.report.statistics.intervals import interval
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.cost import CostEstimator

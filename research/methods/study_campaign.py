@@ -17,26 +17,26 @@ from typing import Any
 import click
 import numpy as np
 
-from app.cli.console import progress as progress_bar
-from app.db.erasure import AskedBy, forget
-from app.db.store import Store
-from app.db.study_rows import participant_label
-from app.release.build import build_release, request_of
-from app.report.costs import no_bar
-from app.report.making import make_study_report
-from app.report.model import Report
-from app.report.page import render
-from app.series.closing import close_study, note_closed
-from app.series.data import load
-from app.series.files import now_ms
-from app.series.folder import Folder, Study
-from app.series.invitations import Invitations, token_of
-from app.series.protocol import default_protocol
-from app.series.seeds import seed as seed_of
-from app.series.verification import verify_database
-from app.tasks.mars.players import NoisyPolicy
-from app.tasks.mars.policies import PolicyCatalogue
-from app.web.simulate import Clock, Participant, RefusedError
+from humanplay.cli.console import progress as progress_bar
+from humanplay.db.erasure import AskedBy, forget
+from humanplay.db.store import Store
+from humanplay.db.study_rows import participant_label
+from humanplay.release.build import build_release, request_of
+from humanplay.report.costs import no_bar
+from humanplay.report.making import make_study_report
+from humanplay.report.model import Report
+from humanplay.report.page import render
+from humanplay.series.closing import close_study, note_closed
+from humanplay.series.data import load
+from humanplay.series.files import now_ms
+from humanplay.series.folder import Folder, Study
+from humanplay.series.invitations import Invitations, token_of
+from humanplay.series.protocol import default_protocol
+from humanplay.series.seeds import seed as seed_of
+from humanplay.series.verification import verify_database
+from humanplay.tasks.mars.players import NoisyPolicy
+from humanplay.tasks.mars.policies import PolicyCatalogue
+from humanplay.web.simulate import Clock, Participant, RefusedError
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.intervals import Floats

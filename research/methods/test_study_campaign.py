@@ -6,8 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from app.series.seeds import key_of
-from app.series.seeds import seed as seed_of
+from humanplay.series.seeds import key_of
+from humanplay.series.seeds import seed as seed_of
 from research.methods.study_campaign import (
     ATTACKS,
     ERASED,

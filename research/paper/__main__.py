@@ -12,9 +12,9 @@ from typing import Any
 
 import click
 
-from app.cli.console import print_table, progress
-from app.cli.options import PATH
-from app.jobs import cores
+from humanplay.cli.console import print_table, progress
+from humanplay.cli.options import PATH
+from humanplay.jobs import cores
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 from research.paper.algorithms import missing_tianshou

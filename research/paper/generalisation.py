@@ -16,9 +16,9 @@ from typing import ClassVar
 
 import click
 
-from app.cli.console import progress
-from app.cli.options import PATH
-from app.jobs import cores
+from humanplay.cli.console import progress
+from humanplay.cli.options import PATH
+from humanplay.jobs import cores
 from marsexplorer.evaluation import Result
 from research.paper.episodes.play import DIFFICULTIES, Play
 from research.paper.figures.curves import add_records, read_records

@@ -108,7 +108,7 @@ def served(folder: Path, task: str) -> Iterator[SimpleNamespace]:
         port,
     ]
     words += [] if task == "mars" else ["--env", task.partition(":")[2]]
-    command = [sys.executable, "-m", "app.cli", *map(str, words)]
+    command = [sys.executable, "-m", "humanplay.cli", *map(str, words)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

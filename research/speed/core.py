@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.jobs import cores
+from humanplay.jobs import cores
 from marsexplorer.compiled import kernel
 from marsexplorer.config import EnvConfig
 from marsexplorer.observation import is_valid

@@ -37,7 +37,7 @@ from urllib.parse import urlsplit
 import httpx
 import numpy as np
 
-from app.db.file import studies_beside
+from humanplay.db.file import studies_beside
 from tests.support.browser import free_port
 from tests.support.nginx import running_nginx, shipped, trusting
 from tests.support.others import measure
@@ -189,7 +189,7 @@ def served(database: Path, port_kind: str) -> Iterator[SimpleNamespace]:
     with contextlib.ExitStack() as stack:
         process = stack.enter_context(
             subprocess.Popen(
-                [sys.executable, "-m", "app.cli", *map(str, command)],
+                [sys.executable, "-m", "humanplay.cli", *map(str, command)],
                 stdout=subprocess.PIPE,
                 text=True,
             )

@@ -25,16 +25,16 @@ from pathlib import Path
 import httpx
 import numpy as np
 
-from app.board.sources import PlayerTokens
-from app.web.access import PLAYER_COOKIE
+from humanplay.board.sources import PlayerTokens
+from humanplay.web.access import PLAYER_COOKIE
 from marsexplorer.config import EnvConfig
 from tests.support.many_episodes import make_episodes, public_reads
 
 CONFIGS = (*[EnvConfig.of("random", 21)] * 6, EnvConfig.of("random", 9), EnvConfig.of("random", 42))
 SERVER = """
 import sys
-from app.web import server
-from app.web.settings import Settings
+from humanplay.web import server
+from humanplay.web.settings import Settings
 server.run(Settings(database=sys.argv[1], port=0))
 """
 LONGEST_S = 60.0

@@ -42,8 +42,8 @@ SERVER = """
 import asyncio, json, os, sys, time
 import uvicorn
 os.sched_setaffinity(0, {int(sys.argv[1])})
-from app.web.settings import Settings
-from app.web import server
+from humanplay.web.settings import Settings
+from humanplay.web import server
 
 moves, lags, tasks = [], [], []
 

@@ -33,12 +33,12 @@ import httpx
 import numpy as np
 from websockets.asyncio.client import connect
 
-from app.board.clock import COUNTDOWN_S, late_share
-from app.series.verification import verify_database
+from humanplay.board.clock import COUNTDOWN_S, late_share
+from humanplay.series.verification import verify_database
 from tests.support.browser import AS_A_PERSON, NO_3D, QUIET, chromium_path, free_port
 
 ROOMS, CRAFTER, BREAKOUT = (
-    "minigrid:MiniGrid-FourRooms-v0", "app.tasks.gymnasium.adapters:Crafter-v0", "ale_py:ALE/Breakout-v5",
+    "minigrid:MiniGrid-FourRooms-v0", "humanplay.tasks.gymnasium.adapters:Crafter-v0", "ale_py:ALE/Breakout-v5",
 )  # fmt: skip
 MOST_MS = {ROOMS: 20, CRAFTER: 60, BREAKOUT: 30}
 """What p95 is to stay under on a quiet machine."""
@@ -73,7 +73,7 @@ WATCH = """(row) => {
 def served(env: str, folder: Path, cores: set[int] | None = None) -> Iterator[tuple[str, int]]:
     """Yield the address and the process of a server of an environment, kept on some cores where they are named."""
     port, database = free_port(), folder / "boards.db"
-    command = [sys.executable, "-m", "app.cli", "serve", "--env", env, "--port", str(port)]
+    command = [sys.executable, "-m", "humanplay.cli", "serve", "--env", env, "--port", str(port)]
     command += ["--database", str(database)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:

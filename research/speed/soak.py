@@ -35,7 +35,7 @@ import httpx
 import numpy as np
 from matplotlib.figure import Figure
 
-from app.web.simulate import Outcome, Plan, RefusedError, ServerAwayError, simulate
+from humanplay.web.simulate import Outcome, Plan, RefusedError, ServerAwayError, simulate
 from tests.app.protection.test_bare_port import MISBEHAVING
 from tests.app.protection.test_memory import come_and_go
 from tests.support.others import misbehaving
@@ -72,7 +72,7 @@ class Soak:
             "LIMITS__TOKEN": self._token,
         }
         environment = os.environ | {f"MARS_{name}": str(each) for name, each in settings.items()}
-        command = [sys.executable, "-m", "app.cli", "serve"]
+        command = [sys.executable, "-m", "humanplay.cli", "serve"]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
         assert self.process.stdout is not None
         line = next(line for line in self.process.stdout if "is open at" in line)
@@ -192,7 +192,7 @@ def run(folder: Path, minutes: float, every_s: float) -> tuple[list[dict[str, An
             thread.join()
     print(f"SIGTERM: exit code {code} after {took_s:.1f} s", flush=True)
     where = ["--database", str(folder / "playground.db")]
-    verified = subprocess.run([sys.executable, "-m", "app.cli", "verify", *where]).returncode
+    verified = subprocess.run([sys.executable, "-m", "humanplay.cli", "verify", *where]).returncode
     print(f"{len(list((folder / 'backups').glob('*.db')))} backups")
     return samples, code == 0 and took_s < STOP_S and verified == 0
 

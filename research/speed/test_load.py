@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from websockets.asyncio.client import connect
 
-from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
-from app.web.simulate import occupancy_codes
+from humanplay.tasks.mars.viewer3d.viser_transport import PROTOCOL
+from humanplay.web.simulate import occupancy_codes
 from marsexplorer import policies
 from tests.support.viewer3d import CAMERA
 
@@ -23,9 +23,9 @@ PLAYERS, MOVES_PER_SECOND, SECONDS, VIEWS = 50, 5, 20, 10
 
 SERVER = """
 import atexit, json, sys, time, types
-from app.web.server import run
-from app.board.session import Session
-from app.web.settings import Settings
+from humanplay.web.server import run
+from humanplay.board.session import Session
+from humanplay.web.settings import Settings
 
 spent, worked, act, go_on = [], {}, Session.act, Session.go_on
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from app.db.store import Store
+from humanplay.db.store import Store
 from marsexplorer.config import EnvConfig
 from research.speed import core, decisions, figures, floods, peers
 from tests.support.recorded import play

@@ -4,9 +4,9 @@ import time
 
 import pytest
 
-from app.db.store import Store
-from app.report.statistics.human_level import VolunteerFigures, human_level
-from app.web.leaderboard.leaderboard import MAX_EPISODES, HumanSummaries
+from humanplay.db.store import Store
+from humanplay.report.statistics.human_level import VolunteerFigures, human_level
+from humanplay.web.leaderboard.leaderboard import MAX_EPISODES, HumanSummaries
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import click
 
-from app.cli.console import print_table, progress, reason
-from app.cli.options import PATH, levels_option, seed_option, sizes_option
-from app.cli.training.train import configs_of
-from app.jobs import cores
+from humanplay.cli.console import print_table, progress, reason
+from humanplay.cli.options import PATH, levels_option, seed_option, sizes_option
+from humanplay.cli.training.train import configs_of
+from humanplay.jobs import cores
 from marsexplorer.config import EnvConfig
 from marsexplorer.files import write_whole
 from marsexplorer.policies.priced import TUNED, SizedRule

@@ -1,4 +1,4 @@
-// Every message in both directions: the twin of app/board/messages.py (a test compares them). Types: types.d.ts.
+// Every message in both directions: the twin of app/humanplay/board/messages.py (a test compares them). Types: types.d.ts.
 
 export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "clock", "remade", "kept"];
 

@@ -1,5 +1,5 @@
 // What the modules of the page hand on to each other, the messages in both directions (the twin of
-// app/board/messages.py: a test compares them), and what the server answers. What is a task's own stands in static/task/.
+// app/humanplay/board/messages.py: a test compares them), and what the server answers. What is a task's own stands in static/task/.
 
 /** A course as its task has it: the board after some moves is `Task.boardAt`. */
 type Course = {name: string, actions: Action[], outcome: string | null, sentence: string};
@@ -68,7 +68,7 @@ type ChartLook = {
 type Bin = {from: number, to: number, count: number};
 type Named = {name: string, moves: number};
 type Role = "player" | "rival";
-/** What the server says that an episode on a board is (app/board/session.py). */
+/** What the server says that an episode on a board is (app/humanplay/board/session.py). */
 type Kind = "practice" | "ranked" | "challenge" | "watch" | "daily" | "study";
 /** Spectator: of an episode without a session here, live or ended. */
 type Mode = Kind | "spectator";

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from app import jobs as module
-from app.jobs import JobError, Jobs, JobsFullError
+from humanplay import jobs as module
+from humanplay.jobs import JobError, Jobs, JobsFullError
 from tests.support import job_functions as functions
 from tests.support.servers import eventually
 
@@ -143,7 +143,7 @@ def test_closing_ends_what_runs_and_what_waits_at_once():
 
 COMMAND = """
 import sys
-from app.jobs import Jobs
+from humanplay.jobs import Jobs
 from tests.support import job_functions as functions
 with Jobs(1) as jobs:
     print(jobs.submit(functions.pid).result(), flush=True)
@@ -158,7 +158,9 @@ def test_ctrl_c_and_a_kill_of_the_runner_end_its_workers(ends):
         start_new_session=True,
     )  # fmt: skip
     worker = int(command.stdout.readline())
-    time.sleep(0.5)  # until it waits: Python loses a signal that comes in the moment before a lock is waited for
+    time.sleep(
+        0.5
+    )  # until it waits: Python loses a signal that comes in the moment before a lock is waited for
     os.killpg(command.pid, ends)  # as a terminal does
     _, said = command.communicate(timeout=60)
     eventually(lambda: not runs(worker))
@@ -166,13 +168,13 @@ def test_ctrl_c_and_a_kill_of_the_runner_end_its_workers(ends):
 
 
 def test_a_job_that_comes_as_its_worker_stops_waiting_is_done(monkeypatch):
-    monkeypatch.setattr("app.jobs.IDLE_S", 0)
+    monkeypatch.setattr("humanplay.jobs.IDLE_S", 0)
     with Jobs(1) as jobs:
         assert jobs.submit(functions.add, 1, 2).result(timeout=30) == 3
 
 
 def test_idle_workers_end(monkeypatch):
-    monkeypatch.setattr("app.jobs.IDLE_S", 0.2)
+    monkeypatch.setattr("humanplay.jobs.IDLE_S", 0.2)
     with Jobs(1) as jobs:
         worker = jobs.submit(functions.pid).result()
         eventually(lambda: not runs(worker))

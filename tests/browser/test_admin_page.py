@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from app.db.store import Store
-from app.tasks.mars.policies import PolicyCatalogue
-from app.web.leaderboard import entries
+from humanplay.db.store import Store
+from humanplay.tasks.mars.policies import PolicyCatalogue
+from humanplay.web.leaderboard import entries
 from marsexplorer.config import EnvConfig
 from tests.support.browser import NO_3D, judged
 from tests.support.recorded import play
@@ -57,7 +57,7 @@ def until(page, claim):
 def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     serve, player, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("app.web.operator.participants.FRESH_S", 0.5)
+    monkeypatch.setattr("humanplay.web.operator.participants.FRESH_S", 0.5)
     study = freeze(tmp_path / "playground.db-studies", size=(7, 9), title="Dunes of the south")
     server = serve(admin_password=PASSWORD)
     me = player(server, NO_3D)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from app.series.verification import verify_database
-from app.tasks.gymnasium.description import told_of
+from humanplay.series.verification import verify_database
+from humanplay.tasks.gymnasium.description import told_of
 from tests.support.browser import AS_A_PERSON, NO_3D, SIZES, free_port, keep_picture, violations
 from tests.support.servers import eventually
 
@@ -17,7 +17,7 @@ FIVE = {
     "breakout": ("ale_py:ALE/Breakout-v5", ("Space", "ArrowLeft")),
     "lake": ("FrozenLake-v1", ("ArrowUp", "ArrowUp")),
     "lander": (str(ROOT / "examples/environments/lander.toml"), ("ArrowUp", "ArrowLeft")),
-    "crafter": ("app.tasks.gymnasium.adapters:Crafter-v0", ("ArrowRight", "Space")),
+    "crafter": ("humanplay.tasks.gymnasium.adapters:Crafter-v0", ("ArrowRight", "Space")),
 }
 """What `marsexplorer play` is given, and two keys to press."""
 QUICK = ("rooms", "breakout")

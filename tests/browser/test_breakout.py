@@ -7,8 +7,8 @@ from contextlib import closing
 import pytest
 from playwright.sync_api import expect
 
-from app.board import clock
-from app.series.verification import verify_database
+from humanplay.board import clock
+from humanplay.series.verification import verify_database
 from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture, violations
 from tests.support.servers import eventually
 

@@ -4,14 +4,14 @@ import asyncio
 import re
 import time
 
-from app.web.protection import LimitedClients
+from humanplay.web.protection import LimitedClients
 from tests.browser.test_attested import ATTESTED, level_of, there_and_back
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D
 from tests.support.servers import eventually
 
 PRESSES = 40
 FASTEST_GAP_S = 0.065
-"""As fast as a hand keeps up for three seconds (`app.board.attestation.FASTEST`)."""
+"""As fast as a hand keeps up for three seconds (`humanplay.board.attestation.FASTEST`)."""
 
 
 def dropped(me):

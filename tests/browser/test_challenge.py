@@ -1,6 +1,6 @@
 """A challenge: from a replay to the same terrain against what was done there, both results, and no human figure."""
 
-from app.db.store import Store
+from humanplay.db.store import Store
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from tests.support.browser import AS_A_PERSON, NO_3D, judged

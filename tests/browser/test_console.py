@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.db.store import Store
+from humanplay.db.store import Store
 from tests.support.browser import NO_3D
 from tests.support.recorded import play
 from tests.support.servers import PATIENCE_S

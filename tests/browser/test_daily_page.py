@@ -4,9 +4,9 @@ from contextlib import closing
 
 import pytest
 
-from app.db.store import Store
-from app.tasks.mars.task import Mars
-from app.web.access import PLAYER_COOKIE
+from humanplay.db.store import Store
+from humanplay.tasks.mars.task import Mars
+from humanplay.web.access import PLAYER_COOKIE
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import load
 from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture, violations

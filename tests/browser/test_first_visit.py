@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from app.board.sources import Sources
+from humanplay.board.sources import Sources
 from marsexplorer import policies
 from tests.support.browser import KEY_OF, NO_3D
 

@@ -7,11 +7,11 @@ from contextlib import closing
 
 import pytest
 
-from app.db.store import Store
-from app.report.statistics.exclusion_sets import members, people_of
-from app.series.closing import note_closed
-from app.series.data import load
-from app.series.folder import Folder
+from humanplay.db.store import Store
+from humanplay.report.statistics.exclusion_sets import members, people_of
+from humanplay.series.closing import note_closed
+from humanplay.series.data import load
+from humanplay.series.folder import Folder
 from tests.browser.test_study_page import Participant
 from tests.support.browser import AS_A_PERSON, NO_3D
 from tests.support.study import freeze

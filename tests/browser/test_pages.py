@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.db.store import Store
+from humanplay.db.store import Store
 from tests.support.agents import closed_evaluation
 from tests.support.browser import NO_3D, violations
 from tests.support.recorded import play

@@ -3,9 +3,9 @@
 import re
 from contextlib import closing
 
-from app.db import ratings
-from app.db.store import Store
-from app.web.access import PLAYER_COOKIE
+from humanplay.db import ratings
+from humanplay.db.store import Store
+from humanplay.web.access import PLAYER_COOKIE
 from tests.support.browser import AS_A_PERSON, NO_3D, judged, violations
 from tests.support.recorded import NOW, play
 

@@ -5,11 +5,11 @@ from contextlib import closing
 
 import pytest
 
-from app.series.folder import Folder
-from app.series.protocol import default_protocol
-from app.series.verification import verify_database
-from app.task import rules_of
-from app.tasks.gymnasium.description import Description
+from humanplay.series.folder import Folder
+from humanplay.series.protocol import default_protocol
+from humanplay.series.verification import verify_database
+from humanplay.task import rules_of
+from humanplay.tasks.gymnasium.description import Description
 from tests.support.browser import AS_A_PERSON, NO_3D, violations
 from tests.support.declared import DECLARATIONS
 

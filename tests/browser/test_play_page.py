@@ -11,7 +11,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from app.board.messages import Remade
+from humanplay.board.messages import Remade
 from marsexplorer import policies
 from tests.browser.test_attested import click_into_the_view, there_and_back
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, keep_picture

@@ -6,10 +6,10 @@ from contextlib import closing
 
 import pytest
 
-from app.cli.main import main
-from app.series.folder import Folder
-from app.series.invitations import Invitations, link_of
-from app.series.recruitment import code_of
+from humanplay.cli.main import main
+from humanplay.series.folder import Folder
+from humanplay.series.invitations import Invitations, link_of
+from humanplay.series.recruitment import code_of
 from tests.browser.test_study_page import Participant
 from tests.support.browser import AS_A_PERSON, NO_3D, judged
 from tests.support.declared import DECLARATIONS_FILE

@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from app.db.store import Store
-from app.tasks.mars.course import course_of, play_ghost
-from app.web.replays.files import file_of
+from humanplay.db.store import Store
+from humanplay.tasks.mars.course import course_of, play_ghost
+from humanplay.web.replays.files import file_of
 from marsexplorer.config import EnvConfig
 from tests.support.browser import NO_3D, violations
 from tests.support.recorded import play

@@ -5,9 +5,9 @@ import sqlite3
 
 import pytest
 
-from app.series.folder import Folder
-from app.series.protocol import default_protocol
-from app.web.simulate import occupancy_codes
+from humanplay.series.folder import Folder
+from humanplay.series.protocol import default_protocol
+from humanplay.web.simulate import occupancy_codes
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SIZES, Player, judged, violations

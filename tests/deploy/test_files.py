@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from app.web.settings import Settings
+from humanplay.web.settings import Settings
 from tests.support.browser import free_port
 
 DEPLOY = Path(__file__).parents[2] / "deploy"

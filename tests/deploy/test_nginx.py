@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from app.web.listening import uvicorn_config
-from app.web.operator.login import ATTEMPTS_PER_MINUTE
-from app.web.simulate import Socket
+from humanplay.web.listening import uvicorn_config
+from humanplay.web.operator.login import ATTEMPTS_PER_MINUTE
+from humanplay.web.simulate import Socket
 from tests.app.protection.test_hosts import ONE_TOO_MANY, guess
 from tests.support.browser import free_port
 from tests.support.nginx import CONFIG, MODULE, shipped, trusting

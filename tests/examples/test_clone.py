@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from app.release.build import ReleaseRequest, build_release
+from humanplay.release.build import ReleaseRequest, build_release
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import Agreement, agreement_with, play_episode

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.tasks.gymnasium.task import GymnasiumTask
+from humanplay.tasks.gymnasium.task import GymnasiumTask
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -147,7 +147,7 @@ def test_the_example_trains_and_writes_what_evaluate_scores(tmp_path):
     said = run(home("sb3_maskable_ppo.py"), "examples/sb3_maskable_ppo.py", *given, cwd=ROOT)
     assert "1,024 moves learnt from" in said
     rest = ["--policy", out, "--size", 8, "--episodes", 3]
-    assert "mine" in run(sys.executable, "-m", "app.cli", "evaluate", *rest, cwd=ROOT)
+    assert "mine" in run(sys.executable, "-m", "humanplay.cli", "evaluate", *rest, cwd=ROOT)
 
 
 def test_the_cleanrl_loop_learns_and_saves_what_beats_chance(tmp_path):
@@ -191,7 +191,7 @@ def test_the_oldest_gymnasium_in_the_range_serves_the_environment(tmp_path):
     for name in ("test_env.py", "test_world.py"):
         (tmp_path / name).write_text((ROOT / "tests/marsexplorer" / name).read_text())
     env, options = (
-        os.environ | {"PYTHONPATH": str(ROOT)},
+        os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'app'}"},
         "-W error -m pytest -q -p no:cacheprovider",
     )
     command = [home("oldest"), *options.split(), str(tmp_path)]

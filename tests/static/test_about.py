@@ -2,7 +2,7 @@
 
 import json
 
-from app import STATIC
+from humanplay import STATIC
 from tests.support import about_boards
 
 

@@ -12,8 +12,8 @@ from typing import get_args
 import pytest
 from pydantic import BaseModel
 
-from app.board import messages
-from app.tasks.mars import messages as mars
+from humanplay.board import messages
+from humanplay.tasks.mars import messages as mars
 from marsexplorer.config import ACTIONS, OUTCOMES, EnvConfig
 
 ROOT = Path(__file__).parent.parent.parent

@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 
-from app.series.evaluation import CardList, card_link, evaluation_of_study, evaluation_of_task
-from app.series.folder import Folder
-from app.series.protocol import Agents
+from humanplay.series.evaluation import CardList, card_link, evaluation_of_study, evaluation_of_task
+from humanplay.series.folder import Folder
+from humanplay.series.protocol import Agents
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from tests.support.command import run
@@ -29,7 +29,7 @@ def sealed(root, name="agents", of="small", **agents):
 
 def own(root, name="agents", task="gymnasium:FrozenLake-v1", instances=3, config=None, **agents):
     """Return a frozen evaluation of a task on instances of its own."""
-    from app.task import rules_of
+    from humanplay.task import rules_of
 
     folder = Folder(root)
     config = rules_of(task).configuration({}) if config is None else config

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 from pyblst import BlstP1Element, BlstP2Element
 
-from app.series import beacon
-from app.series.beacon import QUICKNET, Beacon
+from humanplay.series import beacon
+from humanplay.series.beacon import QUICKNET, Beacon
 
 _ORDER = 0x73EDA753299D7D483339D80809A1D80553BDA402FFFE5BFEFFFFFFFF00000001
 

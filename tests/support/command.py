@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.cli.main import main
+from humanplay.cli.main import main
 
 
 def run(*args):

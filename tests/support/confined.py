@@ -1,4 +1,4 @@
-"""Work that tries what a confined process is asked to (`app.tasks.processes`), and says how it ended."""
+"""Work that tries what a confined process is asked to (`humanplay.tasks.processes`), and says how it ended."""
 
 import os
 import signal

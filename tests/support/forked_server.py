@@ -2,8 +2,8 @@
 
 That process is one for a whole run of pytest, however many processes test. `python -m tests.support.forked_server FD` is it: it
 answers at the listening socket FD, imports the app with the first request, and ends with its standard input, hence with the
-run. A fork runs `app.web.server.run` with its own settings, database and port, or `app.jobs.work`; it can be stopped, killed
-and waited for. A worker that has to import what its jobs need costs more than a second of processor.
+run. A fork runs `humanplay.web.server.run` with its own settings, database and port, or `humanplay.jobs.work`; it can be
+stopped, killed and waited for. A worker that has to import what its jobs need costs more than a second of processor.
 """
 
 import os
@@ -25,7 +25,7 @@ from pathlib import Path
 
 import pytest
 
-from app import jobs
+from humanplay import jobs
 
 ADDRESS = "TESTS_FORK_AT"
 """The environment variable that says where the process listens; processes that test inherit it."""
@@ -100,7 +100,7 @@ def run_and_wait(answers, run, given):
 
 def serve(settings, log, environment, listening=None):
     """Run a server whose output goes to the file `log`; `listening` is a socket's descriptor that it inherits."""
-    from app.web.settings import Settings
+    from humanplay.web.settings import Settings
     from tests.support.loaded_app import run
 
     os.environ.clear()
@@ -117,8 +117,8 @@ def serve(settings, log, environment, listening=None):
 
 
 def work(environment, folder, connection):
-    """Be a worker of jobs that come over the descriptor of a connection, as `python -m app.jobs` is, but no nicer than others:
-    beside other tests it would wait for ever."""
+    """Be a worker of jobs that come over the descriptor of a connection, as `python -m humanplay.jobs` is, but no nicer
+    than others: beside other tests it would wait for ever."""
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(folder)

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from app.cli.main import main
-from app.db.export import export_to
-from app.series.folder import Folder
+from humanplay.cli.main import main
+from humanplay.db.export import export_to
+from humanplay.series.folder import Folder
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from tests.support.stored_studies import StudyRecorder

@@ -4,7 +4,7 @@ import json
 import secrets
 import time
 
-from app.board.clock import STALLED
+from humanplay.board.clock import STALLED
 from tests.support.page_loads import LOAD
 
 

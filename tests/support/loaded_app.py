@@ -5,11 +5,11 @@ What a server does at its start it still does; what it would read from the disk,
 
 import gc
 
-from app import jobs
-from app.task import MARS, rules_of
-from app.tasks.mars.policies import PolicyCatalogue
-from app.tasks.mars.viewer3d import viewer
-from app.web.server import run
+from humanplay import jobs
+from humanplay.task import MARS, rules_of
+from humanplay.tasks.mars.policies import PolicyCatalogue
+from humanplay.tasks.mars.viewer3d import viewer
+from humanplay.web.server import run
 from marsexplorer.intervals import t_quantile
 from tests.support.forked_server import Worker
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from app.db.trial import Trial
-from app.report.model import PolicyRun
-from app.series.data import Person, StudyData
-from app.series.protocol import default_protocol, protocol_hash
+from humanplay.db.trial import Trial
+from humanplay.report.model import PolicyRun
+from humanplay.series.data import Person, StudyData
+from humanplay.series.protocol import default_protocol, protocol_hash
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from tests.support.declared import DECLARATIONS
 

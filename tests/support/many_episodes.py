@@ -12,14 +12,14 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
-from app.db import volunteers
-from app.db.columns import TABLES
-from app.db.database import transaction
-from app.db.reader import HUMAN_SCORE_CONDITION, JOINED, now_ms, utc_day
-from app.db.store import Store
-from app.db.trial import parse_config
-from app.series.daily import day_before
-from app.web.leaderboard.entries import entry_of
+from humanplay.db import volunteers
+from humanplay.db.columns import TABLES
+from humanplay.db.database import transaction
+from humanplay.db.reader import HUMAN_SCORE_CONDITION, JOINED, now_ms, utc_day
+from humanplay.db.store import Store
+from humanplay.db.trial import parse_config
+from humanplay.series.daily import day_before
+from humanplay.web.leaderboard.entries import entry_of
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 from tests.support.recorded_daily import play_daily

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 from websockets.asyncio.client import connect
 
-from app.web.simulate import occupancy_codes
+from humanplay.web.simulate import occupancy_codes
 from marsexplorer.policies import load
 from tests.support.nginx import trusting
 

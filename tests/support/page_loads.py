@@ -1,6 +1,6 @@
 """The ids that every batch of input events carries, of one load of the page in one tab."""
 
-from app.db.input_events import PageLoad
+from humanplay.db.input_events import PageLoad
 
 LOAD = {"page_load": "a-page-load", "tab": "a-browsers-tab"}
 """As a message says them."""

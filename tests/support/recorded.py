@@ -8,8 +8,8 @@ import time
 from collections.abc import Sequence
 from contextlib import closing
 
-from app.db.input_events import InputEventRow, add_input_events
-from app.db.store import Closing, Resumable, SessionRow, StepRow, Store, Trial
+from humanplay.db.input_events import InputEventRow, add_input_events
+from humanplay.db.store import Closing, Resumable, SessionRow, StepRow, Store, Trial
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.page_loads import STORED_LOAD

@@ -1,8 +1,8 @@
 """Daily attempts put into a store as the server does it."""
 
-from app.db.series import add_attempt, add_series, daily_secret
-from app.db.store import Store
-from app.series.daily import DailyTerrain, day_start_ms
+from humanplay.db.series import add_attempt, add_series, daily_secret
+from humanplay.db.store import Store
+from humanplay.series.daily import DailyTerrain, day_start_ms
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 

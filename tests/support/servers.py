@@ -12,7 +12,7 @@ import pytest
 import uvicorn
 from websockets.sync.client import connect
 
-from app.web.simulate import Clock, Socket, occupancy_codes
+from humanplay.web.simulate import Clock, Socket, occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 
@@ -180,7 +180,7 @@ class Running:
 
 def hasty_limits():
     """Return limits under which people at machine speed are not slowed down to a hand's."""
-    from app.web.settings import Limits
+    from humanplay.web.settings import Limits
 
     fast = "100000+100000/s"
     return Limits(messages=fast, requests_per_address=fast, paced_per_address=fast)
@@ -195,7 +195,7 @@ def limits():
 @pytest.fixture(scope="session")
 def shipped_policies():
     """What a server without further policies offers: loading each policy once is most of what its start takes."""
-    from app.tasks.mars.policies import PolicyCatalogue
+    from humanplay.tasks.mars.policies import PolicyCatalogue
 
     return PolicyCatalogue()
 
@@ -203,11 +203,11 @@ def shipped_policies():
 @contextmanager
 def running_server(policies, /, sources=None, **settings):
     """Yield a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
-    from app.board.sources import Sources
-    from app.web import ratings
-    from app.web.listening import bound_connections, listen, uvicorn_config
-    from app.web.server import Prepared, create_app
-    from app.web.settings import Settings
+    from humanplay.board.sources import Sources
+    from humanplay.web import ratings
+    from humanplay.web.listening import bound_connections, listen, uvicorn_config
+    from humanplay.web.server import Prepared, create_app
+    from humanplay.web.settings import Settings
 
     ratings.LOOK_S = (
         3600.0  # it rates what it finds at its start, or each test's episodes would cost a process

@@ -7,13 +7,13 @@ import json
 import random
 import secrets
 
-from app.db import chain
-from app.db.series import StudyStore, add_series
-from app.db.store import Closing, SessionRow, StepRow, Store, Trial
-from app.db.study_rows import Participant
-from app.series.folder import Folder
-from app.series.protocol import default_protocol
-from app.series.seeds import TUTORIAL_SEED
+from humanplay.db import chain
+from humanplay.db.series import StudyStore, add_series
+from humanplay.db.store import Closing, SessionRow, StepRow, Store, Trial
+from humanplay.db.study_rows import Participant
+from humanplay.series.folder import Folder
+from humanplay.series.protocol import default_protocol
+from humanplay.series.seeds import TUTORIAL_SEED
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.declared import DECLARATIONS

@@ -2,9 +2,9 @@
 
 import pytest
 
-from app.series.folder import Folder
-from app.series.protocol import default_protocol
-from app.web.simulate import NoisyPolicy, Participant, RefusedError
+from humanplay.series.folder import Folder
+from humanplay.series.protocol import default_protocol
+from humanplay.web.simulate import NoisyPolicy, Participant, RefusedError
 from marsexplorer.config import EnvConfig
 from tests.support.declared import DECLARATIONS
 

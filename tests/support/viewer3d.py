@@ -4,7 +4,7 @@ import msgspec
 import zstandard
 from websockets.sync.client import connect
 
-from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
+from humanplay.tasks.mars.viewer3d.viser_transport import PROTOCOL
 from tests.support.servers import PATIENCE_S
 
 CAMERA = msgspec.msgpack.encode(

@@ -52,7 +52,7 @@ def model_card(path: Path, repo: str) -> str:
     card = _card_of(path)
     data = ModelCardData(
         license="mit",
-        library_name="marsexplorer-playground",
+        library_name="humanplay",
         pipeline_tag="reinforcement-learning",
         tags=["reinforcement-learning", "marsexplorer", "exploration", "gymnasium"],
         model_name=path.stem,
@@ -171,7 +171,7 @@ def _checked(repo: str) -> str:
 def _api(token: str | None) -> HfApi:
     """Return a client of the hub, or of the server that HF_ENDPOINT names."""
     where = os.environ.get("HF_ENDPOINT")
-    return HfApi(endpoint=where, token=token, library_name="marsexplorer-playground")
+    return HfApi(endpoint=where, token=token, library_name="humanplay")
 
 
 @contextmanager

@@ -77,7 +77,7 @@ if __name__ == "__main__":
 def test_when_the_run_is_killed_its_processes_end_and_the_folder_is_free(tmp_path):
     program, folder = tmp_path / "program.py", tmp_path / "out"
     program.write_text(PROGRAM)
-    env = os.environ | {"PYTHONPATH": str(ROOT)}
+    env = os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'app'}"}
     run = subprocess.Popen([sys.executable, program, folder], env=env, start_new_session=True)
     pid, deadline = folder / "one" / "pid", time.monotonic() + 60
     while not (pid.is_file() and pid.read_text()) and time.monotonic() < deadline:

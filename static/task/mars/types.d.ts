@@ -1,5 +1,5 @@
 // What the modules of this folder hand on to each other, the messages that are MarsExplorer's (the twins of
-// app/tasks/mars/messages.py: a test compares them), and what the server answers.
+// app/humanplay/tasks/mars/messages.py: a test compares them), and what the server answers.
 
 declare namespace Mars {
   /** How cells look; `casing` is drawn round paths and left out where there is none. */

@@ -101,7 +101,7 @@ export function freeCorner({ rows, cols, position }, trail) {
     && (corner.endsWith("west") ? col + 1 : cols - col) <= Math.ceil(COVERED * cols))) ?? "none";
 }
 
-/** A board with a longer side, cells, is followed until somebody chooses (app/tasks/mars/viewer3d/scene.py). */
+/** A board with a longer side, cells, is followed until somebody chooses (app/humanplay/tasks/mars/viewer3d/scene.py). */
 export const LARGE_SIDE = 30;
 
 /** Return which camera shows a board: the one chosen, else by its size.

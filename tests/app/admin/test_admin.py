@@ -8,9 +8,9 @@ import pytest
 from itsdangerous import TimestampSigner
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from app.web.access import ADMIN_COOKIE
-from app.web.operator.login import ATTEMPTS_PER_MINUTE, TOKEN_S, AdminPassword
-from app.web.settings import Settings
+from humanplay.web.access import ADMIN_COOKIE
+from humanplay.web.operator.login import ATTEMPTS_PER_MINUTE, TOKEN_S, AdminPassword
+from humanplay.web.settings import Settings
 from tests.support.command import command
 from tests.support.servers import eventually, forged
 from tests.support.study import Person, freeze
@@ -82,7 +82,7 @@ def test_every_call_refuses_strangers(admin):
 
 
 def test_the_calls_are_those_that_exist():
-    from app.web.admin import router
+    from humanplay.web.admin import router
 
     known = {route.path for route in router.routes}
     tried = {
@@ -158,7 +158,7 @@ def test_another_sites_page_cannot_use_the_operators_cookie(admin):
 
 
 def test_a_study_is_shown_as_it_is_played_and_without_identities(admin, monkeypatch):
-    monkeypatch.setattr("app.web.operator.participants.FRESH_S", 0.5)
+    monkeypatch.setattr("humanplay.web.operator.participants.FRESH_S", 0.5)
     operator = admin.operator()
     empty = operator.get("/api/admin/studies/small").json()
     assert (empty["participants"], empty["figure"], empty["status"]) == ([], None, "open")

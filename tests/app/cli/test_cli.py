@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.cli.commands import COMMANDS, EXTRAS, INCLUDED, missing_extra
-from app.cli.main import cli
-from app.cli.options import SizeType
-from app.db.database import reading
-from app.db.store import Store
-from app.web.settings import DEFAULT_DATABASE
+from humanplay.cli.commands import COMMANDS, EXTRAS, INCLUDED, missing_extra
+from humanplay.cli.main import cli
+from humanplay.cli.options import SizeType
+from humanplay.db.database import reading
+from humanplay.db.store import Store
+from humanplay.web.settings import DEFAULT_DATABASE
 from marsexplorer.maps import GridMap, write_map
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
@@ -66,7 +66,7 @@ def test_help_names_every_command_and_the_version_is_printed(run):
     assert all(name in run("--help")[1] for name in cli.list_commands(None))
     assert run("--version") == (
         0,
-        f"marsexplorer, version {version('marsexplorer-playground')}\n",
+        f"marsexplorer, version {version('humanplay')}\n",
         "",
     )
 
@@ -86,20 +86,20 @@ def test_a_missing_extra_is_one_sentence_and_exit_code_2(tmp_path, module, words
 sys.modules[{module!r}] = None
 sys.path.insert(0, {str(ROOT)!r})
 sys.argv[1:] = {words.split()!r}
-from app.cli.main import main
+from humanplay.cli.main import main
 main()
 """
     process = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False
     )
     extra = sentence.partition("[")[2].rstrip("]")
-    install = f"pip install 'marsexplorer-playground[{extra}]'"
+    install = f"pip install 'humanplay[{extra}]'"
     assert process.stderr == f"marsexplorer: {sentence}: {install}\n"
     assert (process.returncode, process.stdout) == (2, "")
 
 
 def test_a_missing_module_that_no_extra_brings_is_an_error_of_ours():
-    assert missing_extra(ModuleNotFoundError("no module", name="app.lost"), ["train"]) is None
+    assert missing_extra(ModuleNotFoundError("no module", name="humanplay.lost"), ["train"]) is None
 
 
 def test_the_extras_are_those_of_the_package():
@@ -117,20 +117,20 @@ def test_the_extras_are_those_of_the_package():
     assert set(declared) == set(EXTRAS)
     for extra, requirements in declared.items():
         names = [re.split(r"[<>=\[ ]", requirement)[0] for requirement in requirements]
-        own = {imported_as.get(name, name) for name in names if name != "marsexplorer-playground"}
+        own = {imported_as.get(name, name) for name in names if name != "humanplay"}
         assert {name if name in EXTRAS[extra] else name.replace("-", "_") for name in own} <= set(
             EXTRAS[extra]
         )
-        included = ",".join(re.findall(r"playground\[([a-z,]+)\]", " ".join(requirements)))
+        included = ",".join(re.findall(r"humanplay\[([a-z,]+)\]", " ".join(requirements)))
         assert tuple(included.split(",") if included else ()) == INCLUDED.get(extra, ()), extra
     assert {extra for _, extra, _ in COMMANDS.values()} <= set(EXTRAS)
 
 
 def test_help_loads_nothing_heavy():
-    code = """import sys, app.cli.main
-for args in (["--help"], *([name, "--help"] for name in app.cli.main.COMMANDS)):
+    code = """import sys, humanplay.cli.main
+for args in (["--help"], *([name, "--help"] for name in humanplay.cli.main.COMMANDS)):
     try:
-        app.cli.main.main(args)
+        humanplay.cli.main.main(args)
     except SystemExit:
         pass
     print(args, sorted({"numpy", "numba", "fastapi", "torch", "scipy", "pydantic", "rich"} & set(sys.modules)), file=sys.stderr)
@@ -374,7 +374,7 @@ def test_without_ray_a_sentence_says_how_to_get_it(run, tmp_path, monkeypatch, c
     code, out, err = run(command, *few, *args)
     assert (code, out) == (1, "")
     assert is_one_sentence(err)
-    assert "pip install 'marsexplorer-playground[ray]'" in err
+    assert "pip install 'humanplay[ray]'" in err
 
 
 def test_measuring_names_no_option_that_it_lacks_where_the_disk_refuses(run, tmp_path):
@@ -408,10 +408,10 @@ def test_serve_refuses_a_taken_port_and_a_file_that_is_none(run, tmp_path):
 
 
 def test_flags_reach_the_server_as_settings(run, monkeypatch, tmp_path):
-    import app.web.server
+    import humanplay.web.server
 
     seen = []
-    monkeypatch.setattr(app.web.server, "run", seen.append)
+    monkeypatch.setattr(humanplay.web.server, "run", seen.append)
     monkeypatch.setenv("MARS_HOST", "::1")
     given = ["--port", "9", "--policy", "a.b", "c.d", "--durable", "--database"]
     assert run("serve", *given, tmp_path / "a.db")[0] == 0
@@ -448,7 +448,7 @@ def press_control_c(process):
 def test_control_c_leaves_quietly_with_130_and_nothing_half_written(tmp_path, interrupt):
     args = [
         "-m",
-        "app.cli",
+        "humanplay.cli",
         "evaluate",
         "--policy",
         "frontier-cost",

@@ -15,9 +15,9 @@ pytestmark = pytest.mark.bench
 
 SERVER = """
 import sys
-from app.web import server
-from app.web.settings import Settings
-from app.db.store import Store
+from humanplay.web import server
+from humanplay.web.settings import Settings
+from humanplay.db.store import Store
 if sys.argv[2] == "without":
     Store.start_threads = lambda store: None
 server.run(Settings(database=sys.argv[1], port=0))

@@ -10,9 +10,9 @@ from contextlib import closing
 
 import pytest
 
-from app.db.database import StoreError
-from app.db.store import Store
-from app.web.operator.health import Health
+from humanplay.db.database import StoreError
+from humanplay.db.store import Store
+from humanplay.web.operator.health import Health
 from tests.support.command import command
 from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
 from tests.support.servers import eventually

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from app.db import file
-from app.db.file import StoreError
-from app.db.reader import Reader
-from app.db.store import Store
+from humanplay.db import file
+from humanplay.db.file import StoreError
+from humanplay.db.reader import Reader
+from humanplay.db.store import Store
 from tests.support.recorded import play
 
-OPEN = "import sys; from app.db.store import Store, StoreError\ntry: Store(sys.argv[1])\nexcept StoreError as e: print(e)"
+OPEN = "import sys; from humanplay.db.store import Store, StoreError\ntry: Store(sys.argv[1])\nexcept StoreError as e: print(e)"
 
 
 def opened_elsewhere(path):

@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 
-from app.db.file import LostDatabaseError
-from app.db.store import Store
+from humanplay.db.file import LostDatabaseError
+from humanplay.db.store import Store
 from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
 
 

@@ -7,9 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from app.db.read_threads import THREADS, ReadThreads
-from app.db.reader import Reader
-from app.db.store import READ_CACHE_KB
+from humanplay.db.read_threads import THREADS, ReadThreads
+from humanplay.db.reader import Reader
+from humanplay.db.store import READ_CACHE_KB
 from tests.support.servers import eventually
 
 PASSWORD = "an operator's password"

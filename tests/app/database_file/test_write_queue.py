@@ -11,9 +11,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from app.board import attestation
-from app.db import store as store_module
-from app.db.store import (
+from humanplay.board import attestation
+from humanplay.db import store as store_module
+from humanplay.db.store import (
     BROKEN,
     FULL,
     LOCKED,
@@ -256,7 +256,7 @@ def test_a_read_that_takes_long_delays_no_move(serve):
 
 
 def test_more_writes_than_may_wait_are_refused_and_nothing_of_them_is_kept(serve, monkeypatch):
-    monkeypatch.setattr("app.db.store.MAX_WAITING", 3)
+    monkeypatch.setattr("humanplay.db.store.MAX_WAITING", 3)
     assert MAX_WAITING == 1000
     server = serve()
     boards = [begin(server.client(), seed) for seed in range(8)]
@@ -407,7 +407,7 @@ def test_what_was_asked_for_is_written_before_the_thread_ends_and_whoever_has_go
 
 
 def test_a_write_is_refused_when_the_lock_stays(tmp_path, monkeypatch):
-    monkeypatch.setattr("app.db.store.PATIENCE_S", 0.05)
+    monkeypatch.setattr("humanplay.db.store.PATIENCE_S", 0.05)
 
     async def scenario(store, episodes):
         with locked_elsewhere(tmp_path / "a.db"), pytest.raises(StoreError, match=LOCKED):
@@ -418,8 +418,8 @@ def test_a_write_is_refused_when_the_lock_stays(tmp_path, monkeypatch):
 
 
 def test_a_write_whose_turn_does_not_come_is_refused_and_never_made(tmp_path, monkeypatch):
-    monkeypatch.setattr("app.db.store.PATIENCE_S", 0.1)
-    monkeypatch.setattr("app.db.store.NOTICE_S", 0.05)
+    monkeypatch.setattr("humanplay.db.store.PATIENCE_S", 0.1)
+    monkeypatch.setattr("humanplay.db.store.NOTICE_S", 0.05)
 
     async def scenario(store, episodes):
         go_on, _ = await blocked(store)

@@ -4,9 +4,9 @@ import asyncio
 
 import pytest
 
-from app.series.cards import NO_CARD, CardError
-from app.series.folder import Folder
-from app.series.verification import verify_database
+from humanplay.series.cards import NO_CARD, CardError
+from humanplay.series.folder import Folder
+from humanplay.series.verification import verify_database
 from tests.support.agents import Agent, own, sealed, token_of
 from tests.support.command import command
 from tests.support.study import freeze

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from app.db.store import Store
-from app.release import signing
-from app.release.receipts import OPENING_FORMAT, chained, check_opening, read_signed, sign
-from app.series import beacon
-from app.series.data import load
-from app.series.evaluation import evaluation_of_task
-from app.series.files import now_ms
-from app.series.folder import Folder
-from app.series.protocol import Agents
-from app.series.verification import verify_database
+from humanplay.db.store import Store
+from humanplay.release import signing
+from humanplay.release.receipts import OPENING_FORMAT, chained, check_opening, read_signed, sign
+from humanplay.series import beacon
+from humanplay.series.data import load
+from humanplay.series.evaluation import evaluation_of_task
+from humanplay.series.files import now_ms
+from humanplay.series.folder import Folder
+from humanplay.series.protocol import Agents
+from humanplay.series.verification import verify_database
 from marsexplorer.config import EnvConfig
 from tests.support.agents import closed_evaluation, paths, sealed
 from tests.support.beacons import OwnBeacon

@@ -9,12 +9,12 @@ from itertools import combinations
 import pytest
 from numpy import packbits
 
-from app.db.store import Store
-from app.series.cards import CardError
-from app.series.evaluation import evaluation_of_study, evaluation_of_task
-from app.series.folder import Folder, StudyError
-from app.series.protocol import Agents, default_protocol
-from app.series.verification import verify_database
+from humanplay.db.store import Store
+from humanplay.series.cards import CardError
+from humanplay.series.evaluation import evaluation_of_study, evaluation_of_task
+from humanplay.series.folder import Folder, StudyError
+from humanplay.series.protocol import Agents, default_protocol
+from humanplay.series.verification import verify_database
 from marsexplorer.config import EnvConfig
 from marsexplorer.terrain import generate
 from tests.support.agents import Agent, own, sealed, token_of
@@ -285,7 +285,9 @@ def test_nothing_is_closed_where_no_receipt_could_be_signed(tmp_path):
         config=EnvConfig("random", 7, 9),
         instances=1,
     )
-    code = "import sys; sys.modules['matplotlib'] = None; from app.cli.main import main; main()"
+    code = (
+        "import sys; sys.modules['matplotlib'] = None; from humanplay.cli.main import main; main()"
+    )
     words = ("evaluation", "close", "agents", "--yes", *paths(tmp_path))
     done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
     assert done.returncode

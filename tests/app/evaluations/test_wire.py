@@ -10,14 +10,14 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.series.cards import NO_CARD
-from app.series.evaluation import CardList
-from app.series.folder import Folder
-from app.series.verification import verify_database
-from app.tasks.mars.run import MarsRun, text_frame
-from app.web.logs import log_config
-from app.web.protection.limits import Turns
-from app.web.settings import Limits
+from humanplay.series.cards import NO_CARD
+from humanplay.series.evaluation import CardList
+from humanplay.series.folder import Folder
+from humanplay.series.verification import verify_database
+from humanplay.tasks.mars.run import MarsRun, text_frame
+from humanplay.web.logs import log_config
+from humanplay.web.protection.limits import Turns
+from humanplay.web.settings import Limits
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load

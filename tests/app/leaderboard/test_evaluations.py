@@ -6,8 +6,8 @@ import signal
 
 import pytest
 
-from app.jobs import Jobs
-from app.web.leaderboard.evaluations import OWNER, Evaluation, PolicyEvaluations, policy_hash
+from humanplay.jobs import Jobs
+from humanplay.web.leaderboard.evaluations import OWNER, Evaluation, PolicyEvaluations, policy_hash
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from tests.support.job_functions import pid
 from tests.support.servers import eventually

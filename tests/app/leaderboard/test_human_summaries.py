@@ -2,13 +2,13 @@
 
 import pytest
 
-from app.db import volunteers
-from app.db.store import Store
-from app.jobs import Jobs
-from app.report.statistics.human_level import human_level
-from app.tasks.mars import rules as replays
-from app.web.leaderboard import leaderboard
-from app.web.leaderboard.leaderboard import HumanSummaries, Leaderboard
+from humanplay.db import volunteers
+from humanplay.db.store import Store
+from humanplay.jobs import Jobs
+from humanplay.report.statistics.human_level import human_level
+from humanplay.tasks.mars import rules as replays
+from humanplay.web.leaderboard import leaderboard
+from humanplay.web.leaderboard.leaderboard import HumanSummaries, Leaderboard
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, play
 

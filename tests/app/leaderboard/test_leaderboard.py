@@ -7,16 +7,16 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from app.db.series import add_series
-from app.db.store import Store
-from app.db.study_rows import SeriesRow
-from app.report.statistics import human_level
-from app.report.statistics.human_level import VolunteerFigures
-from app.series.folder import Folder
-from app.series.protocol import canonical, default_protocol, protocol_hash
-from app.task import rules_of
-from app.web.leaderboard import entries
-from app.web.leaderboard.entries import ClosedStudies
+from humanplay.db.series import add_series
+from humanplay.db.store import Store
+from humanplay.db.study_rows import SeriesRow
+from humanplay.report.statistics import human_level
+from humanplay.report.statistics.human_level import VolunteerFigures
+from humanplay.series.folder import Folder
+from humanplay.series.protocol import canonical, default_protocol, protocol_hash
+from humanplay.task import rules_of
+from humanplay.web.leaderboard import entries
+from humanplay.web.leaderboard.entries import ClosedStudies
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
 from marsexplorer.training.envs import EVALUATION_SEEDS
@@ -86,7 +86,7 @@ def test_many_who_ask_at_once_share_a_reading_and_keep_nobody_else_waiting(serve
         time.sleep(READING_S)
         return list_entries(*given)
 
-    monkeypatch.setattr("app.web.leaderboard.leaderboard.list_entries", read_slowly)
+    monkeypatch.setattr("humanplay.web.leaderboard.leaderboard.list_entries", read_slowly)
 
     def ask(_):
         with server.page() as client:
@@ -122,7 +122,7 @@ def test_the_leaderboard_and_the_pages_figure_are_made_once(serve, monkeypatch, 
 @pytest.fixture
 def quick(monkeypatch):
     """Boards of few terrains, played in one process: the server evaluates in seconds."""
-    monkeypatch.setattr("app.web.server.WORKERS", 1)
+    monkeypatch.setattr("humanplay.web.server.WORKERS", 1)
     few = tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + TERRAINS))
     monkeypatch.setattr(entries, "held_out_seeds", lambda config: few)
 

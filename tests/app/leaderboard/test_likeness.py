@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.db.reader import Reader
-from app.report.statistics.exclusion_sets import members, people_of
-from app.series.data import load, trial_records
-from app.web.leaderboard.entries import human_likeness
+from humanplay.db.reader import Reader
+from humanplay.report.statistics.exclusion_sets import members, people_of
+from humanplay.series.data import load, trial_records
+from humanplay.web.leaderboard.entries import human_likeness
 from marsexplorer.evaluation.episodes import agreement_with
 from marsexplorer.policies import load as load_policy
 from tests.support.stored_studies import freeze, play_study

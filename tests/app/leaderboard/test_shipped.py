@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from app.jobs import Jobs
-from app.web.leaderboard.entries import make_board, make_figure, offered_boards
-from app.web.leaderboard.evaluations import (
+from humanplay.jobs import Jobs
+from humanplay.web.leaderboard.entries import make_board, make_figure, offered_boards
+from humanplay.web.leaderboard.evaluations import (
     FOLDER,
     Evaluation,
     Origin,

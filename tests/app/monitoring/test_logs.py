@@ -10,7 +10,7 @@ import sys
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from app.web.logs import _SafeFormatter, mask
+from humanplay.web.logs import _SafeFormatter, mask
 from tests.support.study import Person, freeze
 
 PASSWORD = "red-planet-4"
@@ -99,7 +99,7 @@ def test_long_ids_are_masked_and_words_are_not():
 
 FLOOD = """
 import logging.config, sys, time
-from app.web import logs
+from humanplay.web import logs
 logs.LINES = 20, 10.0
 logging.config.dictConfig(logs.log_config(sys.argv[1]))
 for number in range(1000):

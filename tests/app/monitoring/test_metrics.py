@@ -7,10 +7,10 @@ import httpx
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from app.db.metrics import Metrics
-from app.web.server import ServerError, run
-from app.web.settings import Settings
-from app.web.simulate import occupancy_codes
+from humanplay.db.metrics import Metrics
+from humanplay.web.server import ServerError, run
+from humanplay.web.settings import Settings
+from humanplay.web.simulate import occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 from tests.support.servers import eventually

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.db.reader import Reader
-from app.report.build import build
-from app.report.costs import (
+from humanplay.db.reader import Reader
+from humanplay.report.build import build
+from humanplay.report.costs import (
     CostPart,
     _part,
     cost_cache,
@@ -19,13 +19,13 @@ from app.report.costs import (
     no_bar,
     summarize_costs,
 )
-from app.report.page import render
-from app.report.statistics.exclusion_sets import members, people_of
-from app.report.statistics.intervals import interval
-from app.report.statistics.summaries import summarize_groups
-from app.series.data import load, trial_records
-from app.series.protocol import StudyError
-from app.web.leaderboard.entries import human_likeness
+from humanplay.report.page import render
+from humanplay.report.statistics.exclusion_sets import members, people_of
+from humanplay.report.statistics.intervals import interval
+from humanplay.report.statistics.summaries import summarize_groups
+from humanplay.series.data import load, trial_records
+from humanplay.series.protocol import StudyError
+from humanplay.web.leaderboard.entries import human_likeness
 from marsexplorer.config import ACTIONS
 from marsexplorer.evaluation.cost import CostEstimator
 from marsexplorer.evaluation.episodes import play_terrain

@@ -6,8 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from app.board.agent import DecisionQueue
-from app.tasks.mars.policies import PolicyCatalogue
+from humanplay.board.agent import DecisionQueue
+from humanplay.tasks.mars.policies import PolicyCatalogue
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.board.attestation import (
+from humanplay.board.attestation import (
     LEVELS,
     Attested,
     Conditions,
@@ -18,9 +18,9 @@ from app.board.attestation import (
     level_reaches,
     prepare_end,
 )
-from app.db.input_events import InputEventRow, add_input_events
-from app.db.store import StepRow, Store
-from app.tasks.mars.rules import KEYS
+from humanplay.db.input_events import InputEventRow, add_input_events
+from humanplay.db.store import StepRow, Store
+from humanplay.tasks.mars.rules import KEYS
 from tests.support.page_loads import STORED_LOAD
 from tests.support.recorded import add_session, open_episode
 

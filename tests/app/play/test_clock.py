@@ -5,14 +5,14 @@ import time
 
 import pytest
 
-from app.board import attestation, clock, session
-from app.board.clock import Controls, Held, late_share, pauses_of
-from app.series.active_time import active_ms, pause_share
-from app.series.plausibility import labels_of, plausibility_labels
-from app.series.protocol import default_protocol
-from app.series.verification import verify_database
-from app.task import describe, rules_of
-from app.tasks.gymnasium.description import Description, read_description
+from humanplay.board import attestation, clock, session
+from humanplay.board.clock import Controls, Held, late_share, pauses_of
+from humanplay.series.active_time import active_ms, pause_share
+from humanplay.series.plausibility import labels_of, plausibility_labels
+from humanplay.series.protocol import default_protocol
+from humanplay.series.verification import verify_database
+from humanplay.task import describe, rules_of
+from humanplay.tasks.gymnasium.description import Description, read_description
 from tests.support.keyboard import Keyboard
 from tests.support.page_loads import LOAD
 from tests.support.recorded import alter, ask

@@ -5,8 +5,8 @@ import json
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from app.board.sources import WatchIds
-from app.web.access import PLAYER_COOKIE
+from humanplay.board.sources import WatchIds
+from humanplay.web.access import PLAYER_COOKIE
 from tests.support.servers import eventually, forged
 from tests.support.study import Person, freeze
 
@@ -259,7 +259,7 @@ def test_a_board_is_watched_by_an_id_of_its_own_one_episode_after_the_other(serv
 
 
 def test_who_watches_sees_the_end_of_an_episode_that_is_left_and_wakes_nobody(serve, monkeypatch):
-    monkeypatch.setattr("app.board.spectators.LOOK_S", 0.05)
+    monkeypatch.setattr("humanplay.board.spectators.LOOK_S", 0.05)
     server = serve(idle_s=0.2)
     owner = server.page()
     begun = owner.post(

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.board import agent
-from app.board.agent import THREADS, DecisionQueue, SlowDecisionError
-from app.tasks.mars.policies import PolicyCatalogue
-from app.web.settings import Limits
+from humanplay.board import agent
+from humanplay.board.agent import THREADS, DecisionQueue, SlowDecisionError
+from humanplay.tasks.mars.policies import PolicyCatalogue
+from humanplay.web.settings import Limits
 from marsexplorer.policies.network import batch
 from tests.support.servers import eventually
 

@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import pytest
 
-from app.report.statistics.exclusion_sets import everybody_of, people_of
-from app.report.statistics.study_figures import study_figures
-from app.series.data import load as load_study
-from app.series.folder import Folder
-from app.series.invitations import Invitations, token_of
-from app.series.verification import verify_database
-from app.web.simulate import Clock, NoisyPolicy, Participant, occupancy_codes
+from humanplay.report.statistics.exclusion_sets import everybody_of, people_of
+from humanplay.report.statistics.study_figures import study_figures
+from humanplay.series.data import load as load_study
+from humanplay.series.folder import Folder
+from humanplay.series.invitations import Invitations, token_of
+from humanplay.series.verification import verify_database
+from humanplay.web.simulate import Clock, NoisyPolicy, Participant, occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 from tests.support.keyboard import press

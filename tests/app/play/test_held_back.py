@@ -7,8 +7,8 @@ from contextlib import ExitStack
 import msgspec
 import pytest
 
-from app.tasks.mars.run import View
-from app.web.admin import board_messages
+from humanplay.tasks.mars.run import View
+from humanplay.web.admin import board_messages
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.servers import eventually

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.web.access import PLAYER_COOKIE
+from humanplay.web.access import PLAYER_COOKIE
 from tests.support.keyboard import press
 
 

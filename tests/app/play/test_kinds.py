@@ -4,11 +4,11 @@ from contextlib import closing
 
 import pytest
 
-from app.board.sources import Sources
-from app.db import ratings
-from app.db.erasure import forget_player
-from app.db.merging import merge
-from app.db.store import Store
+from humanplay.board.sources import Sources
+from humanplay.db import ratings
+from humanplay.db.erasure import forget_player
+from humanplay.db.merging import merge
+from humanplay.db.store import Store
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import NOW, ask, play
 

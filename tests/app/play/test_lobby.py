@@ -6,14 +6,14 @@ import threading
 
 import pytest
 
-from app.board.lobby import Lobby, UnknownSessionError
-from app.board.messages import ChangePace, Events, InputEvent
-from app.board.session import Move
-from app.board.sources import Sources
-from app.db.store import Store
-from app.tasks.mars.messages import NewEpisode, NewSession
-from app.tasks.mars.policies import PolicyCatalogue
-from app.tasks.mars.task import Mars
+from humanplay.board.lobby import Lobby, UnknownSessionError
+from humanplay.board.messages import ChangePace, Events, InputEvent
+from humanplay.board.session import Move
+from humanplay.board.sources import Sources
+from humanplay.db.store import Store
+from humanplay.tasks.mars.messages import NewEpisode, NewSession
+from humanplay.tasks.mars.policies import PolicyCatalogue
+from humanplay.tasks.mars.task import Mars
 from tests.support.page_loads import LOAD
 
 DAY_MS = 86_400_000

@@ -5,7 +5,7 @@ import json
 import pytest
 from pydantic import ValidationError
 
-from app.board.messages import (
+from humanplay.board.messages import (
     Act,
     BadMessageError,
     ChangePace,
@@ -13,9 +13,9 @@ from app.board.messages import (
     describe_errors,
     parse_message,
 )
-from app.tasks.mars.run import View
-from app.tasks.mars.task import Mars
-from app.web.sockets import as_move
+from humanplay.tasks.mars.run import View
+from humanplay.tasks.mars.task import Mars
+from humanplay.web.sockets import as_move
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 

@@ -10,15 +10,15 @@ from dataclasses import replace
 import httpx
 import pytest
 
-from app.board.lobby import Lobby
-from app.board.ranked import PageBoards
-from app.board.session import Move
-from app.board.sources import Sources, now_ms
-from app.db.playground import open_ranked
-from app.db.store import Store
-from app.tasks.mars.messages import NewEpisode, NewSession
-from app.tasks.mars.policies import PolicyCatalogue
-from app.tasks.mars.task import Mars
+from humanplay.board.lobby import Lobby
+from humanplay.board.ranked import PageBoards
+from humanplay.board.session import Move
+from humanplay.board.sources import Sources, now_ms
+from humanplay.db.playground import open_ranked
+from humanplay.db.store import Store
+from humanplay.tasks.mars.messages import NewEpisode, NewSession
+from humanplay.tasks.mars.policies import PolicyCatalogue
+from humanplay.tasks.mars.task import Mars
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import unpack_terrain
 from marsexplorer.evaluation.episodes import play_episode

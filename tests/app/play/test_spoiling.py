@@ -6,11 +6,11 @@ from contextlib import closing
 
 import pytest
 
-from app.db.reader import Reader
-from app.db.store import Closing, Store
-from app.db.trial import Trial
-from app.db.volunteers import players_of
-from app.series.verification import verify_database
+from humanplay.db.reader import Reader
+from humanplay.db.store import Closing, Store
+from humanplay.db.trial import Trial
+from humanplay.db.volunteers import players_of
+from humanplay.series.verification import verify_database
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.recorded import add_session, add_steps, open_episode, tour

@@ -4,16 +4,16 @@ import asyncio
 import secrets
 from contextlib import closing
 
-from app.board.lobby import Lobby
-from app.board.ranked import PageBoards
-from app.board.sources import Sources
-from app.db import chain
-from app.db.playground import delete_unplayed
-from app.db.store import SessionRow, Store
-from app.series.verification import verify_database
-from app.tasks.mars.policies import PolicyCatalogue
-from app.tasks.mars.task import Mars
-from app.web.settings import Limits
+from humanplay.board.lobby import Lobby
+from humanplay.board.ranked import PageBoards
+from humanplay.board.sources import Sources
+from humanplay.db import chain
+from humanplay.db.playground import delete_unplayed
+from humanplay.db.store import SessionRow, Store
+from humanplay.series.verification import verify_database
+from humanplay.tasks.mars.policies import PolicyCatalogue
+from humanplay.tasks.mars.task import Mars
+from humanplay.web.settings import Limits
 from tests.support.page_loads import LOAD
 from tests.support.recorded import ask
 from tests.support.servers import eventually

@@ -6,8 +6,8 @@ import tracemalloc
 from collections import OrderedDict, defaultdict
 from types import FunctionType, ModuleType
 
-from app.board.sources import WatchIds
-from app.db.store import Store
+from humanplay.board.sources import WatchIds
+from humanplay.db.store import Store
 from tests.support.recorded import add_session
 from tests.support.servers import eventually
 
@@ -50,7 +50,7 @@ async def _watched(server, watch):
 
 
 def test_boards_are_found_by_their_ids_for_watching_in_a_few_bytes_of_each(tmp_path, monkeypatch):
-    monkeypatch.setattr("app.board.sources.SESSIONS_A_LOOK", 300)
+    monkeypatch.setattr("humanplay.board.sources.SESSIONS_A_LOOK", 300)
     store, count = Store(tmp_path / "playground.db"), 1_200
     with store.transaction():
         sessions = [add_session(store) for _ in range(count)]
@@ -89,7 +89,7 @@ def test_boards_are_found_by_their_ids_for_watching_in_a_few_bytes_of_each(tmp_p
     assert asyncio.run(watch_ids.session(forged)) is None, (
         "its first 64 bits are those of a session"
     )
-    monkeypatch.setattr("app.board.sources.MAX_FOUND", 20)
+    monkeypatch.setattr("humanplay.board.sources.MAX_FOUND", 20)
     assert [look_for(each) for each in sessions[50:]] == sessions[50:]
     assert len(watch_ids._found) <= 20
     store.close()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.web.settings import Limits
+from humanplay.web.settings import Limits
 
 
 @pytest.fixture

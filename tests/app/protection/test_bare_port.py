@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from app.series.verification import verify_database
-from app.web.settings import Limits
+from humanplay.series.verification import verify_database
+from humanplay.web.settings import Limits
 from tests.app.protection.test_limits import masked, why_closed
 from tests.support.others import misbehaving
 from tests.support.recorded import ask
@@ -246,7 +246,7 @@ def ping_until_closed(connection, seconds):
 
 def test_a_client_that_pings_and_takes_no_answers_is_disconnected(serve, monkeypatch):
     """Uvicorn writes an answer to each; they would wait in memory until the system gives up."""
-    monkeypatch.setattr("app.web.listening.MOST_UNREAD_BYTES", 2**19)
+    monkeypatch.setattr("humanplay.web.listening.MOST_UNREAD_BYTES", 2**19)
     server = serve()
     session = server.client().post("/api/sessions", json={"size": 9}).json()["session"]
     with socket.socket() as deaf:

@@ -5,7 +5,7 @@ import time
 import pytest
 from starlette.requests import Request
 
-from app.web.protection.gate import with_own_cookies
+from humanplay.web.protection.gate import with_own_cookies
 
 ESCAPES = '"' + "\\a" * 7500 + '"'
 """15 KB that take 0.3 s, and four times as long with each doubling."""

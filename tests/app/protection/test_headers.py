@@ -6,7 +6,7 @@ import pytest
 from fastapi.routing import APIRoute
 from starlette.routing import Route
 
-from app.board.messages import MAX_MESSAGE_BYTES
+from humanplay.board.messages import MAX_MESSAGE_BYTES
 from tests.support.study import freeze
 
 SAME_FOR_ALL = {

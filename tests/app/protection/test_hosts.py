@@ -5,8 +5,8 @@ import socket
 import pytest
 from websockets.exceptions import InvalidStatus
 
-from app.web.operator.login import ATTEMPTS_PER_MINUTE
-from app.web.settings import Settings
+from humanplay.web.operator.login import ATTEMPTS_PER_MINUTE
+from humanplay.web.settings import Settings
 from tests.support.command import command
 
 OWN = (

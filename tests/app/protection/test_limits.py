@@ -13,8 +13,8 @@ import httpx
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from app.web.protection.limits import MAX_BUCKETS, PATIENCE, PENALTY, Buckets, TokenBucket
-from app.web.settings import Limits, Settings
+from humanplay.web.protection.limits import MAX_BUCKETS, PATIENCE, PENALTY, Buckets, TokenBucket
+from humanplay.web.settings import Limits, Settings
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 from tests.support.viewer3d import CAMERA, View

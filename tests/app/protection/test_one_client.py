@@ -7,9 +7,9 @@ from contextlib import ExitStack, closing
 import numpy as np
 import pytest
 
-from app.db.input_events import MAX_EVENTS_PER_EPISODE, InputEventRow, add_input_events
-from app.db.store import Store
-from app.series.verification import verify_database
+from humanplay.db.input_events import MAX_EVENTS_PER_EPISODE, InputEventRow, add_input_events
+from humanplay.db.store import Store
+from humanplay.series.verification import verify_database
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode

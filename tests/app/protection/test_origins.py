@@ -7,7 +7,7 @@ from fastapi.routing import APIRoute
 from starlette.routing import Mount, Route, WebSocketRoute
 from websockets.exceptions import InvalidStatus
 
-from app.web.protection.gate import SAFE_METHODS
+from humanplay.web.protection.gate import SAFE_METHODS
 from tests.support.study import freeze
 
 FOREIGN = "https://evil.example"

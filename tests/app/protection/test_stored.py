@@ -13,9 +13,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from app.board.session import EVENT_BYTES, LEAST_EVENTS
-from app.web.protection.limits import ASKER, Asker, StoredBytes
-from app.web.settings import Limits
+from humanplay.board.session import EVENT_BYTES, LEAST_EVENTS
+from humanplay.web.protection.limits import ASKER, Asker, StoredBytes
+from humanplay.web.settings import Limits
 from tests.support.page_loads import LOAD
 from tests.support.recorded import ask
 from tests.support.study import Person, freeze

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.release.build import ReleaseRequest, build_release
+from humanplay.release.build import ReleaseRequest, build_release
 from tests.support.stored_studies import StudyRecorder, freeze, play_study
 
 

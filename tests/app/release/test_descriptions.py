@@ -11,10 +11,10 @@ import warnings
 import pyarrow.parquet as pq
 import pytest
 
-from app import ROOT
-from app.db.columns import BUNDLE_TABLES, bundle_reference, bundle_table
-from app.release.tables import PARQUET
-from app.series.data import load
+from humanplay import ROOT
+from humanplay.db.columns import BUNDLE_TABLES, bundle_reference, bundle_table
+from humanplay.release.tables import PARQUET
+from humanplay.series.data import load
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
 from tests.support.stored_studies import CONFIG
@@ -162,10 +162,10 @@ def test_minari_recovers_the_environment_in_a_fresh_process_or_names_what_to_ins
     made, hidden, monkeypatch
 ):
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(made[0] / "out/minari"))
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PYTHONPATH", f"{ROOT}:{ROOT / 'app'}")
     command = [sys.executable, "-c", RECOVER.format(hidden=hidden)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert "['marsexplorer-playground[mars]']" in done.stdout
-    assert "pip install 'marsexplorer-playground[mars]'" in done.stdout
+    assert "['humanplay[mars]']" in done.stdout
+    assert "pip install 'humanplay[mars]'" in done.stdout
     assert done.stdout.endswith("(7, 9)\n") != hidden, done.stderr
     assert ("No module named 'marsexplorer" in done.stderr) == hidden

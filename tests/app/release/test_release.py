@@ -16,17 +16,17 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from app.db import chain
-from app.db.columns import BUNDLE_TABLES, bundle_table, dictionary
-from app.db.store import SessionRow, StoreError
-from app.release import signing
-from app.release.build import ReleaseRequest, build_release
-from app.release.bundle import import_release, verify_bundle
-from app.release.errors import ReleaseError
-from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing, sha256
-from app.release.tables import PARQUET
-from app.series.protocol import canonical, canonical_json, parse_protocol
-from app.series.verification import verify_database
+from humanplay.db import chain
+from humanplay.db.columns import BUNDLE_TABLES, bundle_table, dictionary
+from humanplay.db.store import SessionRow, StoreError
+from humanplay.release import signing
+from humanplay.release.build import ReleaseRequest, build_release
+from humanplay.release.bundle import import_release, verify_bundle
+from humanplay.release.errors import ReleaseError
+from humanplay.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing, sha256
+from humanplay.release.tables import PARQUET
+from humanplay.series.protocol import canonical, canonical_json, parse_protocol
+from humanplay.series.verification import verify_database
 from marsexplorer.config import EnvConfig
 from tests.support.command import command as run
 from tests.support.recorded import alter, ask
@@ -366,7 +366,7 @@ def test_a_study_closed_in_its_folder_alone_is_released_with_its_secret(tmp_path
     recorder = StudyRecorder(tmp_path / "play.db", study)
     recorder.play(recorder.join(0), "ranked", 0)
     recorder.close()
-    from app.series.folder import Folder
+    from humanplay.series.folder import Folder
 
     Folder(tmp_path / "play.db-studies").close(study.name)
     where = "--database", tmp_path / "play.db"
@@ -401,7 +401,7 @@ def test_a_missing_library_is_asked_for_by_name(made, tmp_path, monkeypatch, cap
     code, _, err = run(capsys, "release", "--study", "dunes", *where)
     assert code == 1
     assert err.startswith(f"marsexplorer: {name} is not installed")
-    assert "marsexplorer-playground[export]" in err
+    assert "humanplay[export]" in err
     assert err.count("\n") == 1
     assert not (tmp_path / "out").exists()
 

@@ -5,10 +5,10 @@ import shutil
 
 import pytest
 
-from app.release import signing
-from app.release.errors import ReleaseError
-from app.release.manifest import MANIFEST, PUBLIC_KEY
-from app.release.signing import check_signer, fingerprint_of, pin, read_pins
+from humanplay.release import signing
+from humanplay.release.errors import ReleaseError
+from humanplay.release.manifest import MANIFEST, PUBLIC_KEY
+from humanplay.release.signing import check_signer, fingerprint_of, pin, read_pins
 from tests.support.command import command
 
 

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from app.tasks.mars.players import NoisyPolicy
+from humanplay.tasks.mars.players import NoisyPolicy
 from tests.support.command import run
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.independent_figures import figures

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from app import STATIC
-from app.task import GhostError
-from app.tasks.mars.course import (
+from humanplay import STATIC
+from humanplay.task import GhostError
+from humanplay.tasks.mars.course import (
     PLAIN_LEVELS,
     PLAIN_POLICIES,
     course_of,
@@ -15,7 +15,7 @@ from app.tasks.mars.course import (
     preferred,
     sentence,
 )
-from app.tasks.mars.run import CELL_CHARACTERS
+from humanplay.tasks.mars.run import CELL_CHARACTERS
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import play_terrain

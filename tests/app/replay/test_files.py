@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from app.tasks.mars.course import course_of, play_ghost
-from app.tasks.mars.pictures import AMBER, NIGHT, PREVIEW, ROCK, SOIL, board_picture
-from app.web.replays.files import (
+from humanplay.tasks.mars.course import course_of, play_ghost
+from humanplay.tasks.mars.pictures import AMBER, NIGHT, PREVIEW, ROCK, SOIL, board_picture
+from humanplay.web.replays.files import (
     Timing,
     VideoMissingError,
     file_of,
@@ -21,7 +21,7 @@ from app.web.replays.files import (
     most_gif_pictures,
     offered,
 )
-from app.web.replays.page import ENTRY, modules
+from humanplay.web.replays.page import ENTRY, modules
 from marsexplorer.config import OBSTACLE, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.recorded import free_moves
@@ -139,7 +139,7 @@ def test_a_page_in_one_file_holds_every_module_and_asks_for_nothing(courses):
 def test_without_pyav_no_video_is_offered_and_the_error_names_the_extra(courses, monkeypatch):
     assert has_video()
     monkeypatch.setitem(sys.modules, "av", None)
-    monkeypatch.setattr("app.web.replays.files.find_spec", lambda name: None)
+    monkeypatch.setattr("humanplay.web.replays.files.find_spec", lambda name: None)
     assert "mp4" not in offered()
     with pytest.raises(VideoMissingError, match=r"pip install 'marsexplorer-playground\[video\]'"):
         file_of("mp4", "e", courses)

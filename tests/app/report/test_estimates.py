@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.report import build
-from app.report.page import render
-from app.series import policy_episodes
-from app.series.flow import Arrivals
-from app.series.protocol import default_protocol, protocol_hash
-from app.task import rules_of
-from app.tasks.gymnasium.description import Description
+from humanplay.report import build
+from humanplay.report.page import render
+from humanplay.series import policy_episodes
+from humanplay.series.flow import Arrivals
+from humanplay.series.protocol import default_protocol, protocol_hash
+from humanplay.task import rules_of
+from humanplay.tasks.gymnasium.description import Description
 from tests.support.made_studies import CONFIG, FROZEN_MS, person, played, study, trial
 
 CLOSED_MS = FROZEN_MS + 10_000_000

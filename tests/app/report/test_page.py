@@ -7,10 +7,10 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from app.report import build
-from app.report.page import pages as all_pages
-from app.report.page import render
-from app.report.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
+from humanplay.report import build
+from humanplay.report.page import pages as all_pages
+from humanplay.report.page import render
+from humanplay.report.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
 from tests.support.browser import QUIET, chromium_path, violations
 from tests.support.declared import DECLARATIONS
 from tests.support.made_studies import CONFIG, played, run, study

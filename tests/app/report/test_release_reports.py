@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.report import build
-from app.report.statistics.exclusion_sets import members, people_of
+from humanplay.report import build
+from humanplay.report.statistics.exclusion_sets import members, people_of
 from tests.support.made_studies import played, run, study
 
 

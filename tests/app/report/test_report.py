@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.board.sources import Sources
-from app.db.reader import Reader
-from app.db.series import StudyStore
-from app.report import build
-from app.report.model import SYNTHETIC
-from app.report.page import render
-from app.report.statistics.formatting import utc
-from app.report.statistics.intervals import interval
-from app.report.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
-from app.report.tables import group_tables
-from app.series.data import load
-from app.series.folder import Folder
-from app.series.participation import StudyParticipation
-from app.series.protocol import default_protocol
-from app.task import rules_of
+from humanplay.board.sources import Sources
+from humanplay.db.reader import Reader
+from humanplay.db.series import StudyStore
+from humanplay.report import build
+from humanplay.report.model import SYNTHETIC
+from humanplay.report.page import render
+from humanplay.report.statistics.formatting import utc
+from humanplay.report.statistics.intervals import interval
+from humanplay.report.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
+from humanplay.report.tables import group_tables
+from humanplay.series.data import load
+from humanplay.series.folder import Folder
+from humanplay.series.participation import StudyParticipation
+from humanplay.series.protocol import default_protocol
+from humanplay.task import rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, score
 from tests.support.declared import DECLARATIONS

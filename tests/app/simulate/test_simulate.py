@@ -10,13 +10,13 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from app.db.reader import Reader
-from app.report.build import build
-from app.report.statistics.human_level import human_level
-from app.series.data import load
-from app.series.folder import Folder
-from app.series.verification import verify_database
-from app.web.simulate import NoisyPolicy, Plan, RefusedError, ServerAwayError, simulate
+from humanplay.db.reader import Reader
+from humanplay.report.build import build
+from humanplay.report.statistics.human_level import human_level
+from humanplay.series.data import load
+from humanplay.series.folder import Folder
+from humanplay.series.verification import verify_database
+from humanplay.web.simulate import NoisyPolicy, Plan, RefusedError, ServerAwayError, simulate
 from tests.support.command import command
 from tests.support.recorded import ask
 from tests.support.servers import eventually

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import scipy
 
-from app.report.statistics.comparisons import (
+from humanplay.report.statistics.comparisons import (
     compare_policy,
     holm,
     policy_p,
     quotient_interval,
 )
-from app.report.statistics.intervals import interval, p_value
+from humanplay.report.statistics.intervals import interval, p_value
 from tests.app.statistics.test_spread import uneven
 
 NAN = float("nan")

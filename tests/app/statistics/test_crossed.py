@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.report.statistics.crossed import can_be_crossed, crossed_components
+from humanplay.report.statistics.crossed import can_be_crossed, crossed_components
 from tests.app.statistics.test_spread import SHROUT_FLEISS
 
 NAN = float("nan")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import scipy
 
-from app.report import build
-from app.report.page import render
-from app.report.statistics.exclusion_sets import people_of
-from app.report.statistics.first_attempts import first_attempts
+from humanplay.report import build
+from humanplay.report.page import render
+from humanplay.report.statistics.exclusion_sets import people_of
+from humanplay.report.statistics.first_attempts import first_attempts
 from tests.support.made_studies import played, study
 
 NAN = float("nan")

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 import scipy
 
-from app.db import volunteers
-from app.report.statistics import human_level as module
-from app.report.statistics.human_level import (
+from humanplay.db import volunteers
+from humanplay.report.statistics import human_level as module
+from humanplay.report.statistics.human_level import (
     NOBODY_PLAYED,
     VolunteerFigures,
     human_level,
     mean_interval,
 )
-from app.report.statistics.intervals import estimate
-from app.report.statistics.study_figures import metric_bounds, worst_value
-from app.task import rules_of
+from humanplay.report.statistics.intervals import estimate
+from humanplay.report.statistics.study_figures import metric_bounds, worst_value
+from humanplay.task import rules_of
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, add_session, open_episode, play
 

@@ -8,7 +8,7 @@ import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.report.statistics.intervals import estimate, interval, p_value
+from humanplay.report.statistics.intervals import estimate, interval, p_value
 from marsexplorer.intervals import FEWEST
 
 NAN = float("nan")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from app.report.statistics.learning import assess_learning, tost
+from humanplay.report.statistics.learning import assess_learning, tost
 from marsexplorer.intervals import t_interval
 
 NAN = float("nan")

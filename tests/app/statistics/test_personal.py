@@ -4,10 +4,10 @@ from contextlib import closing
 
 import pytest
 
-from app.db.export import export_table
-from app.db.reader import Reader
-from app.db.trial import Trial
-from app.web.results import describe_own, personal_bests
+from humanplay.db.export import export_table
+from humanplay.db.reader import Reader
+from humanplay.db.trial import Trial
+from humanplay.web.results import describe_own, personal_bests
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 from tests.support.recorded_daily import DAY, play_daily

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.report.statistics.intervals import p_value
-from app.report.statistics.planning import (
+from humanplay.report.statistics.intervals import p_value
+from humanplay.report.statistics.planning import (
     StudyDesign,
     assumptions_from,
     design_of,
@@ -16,7 +16,7 @@ from app.report.statistics.planning import (
     simulate_half_width,
     simulate_power,
 )
-from app.series.protocol import default_protocol
+from humanplay.series.protocol import default_protocol
 from marsexplorer.config import EnvConfig
 from tests.support.made_studies import played, study
 

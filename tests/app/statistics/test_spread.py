@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy
 
-from app.report.statistics.intervals import interval
-from app.report.statistics.spread import iqm, iqm_interval, iqm_shares, variance_components
+from humanplay.report.statistics.intervals import interval
+from humanplay.report.statistics.spread import iqm, iqm_interval, iqm_shares, variance_components
 
 SHROUT_FLEISS = np.array(
     [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float

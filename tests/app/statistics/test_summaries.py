@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from app.report.statistics.summaries import (
+from humanplay.report.statistics.summaries import (
     EpisodeSummary,
     coverage_curve,
     summarize_episodes,

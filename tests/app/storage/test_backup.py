@@ -16,16 +16,16 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from app.cli.main import cli
-from app.db import backup
-from app.db.backup import Backups, StoppedError, back_up, restore
-from app.db.checks import quick_check
-from app.db.database import StoreError
-from app.db.store import Store
-from app.series.evaluation import evaluation_of_task
-from app.series.folder import Folder
-from app.series.protocol import Agents, default_protocol
-from app.series.verification import verify_database
+from humanplay.cli.main import cli
+from humanplay.db import backup
+from humanplay.db.backup import Backups, StoppedError, back_up, restore
+from humanplay.db.checks import quick_check
+from humanplay.db.database import StoreError
+from humanplay.db.store import Store
+from humanplay.series.evaluation import evaluation_of_task
+from humanplay.series.folder import Folder
+from humanplay.series.protocol import Agents, default_protocol
+from humanplay.series.verification import verify_database
 from tests.support.agents import own
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS
@@ -116,7 +116,7 @@ def test_a_backup_overwrites_nothing_and_leaves_nothing_when_it_is_ended(databas
 
 LIMITED = """import resource, sys
 resource.setrlimit(resource.RLIMIT_FSIZE, (8 * 4096, 8 * 4096))
-from app.cli.main import main
+from humanplay.cli.main import main
 main(sys.argv[1:])
 """
 
@@ -470,7 +470,7 @@ def test_a_restore_drill(spawn, tmp_path):
     command = [
         sys.executable,
         "-m",
-        "app.cli",
+        "humanplay.cli",
         "restore",
         str(newest),
         "--database",

@@ -9,16 +9,16 @@ from dataclasses import replace
 
 import pytest
 
-from app.db import chain
-from app.db.chain import Thing
-from app.db.erasure import forget
-from app.db.input_events import InputEventRow, add_input_events
-from app.db.merging import merge
-from app.db.series import StudyStore
-from app.db.store import Closing, Store
-from app.release.build import ReleaseRequest, build_release
-from app.release.manifest import MANIFEST
-from app.series.verification import verify_database
+from humanplay.db import chain
+from humanplay.db.chain import Thing
+from humanplay.db.erasure import forget
+from humanplay.db.input_events import InputEventRow, add_input_events
+from humanplay.db.merging import merge
+from humanplay.db.series import StudyStore
+from humanplay.db.store import Closing, Store
+from humanplay.release.build import ReleaseRequest, build_release
+from humanplay.release.manifest import MANIFEST
+from humanplay.series.verification import verify_database
 from tests.support.command import command
 from tests.support.page_loads import STORED_LOAD
 from tests.support.recorded import (
@@ -171,7 +171,7 @@ def test_a_step_or_a_change_that_fails_leaves_no_entry(store, monkeypatch):
 
 
 def a_step(row):
-    from app.db.store import StepRow
+    from humanplay.db.store import StepRow
 
     return StepRow(row.id, 0, 1, 0.0, 1, 5, None, None, None, "key", "human")
 

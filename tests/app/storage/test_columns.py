@@ -5,9 +5,9 @@ from contextlib import closing
 
 import pytest
 
-from app import ROOT
-from app.db.columns import TABLES, bundle_table, markdown, markdown_tables
-from app.db.store import Store
+from humanplay import ROOT
+from humanplay.db.columns import TABLES, bundle_table, markdown, markdown_tables
+from humanplay.db.store import Store
 
 
 def beyond_the_export(name):

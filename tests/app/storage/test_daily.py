@@ -4,16 +4,16 @@ from contextlib import closing
 
 import pytest
 
-from app.db.erasure import forget
-from app.db.export import export_table
-from app.db.merging import MergeError, merge
-from app.db.reader import Reader
-from app.db.series import add_series, attempts_of, daily_secret
-from app.db.store import Store, StoreError
-from app.report.statistics.human_level import human_level
-from app.series.daily import terrain_on
-from app.series.seeds import commitment
-from app.series.verification import verify_database
+from humanplay.db.erasure import forget
+from humanplay.db.export import export_table
+from humanplay.db.merging import MergeError, merge
+from humanplay.db.reader import Reader
+from humanplay.db.series import add_series, attempts_of, daily_secret
+from humanplay.db.store import Store, StoreError
+from humanplay.report.statistics.human_level import human_level
+from humanplay.series.daily import terrain_on
+from humanplay.series.seeds import commitment
+from humanplay.series.verification import verify_database
 from tests.support.recorded import alter, play
 from tests.support.recorded_daily import AFTER_MS, DAY, DURING_MS, play_daily, small_terrain
 from tests.support.stored_studies import CONFIG, StudyRecorder, freeze, play_study

@@ -7,16 +7,16 @@ import sqlite3
 
 import pytest
 
-from app.db import backup
-from app.db.database import open_read_only
-from app.db.erasure import ParticipantLookupError, find_participant, forget
-from app.db.merging import merge
-from app.db.store import Store, StoreError
-from app.db.study_rows import participant_label
-from app.release.build import ReleaseRequest, build_release
-from app.release.bundle import import_release
-from app.release.manifest import MANIFEST
-from app.series.verification import verify_database
+from humanplay.db import backup
+from humanplay.db.database import open_read_only
+from humanplay.db.erasure import ParticipantLookupError, find_participant, forget
+from humanplay.db.merging import merge
+from humanplay.db.store import Store, StoreError
+from humanplay.db.study_rows import participant_label
+from humanplay.release.build import ReleaseRequest, build_release
+from humanplay.release.bundle import import_release
+from humanplay.release.manifest import MANIFEST
+from humanplay.series.verification import verify_database
 from tests.support.command import command, run
 from tests.support.recorded import alter, ask, play
 from tests.support.stored_studies import (

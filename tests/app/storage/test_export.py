@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from app.db.export import COLUMNS, export_table, export_to, new_key
-from app.db.store import Closing
+from humanplay.db.export import COLUMNS, export_table, export_to, new_key
+from humanplay.db.store import Closing
 from tests.support import golden_study
 from tests.support.exported import rows_of
 from tests.support.recorded import (

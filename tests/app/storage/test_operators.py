@@ -10,15 +10,15 @@ from threading import Event, Timer
 import pytest
 from click.testing import CliRunner
 
-from app.cli.main import cli
-from app.db.operators import (
+from humanplay.cli.main import cli
+from humanplay.db.operators import (
     OperatorError,
     add_operator,
     is_password_of,
     list_operators,
     remove_operator,
 )
-from app.web.operator import login
+from humanplay.web.operator import login
 from tests.app.admin.test_admin import CHANGING
 from tests.support.recorded import ask
 from tests.support.servers import PATIENCE_S, eventually

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from app.db import database
-from app.db.columns import TABLES
-from app.db.database import APPLICATION_ID, StoreError
-from app.db.operators import add_operator
-from app.db.reader import Reader
-from app.db.store import Closing, StepRow, Store
+from humanplay.db import database
+from humanplay.db.columns import TABLES
+from humanplay.db.database import APPLICATION_ID, StoreError
+from humanplay.db.operators import add_operator
+from humanplay.db.reader import Reader
+from humanplay.db.store import Closing, StepRow, Store
 from marsexplorer.episode import Episode
 from tests.support.recorded import (
     NOW,

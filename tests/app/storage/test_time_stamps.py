@@ -10,8 +10,8 @@ from contextlib import closing
 
 import pytest
 
-from app.db.erasure import forget
-from app.series.verification import verify_database
+from humanplay.db.erasure import forget
+from humanplay.series.verification import verify_database
 from tests.support.command import command
 from tests.support.stored_studies import freeze, play_study, write_chain_anew
 

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from app.db.backup import back_up, restore
-from app.db.database import reading
-from app.db.erasure import forget
-from app.db.merging import merge
-from app.db.reader import Reader
-from app.db.store import Store
-from app.db.volunteers import differences
-from app.report.statistics.human_level import human_level
-from app.series.verification import verify_database
+from humanplay.db.backup import back_up, restore
+from humanplay.db.database import reading
+from humanplay.db.erasure import forget
+from humanplay.db.merging import merge
+from humanplay.db.reader import Reader
+from humanplay.db.store import Store
+from humanplay.db.volunteers import differences
+from humanplay.report.statistics.human_level import human_level
+from humanplay.series.verification import verify_database
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, add_session, add_steps, open_episode, play, tour
 from tests.support.recorded_daily import play_daily

@@ -11,16 +11,16 @@ from dataclasses import replace
 
 import pytest
 
-from app.db.database import reading
-from app.db.store import Store
-from app.report.build import build
-from app.series.beacon import QUICKNET
-from app.series.data import load
-from app.series.files import now_ms
-from app.series.folder import Folder
-from app.series.protocol import StudyError, default_protocol
-from app.series.verification import verify_database
-from app.web.simulate import RefusedError
+from humanplay.db.database import reading
+from humanplay.db.store import Store
+from humanplay.report.build import build
+from humanplay.series.beacon import QUICKNET
+from humanplay.series.data import load
+from humanplay.series.files import now_ms
+from humanplay.series.folder import Folder
+from humanplay.series.protocol import StudyError, default_protocol
+from humanplay.series.verification import verify_database
+from humanplay.web.simulate import RefusedError
 from tests.support.beacons import OwnBeacon
 from tests.support.command import command, run
 from tests.support.declared import DECLARATIONS

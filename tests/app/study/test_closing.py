@@ -10,20 +10,20 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from app.db.erasure import forget
-from app.db.reader import Reader, now_ms
-from app.db.series import StudyStore
-from app.db.store import Store
-from app.release.build import build_release, request_of
-from app.release.errors import ReleaseError
-from app.report.build import build
-from app.report.making import load_with_folder
-from app.series.closing import note_closed
-from app.series.data import load
-from app.series.folder import Folder
-from app.series.protocol import StudyError
-from app.series.verification import verify_database
-from app.tasks.mars.rules import MarsRules
+from humanplay.db.erasure import forget
+from humanplay.db.reader import Reader, now_ms
+from humanplay.db.series import StudyStore
+from humanplay.db.store import Store
+from humanplay.release.build import build_release, request_of
+from humanplay.release.errors import ReleaseError
+from humanplay.report.build import build
+from humanplay.report.making import load_with_folder
+from humanplay.series.closing import note_closed
+from humanplay.series.data import load
+from humanplay.series.folder import Folder
+from humanplay.series.protocol import StudyError
+from humanplay.series.verification import verify_database
+from humanplay.tasks.mars.rules import MarsRules
 from tests.support.command import command
 from tests.support.servers import eventually
 from tests.support.stored_studies import StudyRecorder, freeze

@@ -2,9 +2,9 @@
 
 from types import SimpleNamespace
 
-from app.db.reader import Reader
-from app.series.data import load
-from app.tasks.mars.rules import MarsRules
+from humanplay.db.reader import Reader
+from humanplay.series.data import load
+from humanplay.tasks.mars.rules import MarsRules
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.effort import SHORTEST, makes_no_effort, random_mean_known

@@ -14,12 +14,12 @@ from numpy import packbits
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.report.build import build
-from app.report.cautions import cautions
-from app.series.data import load
-from app.series.folder import Folder
-from app.series.verification import verify_database
-from app.tasks.mars.viewer3d.viewer import PROTOCOL
+from humanplay.report.build import build
+from humanplay.report.cautions import cautions
+from humanplay.series.data import load
+from humanplay.series.folder import Folder
+from humanplay.series.verification import verify_database
+from humanplay.tasks.mars.viewer3d.viewer import PROTOCOL
 from marsexplorer.terrain import generate
 from tests.support.command import command
 from tests.support.servers import PATIENCE_S, eventually, forged

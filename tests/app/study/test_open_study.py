@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from app.report import build
-from app.report.page import render
-from app.report.statistics.study_figures import live_figure
+from humanplay.report import build
+from humanplay.report.page import render
+from humanplay.report.statistics.study_figures import live_figure
 from tests.support.made_studies import played, run, study
 
 SCORES = np.array(

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from app.db import chain
-from app.series.verification import verify_database
+from humanplay.db import chain
+from humanplay.series.verification import verify_database
 from tests.support.recorded import ask
 from tests.support.stored_studies import StudyRecorder, freeze
 from tests.support.study import Person

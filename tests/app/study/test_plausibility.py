@@ -2,12 +2,12 @@
 
 from contextlib import closing
 
-from app.db.store import Store
-from app.report.statistics.exclusion_sets import members, people_of
-from app.series.closing import note_closed
-from app.series.data import load
-from app.series.folder import Folder
-from app.series.plausibility import LABELS, plausibility_labels
+from humanplay.db.store import Store
+from humanplay.report.statistics.exclusion_sets import members, people_of
+from humanplay.series.closing import note_closed
+from humanplay.series.data import load
+from humanplay.series.folder import Folder
+from humanplay.series.plausibility import LABELS, plausibility_labels
 from tests.support.study import Person, freeze
 
 

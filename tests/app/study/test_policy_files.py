@@ -6,13 +6,13 @@ import shutil
 
 import pytest
 
-from app.series.debrief import _play
-from app.series.folder import Folder
-from app.series.policy_episodes import play_policies
-from app.series.protocol import StudyError, default_protocol
-from app.series.verification import check_policy_files
-from app.task import PolicyError, rules_of
-from app.web.leaderboard.entries import LeaderboardEntry
+from humanplay.series.debrief import _play
+from humanplay.series.folder import Folder
+from humanplay.series.policy_episodes import play_policies
+from humanplay.series.protocol import StudyError, default_protocol
+from humanplay.series.verification import check_policy_files
+from humanplay.task import PolicyError, rules_of
+from humanplay.web.leaderboard.entries import LeaderboardEntry
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card

@@ -8,14 +8,14 @@ from urllib.parse import parse_qsl, urlsplit
 
 import pytest
 
-from app.board.attestation import SUPERVISED_FOR_MS
-from app.db.erasure import forget
-from app.db.merging import merge
-from app.series.data import load
-from app.series.folder import Folder
-from app.series.invitations import ALPHABET, MAX_INVITATIONS, Invitations, link_of, token_of
-from app.series.protocol import StudyError
-from app.series.recruitment import (
+from humanplay.board.attestation import SUPERVISED_FOR_MS
+from humanplay.db.erasure import forget
+from humanplay.db.merging import merge
+from humanplay.series.data import load
+from humanplay.series.folder import Folder
+from humanplay.series.invitations import ALPHABET, MAX_INVITATIONS, Invitations, link_of, token_of
+from humanplay.series.protocol import StudyError
+from humanplay.series.recruitment import (
     DAY_MS,
     MAX_WRONG_CODES,
     NO_ID,

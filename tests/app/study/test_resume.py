@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from app.board.sources import Sources
-from app.web.simulate import occupancy_codes
+from humanplay.board.sources import Sources
+from humanplay.web.simulate import occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 from tests.support.recorded import ask

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from app.board.attestation import COPIED
-from app.db import chain
-from app.db.columns import TABLES
-from app.db.series import add_series
-from app.series import verification
-from app.series.verification import check_attestation, verify_database
+from humanplay.board.attestation import COPIED
+from humanplay.db import chain
+from humanplay.db.columns import TABLES
+from humanplay.db.series import add_series
+from humanplay.series import verification
+from humanplay.series.verification import check_attestation, verify_database
 from tests.app.play.test_attestation import STARTED, burst
 from tests.support.agents import sealed
 from tests.support.command import command

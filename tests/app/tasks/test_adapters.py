@@ -6,9 +6,9 @@ import gymnasium
 import numpy as np
 import pytest
 
-from app.task import rules_of
-from app.tasks.gymnasium.adapters import Fresh, OneAtATime
-from app.tasks.gymnasium.doctor import examine
+from humanplay.task import rules_of
+from humanplay.tasks.gymnasium.adapters import Fresh, OneAtATime
+from humanplay.tasks.gymnasium.doctor import examine
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # as an error, SWIG's deprecation would end the process
@@ -45,12 +45,12 @@ def test_an_action_moves_one_number_to_an_end():
 
 
 def walker():
-    wrappers = [f"app.tasks.gymnasium.adapters:{name}" for name in ("Fresh", "OneAtATime")]
+    wrappers = [f"humanplay.tasks.gymnasium.adapters:{name}" for name in ("Fresh", "OneAtATime")]
     return f'{{"id":"{WALKER}","wrappers":["{wrappers[0]}","{wrappers[1]}"]}}'
 
 
 def test_crafter_has_names_keys_and_a_version():
-    rules = rules_of("gymnasium:app.tasks.gymnasium.adapters:Crafter-v0")
+    rules = rules_of("gymnasium:humanplay.tasks.gymnasium.adapters:Crafter-v0")
     assert (rules.title, rules.limit, len(rules.actions)) == ("Crafter", 10_000, 17)
     assert rules.keys["do"] == ("Space",)
     assert "crafter 1." in rules.version
@@ -61,7 +61,7 @@ def test_crafter_has_names_keys_and_a_version():
 
 @pytest.mark.long
 def test_crafter_is_exact_with_the_adapter_and_not_as_shipped():
-    exact = examine("gymnasium:app.tasks.gymnasium.adapters:Crafter-v0", seeds=1, steps=300)
+    exact = examine("gymnasium:humanplay.tasks.gymnasium.adapters:Crafter-v0", seeds=1, steps=300)
     assert (exact.differences, exact.used) == ((), None)
     shipped = examine("gymnasium:tests.support.environments:Shipped-v0", seeds=1, steps=300)
     assert {each.variant for each in shipped.differences} >= {"without rendering"}

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import pytest
 
-from app.series.verification import verify_database
-from app.task import Choice, RunEndedError
-from app.tasks import processes
-from app.tasks.gymnasium.description import Description
-from app.tasks.gymnasium.rules import GymnasiumRules
-from app.tasks.gymnasium.task import GymnasiumTask
-from app.tasks.processes import NO_NETWORK, NO_OTHER_FILES
+from humanplay.series.verification import verify_database
+from humanplay.task import Choice, RunEndedError
+from humanplay.tasks import processes
+from humanplay.tasks.gymnasium.description import Description
+from humanplay.tasks.gymnasium.rules import GymnasiumRules
+from humanplay.tasks.gymnasium.task import GymnasiumTask
+from humanplay.tasks.processes import NO_NETWORK, NO_OTHER_FILES
 from tests.support.servers import eventually
 
 FAILING = "tests.support.environments:Failing-v0"
@@ -103,7 +103,7 @@ def test_the_process_of_a_board_that_has_ended_ends_also_when_it_is_resumed(lake
 
 def test_a_board_ends_with_its_run_and_all_end_with_the_server():
     code = (
-        "import sys, time; from app.task import Choice; from app.tasks.gymnasium.task import GymnasiumTask\n"
+        "import sys, time; from humanplay.task import Choice; from humanplay.tasks.gymnasium.task import GymnasiumTask\n"
         "task = GymnasiumTask('FrozenLake-v1'); runs = [task.begin(Choice(task.default, 1)) for _ in range(2)]\n"
         "print(*(run._board.pid for run in runs), flush=True); sys.stdin.readline(); runs.pop()\n"
         "print('dropped', flush=True); time.sleep(1e6)"

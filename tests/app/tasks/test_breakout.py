@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from app.series.verification import verify_database
-from app.task import rules_of
-from app.tasks.gymnasium.description import Description
-from app.tasks.gymnasium.rules import GymnasiumRules
+from humanplay.series.verification import verify_database
+from humanplay.task import rules_of
+from humanplay.tasks.gymnasium.description import Description
+from humanplay.tasks.gymnasium.rules import GymnasiumRules
 from tests.support.keyboard import Keyboard
 from tests.support.recorded import ask
 

@@ -6,8 +6,8 @@ import minari
 import numpy as np
 import pytest
 
-from app.series.verification import verify_database
-from app.web.simulate import Participant
+from humanplay.series.verification import verify_database
+from humanplay.web.simulate import Participant
 from tests.support.command import run
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.keyboard import Keyboard

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.series.verification import verify_database
-from app.task import Choice, rules_of
-from app.tasks.gymnasium.description import Description, read_description
-from app.tasks.gymnasium.rules import GymnasiumRules
-from app.tasks.gymnasium.task import GymnasiumTask
+from humanplay.series.verification import verify_database
+from humanplay.task import Choice, rules_of
+from humanplay.tasks.gymnasium.description import Description, read_description
+from humanplay.tasks.gymnasium.rules import GymnasiumRules
+from humanplay.tasks.gymnasium.task import GymnasiumTask
 from tests.support.command import command
 from tests.support.servers import Running, eventually
 
@@ -138,7 +138,7 @@ import sys
 ABSENT = {"torch", "numba", "llvmlite", "viser", "onnx", "onnxruntime", "msgspec", "zstandard", "yaml", "httpx"}
 for name in ABSENT:
     sys.modules[name] = None
-from app.cli.main import main
+from humanplay.cli.main import main
 main()
 """
 """The command where the extra `any` alone is installed."""

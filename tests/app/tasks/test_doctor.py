@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from app.tasks.gymnasium.description import Description
-from app.tasks.gymnasium.doctor import examine
+from humanplay.tasks.gymnasium.description import Description
+from humanplay.tasks.gymnasium.doctor import examine
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.odd_environments import REASONS

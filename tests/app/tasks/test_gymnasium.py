@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.series.verification import verify_database
-from app.task import Choice, describe, rules_of
-from app.tasks.gymnasium.description import Description
-from app.tasks.gymnasium.rules import GymnasiumRules
-from app.tasks.gymnasium.task import GymnasiumTask
-from app.web.replays import frames as of_frames
-from app.web.replays.frames import FrameCourses
-from app.web.settings import Settings
+from humanplay.series.verification import verify_database
+from humanplay.task import Choice, describe, rules_of
+from humanplay.tasks.gymnasium.description import Description
+from humanplay.tasks.gymnasium.rules import GymnasiumRules
+from humanplay.tasks.gymnasium.task import GymnasiumTask
+from humanplay.web.replays import frames as of_frames
+from humanplay.web.replays.frames import FrameCourses
+from humanplay.web.settings import Settings
 from tests.support.command import command, run
 from tests.support.recorded import alter
 
@@ -252,7 +252,7 @@ def test_a_run_is_a_function_of_configuration_seed_and_actions(level, kwargs, ou
     ],
 )
 def test_what_is_no_task_is_said_at_the_start(tmp_path, capsys, name, said):
-    from app.web.server import ServerError, run
+    from humanplay.web.server import ServerError, run
 
     with pytest.raises(ServerError, match=said):
         run(Settings(database=tmp_path / "play.db", port=0, task=name))

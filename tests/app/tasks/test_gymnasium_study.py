@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.db.trial import Trial
-from app.db.volunteers import Sums
-from app.report import cautions
-from app.report.agents import compare_agents
-from app.report.statistics.exclusion_sets import everybody_of, people_of
-from app.report.statistics.intervals import estimate
-from app.report.statistics.study_figures import study_figures
-from app.series.folder import Folder
-from app.series.protocol import default_protocol
-from app.series.verification import verify_database
-from app.task import rules_of
-from app.tasks.gymnasium.description import Description
-from app.web.simulate import KEY_CODES, Participant, RefusedError
+from humanplay.db.trial import Trial
+from humanplay.db.volunteers import Sums
+from humanplay.report import cautions
+from humanplay.report.agents import compare_agents
+from humanplay.report.statistics.exclusion_sets import everybody_of, people_of
+from humanplay.report.statistics.intervals import estimate
+from humanplay.report.statistics.study_figures import study_figures
+from humanplay.series.folder import Folder
+from humanplay.series.protocol import default_protocol
+from humanplay.series.verification import verify_database
+from humanplay.task import rules_of
+from humanplay.tasks.gymnasium.description import Description
+from humanplay.web.simulate import KEY_CODES, Participant, RefusedError
 from tests.support import made_studies
 from tests.support.command import run
 from tests.support.declared import DECLARATIONS_FILE

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from app.series.verification import verify_database
-from app.task import rules_of
-from app.tasks.lock import differences
+from humanplay.series.verification import verify_database
+from humanplay.task import rules_of
+from humanplay.tasks.lock import differences
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.recorded import alter

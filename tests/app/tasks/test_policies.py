@@ -8,12 +8,12 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from app.release.bundle import initials
-from app.series.verification import verify_database
-from app.task import Choice, PolicyError, rules_of
-from app.tasks.gymnasium.rules import GymnasiumRules
-from app.tasks.gymnasium.task import GymnasiumTask
-from app.tasks.policies import chooser, prepare_source
+from humanplay.release.bundle import initials
+from humanplay.series.verification import verify_database
+from humanplay.task import Choice, PolicyError, rules_of
+from humanplay.tasks.gymnasium.rules import GymnasiumRules
+from humanplay.tasks.gymnasium.task import GymnasiumTask
+from humanplay.tasks.policies import chooser, prepare_source
 
 PATH, OWN = "tests.support.environments:Path-v0", "tests.support.environments"
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from app.tasks import processes
-from app.tasks.processes import (
+from humanplay.tasks import processes
+from humanplay.tasks.processes import (
     NO_NETWORK,
     NO_OTHER_FILES,
     OTHER_USER,
@@ -106,14 +106,14 @@ def test_it_is_another_user_s_where_that_one_can_read_its_packages(tmp_path):
         pytest.skip("these tests do not run as root")
     pythons = [sys.executable, "/usr/bin/python3"]
     code = (
-        "import json, os, sys; from pathlib import Path; from app.tasks.processes import confine\n"
+        "import json, os, sys; from pathlib import Path; from humanplay.tasks.processes import confine\n"
         "sys.path[:] = [each for each in sys.path if 'root' not in each]\n"
         "print(json.dumps([confine([], [], Path.cwd()), os.getresuid(), os.getgroups()]))"
     )
     for python in filter(os.path.exists, pythons):
         done = subprocess.run(
             [python, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True,
-            env={"PYTHONPATH": str(Path(__file__).parents[3])},
+            env={"PYTHONPATH": str(Path(__file__).parents[3] / "app")},
         )  # fmt: skip
         guards, users, groups = json.loads(done.stdout)
         if not guards[OTHER_USER]:
@@ -124,7 +124,7 @@ def test_it_is_another_user_s_where_that_one_can_read_its_packages(tmp_path):
 
 def test_a_program_that_ends_without_closing_it_leaves_nothing_behind(tmp_path):
     code = (
-        "import sys; from app.tasks.processes import Preparer; "
+        "import sys; from humanplay.tasks.processes import Preparer; "
         f"sys.last = Preparer({CONFINED!r}, 'ready'); sys.last.confined()"
     )
     done = subprocess.run(

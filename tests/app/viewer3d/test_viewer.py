@@ -15,11 +15,20 @@ from PIL import Image
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.tasks.mars.run import View
-from app.tasks.mars.viewer3d.models import dashes
-from app.tasks.mars.viewer3d.scene import CLIFF, DAY, NEAR, NIGHT, SHADOW, Scene, ViewOptions, fog
-from app.tasks.mars.viewer3d.viewer import FOV, TILT, Viewer, camera_for
-from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
+from humanplay.tasks.mars.run import View
+from humanplay.tasks.mars.viewer3d.models import dashes
+from humanplay.tasks.mars.viewer3d.scene import (
+    CLIFF,
+    DAY,
+    NEAR,
+    NIGHT,
+    SHADOW,
+    Scene,
+    ViewOptions,
+    fog,
+)
+from humanplay.tasks.mars.viewer3d.viewer import FOV, TILT, Viewer, camera_for
+from humanplay.tasks.mars.viewer3d.viser_transport import PROTOCOL
 from marsexplorer.config import FREE, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.servers import PATIENCE_S, eventually
@@ -463,7 +472,7 @@ def test_a_scene_that_fails_is_logged_and_closes_its_socket(server, board, monke
     def fail(*_):
         raise RuntimeError("the scene cannot be drawn")
 
-    monkeypatch.setattr("app.tasks.mars.viewer3d.viewer.Scene.show", fail)
+    monkeypatch.setattr("humanplay.tasks.mars.viewer3d.viewer.Scene.show", fail)
     with open_view(server, about["session"]) as view:
         view.send(CAMERA)
         with pytest.raises(ConnectionClosed):

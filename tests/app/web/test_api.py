@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from app.tasks.mars.messages import DRAWN_LEVELS
-from app.tasks.mars.run import View
+from humanplay.tasks.mars.messages import DRAWN_LEVELS
+from humanplay.tasks.mars.run import View
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from app.jobs import Jobs
-from app.task import PolicyError
-from app.tasks.mars.explanation import explanation_of, unjudged
+from humanplay.jobs import Jobs
+from humanplay.task import PolicyError
+from humanplay.tasks.mars.explanation import explanation_of, unjudged
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.cost import CostEstimator

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from app.board.lobby import Lobby
-from app.board.ranked import PageBoards
-from app.board.session import Move
-from app.board.sources import Sources
-from app.db.reader import utc_day
-from app.db.series import attempts_of
-from app.db.store import DAY_MS, Store
-from app.series.daily import DailyBoards, DailyPlayedError, day_start_ms, terrain_on
-from app.series.verification import verify_database
-from app.tasks.mars.messages import NewSession
-from app.tasks.mars.policies import PolicyCatalogue
-from app.tasks.mars.task import Mars
+from humanplay.board.lobby import Lobby
+from humanplay.board.ranked import PageBoards
+from humanplay.board.session import Move
+from humanplay.board.sources import Sources
+from humanplay.db.reader import utc_day
+from humanplay.db.series import attempts_of
+from humanplay.db.store import DAY_MS, Store
+from humanplay.series.daily import DailyBoards, DailyPlayedError, day_start_ms, terrain_on
+from humanplay.series.verification import verify_database
+from humanplay.tasks.mars.messages import NewSession
+from humanplay.tasks.mars.policies import PolicyCatalogue
+from humanplay.tasks.mars.task import Mars
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import unpack_terrain
 from tests.support.servers import eventually

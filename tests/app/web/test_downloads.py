@@ -14,8 +14,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from app.db.store import Store
-from app.web import downloads, listening
+from humanplay.db.store import Store
+from humanplay.web import downloads, listening
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.policies import load

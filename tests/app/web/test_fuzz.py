@@ -16,8 +16,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
-from app.web.settings import Limits
+from humanplay.tasks.mars.viewer3d.viser_transport import PROTOCOL
+from humanplay.web.settings import Limits
 from tests.support.page_loads import LOAD
 from tests.support.servers import PATIENCE_S
 from tests.support.study import Person, freeze

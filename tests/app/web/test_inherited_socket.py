@@ -10,7 +10,7 @@ import threading
 
 import pytest
 
-from app.web.listening import ServerError, inherited_socket
+from humanplay.web.listening import ServerError, inherited_socket
 from tests.support.browser import free_port
 from tests.support.servers import PATIENCE_S, Running, eventually
 
@@ -73,7 +73,7 @@ def test_systemd_passes_its_socket_on_to_the_command(tmp_path):
         *kept,
         sys.executable,
         "-m",
-        "app.cli",
+        "humanplay.cli",
     ]
     command += ["serve", "--database", tmp_path / "play.db", "--port", "1"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import pytest
 
-from app.db.reader import Reader
-from app.web.access import PLAYER_COOKIE
+from humanplay.db.reader import Reader
+from humanplay.web.access import PLAYER_COOKIE
 from tests.support.many_episodes import make_episodes, public_reads
 from tests.support.recorded import SMALL
 from tests.support.servers import eventually, hasty_limits, running_server
@@ -108,7 +108,7 @@ def test_public_reads_cost_no_more_in_a_database_ten_times_as_large(
         )
     monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Counting))
     # what was played is not rated meanwhile
-    monkeypatch.setattr("app.db.ratings.next_game", lambda reader, now_ms: None)
+    monkeypatch.setattr("humanplay.db.ratings.next_game", lambda reader, now_ms: None)
     (reads, few), (_, many) = (costs(folder, shipped_policies) for folder in folders)
     grown = []
     for path, (at_few, _), (at_many, listed) in zip(reads, few, many, strict=True):

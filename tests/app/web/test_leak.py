@@ -16,9 +16,9 @@ from uuid import UUID
 
 import pytest
 
-from app.board.sources import Sources
-from app.db.store import Store
-from app.series.folder import Study
+from humanplay.board.sources import Sources
+from humanplay.db.store import Store
+from humanplay.series.folder import Study
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load

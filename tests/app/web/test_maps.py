@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from app.db.resimulation import simulate
-from app.tasks.mars.run import View
+from humanplay.db.resimulation import simulate
+from humanplay.tasks.mars.run import View
 from marsexplorer.config import MAP, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load

@@ -6,7 +6,7 @@ from urllib.parse import urljoin
 
 from jinja2 import Environment, FileSystemLoader
 
-from app.web import pages
+from humanplay.web import pages
 from tests.support.study import freeze
 
 HTML = "text/html; charset=utf-8"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 MOST_MODULES, MOST_SWITCHES = 10, 30
 ROOT = Path(__file__).parents[3]
-OURS = tuple(f"{ROOT / name}/" for name in ("app", "marsexplorer"))
+OURS = tuple(f"{ROOT / name}/" for name in ("app/humanplay", "marsexplorer"))
 
 NOT_OF_THE_MOVE = ("on_loop", "measure_lag")
 """What this test asks of the loop, and what the server does by itself every so often."""

@@ -8,16 +8,16 @@ from contextlib import closing
 
 import pytest
 
-from app.db import ratings
-from app.db.columns import TABLES
-from app.db.database import StoreError, reading
-from app.db.erasure import forget_player
-from app.db.reader import utc_day
-from app.db.store import Store
-from app.series.daily import day_before
-from app.series.verification import verify_database
-from app.web.access import PARTICIPANT_COOKIE, PLAYER_COOKIE
-from app.web.people import cleaned, likeness
+from humanplay.db import ratings
+from humanplay.db.columns import TABLES
+from humanplay.db.database import StoreError, reading
+from humanplay.db.erasure import forget_player
+from humanplay.db.reader import utc_day
+from humanplay.db.store import Store
+from humanplay.series.daily import day_before
+from humanplay.series.verification import verify_database
+from humanplay.web.access import PARTICIPANT_COOKIE, PLAYER_COOKIE
+from humanplay.web.people import cleaned, likeness
 from tests.support.command import command
 from tests.support.recorded import NOW, play
 from tests.support.recorded_daily import play_daily
@@ -114,8 +114,8 @@ def test_rating_goes_on_after_errors_and_one_that_nobody_foresaw_is_logged(
     monkeypatch.setattr(ratings, "next_game", read_or_fail)
     server = serve()
     eventually(lambda: "a task beside play has failed" in caplog.text, 5)
-    monkeypatch.setattr("app.web.ratings.LOOK_S", 0.01)
-    monkeypatch.setattr("app.web.ratings.rules_of", unknown)
+    monkeypatch.setattr("humanplay.web.ratings.LOOK_S", 0.01)
+    monkeypatch.setattr("humanplay.web.ratings.rules_of", unknown)
     fails.append(sqlite3.OperationalError("disk I/O error"))
     task = server.on_loop(begin_again())
     all_rated(server)

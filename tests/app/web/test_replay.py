@@ -11,8 +11,8 @@ from html.parser import HTMLParser
 import httpx
 import pytest
 
-from app.db.store import Store
-from app.web.replays import service
+from humanplay.db.store import Store
+from humanplay.web.replays import service
 from tests.support import job_functions
 from tests.support.recorded import add_session, open_episode, play
 from tests.support.servers import eventually
@@ -132,7 +132,7 @@ def test_a_ghost_that_takes_too_long_is_ended_and_not_tried_again(serve, tmp_pat
     ended, _ = recorded(tmp_path / "playground.db")
     client = serve().client()
     ghost = f"/api/episodes/{ended}/ghost?policy=frontier-cost"
-    monkeypatch.setattr("app.web.replays.service.LONGEST_S", 1e-4)
+    monkeypatch.setattr("humanplay.web.replays.service.LONGEST_S", 1e-4)
     assert "took longer than 0.0001 s" in client.get(ghost).json()["detail"]
     monkeypatch.undo()
     again = client.get(ghost)

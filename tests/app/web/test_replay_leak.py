@@ -2,9 +2,9 @@
 
 import pytest
 
-from app.db.reader import now_ms, utc_day
-from app.db.store import Store
-from app.web.access import PLAYER_COOKIE
+from humanplay.db.reader import now_ms, utc_day
+from humanplay.db.store import Store
+from humanplay.web.access import PLAYER_COOKIE
 from marsexplorer.config import EnvConfig
 from tests.support.command import command as run_command
 from tests.support.recorded import add_session, add_steps, free_moves, open_episode, play, tour

@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-from app.web.listening import listen
-from app.web.server import ServerError, run
-from app.web.settings import Settings
+from humanplay.web.listening import listen
+from humanplay.web.server import ServerError, run
+from humanplay.web.settings import Settings
 from tests.support.policy_files import write_onnx
 from tests.support.servers import PATIENCE_S
 
@@ -52,7 +52,7 @@ def test_what_is_there_at_the_start_is_not_looked_at_again():
     code = """
 import asyncio, gc, uvicorn
 from fastapi import FastAPI
-from app.web.listening import AnnouncingServer, listen
+from humanplay.web.listening import AnnouncingServer, listen
 async def start():
     server = AnnouncingServer(uvicorn.Config(FastAPI(), lifespan="off"), "http://nowhere", print)
     server.config.load()
@@ -66,7 +66,7 @@ asyncio.run(start())
 
 
 def test_the_app_can_be_imported_without_a_side_effect(tmp_path):
-    code = "import app.web.server, pathlib, sys; assert not list(pathlib.Path('.').iterdir()); print(*sys.modules)"
+    code = "import humanplay.web.server, pathlib, sys; assert not list(pathlib.Path('.').iterdir()); print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True
     )

@@ -6,7 +6,7 @@ import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
-from app.web.pages import PageFiles
+from humanplay.web.pages import PageFiles
 
 
 @pytest.fixture

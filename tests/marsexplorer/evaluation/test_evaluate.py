@@ -8,7 +8,7 @@ from dataclasses import FrozenInstanceError, replace
 import numpy as np
 import pytest
 
-from app.jobs import Jobs
+from humanplay.jobs import Jobs
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.evaluation import evaluate, horizon
 from marsexplorer.evaluation.episodes import area_under_coverage

@@ -65,7 +65,7 @@ def test_a_policy_comes_back_from_the_hub_as_it_went(hub_app, capsys, tmp_path):
 def test_a_model_card_has_the_hubs_metadata_and_the_figures_of_the_card():
     found = ModelCard(hub.model_card(shipped()["ppo"], REPO))
     card = read_card(shipped()["ppo"])
-    assert found.data.library_name == "marsexplorer-playground"
+    assert found.data.library_name == "humanplay"
     each = found.data.eval_results
     results = {(one.dataset_name, one.metric_type): one.metric_value for one in each}
     for setting, figures in card["results"].items():

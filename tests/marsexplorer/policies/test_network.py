@@ -181,7 +181,7 @@ import sys
 from marsexplorer import policies
 policies.load("planner")
 assert not {"onnx", "onnxruntime"} & set(sys.modules)
-import app.web.server
+import humanplay.web.server
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
 from marsexplorer.evaluation.cost import CostEstimator

@@ -4,8 +4,8 @@ from contextlib import closing
 
 import pytest
 
-from app.db.backup import back_up
-from app.db.store import Store
+from humanplay.db.backup import back_up
+from humanplay.db.store import Store
 from tests.support.agents import sealed
 from tests.support.command import command
 from tests.support.stored_studies import freeze, play_study

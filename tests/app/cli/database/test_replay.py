@@ -4,7 +4,7 @@ from functools import partial
 
 import pytest
 
-from app.db.store import Store
+from humanplay.db.store import Store
 from tests.support.command import command
 from tests.support.recorded import add_session, open_episode, play
 

@@ -9,9 +9,9 @@ from functools import partial
 
 import pytest
 
-from app.release import signing
-from app.release.build import ReleaseRequest, build_release
-from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE
+from humanplay.release import signing
+from humanplay.release.build import ReleaseRequest, build_release
+from humanplay.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE
 from marsexplorer import policies
 from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card

@@ -6,9 +6,9 @@ from functools import partial
 
 import pytest
 
-from app.db.store import Store
-from app.series.folder import Folder
-from app.series.protocol import default_protocol
+from humanplay.db.store import Store
+from humanplay.series.folder import Folder
+from humanplay.series.protocol import default_protocol
 from marsexplorer.config import EnvConfig
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS
@@ -81,8 +81,8 @@ def test_mistakes_are_one_sentence(report, given, code, said):
 
 
 def test_a_draft_and_a_thawed_protocol_are_refused(report, place):
-    from app.series.folder import Folder
-    from app.series.protocol import default_protocol
+    from humanplay.series.folder import Folder
+    from humanplay.series.protocol import default_protocol
     from marsexplorer.config import EnvConfig
 
     Folder(place / "draft.db-studies").create(default_protocol("dunes", EnvConfig("random", 7, 9)))

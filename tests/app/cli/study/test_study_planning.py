@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from app.cli.main import cli
-from app.series.folder import Folder
-from app.series.policy_episodes import play_policies
-from app.series.protocol import Declarations
-from app.task import rules_of
+from humanplay.cli.main import cli
+from humanplay.series.folder import Folder
+from humanplay.series.policy_episodes import play_policies
+from humanplay.series.protocol import Declarations
+from humanplay.task import rules_of
 from marsexplorer.config import EnvConfig
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS, DECLARATIONS_FILE
@@ -202,7 +202,7 @@ def test_a_file_of_declarations_with_a_wrong_key_is_refused(study, tmp_path):
 def test_a_new_study_asks_for_each_declaration_on_a_terminal(tmp_path):
     ours, theirs = pty.openpty()
     where = ["--database", str(tmp_path / "playground.db")]
-    start = [sys.executable, "-c", "from app.cli.main import main; main()"]
+    start = [sys.executable, "-c", "from humanplay.cli.main import main; main()"]
     run = [*start, "study", "new", "mine", *SHORT[:-2], *where]
     with subprocess.Popen(run, stdin=theirs, stdout=subprocess.PIPE, text=True) as process:
         answers = ["Ada, ada@lab.example", "", *["none"] * (len(DECLARATIONS) - 2)]

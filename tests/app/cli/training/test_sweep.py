@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from app.cli.training.sweep import SweepRun, train_all
-from app.jobs import LOCAL, ClusterError, JobError, Jobs
+from humanplay.cli.training.sweep import SweepRun, train_all
+from humanplay.jobs import LOCAL, ClusterError, JobError, Jobs
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
 from marsexplorer.training.config import RECIPES
@@ -21,7 +21,7 @@ from tests.support.policy_files import write_network
 CONFIG = EnvConfig("random", 7, 11, sensor_radius=3)
 has_ray = pytest.mark.skipif(
     importlib.util.find_spec("ray") is None,
-    reason="RAY IS ABSENT: pip install 'marsexplorer-playground[ray]'",
+    reason="RAY IS ABSENT: pip install 'humanplay[ray]'",
 )
 pytestmark = [pytest.mark.long, pytest.mark.filterwarnings("ignore::DeprecationWarning:ray")]
 

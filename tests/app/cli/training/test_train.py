@@ -9,14 +9,13 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import torch
 from click.testing import CliRunner
 
-from app.cli.main import cli
-from app.cli.training import cards
+from humanplay.cli.main import cli
+from humanplay.cli.training import cards
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
@@ -57,13 +56,13 @@ def quick(monkeypatch):
     monkeypatch.setattr(cards, "HELD_OUT_TERRAINS", 3)
     monkeypatch.setattr(run_folder, "VALIDATION_EPISODES", 8)
     monkeypatch.setattr(run_folder, "plot_learning_curve", lambda _, path: path.touch())
-    monkeypatch.setattr("app.jobs.cores", lambda: 1)
+    monkeypatch.setattr("humanplay.jobs.cores", lambda: 1)
 
 
 @pytest.fixture
 def in_a_thread(monkeypatch):
     """Play in a thread instead of a process: `test_the_shipped_policy_is_refined_from_the_file_that_plays` takes processes."""
-    monkeypatch.setattr("app.jobs.Jobs", lambda *_: ThreadPoolExecutor(1))
+    monkeypatch.setattr("humanplay.jobs.Jobs", lambda *_: ThreadPoolExecutor(1))
 
 
 @pytest.fixture
@@ -165,7 +164,7 @@ def test_a_stopped_run_goes_on_by_the_same_command_with_resume(
         "--out",
         str(folder),
     ]
-    monkeypatch.setattr("app.cli.training.train._steps_for", lambda *_: 512)
+    monkeypatch.setattr("humanplay.cli.training.train._steps_for", lambda *_: 512)
     monkeypatch.setattr(run_folder.RunFolder, "on_update", stop_after_two)
     stopped = CliRunner().invoke(cli, words)
     assert "stopped after 256 of 512 moves" in stopped.output
@@ -191,8 +190,8 @@ def test_a_stopped_run_goes_on_by_the_same_command_with_resume(
 
 @pytest.mark.long
 def test_sigterm_ends_a_run_like_ctrl_c_and_in_its_own_words_alone(tmp_path):
-    command = [sys.executable, "-m", "app.cli", "train", "--steps=100000000", "--out", "run"]
-    environ = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])}
+    command = [sys.executable, "-m", "humanplay.cli", "train", "--steps=100000000", "--out", "run"]
+    environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen(command, cwd=tmp_path, env=environ, **pipes) as run:
         next(line for line in run.stdout if " moves, " in line)

@@ -1,5 +1,0 @@
-"""Live boards of any task: sessions in memory, the messages that reach and leave them, and the policies that drive some.
-
-`lobby` finds and opens sessions, `session` makes moves, records them and hands the newest frame to subscribers, and `agent`
-lets a policy move. What is played stands behind `app.task`. Nothing here knows HTTP.
-"""

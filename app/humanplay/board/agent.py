@@ -1,0 +1,316 @@
+"""Policies that drive sessions: an agent waits for its turn, decides off the event loop, and moves like anyone else.
+
+`DecisionQueue` decides for many of them on one thread; boards that share a network are decided together. What a policy is
+asked is the task's.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from humanplay.board.messages import Pace
+from humanplay.board.session import Move, RefusedError, Session
+from humanplay.db.store import NOTICE_S, StoreError, Trial
+from humanplay.task import Decides, Policy, Task
+
+MAX_BATCH = 64
+"""Boards decided in one call at most: some 10 ms."""
+
+DECISION_S = 10.0
+"""Seconds that a decision may take unless a server's settings say otherwise."""
+
+THREADS = 4
+"""One thread that decides, and those that may be left with a decision that takes too long: nothing can end it."""
+
+
+class SlowDecisionError(Exception):
+    """A decision took longer than it may; the policy that makes it must not be asked again."""
+
+
+@dataclass(frozen=True)
+class _Request:
+    policy: Policy
+    observation: Any
+    owner: str
+    answer: asyncio.Future[int]
+
+
+class DecisionQueue:
+    """Decides for every agent on one thread: more threads would only take the interpreter from the event loop more often.
+
+    Boards that ask while it is busy, or in the same turn of the event loop, and share a network are decided in one call of
+    it. Otherwise the owner whose boards have had the least time is served first, and of each owner's boards the one that asked
+    first: thirty large boards of one player or of many keep a small one waiting for one of their decisions, not for thirty.
+    A decision that takes longer than `decision_s` seconds is given up, and the next is made beside it.
+
+    decides  asks several policies of a task together
+    threads  at least THREADS workers, so that one is free while others are left with decisions that took too long
+    """
+
+    def __init__(self, threads: Executor, decides: Decides, decision_s: float = DECISION_S) -> None:
+        self._threads, self._decides, self._decision_s = threads, decides, decision_s
+        self._waiting: list[_Request] = []
+        self._used_s: defaultdict[str, float] = defaultdict(float)
+        self._left: set[asyncio.Future[Sequence[int | Exception]]] = set()
+        self._serving: asyncio.Task[None] | None = None
+
+    def __len__(self) -> int:
+        """Return how many boards wait for a decision that nobody is working on."""
+        return len(self._waiting)
+
+    async def act(self, policy: Policy, observation: Any, owner: str = "") -> int:
+        """Return the policy's action for an observation, or raise what the policy raised.
+
+        SlowDecisionError when it took too long. A board whose asker was cancelled may still be decided; its answer is dropped.
+        """
+        answer: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+        if owner not in self._used_s:  # whoever is new begins beside those who have had the least
+            self._used_s[owner] = min(self._used_s.values(), default=0.0)
+        self._waiting.append(_Request(policy, observation, owner, answer))
+        if self._serving is None:
+            self._serving = asyncio.create_task(self._serve(), name="decisions")
+        return await answer
+
+    async def _serve(self) -> None:
+        try:
+            while self._waiting:
+                await asyncio.sleep(0)  # let every board that asks in this turn of the loop join
+                await self._answer(self._next_batch())
+        finally:
+            self._serving = None
+            # who has had no more than the others is as new
+            least = min(self._used_s.values(), default=0.0)
+            kept = {owner: s for owner, s in self._used_s.items() if s > least}
+            self._used_s = defaultdict(float, kept)
+
+    def _next_batch(self) -> list[_Request]:
+        """Take the request of the owner who has had the least time, and every one that can be decided together with it."""
+        next_one = min(self._waiting, key=lambda request: self._used_s[request.owner])
+        first = self._decides.shared_net(next_one.policy)
+        chosen: list[_Request] = [next_one]
+        left: list[_Request] = []
+        for request in self._waiting:
+            if request is next_one:
+                continue
+            is_same = (
+                first is not None
+                and len(chosen) < MAX_BATCH
+                and self._decides.shared_net(request.policy) is first
+            )
+            (chosen if is_same else left).append(request)
+        self._waiting = left
+        return chosen
+
+    async def _answer(self, batch: list[_Request]) -> None:
+        policies = [request.policy for request in batch]
+        observations = [request.observation for request in batch]
+        began = time.monotonic()
+        answers: list[int | Exception]
+        try:
+            answers = await self._decide(policies, observations)
+        except Exception as error:
+            answers = [error] * len(batch)
+        share_s = (time.monotonic() - began) / len(batch)
+        for request, answer in zip(batch, answers, strict=True):
+            self._used_s[request.owner] += share_s
+            if request.answer.done():
+                continue
+            if isinstance(answer, Exception):
+                request.answer.set_exception(answer)
+            else:
+                request.answer.set_result(answer)
+
+    async def _decide(
+        self, policies: list[Policy], observations: list[Any]
+    ) -> list[int | Exception]:
+        """Return the actions; SlowDecisionError after `decision_s`, while the thread goes on until its decision is made."""
+        deciding = asyncio.get_running_loop().run_in_executor(
+            self._threads, self._decides.act_many, policies, observations
+        )
+        done, _ = await asyncio.wait([deciding], timeout=self._decision_s)
+        if done:
+            return list(deciding.result())
+        self._left.add(deciding)
+        deciding.add_done_callback(self._note_end)
+        if len(self._left) >= THREADS:
+            await asyncio.wait(self._left, return_when=asyncio.FIRST_COMPLETED)
+        raise SlowDecisionError(f"a decision took longer than {self._decision_s:g} s")
+
+    def _note_end(self, deciding: asyncio.Future[Sequence[int | Exception]]) -> None:
+        self._left.discard(deciding)
+        if not deciding.cancelled():
+            deciding.exception()
+
+
+DEFAULT_MOVES_PER_SECOND = 8.0
+"""Of a policy's board until somebody changes its pace, and of a rival whose player's episode has ended."""
+
+_log = logging.getLogger(__name__)
+
+
+class Agent:
+    """Drives `session`; with a `player` it can follow, which is one move for each of the player's.
+
+    It decides as soon as it sees a frame, then waits for its turn to move.
+    It counts moves and not wakes, so however late it is, it ends on the player's number of steps.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        player: Session | None,
+        load: Callable[[], Policy],
+        decisions: DecisionQueue,
+    ) -> None:
+        self._session, self._player, self._load, self._decisions = session, player, load, decisions
+        self._owner = (player or session).row.player_id or session.id
+        self._policy: Policy | None = None
+        self._prepared_for: Trial | None = None
+        self._decided: tuple[str, int, int] | None = None
+        self._woken = asyncio.Event()
+        self._single_moves = 0
+        self._due = 0.0
+        watched = [session] if player is None else [session, player]
+        self._listeners = [board.channel.add_listener(self._woken.set) for board in watched]
+        self._task = asyncio.create_task(self._run(), name=f"agent of {session.id}")
+
+    def move_once(self) -> None:
+        """Let one move happen whatever the pace."""
+        self._single_moves += 1
+        self._woken.set()
+
+    def close(self) -> None:
+        """Stop driving; a decision under way is dropped."""
+        for remove in self._listeners:
+            remove()
+        self._task.cancel()
+
+    async def _run(self) -> None:
+        while True:
+            try:
+                if self._is_undecided():
+                    await self._decide()
+                    continue
+                delay = self._delay()
+                if delay is None or delay > 0:
+                    await self._sleep(delay)
+                    continue
+                await self._move()
+            except (
+                StoreError
+            ) as error:  # of a full disk, say: nothing has changed, and it may take the next write
+                self._session.fail(str(error))
+                await asyncio.sleep(NOTICE_S)
+                self._session.fault = None
+            except RefusedError:
+                self._decided = None  # the next episode began while the move waited
+            except SlowDecisionError as error:
+                await self._give_up(error)
+            except Exception as error:
+                _log.exception("the policy %s failed", self._session.row.driver_name)
+                self._single_moves, self._prepared_for, self._decided = 0, None, None
+                self._session.fail(f"the policy {self._session.row.driver_name!r} failed: {error}")
+
+    async def _give_up(self, error: SlowDecisionError) -> None:
+        """Pause the board and say why; its policy is still at work on that decision, so the next one is of a fresh copy."""
+        session = self._session
+        self._policy, self._single_moves, self._prepared_for, self._decided = None, 0, None, None
+        if session.pace is not None:
+            with suppress(StoreError):
+                speed = session.pace.moves_per_second
+                await session.set_pace(Pace(mode="paused", moves_per_second=speed))
+        name = session.row.driver_name
+        paused = f"so the policy {name!r} is paused on this board"
+        session.fail(f"{error}, {paused}; change its pace to let it try again")
+
+    def _delay(self) -> float | None:
+        """Return seconds until the next move, 0 or less for now, None for not before something changes."""
+        episode, pace = self._session.shown, self._session.pace
+        if episode.ended or self._session.fault or pace is None:
+            return None
+        if self._single_moves:
+            return 0.0
+        if pace.mode == "paused":
+            return None
+        if pace.mode == "follow" and self._player is not None:
+            if episode.steps < self._player.shown.steps:
+                return 0.0
+            if not self._player.shown.ended:
+                return None
+        return self._due - asyncio.get_running_loop().time()
+
+    async def _sleep(self, delay: float | None) -> None:
+        try:
+            async with asyncio.timeout(delay):
+                await self._woken.wait()
+        except TimeoutError:
+            return
+        self._woken.clear()
+
+    def _is_undecided(self) -> bool:
+        """Return whether the newest frame asks for a decision that has not been made."""
+        session = self._session
+        if session.shown.ended or session.fault:
+            return False
+        shown = (session.current.id, session.shown.steps)
+        return self._decided is None or self._decided[:2] != shown
+
+    async def _decide(self) -> None:
+        """Decide on the newest frame; drop the decision if the episode has changed."""
+        session, row = self._session, self._session.current
+        policy = await self._prepared_policy(row)
+        if policy is None or session.current.id != row.id:
+            return
+        step = session.shown.steps
+        action = await self._decisions.act(policy, session.shown.observation(), self._owner)
+        if session.current.id != row.id:
+            return
+        self._decided = (row.id, step, action)
+
+    async def _move(self) -> None:
+        """Make the move that was decided on."""
+        assert self._decided is not None
+        episode, step, action = self._decided
+        driver = f"policy:{self._session.row.driver_name}"
+        await self._session.act(Move(episode, step, action, driver))
+        self._single_moves = max(0, self._single_moves - 1)
+        self._schedule()
+
+    def _schedule(self) -> None:
+        """Set when the next timed move is due; a late move does not make the following ones faster."""
+        pace, now = self._session.pace, asyncio.get_running_loop().time()
+        is_timed = pace is not None and pace.mode == "timed"
+        rate = pace.moves_per_second if pace and is_timed else DEFAULT_MOVES_PER_SECOND
+        self._due = max(now, self._due + 1 / rate) if now - self._due < 1 / rate else now + 1 / rate
+
+    async def _prepared_policy(self, row: Trial) -> Policy | None:
+        """Return the policy with the memory of the episode so far; None when the episode changed meanwhile."""
+        if self._policy is None:
+            self._policy = await asyncio.to_thread(self._load)
+        if self._prepared_for is None or self._prepared_for.id != row.id:
+            actions = self._session.shown.actions if self._session.current.id == row.id else None
+            if actions is None:
+                return None
+            task = self._session.task
+            await asyncio.to_thread(replay_decisions, task, self._policy, row, actions)
+            self._prepared_for = row
+        return self._policy
+
+
+def replay_decisions(task: Task, policy: Policy, row: Trial, actions: bytes) -> None:
+    """Reset the policy and show it every observation that it has decided on so far, so that it remembers the episode."""
+    task.policies.reset(policy, row.config, row.policy_seed)
+    if not actions:
+        return
+    run = task.replay(row)
+    for action in actions:
+        policy.act(run.observation())
+        run.step(action)

@@ -1,0 +1,386 @@
+"""How far a person's episode is attested: its moves compared with the input events that the page sent before them.
+
+`attest` is a pure function of stored rows, so that anybody who has the rows can derive the level again. A level says that
+the rows are consistent with a person at a page: each move has a press of its own, the presses and the server's receipts fit
+one clock, and no hand would have to be faster than hands are. It is no proof. A program that invents presses at a person's
+pace, with a clock that runs as a page's does, is attested as well.
+
+The clock is compared by cause and effect alone. A page cannot answer a frame before the server had committed it, and the
+server cannot receive a move before the page has sent it. With `offset` = server's clock - page's clock, each move says
+    time of the frame - time of sending  <=  offset  <=  time of receipt - time of sending
+and all moves of one load of the page, which their presses name, must leave room for one offset. However late a network
+delivers, these hold; a clock that runs faster or slower than the server's, or times that were made up, do not fit them for
+long.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
+from typing import Any, get_args
+
+from humanplay.board.clock import PAUSE_MS, Controls, Held
+from humanplay.db.chain import BegunHash, begin_hash
+from humanplay.db.input_events import count_input_events, has_copied_timing, input_events
+from humanplay.db.store import Store
+from humanplay.db.trial import Attestation
+
+LEVELS: tuple[Attestation, ...] = get_args(Attestation)
+
+SUPERVISED_FOR_MS = 4 * 3_600_000
+"""How long before an episode's start the operator's code may have been typed: a morning in the laboratory."""
+SAME_TIME_MS = 1.0
+"""Most between a press in an event and in its move: both are rounded to a tenth, and the page adds tenths to two presses of one
+time, so that no two events are the same."""
+CLOCK_SLACK_MS = 120.0
+"""By how much a time may be off: private windows round a page's clock to 100 ms, the server stores whole milliseconds."""
+CLOCK_DRIFT = 0.001
+"""Most by which two clocks may run apart: crystals differ by 0.0001, and a corrected clock by 0.0005."""
+LONGEST_HANDLING_MS = 10_000.0
+"""Most between a press and the page's answer to it; `timeOf_ms` of the page takes an older press for one of now."""
+MOST_STEPS_BEHIND = 8
+"""Most moves between the frame on screen and the move: the page lets four moves wait for their answers, and the answers to four
+before them may not be painted yet."""
+TYPED_AHEAD_MS = 3_000
+"""A burst may answer an older frame, where the page keeps all presses: its presses reach the server within this time after the
+first move that was not on screen yet. Both times are the server's, so nobody can make them up. It is the longest of FASTEST."""
+FREE_LOADS, MS_PER_LOAD, MOST_LOADS = 4, 2_500, 12
+"""Loads of the page that may have made an episode's moves: four at once, one more for each two and a half seconds, twelve at
+most. A load takes a person that long, so a program cannot begin a new clock with each move."""
+REST_MS = 10_000
+"""A clock that is another one soon after so long a rest is not counted: that of a phone stands still in its sleep."""
+FASTEST = ((5, 100.0), (10, 400.0), (20, 1_000.0), (50, 3_000.0))
+"""(presses in a row, ms that they take at least). Ten in 400 ms are 25 a second, what the fastest typists reach for a moment;
+one finger taps about seven times a second, and nobody keeps up 16 for three seconds. Two to four keys pressed as one have no
+time between them, so there is no floor for a single gap. All of it is assumed: no person was measured for it."""
+COARSE_MS = (1000 / 60, 100.0)
+"""Private windows round a page's clock to these times: five presses then take twice as long at least, since what is rounded
+away may be as much again."""
+
+COPIED = "its presses have the timing of an earlier episode"
+"""The reason that needs other episodes' rows: `humanplay.db.input_events.has_copied_timing` finds it."""
+NO_DEVICE = "the move came from no key and no touch"
+UNTRUSTED = "the browser does not vouch for the press"
+UNTRUSTED_HELD = "what is held is no person's"
+_OF_A_PROGRAM = re.compile(f"{COPIED}|{NO_DEVICE}|{UNTRUSTED}|{UNTRUSTED_HELD}|presses in")
+"""Reasons that show a program. The others may be a lost message or a clock."""
+
+_KINDS = {"key": "keydown", "touch": "touchdown"}
+Row = Mapping[str, Any]
+KeyMap = Mapping[tuple[str, str], Collection[int]]
+"""(kind of event, its code) -> the actions that it may cause."""
+
+
+@dataclass(frozen=True)
+class Attested:
+    """An episode's level; below "attested" the reason, one short sentence, and the step that it names, if it is one's."""
+
+    level: Attestation
+    reason: str | None = None
+    step: int | None = None
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What else the level of an episode depends on.
+
+    started_ms     when the episode began, server's clock
+    key_map        of `key_map_of`
+    supervised_ms  when the operator's code was typed for its player, server's clock
+    types_ahead    whether the page keeps presses that come faster than the answers: the playground's does, a study's does not
+    controls       of a task with a clock: what follows from its keys, by every version of a participant's
+    """
+
+    started_ms: int
+    key_map: KeyMap
+    supervised_ms: tuple[int, ...] = ()
+    types_ahead: bool = False
+    controls: tuple[Controls, ...] = ()
+
+
+class _MismatchError(Exception):
+    """Rows that do not fit: why, and the step of the move."""
+
+    def __init__(self, why: str, step: int) -> None:
+        super().__init__(f"step {step}: {why}")
+        self.step = step
+
+
+def level_reaches(level: Attestation | None, required: Attestation) -> bool:
+    """Return whether a level is the required one or a higher one; None, a script's, reaches none."""
+    return level is not None and LEVELS.index(level) >= LEVELS.index(required)
+
+
+def key_map_of(
+    defaults: Mapping[str, Sequence[str]], settings: Iterable[Mapping[str, Any]] = ()
+) -> KeyMap:
+    """Return the actions of every code: of the keys that all pages begin with, of a participant's, of the arrow buttons.
+
+    defaults  action -> its keys, of all the task's actions in their order
+    settings  what a participant has chosen, in every version so far: a change reaches the server after the page
+    """
+    found: dict[tuple[str, str], set[int]] = {}
+    actions = list(defaults)
+    for keys in (defaults, *(each.get("keys") or {} for each in settings)):
+        for action, codes in keys.items():
+            for code in codes:
+                found.setdefault(("keydown", code), set()).add(actions.index(action))
+    return {**found, **{("touchdown", action): {number} for number, action in enumerate(actions)}}
+
+
+def shows_program(reason: str | None) -> bool:
+    """Tell whether the reason of a level shows that a program pressed."""
+    return reason is not None and _OF_A_PROGRAM.search(reason) is not None
+
+
+def attest(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) -> Attested:
+    """Return the level of a person's episode.
+
+    One whose first move fits its press is a person's, whatever comes later: what does not fit then spoils it.
+
+    moves   rows of the table `steps`, in order
+    events  rows of the table `input_events`, in order, received up to the end of the episode
+
+    An episode without a move is attested: there is nothing that could differ.
+    """
+    try:
+        if conditions.controls:
+            _check_ticks(moves, events, conditions)
+        else:
+            _check_moves(moves, events, conditions)
+    except _MismatchError as mismatch:
+        is_persons = len(moves) > 1 and attest(moves[:1], events, conditions).reason is None
+        return Attested("spoilt" if is_persons else "unattested", str(mismatch), mismatch.step)
+    ages_ms = (conditions.started_ms - at_ms for at_ms in conditions.supervised_ms)
+    is_supervised = any(0 <= each <= SUPERVISED_FOR_MS for each in ages_ms)
+    return Attested("supervised" if is_supervised else "attested")
+
+
+def _check_moves(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) -> None:
+    """Check that each move is that of a press of its own."""
+    presses = _presses(moves, events, conditions.key_map)
+    clocks, gaps = _Clocks(), list[float]()
+    for step, (move, press) in enumerate(zip(moves, presses, strict=True)):
+        _check_press(step, move, press)
+        _check_frame(step, moves, press, conditions.types_ahead)
+        shown_ms = moves[press["step"] - 1]["server_ms"] if press["step"] else conditions.started_ms
+        gaps.append(clocks.add(moves, step, shown_ms, press["page_load"]))
+    _check_pace(gaps, _is_coarse([float(move["key_down_ms"]) for move in moves]))
+
+
+def _check_ticks(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) -> None:
+    """Check that each tick's action follows from the keys held before it, and that the presses are a page's.
+
+    No tick comes while the board stands still: after a pause the page asks for it to go on, and a countdown follows.
+    """
+    held, at, before, runs_from_ms = Held(), 0, 0, None
+    presses, shown_ms = list[dict[str, Any]](), list[float]()
+    for step, move in enumerate(moves):
+        while at < len(events) and events[at]["server_ms"] < move["server_ms"]:
+            event, at = events[at], at + 1
+            held.take(event)
+            if event["kind"] == "resume":
+                runs_from_ms = event["server_ms"] + PAUSE_MS - CLOCK_SLACK_MS
+            elif event["kind"] in ("hidden", "pause"):
+                runs_from_ms = None
+            elif event["kind"] in _KINDS.values() and not event["repeat"]:
+                sent = {name: event[name] for name in ("client_ms", "server_ms", "page_load")}
+                presses.append({**sent, "key_down_ms": event["client_ms"]})
+                if not 0 <= (event["step"] or 0) <= step:
+                    raise _MismatchError(f"a press answers the frame of step {event['step']}", step)
+                shown = (event["step"] or 0) - 1
+                at_ms = conditions.started_ms if shown < 0 else float(moves[shown]["server_ms"])
+                shown_ms.append(at_ms)
+        if move["driver"] != "human" or not held.is_trusted:
+            raise _MismatchError(UNTRUSTED_HELD, step)
+        if runs_from_ms is None or move["server_ms"] < runs_from_ms:
+            raise _MismatchError("time ran while the board stood still", step)
+        made = (move["action"], move["input"])
+        if made not in {each.action(held.down, before) for each in conditions.controls}:
+            raise _MismatchError("the action does not follow from the keys that were held", step)
+        before = move["action"]
+    clocks, gaps = _Clocks(), list[float]()
+    for number, press in enumerate(presses):
+        gaps.append(clocks.add(presses, number, shown_ms[number], press["page_load"]))
+    _check_pace(gaps, _is_coarse([press["key_down_ms"] for press in presses]))
+
+
+@dataclass(frozen=True)
+class Ending:
+    """What the end of an episode needs of its input events, found before it on another thread than that of the writes.
+
+    events      their hash, for the chain
+    conditions  by which they were compared with the moves; None for a script's episode
+    attested    the level, other episodes' timing not compared yet; None for a script's episode
+    """
+
+    events: BegunHash
+    conditions: Conditions | None = None
+    attested: Attested | None = None
+
+
+def prepare_end(
+    store: Store, episode_id: str, conditions: Conditions | None, last: Row | None
+) -> Ending:
+    """Return what the end of an episode needs of its input events; call it in `Store.read`, while none can come.
+
+    conditions  None for a script's episode, which has no level
+    last        the move that ends it and is not stored yet, a row of the table `steps`; None when it is abandoned
+    """
+    events = begin_hash(store.connection, episode_id)
+    if conditions is None:
+        return Ending(events)
+    moves = [*store.steps(episode_id), *([] if last is None else [last])]
+    return Ending(events, conditions, attest(moves, input_events(store, episode_id), conditions))
+
+
+def attest_stored(
+    store: Store, episode_id: str, conditions: Conditions, ending: Ending | None = None
+) -> Attested:
+    """Return the level of a person's episode by the rows in the store, other episodes' timing compared too.
+
+    ending  what was prepared of it; what has changed since is compared again
+    """
+    found = None
+    if (
+        ending is not None
+        and ending.conditions == conditions
+        and ending.events.until == count_input_events(store, episode_id)
+    ):
+        found = ending.attested
+    if found is None:
+        found = attest(store.steps(episode_id), input_events(store, episode_id), conditions)
+    if found.level != "unattested" and has_copied_timing(store, episode_id):
+        return Attested("spoilt", COPIED)
+    return found
+
+
+def _presses(moves: Sequence[Row], events: Iterable[Row], key_map: KeyMap) -> list[Row]:
+    """Return each move's own input event; they come in the order of the moves and were received before them."""
+    rest = [event for event in events if event["kind"] in _KINDS.values()]
+    found, at = [], 0
+    for step, move in enumerate(moves):
+        if move["driver"] != "human" or move["input"] not in _KINDS:
+            raise _MismatchError(NO_DEVICE, step)
+        if move["key_down_ms"] is None or move["client_ms"] is None:
+            raise _MismatchError("the move says no times", step)
+        at = _own_press(move, rest, at, step)
+        press, at = rest[at], at + 1
+        if not press["trusted"]:
+            raise _MismatchError(UNTRUSTED, step)
+        if move["action"] not in key_map.get((press["kind"], press["code"]), ()):
+            what = f"the press {press['code']!r} does not drive where the move went"
+            raise _MismatchError(what, step)
+        found.append(press)
+    return found
+
+
+def _own_press(move: Row, presses: Sequence[Row], first: int, step: int) -> int:
+    """Return the index of the first press from `first` on that is of a move's kind and time; _MismatchError without one."""
+    for index in range(first, len(presses)):
+        press = presses[index]
+        apart_ms = abs(press["client_ms"] - move["key_down_ms"])
+        is_same = apart_ms <= SAME_TIME_MS and not press["repeat"]
+        if is_same and press["kind"] == _KINDS[move["input"]]:
+            if press["server_ms"] > move["server_ms"]:
+                raise _MismatchError("its press was received after the move", step)
+            return index
+    raise _MismatchError("no press of its own was received before the move", step)
+
+
+def _check_press(step: int, move: Row, press: Row) -> None:
+    """Check that a press can have caused its move: in time, after a round trip that can be."""
+    handling_ms = move["client_ms"] - move["key_down_ms"]
+    if not -CLOCK_SLACK_MS <= handling_ms <= LONGEST_HANDLING_MS + CLOCK_SLACK_MS:
+        raise _MismatchError(f"the move was sent {handling_ms:.0f} ms after its press", step)
+    round_trip_ms = press["round_trip_ms"]
+    if round_trip_ms is not None and not 0 <= round_trip_ms <= move["client_ms"] + CLOCK_SLACK_MS:
+        raise _MismatchError(f"a round trip of {round_trip_ms:.0f} ms cannot be", step)
+
+
+def _check_frame(step: int, moves: Sequence[Row], press: Row, types_ahead: bool) -> None:
+    """Check that the frame which a press answers can have been on screen then: a few moves old, or the last before a burst."""
+    shown = press["step"]
+    if shown is not None and step - MOST_STEPS_BEHIND <= shown <= step:
+        return
+    is_burst = types_ahead and shown is not None and 0 <= shown < step
+    if not is_burst or press["server_ms"] - moves[shown]["server_ms"] > TYPED_AHEAD_MS:
+        raise _MismatchError(f"the press answers the frame of step {shown}", step)
+
+
+class _Clock:
+    """A page load's clock: the offsets (server's clock - its own, ms) that all moves so far allow."""
+
+    def __init__(self, low: float, high: float, sent_ms: float) -> None:
+        self.low, self.high, self.sent_ms = low, high, sent_ms
+
+    def take(self, low: float, high: float, sent_ms: float) -> bool:
+        """Take a move of which the offset is from `low` to `high`, if it fits; return whether it does."""
+        drift_ms = CLOCK_DRIFT * (sent_ms - self.sent_ms)
+        low, high = max(low, self.low - drift_ms), min(high, self.high + drift_ms)
+        if sent_ms < self.sent_ms or low > high:
+            return False
+        self.low, self.high, self.sent_ms = low, high, sent_ms
+        return True
+
+
+class _Clocks:
+    """The clocks of the page loads that made an episode's moves. A laptop's sleep begins another one in its load."""
+
+    def __init__(self) -> None:
+        self._of_loads: dict[int, _Clock] = {}
+        self._counted = 0
+        self._last: _Clock | None = None
+        self._last_down_ms = 0.0
+
+    def add(self, moves: Sequence[Row], step: int, shown_ms: float, page_load: int) -> float:
+        """Add a move and return the ms since the press before it; _MismatchError when it does not fit its load's clock.
+
+        shown_ms   when the frame was made that was on screen, server's clock
+        page_load  that its press came from
+        """
+        move = moves[step]
+        sent_ms, received_ms = float(move["client_ms"]), float(move["server_ms"])
+        down_ms = float(move["key_down_ms"])
+        low, high = shown_ms - sent_ms - CLOCK_SLACK_MS, received_ms - sent_ms + CLOCK_SLACK_MS
+        if low > high:
+            raise _MismatchError("the frame that the press answers came after it", step)
+        clock = self._of_loads.get(page_load)
+        if clock is None or not clock.take(low, high, sent_ms):
+            clock = self._of_loads[page_load] = _Clock(low, high, sent_ms)
+            self._counted += not _rested(moves[max(0, step - MOST_STEPS_BEHIND - 1) : step + 1])
+            passed_ms = received_ms - moves[0]["server_ms"]
+            if self._counted > min(MOST_LOADS, FREE_LOADS + passed_ms / MS_PER_LOAD):
+                raise _MismatchError("the page's clock does not run with the server's", step)
+        if clock is self._last:
+            gap_ms = down_ms - self._last_down_ms
+        else:
+            gap_ms = received_ms - moves[step - 1]["server_ms"] if step else 0.0
+        self._last, self._last_down_ms = clock, down_ms
+        return max(0.0, gap_ms)
+
+
+def _rested(moves: Sequence[Row]) -> bool:
+    """Return whether the server received nothing for REST_MS between two of the moves."""
+    times = [move["server_ms"] for move in moves]
+    return any(after - before >= REST_MS for before, after in pairwise(times))
+
+
+def _is_coarse(times: Sequence[float]) -> bool:
+    """Return whether all presses have times of a rounded clock."""
+    return any(
+        all(abs(ms - round(ms / grain) * grain) <= SAME_TIME_MS for ms in times)
+        for grain in COARSE_MS
+    )
+
+
+def _check_pace(gaps: Sequence[float], is_coarse: bool) -> None:
+    """Check that no hand would have to be faster than hands are; `gaps` are the ms from press to press, 0 the first."""
+    times = list(accumulate(gaps))
+    for presses, shortest_ms in FASTEST:
+        least_ms = 2 * shortest_ms if is_coarse and presses == FASTEST[0][0] else shortest_ms
+        for step, (first, last) in enumerate(zip(times, times[presses - 1 :], strict=False)):
+            if last - first < least_ms:
+                raise _MismatchError(f"{presses} presses in {last - first:.0f} ms", step)

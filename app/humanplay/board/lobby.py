@@ -1,0 +1,470 @@
+"""Sessions by id: create, find, restart, resume and unload.
+
+The store holds everything about a session, and memory holds only those in use. One that nobody subscribes to or asks for is
+unloaded, and any access resumes it where it stood, after a restart of the server as well.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import (
+    AbstractContextManager,
+    AsyncExitStack,
+    closing,
+    contextmanager,
+    nullcontext,
+)
+from dataclasses import dataclass, replace
+from functools import partial
+from weakref import WeakValueDictionary
+
+from humanplay.board.agent import (
+    DECISION_S,
+    DEFAULT_MOVES_PER_SECOND,
+    THREADS,
+    Agent,
+    DecisionQueue,
+)
+from humanplay.board.attestation import Attested
+from humanplay.board.messages import ChangePace, Pace, PaceMode
+from humanplay.board.session import HUMAN, Participation, Session, Storage, Unlimited, first_bytes
+from humanplay.board.sources import Sources, WatchIds
+from humanplay.db.reader import Reader
+from humanplay.db.store import Control, Resumable, SessionRow, Store, Trial
+from humanplay.task import Choice, Configuration, Run, Task, WantedBoard, WantedEpisode, on_threads
+
+
+@dataclass
+class BoardGroup:
+    """A player's board and its rival's, if there is one: they begin together and are unloaded together."""
+
+    player: Session
+    rival: Session | None
+    lock: asyncio.Lock
+    agents: dict[str, Agent]
+
+    @property
+    def boards(self) -> list[Session]:
+        """Return the player's board, then the rival's if there is one."""
+        return [self.player] if self.rival is None else [self.player, self.rival]
+
+    def board(self, session_id: str) -> Session:
+        """Return the one of the boards that has this session's id."""
+        return next(board for board in self.boards if board.id == session_id)
+
+
+class Locks:
+    """A lock for each key, there for as long as somebody holds it or waits for it."""
+
+    def __init__(self) -> None:
+        self._known: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+
+    def of(self, key: str) -> asyncio.Lock:
+        """Return the lock of a key."""
+        if (lock := self._known.get(key)) is None:
+            lock = self._known[key] = asyncio.Lock()
+        return lock
+
+
+class UnknownSessionError(LookupError):
+    """There is no session with this id, or none that the asker may see."""
+
+    def __init__(self, session_id: str, why: str | None = None) -> None:
+        super().__init__(why or f"no session {session_id!r}; begin one with POST /api/sessions")
+
+
+EpisodeTransaction = Callable[[Trial], AbstractContextManager[None]]
+"""What else is written in the transaction that opens an episode: before it, then after it."""
+
+ParticipationOf = Callable[[str], Participation | None]
+"""Finds a session's participation in a study by the session's id."""
+
+
+def no_participation(session_id: str) -> None:
+    """Return None: without studies no session is a participant's."""
+
+
+class Lobby:
+    """All sessions of one server."""
+
+    def __init__(
+        self,
+        store: Store,
+        task: Task,
+        sources: Sources,
+        idle_s: float,
+        participation_of: ParticipationOf = no_participation,
+        decision_s: float = DECISION_S,
+        storage: Storage | None = None,
+    ) -> None:
+        self.store, self.task, self.sources, self._idle_s = store, task, sources, idle_s
+        self.watch_ids = WatchIds(store)
+        self._storage: Storage = storage or Unlimited()
+        self._participation_of = participation_of
+        self._groups: dict[str, BoardGroup] = {}
+        self._resuming = Locks()
+        self._thread = ThreadPoolExecutor(THREADS, "policies")
+        self._decisions = DecisionQueue(self._thread, task.decides, decision_s)
+
+    def __len__(self) -> int:
+        """Return how many sessions are in memory."""
+        return len(self._groups)
+
+    @property
+    def waiting_decisions(self) -> int:
+        """Return how many boards of policies wait for a decision."""
+        return len(self._decisions)
+
+    def sessions(self) -> list[Session]:
+        """Return the sessions in memory, in the order they came."""
+        return [group.board(session_id) for session_id, group in self._groups.items()]
+
+    async def create(
+        self,
+        wanted: WantedBoard,
+        player_id: str,
+        control: Control = "bearer",
+        left: Sequence[Session] = (),
+    ) -> Session:
+        """Return a new player's session, paired with its rival's; ValueError for an unknown policy or map, or no terrain.
+
+        One that replays another's episode without naming a terrain plays that one's.
+
+        control  what moves it: whoever knows its id, or its player's cookie alone
+        left     boards whose running episodes are abandoned in the transaction that opens this one
+        """
+        if wanted.player != HUMAN:
+            self.task.policies.check(wanted.player, HUMAN)
+        rival = [] if wanted.rival is None else [self.task.policies.check(wanted.rival)]
+        drivers = [wanted.player, *rival]
+        replayed = None
+        if wanted.replays is not None:
+            replayed = await self._ended_session(wanted.replays, wanted.player)
+        is_same = replayed is not None and wanted.leaves_terrain
+        again = self.task.again(replayed.current) if replayed and is_same else None
+        terrain = again or await self.first_terrain(wanted)
+        self.task.policies.check_size(drivers, terrain.config)
+        seed, runs = await self._begin_episodes(terrain, len(drivers))
+        rows = self._session_rows(drivers, player_id, control, wanted.challenges)
+        boards = [self._session(row) for row in rows]
+        adding = contextmanager(partial(self._adding, player_id, rows))
+        await self._open_episodes(boards, runs, seed, terrain.is_chosen, lambda _: adding(), left)
+        player = self._add_group(boards).player
+        if replayed is not None:
+            replayed.pair_with(player)
+        return player
+
+    async def first_terrain(self, wanted: WantedBoard) -> Choice:
+        """Return the terrain that a new board asks for; ValueError where there is none."""
+        if wanted.challenges is None:
+            return self.task.first(wanted)
+        challenged = await asyncio.to_thread(self._public_trial, wanted.challenges)
+        if challenged is None:
+            raise ValueError(
+                f"no finished episode {wanted.challenges!r} to play against: check the link"
+            )
+        if (challenged.task, challenged.core_version) != (self.task.name, self.task.version):
+            played = f"{challenged.task} {challenged.core_version}"
+            raise ValueError(
+                f"the episode was played on {played}, and this server plays {self.task.name} {self.task.version}"
+            )
+        return self.task.again(challenged)
+
+    async def get(self, session_id: str) -> Session:
+        """Return the session, resumed if it was not in memory; UnknownSessionError when there is none."""
+        group = self._groups.get(session_id) or await self._resume(session_id)
+        session = group.board(session_id)
+        session.touch()
+        return session
+
+    def in_memory(self, session_id: str) -> Session | None:
+        """Return the session if it is in memory; it is not touched, so it may be unloaded."""
+        group = self._groups.get(session_id)
+        return None if group is None else group.board(session_id)
+
+    def rival_of(self, session: Session) -> Session | None:
+        """Return the rival's board of a player's; None when it plays alone or is a rival's itself."""
+        group = self._groups.get(session.id)
+        return group.rival if group is not None and group.player is session else None
+
+    def owner_of(self, session: Session) -> str | None:
+        """Return the player at whose screen a session in memory runs: a rival's is its player's."""
+        group = self._groups.get(session.id)
+        return session.row.player_id if group is None else group.player.row.player_id
+
+    async def restart(
+        self, session: Session, wanted: WantedEpisode, left: Sequence[Session] = ()
+    ) -> None:
+        """Abandon the running episodes, also those on `left`, and begin the next ones, the rival's on the same terrain."""
+        group = self._groups.get(session.id) or await self._resume(session.id)
+        if session is group.rival:
+            instead = "begin the next episode in the player's session"
+            raise ValueError(f"a rival plays its player's terrain; {instead}")
+        async with group.lock:
+            terrain = self.task.next(session.current, wanted)
+            drivers = (board.row.driver_name for board in group.boards)
+            self.task.policies.check_size(drivers, terrain.config)
+            seed, runs = await self._begin_episodes(terrain, len(group.boards))
+            await self._open_episodes(group.boards, runs, seed, terrain.is_chosen, left=left)
+            self._pair(group)  # a replay belonged to the episode before
+
+    def new_board(self, player_id: str, participation: Participation | None = None) -> Session:
+        """Return a new board for episodes of a series; nobody can find it before `begin` opens the first of them."""
+        (row,) = self._session_rows([HUMAN], player_id, "cookie")
+        return self._session(row, participation)
+
+    async def begin(
+        self,
+        board: Session,
+        config: Configuration,
+        seed: int,
+        within: EpisodeTransaction,
+        series: str,
+    ) -> None:
+        """Begin the next episode of a board of a series, on the terrain of a seed that the series fixed."""
+        _, runs = await self._begin_episodes(Choice(config, seed), 1)
+        await self._open_episodes([board], runs, seed, False, within, series=series)
+        if board.id not in self._groups:
+            self._add_group([board])
+
+    async def change_pace(self, session: Session, change: ChangePace) -> Pace:
+        """Change the pace and return it; ValueError when the session has none or cannot follow."""
+        if session.pace is None:
+            whose = "only a policy's session (a rival's, say) has a pace"
+            raise ValueError(f"this session is driven by a person; {whose}")
+        if change.follow and session.row.rival_of is None:
+            raise ValueError("only a rival can follow; give moves_per_second, pause or step")
+        rate = change.moves_per_second or session.pace.moves_per_second
+        mode = "timed" if change.moves_per_second else "follow" if change.follow else "paused"
+        await session.set_pace(Pace.model_validate({"mode": mode, "moves_per_second": rate}))
+        if change.step and (group := self._groups.get(session.id)) is not None:
+            group.agents[session.id].move_once()
+        return session.pace
+
+    async def sweep(self) -> None:
+        """Unload, again and again until cancelled, what nobody subscribes to or has asked for within `idle_s`."""
+        while True:
+            await asyncio.sleep(min(60.0, self._idle_s / 4))
+            self._unload_idle(time.monotonic() - self._idle_s)
+
+    def forget(self, deleted: Sequence[str], episodes: Sequence[str] = ()) -> None:
+        """Unload some sessions, which are deleted with their episodes."""
+        self._storage.release(episodes)
+        for session_id in deleted:
+            # somebody asked for it just then
+            if (group := self._groups.get(session_id)) is not None:
+                self._unload(group)
+
+    def close(self) -> None:
+        """Unload everything, end the policies' thread and what runs for the task."""
+        for group in list(self._groups.values()):
+            self._unload(group)
+        self.task.close()
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+    def _session(self, row: SessionRow, participation: Participation | None = None) -> Session:
+        clock = self.sources.clock_ms
+        return Session(row, self.task, self.store, clock, participation, self._storage)
+
+    def _session_rows(
+        self, drivers: list[str], player_id: str, control: Control, challenges: str | None = None
+    ) -> list[SessionRow]:
+        now, rows = self.sources.clock_ms(), list[SessionRow]()
+        for number, driver in enumerate(drivers):
+            rival_of, owner = (rows[0].id, None) if number else (None, player_id)
+            mode: PaceMode = "follow" if number else "paused" if driver == HUMAN else "timed"
+            id_ = self.sources.session_id()
+            pace = (mode, DEFAULT_MOVES_PER_SECOND)
+            rows.append(SessionRow(id_, owner, driver, rival_of, *pace, now, control, challenges))
+        return rows
+
+    def _adding(self, player_id: str, rows: list[SessionRow]) -> Iterator[None]:
+        """Add a player and their sessions, in the transaction that opens the first episodes."""
+        self.store.add_player(player_id, rows[0].created_ms)
+        for row in rows:
+            self.store.add_session(row)
+        yield
+
+    def _public_trial(self, episode_id: str) -> Trial | None:
+        """Return a finished episode that anybody may see; None where there is none."""
+        now_ms = self.sources.clock_ms()
+        with closing(Reader.open(self.store.path, public=True, at_ms=now_ms)) as reader:
+            return reader.trial(episode_id)
+
+    async def _ended_session(self, session_id: str, driver: str) -> Session:
+        """Return the session whose ended episode a policy is to be shown on; ValueError where there is none."""
+        session = await self.get(session_id)
+        if driver == HUMAN:
+            raise ValueError("only a policy replays another session's episode; name one as player")
+        if session.current.series or not session.shown.ended:
+            raise ValueError(f"session {session_id!r} has no ended episode to be replayed beside")
+        return session
+
+    async def _begin_episodes(self, terrain: Choice, boards: int) -> tuple[int | None, list[Run]]:
+        """Return the seed, a fresh one where no terrain was chosen and None on a map, and an episode for each board."""
+        chosen = terrain if terrain.is_chosen else replace(terrain, seed=self.sources.seed())
+        return chosen.seed, await on_threads(
+            self.task, lambda: [self.task.begin(chosen) for _ in range(boards)]
+        )
+
+    async def _open_episodes(
+        self,
+        boards: list[Session],
+        runs: list[Run],
+        seed: int | None,
+        seed_chosen: bool,
+        within: EpisodeTransaction | None = None,
+        left: Sequence[Session] = (),
+        series: str = "",
+    ) -> None:
+        """Close the running episodes and open the next in one transaction, then publish; an error changes nothing."""
+        async with AsyncExitStack() as held:
+            for board in sorted({*boards, *left}, key=lambda board: board.id):
+                await held.enter_async_context(board.changing)
+            now = self.sources.clock_ms()
+            rows = [
+                Trial(
+                    id=self.sources.episode_id(),
+                    session_id=board.id,
+                    number=board.number + 1,
+                    task=self.task.name,
+                    core_version=record.core_version,
+                    config=record.config,
+                    seed=seed,
+                    seed_chosen=seed_chosen,
+                    terrain=record.terrain,
+                    start=record.start,
+                    policy_seed=self.sources.seed(),
+                    driver=board.driver,
+                    assisted=len(boards) > 1,
+                    started_ms=now,
+                    series=series,
+                )
+                for board, record in zip(boards, [each.record() for each in runs], strict=True)
+            ]
+            held.enter_context(self._reserving(boards, rows))
+            running = [each for each in (*boards, *left) if each.number and not each.shown.ended]
+            abandoned = [
+                (board, board.current, await board.take_abandoned(), board.now_ms())
+                for board in running
+            ]
+            endings = [await board.prepare_end(board.current) for board in running]
+
+            def record() -> tuple[list[Attested | None], list[bool], list[Trial]]:
+                with self.store.transaction(), within(rows[0]) if within else nullcontext():
+                    found = [
+                        board.closing(current, run, at_ms, ending)
+                        for (board, current, run, at_ms), ending in zip(
+                            abandoned, endings, strict=True
+                        )
+                    ]
+                    opened = self.store.next_episode([closing for closing, _ in found], rows)
+                hidden = [each.hides_scores(row.id) for each, row in zip(boards, rows, strict=True)]
+                return [attested for _, attested in found], hidden, opened
+
+            def publish(found: tuple[list[Attested | None], list[bool], list[Trial]]) -> None:
+                levels, hidden, opened = found
+                self._storage.release(current.id for _, current, *_ in abandoned)
+                for board, row, run, hides in zip(boards, opened, runs, hidden, strict=True):
+                    board.begin(row, run, hides)
+                for (board, current, run, _), level in zip(abandoned, levels, strict=True):
+                    if board not in boards:
+                        # a board that is left is no study's
+                        board.go_on(current, run, run.view(), level, hides_scores=False)
+
+            await self.store.write(record, then=publish)
+
+    @contextmanager
+    def _reserving(self, boards: list[Session], rows: list[Trial]) -> Iterator[None]:
+        """Check that episodes may begin, and keep free what they can store, unless they fail to."""
+        self._storage.check(boards[0].study)
+        for board, row in zip(boards, rows, strict=True):
+            self._storage.reserve(row.id, board.study, board.most_bytes(row))
+            self._storage.count(row.id, board.study, first_bytes(row))
+        try:
+            yield
+        except Exception:
+            self._storage.release(row.id for row in rows)
+            raise
+
+    def _add_group(self, boards: list[Session]) -> BoardGroup:
+        """Keep the boards in memory as a group, and let an agent drive each that is not a person's."""
+        player, rival = boards[0], boards[1] if len(boards) > 1 else None
+        group = BoardGroup(player, rival, asyncio.Lock(), {})
+        self._pair(group)
+        for board in boards:
+            self._groups[board.id] = group
+            if not board.is_human:
+                load = partial(self.task.policies.load, board.row.driver_name)
+                own = player if board is rival else None
+                group.agents[board.id] = Agent(board, own, load, self._decisions)
+        return group
+
+    def _pair(self, group: BoardGroup) -> None:
+        """Pair a player's board with its rival's, or with none."""
+        if group.rival is None:
+            group.player.unpair()
+        else:
+            group.player.pair_with(group.rival)
+
+    async def _resume(self, session_id: str) -> BoardGroup:
+        """Return the group of a session, read from the store; UnknownSessionError when it is not there."""
+        player = await self.store.read(partial(self.store.player_session, session_id))
+        async with self._resuming.of(player):
+            if session_id in self._groups:
+                return self._groups[session_id]
+            found = await self.store.read(partial(self._stored, session_id))
+            try:
+                boards = [await self._resumed(*each) for each in found]
+            except ValueError as error:
+                what = f"session {session_id!r} cannot be resumed: {error}"
+                raise UnknownSessionError(session_id, what) from error
+            return self._add_group(boards)
+
+    def _stored(self, session_id: str) -> list[tuple[Resumable, Participation | None, bool]]:
+        """Return a player's session and its rival's, each with its participation and whether its scores are hidden.
+
+        UnknownSessionError when it is not there.
+        """
+        found = self.store.resume_session(session_id, self.sources.clock_ms())
+        player_id = session_id if found is None else found.session.rival_of or session_id
+        ids = [player_id, self.store.rival_of(player_id)]
+        now, known = self.sources.clock_ms(), [each for each in ids if each is not None]
+        rows = [self.store.resume_session(each, now) for each in known]
+        if found is None or rows[0] is None:
+            raise UnknownSessionError(session_id)
+        stored = [(row, self._participation_of(row.session.id)) for row in rows if row is not None]
+        return [
+            (row, study, study is not None and study.hides_scores(row.episode.id))
+            for row, study in stored
+        ]
+
+    async def _resumed(
+        self, row: Resumable, participation: Participation | None, hides_scores: bool
+    ) -> Session:
+        """Return a session as it stood; ValueError when its actions do not fit the rules any more."""
+        run = await on_threads(self.task, self.task.replay, row.episode, row.actions, row.ended)
+        session = self._session(row.session, participation)
+        session.begin(row.episode, run, hides_scores, row.newest_ms, row.batches)
+        return session
+
+    def _unload_idle(self, horizon: float) -> None:
+        """Unload what has been idle since a time (monotonic seconds)."""
+        for group in {id(group): group for group in self._groups.values()}.values():
+            if all(_is_idle(board, horizon) for board in group.boards):
+                self._unload(group)
+
+    def _unload(self, group: BoardGroup) -> None:
+        for agent in group.agents.values():
+            agent.close()
+        for board in group.boards:
+            self._groups.pop(board.id, None)
+
+
+def _is_idle(board: Session, horizon: float) -> bool:
+    """Return whether nobody subscribes to a board or has asked for it since a time, and nothing of it is being written."""
+    is_left = board.channel.subscribers == 0 and board.touched < horizon
+    return is_left and not board.changing.locked()

@@ -1,0 +1,850 @@
+"""One board: its running episode, its record in the store, and the only method that moves its rover.
+
+Every move goes through `Session.act`, whoever makes it: the move must answer the current frame, the run is taken off the board
+and steps, the store commits, and only then the run comes back and what it shows is published. Meanwhile everybody sees what was
+published last, since there is nothing else to be seen. A move that cannot be committed did not happen: its run does not come
+back, and the next move's is made again by replay.
+
+`Channel` holds the newest frame for any number of subscribers. Nothing is queued: a slow subscriber finds the newest frame and
+never sees those between. All of it runs on one event loop, so there are no locks.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from types import TracebackType
+from typing import Any, Literal, Protocol, Self, cast
+from weakref import WeakSet
+
+from humanplay.board.attestation import (
+    Attested,
+    Conditions,
+    Ending,
+    attest_stored,
+    key_map_of,
+    level_reaches,
+    prepare_end,
+)
+from humanplay.board.clock import PAUSE_MS, TAKES_KEYS, Allowed, BoardClock, Held, controls_of
+from humanplay.board.messages import KEY_CODES, UNIDENTIFIED, Events, Pace, Remade
+from humanplay.db.input_events import (
+    MAX_EVENTS_PER_EPISODE,
+    InputEventRow,
+    PageLoad,
+    TooManyEventsError,
+    add_input_events,
+    input_events,
+)
+from humanplay.db.store import Closing, Notice, SessionRow, StepRow, Store, StoreError, Trial
+from humanplay.task import Run, RunElsewhere, RunEndedError, Task, View, on_threads
+
+
+class Channel:
+    """Holds the newest frame, encoded; `publish` replaces it and wakes subscribers and listeners.
+
+    count_dropped  called whenever a frame is replaced before a subscriber got it
+    """
+
+    def __init__(self, count_dropped: Callable[[], None] = lambda: None) -> None:
+        self.frame = ""
+        self._count_dropped = count_dropped
+        self._subscribers: WeakSet[Subscriber] = WeakSet()
+        self._listeners: dict[int, Callable[[], None]] = {}
+        self._listeners_added = 0
+
+    @property
+    def subscribers(self) -> int:
+        """Return how many subscribers there are now."""
+        return len(self._subscribers)
+
+    def publish(self, frame: str) -> None:
+        """Replace the frame and wake everybody."""
+        for subscriber in self._subscribers:
+            if subscriber.is_behind:
+                self._count_dropped()
+            subscriber.is_behind = True
+        self.frame = frame
+        self.notify()
+
+    def notify(self) -> None:
+        """Wake everybody without a new frame: something else that is shown with it (the pace) has changed."""
+        for subscriber in list(self._subscribers):
+            subscriber.wake()
+        for listener in list(self._listeners.values()):
+            listener()
+
+    def subscribe(self) -> Subscriber:
+        """Return a new subscriber; close it, use it as a context manager, or simply drop it."""
+        subscriber = Subscriber(self)
+        self._subscribers.add(subscriber)
+        return subscriber
+
+    def unsubscribe(self, subscriber: Subscriber) -> None:
+        """Forget the subscriber; a second call changes nothing."""
+        self._subscribers.discard(subscriber)
+
+    def add_listener(self, listener: Callable[[], None]) -> Callable[[], None]:
+        """Call `listener` at each wake; return a function that removes it. A listener does not count as a subscriber."""
+        self._listeners_added += 1
+        number = self._listeners_added
+        self._listeners[number] = listener
+
+        def remove() -> None:
+            self._listeners.pop(number, None)
+
+        return remove
+
+
+class Subscriber:
+    """`async for frame in channel.subscribe()`: the present frame at once, then the newest after each wake.
+
+    is_behind  whether there is a frame that it has not been given yet
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+        self._closed = False
+        self.is_behind = bool(channel.frame)
+        self._woken = asyncio.Event()
+        if channel.frame:
+            self._woken.set()
+
+    def wake(self) -> None:
+        """Let the next `anext` return."""
+        self._woken.set()
+
+    def close(self) -> None:
+        """End the iteration and leave the channel."""
+        self._closed = True
+        self._channel.unsubscribe(self)
+        self._woken.set()
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> str:
+        await self._woken.wait()
+        if self._closed:
+            raise StopAsyncIteration
+        self._woken.clear()
+        self.is_behind = False
+        return self._channel.frame
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+HUMAN, SCRIPT = "human", "script"
+
+SessionKind = Literal["ranked", "practice", "challenge", "watch", "daily", "study"]
+"""What an episode on a board is.
+
+ranked     a person's alone, on a terrain that the server drew: it counts, unless something comes between
+practice   beside a policy, on a terrain that was chosen, or moved by a script
+challenge  a person's on the terrain of a finished episode, against what was done there
+watch      a policy's
+daily, study  a person's attempt at the day's terrain, a participant's
+"""
+
+
+UNKEPT = "the key press before this move could not be recorded: nothing has changed; press again in a moment"
+
+
+STEP_BYTES, EVENT_BYTES, BATCH_BYTES, EPISODE_BYTES = 85, 80, 90, 1000
+"""Bytes of the database's file that a move, an input event, a batch of them, and a board with its episode take. The batch's id
+(in two trees) comes on top, and the terrain twice (a row of a 128x128 board fills a page)."""
+EVENTS_PER_MOVE, LEAST_EVENTS = 20, 10_000
+"""For how many input events an episode has room: so many for each move that it may have, and never fewer than for a key that
+repeats for five minutes."""
+TOO_MANY_EVENTS = "this episode has more input events than are kept; the rest is dropped"
+
+
+class Storage(Protocol):
+    """What may be stored for whoever asks just now, or for their study ("" for none): bytes of the database's file."""
+
+    def check(self, study: str) -> None:
+        """Check that an episode may begin; an error of its own otherwise."""
+
+    def reserve(self, episode: str, study: str, size: int) -> None:
+        """Keep the most that an episode can store free for it; nothing where that was done before."""
+
+    def room(self, episode: str, study: str) -> float:
+        """Return what is left of a reservation; of an episode without one, what whoever asks may still store today."""
+
+    def count(self, episode: str, study: str, size: int) -> None:
+        """Count what is stored of an episode, and take it from its reservation."""
+
+    def release(self, episodes: Iterable[str]) -> None:
+        """Give back what is left of the reservations of some episodes, which have ended or were deleted."""
+
+
+class Unlimited:
+    """`Storage` of a board away from a server: nothing is counted."""
+
+    def check(self, study: str) -> None:
+        """Let everything begin."""
+
+    def reserve(self, episode: str, study: str, size: int) -> None:
+        """Keep nothing free."""
+
+    def room(self, episode: str, study: str) -> float:
+        """Return that there is always room."""
+        return math.inf
+
+    def count(self, episode: str, study: str, size: int) -> None:
+        """Count nothing."""
+
+    def release(self, episodes: Iterable[str]) -> None:
+        """Give nothing back."""
+
+
+def first_bytes(row: Trial) -> int:
+    """Return what is stored of an episode before its first move."""
+    return EPISODE_BYTES + 2 * len(row.terrain)
+
+
+class RefusedError(Exception):
+    """The move does not answer the current frame, or is not this sender's to make; nothing has changed."""
+
+
+class StudyUnavailableError(RefusedError):
+    """The study cannot go on at the moment; the same request may succeed later."""
+
+
+@dataclass(frozen=True)
+class Move:
+    """A move as asked for: which frame it answers, where to, and who drives ("human", "script" or "policy:NAME")."""
+
+    episode: str
+    step: int
+    action: int
+    driver: str
+    input: Literal["key", "touch"] | None = None
+    key_down_ms: float | None = None
+    key_up_ms: float | None = None
+    client_ms: float | None = None
+
+
+class Participation(Protocol):
+    """A participant's part in a study, as far as their board must ask for it; `humanplay.series` implements it.
+
+    A board without a participation belongs to anybody who knows its id. Everything but `driver`, `study` and `check_open`
+    asks the database: call it in `Store.write` or `Store.read`.
+    """
+
+    @property
+    def driver(self) -> str:
+        """Return who drives an episode at its start: "human" or "script"."""
+
+    @property
+    def study(self) -> str:
+        """Return the name of the study."""
+
+    def hides_scores(self, episode_id: str) -> bool:
+        """Return whether frames of the episode leave out reward, return and score."""
+
+    def is_secret(self, episode_id: str) -> bool:
+        """Whether nobody but the participant sees anything of the episode, the operator included."""
+
+    def check_open(self) -> None:
+        """Raise RefusedError when the study is closed and no move may be made."""
+
+    @property
+    def allowed(self) -> Allowed:
+        """Return what an episode may have in time, where a clock runs; RefusedError where the study cannot be looked up."""
+
+    def note_script(self, episode_id: str) -> None:
+        """Record that a person's episode has become a script's, in the transaction of the move that made it so."""
+
+    def note_stopped(self, episode_id: str) -> None:
+        """Record that a rule of the protocol ended an episode, in the transaction that ends it."""
+
+    def note_end(self) -> None:
+        """Record that an episode has ended, in the transaction that ends it."""
+
+    def check_events(self, episode_id: str) -> None:
+        """Check that input events of an episode are to be kept; RefusedError when it is none of this participation."""
+
+    def settings(self) -> list[dict[str, Any]]:
+        """Return what the participant has chosen (`keys` among it), every version so far."""
+
+    def supervised_ms(self) -> tuple[int, ...]:
+        """Return when the operator's code was typed for the participant."""
+
+
+class Session:
+    """One board: its row, its running episode with the row that fixes it, and the channel its frames go to.
+
+    task           what is played on it
+    pace           how the policy that drives it moves, None for a person's board
+    number         of the current episode, counting from 1; 0 before the first
+    shown          the episode as it was published last: all that anybody is told of it comes from here
+    participation  the participant's, for a board of a study; else None
+    fault          one sentence when the policy that drives it has failed, else None
+    remade         how far an environment that was lost has been made again, None where none is
+    paired_with    the board shown with it on the same terrain (a rival's, its player's, a replay's), else None
+    is_second      whether it is the second of the two: a rival's or a replay's
+    attested       the level of the current episode since it has ended here, else None
+    touched        monotonic seconds of the last access
+    clock          of a person's board whose task has one, else None
+    changing       held from the check of a move, or of whatever else changes the episode or its input events, until it is
+                   committed
+    """
+
+    def __init__(
+        self,
+        row: SessionRow,
+        task: Task,
+        store: Store,
+        clock: Callable[[], int],
+        participation: Participation | None = None,
+        storage: Storage | None = None,
+    ) -> None:
+        self.id, self.task = row.id, task
+        self.participation = participation
+        self.row = row
+        self.channel = Channel(store.metrics.dropped_frames.inc)
+        pace = Pace(mode=row.pace_mode, moves_per_second=row.moves_per_second)
+        self.pace = None if self.is_human else pace
+        self.number = 0
+        self.fault: str | None = None
+        self.remade: Remade | None = None
+        self.attested: Attested | None = None
+        self.touched = time.monotonic()
+        self.changing = asyncio.Lock()
+        self.current: Trial
+        self.shown: View
+        self._run: Run | None = None
+        """The episode where `shown` shows it; None while a move is being recorded, and after one that was not."""
+        self._hides_scores = False
+        self._paired_with: Session | None = None
+        self._is_second = row.rival_of is not None
+        self._store = store
+        self._storage: Storage = storage or Unlimited()
+        self._uncounted, self._is_reserved = 0, False
+        """Bytes of moves that the storage has not been told of yet, and whether it knows the running episode."""
+        self._clock = clock
+        self._keeping: asyncio.Future[None] | None = None
+        """The write of the newest input events."""
+        self._taken = set[str]()
+        """Batches of input events of the current episode: what comes again, as after a lost connection, changes no clock."""
+        self._lacks_events = False
+        """Whether input events could not be written: a move without its press would be held against the person."""
+        frames = task.clock if self.is_human else None
+        self.clock = None if frames is None else BoardClock(self, frames)
+        self._event_ms = self._newest_ms = self._read_ms = self._ahead_ms = 0
+        """Times of the newest input event and of the newest of all, what the server's clock said then, and how far it was set
+        back since: an event is no earlier than a tick before it, a tick later."""
+
+    @property
+    def is_human(self) -> bool:
+        """Return whether no policy drives this board."""
+        return self.row.driver_name == HUMAN
+
+    @property
+    def frame(self) -> str:
+        """Return the newest frame, encoded."""
+        return self.channel.frame
+
+    @property
+    def paired_with(self) -> Session | None:
+        """Return the board that is shown with this one, if any."""
+        return self._paired_with
+
+    @property
+    def is_second(self) -> bool:
+        """Return whether this is the second board of a pair."""
+        return self._is_second
+
+    @property
+    def kind(self) -> SessionKind:
+        """What the board's current episode is."""
+        if not self.is_human:
+            return "watch"
+        if self.participation is not None:
+            return "study"
+        if self.current.day is not None:
+            return "daily"
+        if self.row.challenges is not None:
+            return "challenge"
+        is_drawn = not (self.current.assisted or self.current.seed_chosen)
+        return "ranked" if is_drawn and self.takes_persons_moves else "practice"
+
+    @property
+    def counts(self) -> bool:
+        """Return whether the episode, as far as can be said while it runs, counts for the volunteers' figure."""
+        row = self.current
+        is_known = self.kind == "ranked" and row.driver == HUMAN and not row.terrain_met_before
+        level = None if self.attested is None else self.attested.level
+        return is_known and (level is None or level_reaches(level, "attested"))
+
+    @property
+    def takes_persons_moves(self) -> bool:
+        """Return whether a move can be a person's here: on a board of the page's or a study's, never on a script's."""
+        return self.row.control == "cookie" or self.participation is not None
+
+    @property
+    def study(self) -> str:
+        """Return the name of the study whose board it is, "" for none."""
+        return "" if self.participation is None else self.participation.study
+
+    @property
+    def driver(self) -> str:
+        """Return who drives an episode at its start: "human", "script" or "policy:NAME"."""
+        if self.participation is not None:
+            return self.participation.driver
+        return HUMAN if self.is_human else f"policy:{self.row.driver_name}"
+
+    async def act(self, move: Move, notice: Notice | None = None) -> None:
+        """Make a move, commit it and publish its frame; after RefusedError or StoreError nothing has changed.
+
+        notice  told one sentence when the move has waited for the database for a while
+        """
+        async with self.changing:
+            self._check_current(move.episode, move.step)
+            if not self.is_human and move.driver in (HUMAN, SCRIPT):
+                raise RefusedError(
+                    f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed"
+                )
+            if self.clock is not None and move.driver == HUMAN:
+                raise RefusedError(TAKES_KEYS)
+            await self._make(move, self.now_ms(), notice)
+
+    async def seen(self, picture: bool, observation: bool) -> tuple[View, dict[str, Any]]:
+        """Return the newest frame's view, and what an agent may see of it (`humanplay.task.Run.seen`)."""
+        async with self.changing:
+            run = await self._take_run()
+            seen = await on_threads(self.task, run.seen, picture, observation)
+            self._run = run
+            return self.shown, seen
+
+    async def tick(self, held: Held) -> None:
+        """Make the move that follows from what is held, commit it together with others' ticks, and publish its frame."""
+        async with self.changing:
+            if self.clock is None or self.clock.is_standing:
+                return
+            try:
+                self._check_current(self.current.id, self.shown.steps)
+                before = self.shown.actions[-1] if self.shown.steps else 0
+                action, input = self._controls.action(held.down, before)
+                driver = self.driver if held.is_trusted else SCRIPT
+                move = Move(self.current.id, self.shown.steps, action, driver, input)
+                self._newest_ms = max(self._newest_ms, self._event_ms + 1)
+                await self._make(move, self.now_ms(), waits=not self.clock.shares_commits)
+            except RefusedError as refusal:
+                self.clock.stand(str(refusal))
+
+    async def held_keys(self) -> Held:
+        """Return what is held by the input events that are stored, with the keys that hold now; hold `changing`."""
+        if self._keeping is not None:
+            await asyncio.wait([self._keeping])
+
+        def read() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+            study = self.participation
+            return input_events(self._store, self.current.id), study.settings() if study else []
+
+        events, settings = await self._store.read(read)
+        self._controls, held = controls_of(self.task, settings)[-1], Held()
+        for event in events:
+            held.take(event)
+        return held
+
+    async def end_if_left(self) -> None:
+        """End the episode as left where its board has stood still more often or for longer than is allowed."""
+        async with self.changing:
+            allowed = Allowed() if self.participation is None else self.participation.allowed
+            until_ms = self.now_ms() + PAUSE_MS
+            read = partial(self._store.pauses, self.current.id, PAUSE_MS, until_ms)
+            number, paused_ms = await self._store.read(read)
+            if number > allowed.pauses or paused_ms > allowed.paused_s * 1000:
+                own = self.participation
+                note = None if own is None else partial(own.note_stopped, self.current.id)
+                await self._end_here(await self.take_abandoned(), note)
+
+    async def _make(
+        self, move: Move, at_ms: int, notice: Notice | None = None, waits: bool = True
+    ) -> None:
+        """Make a move that may be made, commit it and publish its frame; hold `changing`.
+
+        waits  whether the commit is due at once; else it may wait a moment for others
+        """
+        began = time.perf_counter()
+        current = self.current
+        is_deviation = move.driver == SCRIPT and current.driver == HUMAN
+        if is_deviation:
+            current = dataclasses.replace(current, driver=SCRIPT)
+        run = await self._take_run()
+        try:
+            reward, held = await self._stepped(run, move.action)
+        except RunEndedError as failure:
+            await self._end_here(run)
+            raise RefusedError(str(failure)) from failure
+        row = self._step_row(move, reward, held.discovered, at_ms)
+        ending = await self.prepare_end(current, row) if held.ended else None
+
+        def record() -> tuple[Attested | None, bool]:
+            if self._lacks_events:
+                raise StoreError(UNKEPT)
+            if not is_deviation and not held.ended:
+                self._store.add_step(row)  # one statement, without a transaction around it
+                return None, self._hides_scores
+            with self._store.transaction():
+                if is_deviation and self.participation is not None:
+                    self.participation.note_script(current.id)
+                self._store.add_step(row)
+                attested = self._close(current, run, row.server_ms, ending) if held.ended else None
+            return attested, self.hides_scores(current.id)
+
+        def publish(found: tuple[Attested | None, bool]) -> None:
+            self.go_on(current, run, held, *found)
+            metrics, seconds = self._store.metrics, time.perf_counter() - began
+            metrics.moves[move.driver.partition(":")[0]].inc()
+            metrics.step.observe(seconds)
+            metrics.newest_s.append(seconds)
+
+        self._count(STEP_BYTES)
+        await self._store.writes.put(record, notice, publish, waits)
+
+    async def abandon(
+        self, episode: str, step: int | None, note: Callable[[], None] | None = None
+    ) -> None:
+        """Abandon the running episode for good and publish its last frame; `note()` runs in the same transaction.
+
+        step  None: after whatever move is being made now, as always where time runs
+        """
+        async with self.changing:
+            if step is None or self.clock is not None:
+                step = self.shown.steps
+            self._check_current(episode, step)
+            await self._end_here(await self.take_abandoned(), note)
+
+    async def _stepped(self, run: Run, action: int) -> tuple[float, View]:
+        """Make a move of a run that was taken off the board, and return its reward with what may be seen then."""
+
+        def step() -> tuple[float, View]:
+            return run.step(action), run.view()
+
+        if self.task.steps_on is None:
+            return step()
+        elsewhere, loop = cast(RunElsewhere, run), asyncio.get_running_loop()
+        if await elsewhere.ask(action):
+            return step()
+        elsewhere.tell = lambda *told: loop.call_soon_threadsafe(self._tell_remade, *told)
+        return await on_threads(self.task, step)
+
+    def _tell_remade(self, done: int, of: int) -> None:
+        self.remade = Remade(episode=self.current.id, done=done, of=of)
+        self.channel.notify()
+
+    async def _end_here(self, run: Run, note: Callable[[], None] | None = None) -> None:
+        """End the episode for good by a run that ended without a move, and publish its last frame; hold `changing`."""
+        current, at_ms = self.current, self.now_ms()
+        ending = await self.prepare_end(current)
+
+        def record() -> tuple[Attested | None, bool]:
+            with self._store.transaction():
+                if note is not None:
+                    note()
+                attested = self._close(current, run, at_ms, ending)
+            return attested, self.hides_scores(current.id)
+
+        await self._store.write(
+            record, then=lambda found: self.go_on(current, run, run.view(), *found)
+        )
+
+    def now_ms(self) -> int:
+        """Return the time in the current episode, which goes on where the server's clock is set back."""
+        read_ms = self._clock()
+        self._ahead_ms += max(0, self._read_ms - read_ms)
+        self._read_ms = read_ms
+        self._newest_ms = max(self._newest_ms, read_ms + self._ahead_ms)
+        return self._newest_ms
+
+    def begin(
+        self,
+        row: Trial,
+        run: Run,
+        hides_scores: bool,
+        newest_ms: int = 0,
+        batches: Iterable[str] = (),
+    ) -> None:
+        """Put an episode that the store holds on the board and publish its frame.
+
+        newest_ms  time of its newest move or input event
+        batches    ids of the batches of input events that it has
+        """
+        self._taken = {*batches}
+        self._event_ms = self._newest_ms = self._read_ms = max(row.started_ms, newest_ms)
+        self._ahead_ms = 0
+        self.number, self.fault = row.number, None
+        self._uncounted, self._is_reserved = 0, False
+        self.go_on(row, run, run.view(), None, hides_scores)
+
+    def go_on(
+        self, current: Trial, run: Run, shown: View, attested: Attested | None, hides_scores: bool
+    ) -> None:
+        """Put a run on the board as the store holds it now, and publish its frame.
+
+        attested  the level of the episode if it has ended
+        """
+        self.current, self._run, self.shown = current, run, shown
+        self.attested, self._hides_scores = attested, hides_scores
+        self.remade = None
+        if self.clock is not None and (shown.ended or self.clock.state.episode != current.id):
+            self.clock.stand(is_new=True)
+        if shown.ended:
+            self._count(0, now=True)
+            self._storage.release([current.id])
+        self.channel.publish(shown.frame(current.id, hides_scores))
+
+    async def take_abandoned(self) -> Run:
+        """Return the run, abandoned, for `go_on` once that is recorded; call it with `changing` held."""
+        run = await self._take_run()
+        run.abandon()
+        self._count(0, now=True)
+        return run
+
+    async def _take_run(self) -> Run:
+        """Take the run off the board, made again by replay where a move of it was not recorded.
+
+        Call it with `changing` held. `go_on` puts it back; whoever fails need do nothing.
+        """
+        run, self._run = self._run, None
+        if run is not None:
+            return run
+        return await on_threads(self.task, self.task.replay, self.current, self.shown.actions)
+
+    async def prepare_end(self, current: Trial, last: StepRow | None = None) -> Ending | None:
+        """Return what the end of an episode needs of its input events, for `closing`: hold `changing`, so that no more come.
+
+        There may be 50,000 of them, so that the thread of the writes would take long, and everybody's moves wait for it.
+
+        last  the move that ends it; None when it is abandoned
+        """
+        if not self.is_human:
+            return None  # its board keeps no input events
+
+        if self._keeping is not None:
+            # what came without it would be compared again on the thread of the writes
+            await asyncio.wait([self._keeping])
+
+        def prepare() -> Ending:
+            row = None if last is None else dataclasses.asdict(last)
+            return prepare_end(self._store, current.id, self._conditions(current), row)
+
+        return await self._store.read(prepare)
+
+    def closing(
+        self, current: Trial, run: Run, at_ms: int, ending: Ending | None
+    ) -> tuple[Closing, Attested | None]:
+        """Return what closes an episode that has ended, its moves compared with its input events; call it in `Store.write`.
+
+        ending  of `prepare_end`
+        """
+        conditions = self._conditions(current)
+        attested = None
+        if conditions is not None:
+            attested = attest_stored(self._store, current.id, conditions, ending)
+        level, reason = (None, None) if attested is None else (attested.level, attested.reason)
+        events = None if ending is None else ending.events
+        return Closing(current.id, run.record(), at_ms, level, reason, events), attested
+
+    def hides_scores(self, episode_id: str) -> bool:
+        """Return whether frames of an episode leave out its scores; call it in `Store.write` or `Store.read`."""
+        return self.participation is not None and self.participation.hides_scores(episode_id)
+
+    def history(self) -> str:
+        """Return the path so far, encoded."""
+        return self.shown.history(self.current.id, self._hides_scores)
+
+    async def keep_events(self, events: Events) -> None:
+        """Store input events of an episode of this board, each once; RefusedError where none are kept.
+
+        The next move need not wait: it is written behind them, with the same commit.
+        """
+        size = len(events.events) * EVENT_BYTES + BATCH_BYTES + 2 * len(events.batch)
+        async with self.changing:
+            if self._keeps_events:
+                of_moves = 0
+                if events.episode == self.current.id and not self.shown.ended:
+                    self._count(0, now=True)
+                    of_moves = (self.current.config.limit - self.shown.steps) * STEP_BYTES
+                if size > self._storage.room(events.episode, self.study) - of_moves:
+                    raise RefusedError(TOO_MANY_EVENTS)
+                self._storage.count(events.episode, self.study, size)
+            self._lacks_events = True
+            self._event_ms = self.now_ms()
+            keep = partial(self._keep_events, events, self._event_ms)
+            self._keeping = keeping = self._store.put_write(keep)
+            is_current = events.episode == self.current.id and not self.shown.ended
+            if self.clock is not None and is_current and events.batch not in self._taken:
+                self._taken.add(events.batch)
+                self.clock.take(events.events)
+        try:
+            await asyncio.shield(keeping)
+        except (StoreError, RefusedError):
+            self._taken.discard(events.batch)
+            if self.clock is not None:
+                self.clock.stand(UNKEPT)  # it goes on by the events that are stored
+            raise
+
+    def most_bytes(self, row: Trial) -> int:
+        """Return the most that an episode of this board stores: its beginning, its moves and its input events."""
+        limit: int = row.config.limit
+        events = min(max(LEAST_EVENTS, EVENTS_PER_MOVE * limit), MAX_EVENTS_PER_EPISODE)
+        kept = events * EVENT_BYTES if self._keeps_events else 0
+        return first_bytes(row) + limit * STEP_BYTES + kept
+
+    @property
+    def _keeps_events(self) -> bool:
+        return self.is_human and self.takes_persons_moves
+
+    def _count(self, size: int, now: bool = False) -> None:
+        """Count what is stored of the running episode, some moves at once, and reserve for one of before the server's start."""
+        self._uncounted += size
+        if now or not self._is_reserved or self._uncounted >= EPISODE_BYTES:
+            self._storage.reserve(self.current.id, self.study, self.most_bytes(self.current))
+            self._storage.count(self.current.id, self.study, self._uncounted)
+            self._uncounted, self._is_reserved = 0, True
+
+    def _keep_events(self, events: Events, came_ms: int) -> None:
+        try:
+            self._add_events(events, came_ms)
+        except RefusedError:
+            # none of it belongs to the moves that follow, but to ticks that have taken its keys
+            self._lacks_events = self.clock is not None and self._keeps_events
+            raise
+        self._lacks_events = False
+
+    def _add_events(self, events: Events, came_ms: int) -> None:
+        if self.participation is not None:
+            self.participation.check_events(events.episode)
+        elif not self.is_human:
+            which = "a board that a person drives; a policy drives this one"
+            raise RefusedError(f"input events are kept of {which}")
+        elif not self.takes_persons_moves:
+            raise RefusedError(
+                "input events are kept of a board that the page has begun; on this one every move is a script's"
+            )
+        elif not self._store.is_episode_of(self.id, events.episode):
+            what = f"episode {events.episode!r} is none of this board's"
+            raise RefusedError(f"{what}: no input events were kept")
+        unknown = self._unknown_codes(events)
+        told = [event.model_dump() for event in events.events]
+        for each in told:
+            each["code"] = UNIDENTIFIED if each["code"] in unknown else each["code"]
+        rows = [InputEventRow(**each) for each in told]
+        page_load = PageLoad(events.page_load, events.tab)
+        try:
+            add_input_events(self._store, events.episode, rows, came_ms, events.batch, page_load)
+        except TooManyEventsError as error:
+            raise RefusedError(str(error)) from None
+
+    def _unknown_codes(self, events: Events) -> set[str]:
+        """Return the codes of events that are neither a key of the standard, nor one that can have driven a move here.
+
+        Where they are kept as UNIDENTIFIED, no honest episode loses its attestation, and nobody chooses what is stored.
+        """
+        told = {event.code for event in events.events if event.code is not None}
+        unknown = told - KEY_CODES - {*self.task.actions}
+        if unknown and self.participation is not None:
+            key_map = key_map_of(self.task.keys, self.participation.settings())
+            unknown -= {code for _, code in key_map}
+        return unknown
+
+    def pair_with(self, second: Session) -> None:
+        """Show `second`, a rival's board or a replay's, with this one from now on."""
+        second.join_as_second(self)
+        self._paired_with = second
+        self.channel.notify()
+
+    def join_as_second(self, first: Session) -> None:
+        """Be shown as the second board of a pair, with `first`; `pair_with` calls it."""
+        self._paired_with, self._is_second = first, True
+
+    def unpair(self) -> None:
+        """Show no board with this one any more; the other board stays paired with it."""
+        self._paired_with = None
+
+    def touch(self) -> None:
+        """Note that somebody has asked for this session now."""
+        self.touched = time.monotonic()
+
+    async def set_pace(self, pace: Pace) -> None:
+        """Store the pace, forget a failure of the policy, and notify subscribers."""
+
+        def change(_: None) -> None:
+            self.fault, self.pace = None, pace
+            self.channel.notify()
+
+        set_pace = partial(self._store.set_pace, self.id, pace.mode, pace.moves_per_second)
+        await self._store.write(set_pace, then=change)
+
+    def fail(self, fault: str) -> None:
+        """Keep the policy's failure, one sentence, and notify subscribers."""
+        self.fault = fault
+        self.channel.notify()
+
+    def _close(
+        self, current: Trial, run: Run, at_ms: int, ending: Ending | None
+    ) -> Attested | None:
+        """Close an episode, which has ended, in the store, and return its level; call it in a transaction."""
+        closing, attested = self.closing(current, run, at_ms, ending)
+        self._store.next_episode([closing], ())
+        if self.participation is not None:
+            self.participation.note_end()
+        return attested
+
+    def _conditions(self, current: Trial) -> Conditions | None:
+        """Return what the level of an episode depends on besides its rows; None where no move can be a person's.
+
+        An episode that a script has moved may have begun as a person's.
+        """
+        study = self.participation
+        is_persons = self.is_human and self.takes_persons_moves
+        if current.driver != HUMAN and not (is_persons and self.driver == HUMAN):
+            return None
+        settings = study.settings() if study is not None else ()
+        key_map = key_map_of(self.task.keys, settings)
+        supervised_ms = study.supervised_ms() if study is not None else ()
+        controls = () if self.clock is None else controls_of(self.task, settings)
+        return Conditions(current.started_ms, key_map, supervised_ms, study is None, controls)
+
+    def _check_current(self, episode: str, step: int) -> None:
+        if self.participation is not None:
+            self.participation.check_open()
+        if episode != self.current.id:
+            raise RefusedError(f"episode {episode!r} is not the current one, {self.current.id!r}")
+        if self.shown.ended:
+            raise RefusedError(f"the episode has ended ({self.shown.outcome}); begin the next one")
+        if step != self.shown.steps:
+            raise RefusedError(f"step {step} is not the current one, which is {self.shown.steps}")
+
+    def _step_row(self, move: Move, reward: float, discovered: int, at_ms: int) -> StepRow:
+        return StepRow(
+            episode_id=self.current.id,
+            step=move.step,
+            action=move.action,
+            reward=reward,
+            discovered=discovered,
+            server_ms=at_ms,
+            client_ms=move.client_ms,
+            key_down_ms=move.key_down_ms,
+            key_up_ms=move.key_up_ms,
+            input=move.input,
+            driver=move.driver,
+        )

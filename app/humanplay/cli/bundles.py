@@ -1,0 +1,175 @@
+"""Commands about bundles: release a study, derive a bundle's figures again, import a bundle's episodes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from click import ClickException, argument, echo, option
+
+from humanplay.cli.console import failures, pins_file, print_table, progress
+from humanplay.cli.options import (
+    DATABASE_AND_STUDIES,
+    KEY,
+    PATH,
+    database_option,
+    flag,
+    path_option,
+    several,
+)
+from humanplay.cli.study.report import show
+from humanplay.task import counted
+
+if TYPE_CHECKING:
+    from humanplay.release.reproduce import Reproduction
+    from humanplay.series.folder import Folder
+
+MAX_PRINTED = 20
+"""Differences that are printed; more are counted."""
+
+
+@click.command(short_help="Write a study as a citable, signed bundle.")
+@option("--study", required=True, help="The study's name.")
+@path_option("--out", "A new folder for the bundle; it appears whole or not at all.", required=True)
+@DATABASE_AND_STUDIES
+@several("--author", "authors", "Who is to be cited; repeatable.")
+@option("--url", help="Where the bundle will be found, a DOI's address say.")
+@several("--without-policy", "without", "Leave out a policy without a file here.", metavar="NAME")
+def release(
+    study: str,
+    out: Path,
+    database: Path,
+    folder: Folder,
+    authors: tuple[str, ...],
+    url: str | None,
+    without: tuple[str, ...],
+) -> None:
+    """Write every finished episode of a closed study as SQLite, Parquet, CSV and Minari, described and signed.
+
+    The study is verified first; one episode that fails, and nothing is written. The report is made from the bundle's own
+    data and lies in it, with the episodes of the policies that it compares: `reproduce` derives it again. People appear
+    under pseudonyms drawn anew for each release; identities, cookies and completion codes are never in it. The signing
+    key lies beside the database and is drawn on first use: publish its fingerprint. docs/release.md says what is in a
+    bundle and how a stranger checks it. It needs `pip install "humanplay[export]"`.
+
+    \b
+    Examples:
+      marsexplorer release --study dunes --out dunes-1 --author "Ada Lovelace"
+      marsexplorer verify --dataset dunes-1
+      marsexplorer reproduce dunes-1
+    """
+    from humanplay.release.errors import check_libraries
+
+    way_out = "; choose another --out"
+    with failures(f"cannot write to {out}", way_out):
+        check_libraries()
+    from humanplay.release.build import build_release, request_of
+    from humanplay.task import PolicyError
+
+    try:
+        with failures(f"cannot write to {out}", way_out):
+            request = request_of(study, out, database, folder, authors, url, without)
+            with progress("verifying and writing") as advance:
+                built = build_release(request, advance, progress)
+    except PolicyError as error:
+        raise ClickException(
+            f"{error}; or leave that policy out of the report with --without-policy, which the datasheet then says"
+        ) from error
+    rows = built.header.rows
+    what = f"{counted(rows['episodes'], 'episode')}, {counted(rows['steps'], 'move')}"
+    echo(f"{out}: version {built.header.version} of {study}, {what}")
+    if built.header.chain_head:
+        what = f"the head of the database's chain, for `marsexplorer verify --head {out}`"
+        echo(f"{what}: {built.header.chain_head}")
+    echo(f"the signing key's fingerprint, to publish beside it: {built.signer}")
+
+
+@click.command(short_help="Derive a bundle's figures again and compare.")
+@argument("folder", type=PATH)
+@KEY
+@flag("--recorded", "Do not play the policies again: replay their recorded moves only.")
+def reproduce(folder: Path, key: str | None, recorded: bool) -> int:
+    """Derive every figure of a bundle's report from the bundle alone, and compare number by number.
+
+    The people's episodes come from the bundle's database. The policies' episodes are replayed from their recorded moves;
+    a policy whose file is here and has the same SHA-256 is played again as well. The exit code is 1 when a figure
+    differs, or when a file is not the one that was signed. Neither the original database nor the study's folder is needed.
+
+    \b
+    Examples:
+      marsexplorer reproduce dunes-1
+      marsexplorer reproduce dunes-1 --key 15f592c2...
+    """
+    from humanplay.release import reproduce as derivation
+
+    with failures("cannot read {file}"):
+        made = derivation.reproduce(folder, pins_file(), key, not recorded, progress)
+    _show(folder, made)
+    return 1 if made.differ or made.findings else 0
+
+
+def _show(folder: Path, made: Reproduction) -> None:
+    """Print whose files they are, what was compared and what differs."""
+    for finding in made.findings[:MAX_PRINTED]:
+        echo(str(finding))
+    echo(f"{folder}: {counted(made.files, 'file')}, {len(made.findings) or 'none'} not as signed")
+    echo(made.signer.sentence())
+    if made.derived is not None:
+        nothing = "this bundle holds no report, so there is nothing to compare with"
+        echo(f"{nothing}; the report derived from it:")
+        for line in made.left_out:
+            echo(f"- {line}")
+        show(made.derived)
+        return
+    rows = [(name, f"{s.compared:,}", f"{s.differ:,}") for name, s in made.sections.items()]
+    print_table("figures derived again from the bundle", ("section", "compared", "differ"), rows)
+    named = [line for each in made.sections.values() for line in each.differences]
+    for line in named[:MAX_PRINTED]:
+        echo(line)
+    if made.differ > len(named[:MAX_PRINTED]):
+        echo(f"... and {made.differ - len(named[:MAX_PRINTED])} more")
+    for line in made.not_compared:
+        echo(f"not compared: {line}")
+    compared = sum(each.compared for each in made.sections.values())
+    echo(f"{counted(compared, 'value')} compared, {counted(made.differ, 'differs', 'differ')}")
+
+
+@click.command("import", short_help="Bring a released bundle into a database.")
+@argument("folder", type=PATH)
+@database_option("The database to bring it into; made when absent.")
+@KEY
+def import_release(folder: Path, database: Path, key: str | None) -> None:
+    """Verify a bundle that `release` wrote and bring its study into a database, all of it or nothing.
+
+    What is there already and equal is let be; the same episodes under other names are refused. People whom the database
+    has forgotten stay out. No server may have the database meanwhile.
+
+    \b
+    Examples:
+      marsexplorer import dunes-1 --database dunes.db
+      marsexplorer report --study dunes --database dunes.db
+    """
+    from humanplay.release import bundle
+    from humanplay.release.manifest import read_manifest
+    from humanplay.release.signing import check_signer, fingerprint_of
+
+    with failures(f"cannot bring {folder} into {database}"):
+        expected = None if key is None else fingerprint_of(key)
+        with progress("verifying (the rules are compiled first)") as advance:
+            counts = bundle.import_release(folder, database, advance, expected)
+        signer = check_signer(read_manifest(folder)[0], expected, pins_file())
+    there = (
+        f", {counted(counts.equal['episodes'], 'was', 'were')} there already"
+        if counts.equal["episodes"]
+        else ""
+    )
+    words = (
+        "person stayed out, who was forgotten here",
+        "people stayed out, who were forgotten here",
+    )
+    left = f"; {counted(counts.forgotten, *words)}" if counts.forgotten else ""
+    people, episodes = counts.added["participants"], counts.added["episodes"]
+    brought = f"{counted(people, 'participant')} and {counted(episodes, 'episode')}"
+    echo(f"{database}: {brought} from {folder}{there}{left}")
+    echo(signer.sentence())

@@ -1,0 +1,482 @@
+"""Commands about what a server recorded: export, verify, back up, restore, merge, forget a participant; its operators."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from click import UsageError, argument, echo, option
+
+from humanplay.cli.console import failures, pins_file, place, print_table, progress
+from humanplay.cli.options import KEY, PATH, database_option, flag, path_option
+from humanplay.task import counted
+
+if TYPE_CHECKING:
+    from humanplay.db.erasure import AskedBy
+    from humanplay.db.reader import Who
+    from humanplay.series.verification import Verification
+
+
+SERVERS = "The database that the server records in, if it is not the default one."
+
+
+@click.command(short_help="Write what was played as CSV.")
+@database_option("The database to read; a running server may go on writing.")
+@path_option("--out", "Folder for episodes.csv and steps.csv; made when absent.", required=True)
+@option(
+    "--who", type=click.Choice(["all", "human"]), default="all", help="human: the counted ones.",
+)  # fmt: skip
+@flag("--open-studies", "Take in studies that are not closed; the chain and their reports say so.")
+def export(database: Path, out: Path, who: Who, open_studies: bool) -> None:
+    """Write every finished episode, and every step of it, as two tables.
+
+    Episodes of open studies are left out: nobody sees figures of people while a study runs. --open-studies takes them in, and
+    the chain of the database and the study's report say when.
+
+    Each episode is replayed on its way out; `verified` is false where the replay differs from what was recorded.
+    Players appear under pseudonyms drawn anew for each export. docs/data.md lists the columns. Both files appear
+    whole or not at all.
+
+    \b
+    Examples:
+      marsexplorer export --out results
+      marsexplorer export --database lab.db --out results --who human
+    """
+    from humanplay.db.export import export_to
+
+    with failures(f"cannot write to {out}, choose another --out"), progress("exporting") as advance:
+        summary = export_to(database, out, who, advance, open_studies)
+    echo(summary)
+
+
+MAX_PRINTED = 200
+"""Findings that are printed; more are counted."""
+
+
+@click.command(short_help="Simulate every episode again and compare.")
+@path_option("--database", "The database to verify; a running server may go on writing.")
+@path_option("--dataset", "A folder that `release` wrote, instead of a database.")
+@KEY
+@flag("--pin", "to_pin", "Remember the dataset's signing key as a known one, if all else is well.")
+@option("--head", help="A head of the chain from before, or a release's folder, which holds one.")
+@path_option("--stamp", "A time stamp that `stamp` wrote; it stands for a head, as --head does.")
+@path_option("--certificate", "The root of its authority, PEM.  [default: those of this machine]")
+def verify(
+    database: Path | None,
+    dataset: Path | None,
+    key: str | None,
+    to_pin: bool,
+    head: str | None,
+    stamp: Path | None,
+    certificate: Path | None,
+) -> int:
+    """Simulate every finished episode from its configuration, terrain and actions, and compare all that was recorded.
+
+    Every reward, outcome, total, score and trajectory hash is compared, every seed with its terrain, every study
+    with its protocol, and every stored field of episodes, sessions, players, participants and studies with the
+    chain of hashes that grew while they were recorded. Each difference is printed; the exit code is 1 when there is
+    one. A dataset's files and signature are checked as well.
+    This proves the record consistent. The chain's head is printed: keep it, or publish it. --head with an earlier
+    one says whether everything up to it still stands, and what was changed or forgotten since; so does --stamp, with the
+    time at which an authority saw that head, checked offline. Who made a
+    dataset is proved by its signature, to whoever knows the key's fingerprint: --key. Without it, and while the key
+    is not pinned, the signer is said to be not checked.
+
+    \b
+    Examples:
+      marsexplorer verify
+      marsexplorer verify --database lab.db
+      marsexplorer verify --head 9c0d1ab2...
+      marsexplorer verify --head dunes-1
+      marsexplorer verify --stamp playground.db-1284.tsr --certificate authority.pem
+      marsexplorer verify --dataset dunes-1 --key 15f592c2...
+    """
+    if database is not None and dataset is not None:
+        raise UsageError("give --database or --dataset, not both")
+    if dataset is None and (key is not None or to_pin):
+        given = "--key" if key is not None else "--pin"
+        raise UsageError(f"{given} goes with --dataset: a database is not signed")
+    if dataset is not None and (head is not None or stamp is not None):
+        why = "a dataset's signature stands for all of it"
+        raise UsageError(f"--head and --stamp go with --database: {why}")
+    if head is not None and stamp is not None:
+        raise UsageError("give --head or --stamp, not both")
+    if certificate is not None and stamp is None:
+        raise UsageError("--certificate goes with --stamp")
+    signer = None
+    with failures(f"cannot read {dataset or 'the database'}"):
+        if dataset is None:
+            result, about = _of_database(database, head, stamp, certificate)
+        else:
+            result, about, signer = _of_dataset(dataset, key, to_pin)
+    for finding in result.findings[:MAX_PRINTED]:
+        echo(str(finding))
+    if len(result.findings) > MAX_PRINTED:
+        echo(f"... and {len(result.findings) - MAX_PRINTED} more")
+    echo(_sentence(result, about))
+    for line in _chain_lines(result):
+        echo(line)
+    if signer:
+        echo(signer)
+    return 1 if result.findings else 0
+
+
+def _of_database(
+    database: Path | None,
+    head: str | None,
+    stamp: Path | None,
+    certificate: Path | None,
+) -> tuple[Verification, str]:
+    from humanplay.db.time_stamps import read_stamp
+    from humanplay.series.folder import Folder
+    from humanplay.series.verification import check_policy_files, verify_database
+
+    path = database or place().database
+    folder = Folder.beside(path)
+    known = {name: secret for name, (_, secret) in folder.known_secrets().items()}
+    earlier = None if head is None else _earlier_head(head)
+    stamped = None if stamp is None else read_stamp(stamp, path, certificate)
+    if stamped is not None:
+        earlier = stamped.head or None
+    with progress("verifying (the rules are compiled first)") as advance:
+        result = verify_database(path, advance, known, head=earlier)
+    findings = (*result.findings, *check_policy_files(folder, known))
+    if stamped is not None and stamped.fault is not None:
+        findings = (*findings, stamped.fault)
+    elif stamped is not None:
+        echo(f"time stamp of {stamped.at:%Y-%m-%d %H:%M:%S} UTC, as its authority says")
+    return replace(result, findings=findings), str(path)
+
+
+def _earlier_head(given: str) -> str:
+    """Return the head that was given in hexadecimal, or the one that a release's manifest holds."""
+    from humanplay.release.errors import ReleaseError
+    from humanplay.release.manifest import read_manifest
+
+    if not Path(given).is_dir():
+        if not re.fullmatch(r"[0-9a-fA-F]{64}", given):
+            raise UsageError(
+                f"--head is the 64 hexadecimal digits that `verify` printed, or a release's folder, got {given!r}"
+            )
+        return given.lower()
+    found = read_manifest(Path(given))[0].get("chain_head")
+    if not found:
+        raise ReleaseError(f"{given} holds no head of a chain: give one that `release` wrote whole")
+    return str(found)
+
+
+def _of_dataset(dataset: Path, key: str | None, to_pin: bool) -> tuple[Verification, str, str]:
+    """Return what was found, the dataset in words, and what is known of its signer."""
+    from humanplay.release.bundle import verify_bundle
+    from humanplay.release.signing import check_signer, fingerprint_of, pin
+
+    expected = None if key is None else fingerprint_of(key)
+    with progress("verifying (the rules are compiled first)") as advance:
+        found = verify_bundle(dataset, advance, expected)
+    if to_pin and not found.verified.findings:
+        pin(pins_file(), found.manifest)
+    signer = check_signer(found.manifest, expected, pins_file()).sentence()
+    key_words = f"signed by the key {found.manifest.get('signer')}"
+    about = f"{dataset}, version {found.manifest.get('version')} of {found.manifest.get('study')}, {key_words}"
+    return found.verified, about, signer
+
+
+def _sentence(result: Verification, about: str) -> str:
+    verdict, rate, rest = "all as recorded", "", ""
+    if result.findings:
+        verdict = f"{counted(result.failed, 'of its parts DIFFERS', 'of its parts DIFFER')} from what was recorded"
+    if result.seconds > 0 and result.episodes:
+        rate = f", {result.episodes / result.seconds:,.0f} episodes/s"
+    if result.still_open:
+        rest = f"; {counted(result.still_open, 'unfinished one was', 'unfinished ones were')} not simulated"
+    return f"{about}: {verdict}; {counted(result.episodes, 'episode')} simulated{rate}{rest}"
+
+
+def _chain_lines(result: Verification) -> Iterator[str]:
+    """Yield what the chain is, and what came after the earlier head that was asked for."""
+    if result.chain is not None and result.chain.entries:
+        gone = result.chain.forgotten
+        forgotten = f", {gone} of them of forgotten people" if gone else ""
+        yield f"chain: {counted(result.chain.entries, 'entry', 'entries')}{forgotten}; head {result.chain.head}"
+    if (since := result.since) is not None:
+        day = datetime.fromtimestamp(since.day_ms / 1000, UTC).date().isoformat()
+        yield f"the head {since.head} is that of entry {since.entry:,}, of {day}; since then: {_counted(since.added)}"
+        yield f"of what stood then, changed since: {_counted(since.replaced)}; forgotten since: {_counted(since.forgotten)}"
+
+
+def _counted(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{counts[kind]:,} of kind {kind}" for kind in sorted(counts)) or "nothing"
+
+
+@click.command(short_help="Have the end of the chain time-stamped.")
+@option("--authority", required=True, help="Address of the time-stamping authority (RFC 3161).")
+@path_option("--out", "File for the stamp.  [default: the database's name, its entries and .tsr]")
+@database_option(SERVERS)
+def stamp(authority: str, out: Path | None, database: Path) -> None:
+    """Send the head of the database's chain to a time-stamping authority, and keep the answer as a file.
+
+    The authority sees 32 bytes that tell nothing, and signs them with the time. Whoever holds the file can check offline that
+    everything up to that head stood then and stands still: `marsexplorer verify --stamp FILE`. Have it stamped after freezing,
+    before closing and before a release, and give copies of the files away.
+
+    \b
+    Examples:
+      marsexplorer stamp --authority http://timestamp.digicert.com
+      marsexplorer stamp --authority https://freetsa.org/tsr --out frozen.tsr
+    """
+    from humanplay.db.time_stamps import request_stamp
+    from marsexplorer.files import write_whole
+
+    with failures("cannot stamp the chain"):
+        head, answer = request_stamp(database, authority)
+        out = out or database.with_name(f"{database.name}-{head.entries}.tsr")
+        with write_whole(out) as file:
+            file.write(answer)
+    echo(f"head {head.head} of entry {head.entries:,}: the stamp is in {out}")
+
+
+@click.command(short_help="Copy the database while people play.")
+@argument("file", type=PATH)
+@database_option("The database to copy; a running server may go on writing.")
+def backup(file: Path, database: Path) -> None:
+    """Write the database as it is now into FILE, a new file, and verify it: every page, every reference, the chain.
+
+    FILE is there when the copy is whole, and not before: Ctrl-C leaves nothing. A server makes backups by itself with
+    `serve --backup-every MINUTES --backup-to DIR`; `marsexplorer restore FILE` puts one back.
+
+    \b
+    Examples:
+      marsexplorer backup monday.db
+      marsexplorer backup /mnt/backups/lab.db --database lab.db
+    """
+    from humanplay.db.backup import back_up
+
+    with failures("cannot read the database"), progress("copying") as advance:
+        size = back_up(database, file, advance)
+    echo(f"wrote {file}: {size / 1e6:.1f} MB, verified")
+
+
+@click.command(short_help="Put a backup in the place of the database.")
+@argument("backup", type=PATH)
+@database_option("The database whose place it takes.")
+@flag("--yes", "Do not ask.")
+def restore(backup: Path, database: Path, yes: bool) -> None:
+    """Put a copy of BACKUP in the place of the database, once every page, every reference and the chain were verified.
+
+    What stood there stays beside it as NAME.before-TIME, so nothing is deleted. Stop the server first: while one runs,
+    nothing is changed.
+
+    \b
+    Examples:
+      marsexplorer restore monday.db
+      marsexplorer restore /mnt/backups/lab-20261122T150000Z.db --database lab.db --yes
+    """
+    from humanplay.db.backup import check_restorable
+    from humanplay.db.backup import restore as put_back
+
+    if database.exists() and not yes:
+        with failures("cannot read the database"):
+            check_restorable(backup, database)
+        click.confirm(f"Put {backup} in the place of {database}?", abort=True, err=True)
+    with failures("cannot read the database"), progress("copying") as advance:
+        kept = put_back(backup, database, datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), advance)
+    before = "" if kept is None else f"; what stood there is {kept}"
+    echo(f"restored {database} from {backup}, verified{before}")
+
+
+@click.command(short_help="Join the databases of several servers.")
+@argument("databases", type=PATH, nargs=-1, required=True, metavar="A.db B.db ...")
+@path_option("--out", "A new file for all of it; it appears whole or not at all.", required=True)
+def merge(databases: tuple[Path, ...], out: Path) -> None:
+    """Join databases in which the same study, or different ones, were played; the sources stay as they are.
+
+    What two of them hold alike is taken once; two contents under one id are refused. Whoever was forgotten in one of them is
+    left out. The key that signs cookies is not taken along, so the new file knows no browser again; names that players
+    chose, and their ratings, stay in their servers' own files, where they can be changed. A server may go on writing meanwhile.
+
+    \b
+    Examples:
+      marsexplorer merge berlin.db athens.db --out both.db
+      marsexplorer verify --database both.db
+    """
+    if len(databases) < 2:
+        way_out = "marsexplorer merge A.db B.db --out C.db"
+        raise UsageError(f"give two databases or more: {way_out}")
+    from humanplay.db import merging
+
+    with failures(f"cannot write {out}, choose another --out"), progress("joining") as advance:
+        counts, twice = merging.merge(databases, out, advance)
+    equal = counts.equal["episodes"]
+    alike = f", {equal:,} of them in more than one" if equal else ""
+    left = (
+        f"; {counted(counts.forgotten, 'person left out, who was', 'people left out, who were')} forgotten"
+        if counts.forgotten
+        else ""
+    )
+    people, episodes = counts.added["participants"], counts.added["episodes"]
+    brought = f"{counted(people, 'participant')} and {counted(episodes, 'episode')}"
+    echo(f"{out}: {brought} from {counted(len(databases), 'database')}{alike}{left}")
+    if twice:
+        echo(
+            f"beware: {counted(twice, 'outside id or invitation', 'outside ids or invitations')} took part in a study "
+            "twice, on two servers; the report counts each as two people"
+        )
+
+
+@click.command(short_help="Erase a participant, or a player.")
+@argument("participant")
+@option("--study", help="The study, where an outside id took part in several.")
+@option(
+    "--asked-by",
+    type=click.Choice(["participant", "operator", "review board"]),
+    help="Who asked for it: the report of the study says so.",
+)
+@flag("--player", "A player by the name that they chose.")
+@database_option("The database to erase them from.")
+@flag("--yes", "Do not ask.")
+def forget(
+    participant: str,
+    study: str | None,
+    asked_by: AskedBy | None,
+    player: bool,
+    database: Path,
+    yes: bool,
+) -> None:
+    """Erase a participant, named by id, the label of their page, the outside id of their link or an agent's card, for good.
+
+    With --player it is a player of the playground, by the name that they chose: name, rating and all that they played go.
+
+    Their outside ids, cookie and completion code go, and their episodes with every move and key press, those outside the
+    study too, unless the study's protocol keeps episodes: then these stay under new ids. The file is written anew and its
+    log emptied. Hashes of the erased trajectories stop a bundle from bringing them back. Copies elsewhere, backups and
+    bundles that were published, are yours to replace: the next `release` is a successor that says so.
+    Stop the server first.
+
+    \b
+    Examples:
+      marsexplorer forget 6ABA18A1
+      marsexplorer forget 5f3e0c9a1b2d --study dunes
+      marsexplorer forget Ada --player
+      marsexplorer forget 0123456789abcdef0123456789abcdef --database lab.db --yes
+    """
+    from humanplay.db import erasure
+    from humanplay.db.file import DatabaseLock
+    from humanplay.report.costs import forget_costs
+
+    if player:
+        with failures(f"cannot write {database}"):
+            erasure.find_player(database, participant)
+            if not yes:
+                DatabaseLock(database).close()
+                what = f"Erase the player {participant} from {database} for good?"
+                click.confirm(what, abort=True, err=True)
+            count = erasure.forget_player(database, participant)
+            forget_costs(database)
+        echo(f"erased from {database}: the player {participant}, {counted(count, 'episode')}")
+        return
+    with failures(f"cannot write {database}"):
+        found = erasure.find_participant(database, participant, study)
+        if not yes:
+            DatabaseLock(database).close()
+            what = f"the participant {participant} ({found['kind']}, stage {found['stage']}) of the study {found['study']}"
+            click.confirm(f"Erase {what} from {database} for good?", abort=True, err=True)
+        done = erasure.forget(database, participant, study, asked_by)
+        forget_costs(database)
+    kept = ", and the episodes of the study stay without a person, as its protocol says"
+    erased = f"one participant of {done.study}, {counted(done.episodes, 'episode')}"
+    echo(f"erased from {database}: {erased}{kept if done.keeps else ''}")
+    if found["kind"] == "script" and found["invitation"]:
+        echo(
+            f"once {done.study} is closed, `marsexplorer evaluation close {done.study}` writes its files without the card; "
+            "its list of cards keeps the author, so that another card of theirs does not rank"
+        )
+    if done.outdated:
+        versions = ", ".join(map(str, done.outdated))
+        echo(
+            f"released with the participant in it: version {versions} of {done.study}; publish the successor, "
+            f"`marsexplorer release --study {done.study} --out DIR`, and withdraw the other"
+        )
+
+
+@click.group(short_help="Let operators log in at /admin by name.")
+def operator() -> None:
+    """Add, list and remove the operators who may log in at /admin by name.
+
+    The password MARS_ADMIN_PASSWORD of a server stays valid beside them. A server that is started with an operator in its
+    database has the page /admin. Operators are added and removed while it runs; whoever is removed is logged out at once.
+
+    \b
+    Examples:
+      marsexplorer operator add ada
+      marsexplorer operator list
+      marsexplorer operator log                   what operators did, the newest first
+      marsexplorer operator remove ada
+    """
+
+
+@operator.command(short_help="Add an operator.")
+@argument("name")
+@database_option(SERVERS)
+def add(name: str, database: Path) -> None:
+    """Add an operator; the password is asked for twice, or is the first line of standard input where that is no terminal."""
+    from humanplay.db.operators import add_operator
+
+    if sys.stdin.isatty():
+        password = click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True)
+    else:
+        password = sys.stdin.readline().rstrip("\n")
+    with failures("cannot read the database"):
+        add_operator(database, name, password)
+    echo(
+        f"{name} may log in at /admin of the server that records in {database}; one without that page needs a new start"
+    )
+
+
+@operator.command("list", short_help="List the operators.")
+@database_option(SERVERS)
+def list_(database: Path) -> None:
+    """List the operators: by name, and since when."""
+    from humanplay.db.operators import list_operators
+
+    with failures("cannot read the database"):
+        found = list_operators(database)
+    rows = [(each.name, _time(each.created_ms)) for each in found]
+    print_table("Operators", ("name", "since (UTC)"), rows)
+
+
+@operator.command(short_help="Remove an operator.")
+@argument("name")
+@database_option(SERVERS)
+def remove(name: str, database: Path) -> None:
+    """Remove an operator; what they did stays in the log."""
+    from humanplay.db.operators import remove_operator
+
+    with failures("cannot read the database"):
+        remove_operator(database, name)
+    echo(f"{name} cannot log in any more")
+
+
+@operator.command(short_help="Print what operators did.")
+@option("--count", type=click.IntRange(1), default=100, help="Actions to print.")
+@database_option(SERVERS)
+def log(count: int, database: Path) -> None:
+    """Print the newest actions of operators, with the status of the server's answer (200 to 299: done)."""
+    from humanplay.db.operators import read_actions
+
+    with failures("cannot read the database"):
+        found = read_actions(database, count)
+    rows = [
+        (_time(each["at_ms"]), each["operator"], each["action"], each["study"] or "", str(each["status"] or "not ended"))
+        for each in found
+    ]  # fmt: skip
+    print_table("What operators did", ("time (UTC)", "operator", "action", "study", "status"), rows)
+
+
+def _time(at_ms: int) -> str:
+    return datetime.fromtimestamp(at_ms / 1000, UTC).strftime("%Y-%m-%d %H:%M:%S")

@@ -1,0 +1,134 @@
+"""`marsexplorer doctor`: whether an environment of Gymnasium follows from its seed and its actions."""
+
+from __future__ import annotations
+
+import json
+
+import click
+from click import BadParameter, UsageError, argument, echo, option
+
+from humanplay.cli.console import progress, task_name
+from humanplay.cli.options import flag
+from humanplay.task import counted
+
+
+def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from humanplay.tasks.gymnasium.description import Description
+
+        echo(json.dumps(Description.model_json_schema(), indent=2))
+        context.exit()
+
+
+COLUMNS = (
+    "environment", "follows from seed and actions", "ms a step", "ms a picture", "picture", "keys", "people see", "agents see",
+)  # fmt: skip
+MOST_KEYS = 9
+"""Actions whose keys a row of the table names; of more only how many there are."""
+
+
+def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
+    """Print an environment's row of the table and return its exit code."""
+    from humanplay.task import rules_of
+    from humanplay.tasks.gymnasium.doctor import examine
+    from humanplay.tasks.gymnasium.rules import GymnasiumRules
+
+    shown = env
+    try:
+        rules = rules_of(task_name(env))
+        if not isinstance(rules, GymnasiumRules):
+            raise ValueError("expected an id of Gymnasium's; mars follows from seed and moves")
+        told = rules.description
+        shown = " in ".join((rules.level, *(name.partition(":")[2] for name in told.wrappers)))
+        with progress(shown) as advance:
+            found = examine(rules.name, seeds, steps, advance, rule=rule)
+    except (BadParameter, ValueError) as error:
+        why = " ".join(str(error).replace("|", "/").split())
+        echo(f"| {shown} | cannot be played: {why} |{' |' * (len(COLUMNS) - 2)}")
+        return 2
+    none = f"no difference in {counted(found.steps, 'move')}"
+    verdict = str(found.differences[0]) if found.differences else none
+    if found.used:
+        verdict += "; a used one after reset differs, which does not count"
+    keys = [f"{codes[0]} {name}" for name, codes in found.keys.items() if codes]
+    (rows, columns), size = found.picture, found.picture_bytes
+    cells = (
+        shown, verdict, f"{found.step_ms:.3g}", f"{found.picture_ms:.3g}",
+        f"{rows}x{columns}, {size:,} bytes" if size else f"{rows}x{columns} characters",
+        ", ".join(keys) if len(keys) <= MOST_KEYS else f"{len(keys)} keys",
+        told.people_see or ("its picture" if size else "its text"), told.agents_see or "not said",
+    )  # fmt: skip
+    echo(f"| {' | '.join(cells)} |")
+    return int(bool(found.differences))
+
+
+@click.command(short_help="Say whether an environment follows from seed and actions.")
+@argument("envs", nargs=-1, required=True, metavar="ENV...")
+@option("--seeds", type=click.IntRange(1, 100), default=5, help="How many seeds.")
+@option(
+    "--steps", type=click.IntRange(1, 1_000_000), default=2000,
+    help="Moves for each seed; where an episode ends, another begins.",
+)  # fmt: skip
+@option("--rule", metavar="MODULE:FUNCTION", help="Chooses every third seed's actions.")
+@flag("--json", "as_json", "Print everything as JSON.")
+@flag("--table", "Print a row of Markdown for each of several ENV.")
+@flag("--toml", "Play nothing; print what is known of ENV as a file to edit.")
+@option(
+    "--schema", is_flag=True, is_eager=True, expose_value=False, callback=_print_schema,
+    help="Print the JSON schema of that file.",
+)  # fmt: skip
+def doctor(
+    envs: tuple[str, ...],
+    seeds: int,
+    steps: int,
+    rule: str | None,
+    as_json: bool,
+    table: bool,
+    toml: bool,
+) -> int:
+    """Play ENV, an id of Gymnasium's or a TOML file, in fresh processes, and compare its episodes step by step.
+
+    They are played again with another hash seed, in another folder and time zone, after other episodes, without rendering and
+    in a used environment. Exit code 0 says that no difference was found, 1 that there was one, 2 that ENV cannot be played.
+
+    \b
+    Examples:
+      marsexplorer doctor FrozenLake-v1
+      marsexplorer doctor minigrid:MiniGrid-FourRooms-v0 --steps 500
+      marsexplorer doctor rooms.toml --json
+      marsexplorer doctor minigrid:MiniGrid-FourRooms-v0 --toml > rooms.toml
+      marsexplorer doctor --table CartPole-v1 Acrobot-v1 rooms.toml
+    """
+    from humanplay.tasks.gymnasium.doctor import description_file, examine
+
+    if table:
+        echo(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|")
+        return max([_row(env, seeds, steps, rule) for env in envs])
+    if len(envs) > 1:
+        raise UsageError(f"expected one ENV, got {len(envs)}; --table takes several")
+    if (task := task_name(envs[0])) == "mars":
+        raise UsageError("expected an id of Gymnasium's; mars follows from seed and moves")
+    try:
+        if toml:
+            echo(description_file(task), nl=False)
+            return 0
+        with progress("playing in fresh processes") as advance:
+            found = examine(task, seeds, steps, advance, rule=rule)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    if as_json:
+        echo(json.dumps(found.to_dict(), indent=2))
+        return int(bool(found.differences))
+    echo(found.verdict)
+    for difference in found.differences[1:]:
+        echo(f"also: {difference}")
+    if found.used:
+        echo(f"no fault here, where each episode has a fresh environment: {found.used}")
+    rows, columns = found.picture
+    size = f"pixels, {found.picture_bytes} bytes as PNG" if found.picture_bytes else "characters"
+    echo(
+        f"a step takes {found.step_ms:.3g} ms of processor, a picture of {columns} x {rows} {size} {found.picture_ms:.3g} ms"
+    )
+    for action, keys in found.keys.items():
+        echo(f"  {action}: {', '.join(keys) or 'no key'}")
+    return int(bool(found.differences))

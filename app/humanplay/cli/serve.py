@@ -1,0 +1,165 @@
+"""The commands `marsexplorer serve` and `play`: page, API and 3-D view on one port."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click import ClickException, argument, option
+
+from humanplay.cli.console import settings_of, task_name
+from humanplay.cli.options import PATH, PORT, check_more, flag, path_option, several
+
+if TYPE_CHECKING:
+    from humanplay.web.settings import Settings
+
+
+@click.command(short_help="Play and watch in a browser; record every move.")
+@option("--host", help="Address to listen on; 0.0.0.0 lets others in.  [default: 127.0.0.1]")
+@option("--port", type=PORT, help="Port to listen on; 0 takes a free one.  [default: 8000]")
+@path_option("--database", "SQLite file to record in; made if absent.  [default: below]")
+@several(
+    "--env",
+    "envs",
+    "Play another environment: Gymnasium's id, or a TOML file; repeatable.  [default: MarsExplorer]",
+    metavar="ENV",
+)
+@several(
+    "--policy",
+    "policies",
+    "A trained policy's file to offer; with --env also a function, MODULE:NAME. Repeatable.",
+    type=PATH,
+)
+@flag(
+    "--paper",
+    "Offer the agents of the paper's four algorithms too; ppo-paper had 240,000 of its 9,000,000 moves.",
+)
+@several("--map", "maps", "A map_server file (YAML) to play on; repeatable.", type=PATH)
+@option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
+@option("--public-url", metavar="URL", help="Where browsers find the pages: https://mars.example.")
+@several(
+    "--trusted-proxy",
+    "trusted_proxies",
+    "A proxy whose X-Forwarded headers count, or a network of proxies; repeatable.",
+    metavar="ADDRESS",
+)
+@flag("--durable", "Survive a power cut; costs milliseconds.", default=None)
+@flag("--accept-loss", "Start although the log of a killed server is gone.", default=None)
+@option("--backup-every", type=float, metavar="MINUTES", help="Make a verified backup this often.")
+@path_option("--backup-to", "Keep them there.  [default: backups beside it]", metavar="DIR")
+@flag("--admin", "Open the operator's page /admin; its password is printed.", default=None)
+@option(
+    "--metrics-port",
+    type=PORT,
+    help="Serve metrics to Prometheus on this port too; 0: a free one.",
+)
+@option("--metrics-host", help="Address for metrics.  [default: 127.0.0.1, this machine alone]")
+@option("--log-format", type=click.Choice(["text", "json"]), help="json: requests too, one a line.")
+@argument("more", type=PATH, nargs=-1, metavar="")
+def serve(
+    more: tuple[Path, ...],
+    envs: tuple[str, ...],
+    policies: tuple[Path, ...],
+    maps: tuple[Path, ...],
+    trusted_proxies: tuple[str, ...],
+    **given: Any,
+) -> None:
+    """Serve the playground until Ctrl-C: page, API and 3-D view on one port.
+
+    Every move is in the database before its frame is sent: killing the server loses nothing, and the next start
+    goes on with the unfinished episodes. Without --database it is data/playground.db in a checkout,
+    ./playground.db elsewhere. MARS_HOST, MARS_PORT, MARS_DATABASE and MARS_DURABLE stand in for absent flags.
+    A study of this database is offered at /study/NAME as soon as it is frozen.
+
+    A ranked episode that nobody moves for 30 minutes counts as abandoned; MARS_ABANDON_AFTER_S holds other seconds.
+
+    --env serves a Gymnasium environment instead of MarsExplorer: with discrete actions, turn by turn, shown as its own
+    picture. A package's is written MODULE:ID; docs/environments.md describes the file. What draws Gymnasium's own comes
+    with: pip install 'humanplay[any]'. Given again, the first is at /, each further one at /play/NAME with a
+    database of its own beside the first one's, and /play lists them; --env mars is MarsExplorer. --policy and --map are the
+    first one's.
+
+    --map offers an occupancy map as robots use them (YAML of map_server) in the dialog of the terrains, under its file's
+    name. What can be seen from where the rover can go counts there. Episodes keep their map: they replay without the file.
+
+    The server answers for IP addresses, localhost, the names of this machine and the host of --public-url. Behind a proxy,
+    --trusted-proxy names it, so that visitors are told apart; what others put into X-Forwarded headers is ignored.
+
+    The operator's page /admin is open with --admin, when MARS_ADMIN_PASSWORD holds its password, and where the database has
+    operators by name (marsexplorer operator add NAME); else there is none.
+
+    With --metrics-port, Prometheus finds counts, latencies and the state of the disk at /metrics of that port, which is not
+    the port of the page. --log-format json logs each request with an id that its answer carries in X-Request-ID. Neither
+    names a player, a session, a participant or a token.
+
+    \b
+    Examples:
+      marsexplorer serve
+      marsexplorer serve --admin
+      marsexplorer serve --port 9000 --database lab.db
+      marsexplorer serve --public-url https://mars.example --trusted-proxy 127.0.0.1
+      marsexplorer serve --host 0.0.0.0 --policy mine.onnx
+      marsexplorer serve --paper                          ppo-works, a2c-works, rainbow-works, sac-works, ppo-paper too
+      marsexplorer serve --env FrozenLake-v1 --database lake.db
+      marsexplorer serve --env mars --env FrozenLake-v1 --env ale_py:ALE/Breakout-v5
+      marsexplorer serve --map office.yaml --map garage.yaml
+    """
+    check_more(more, policies)
+    of_the_paper: Iterable[Path] = ()
+    if given.pop("paper"):
+        from humanplay.tasks.mars.players import of_paper
+
+        of_the_paper = of_paper().values()
+    flags = {name: value for name, value in given.items() if value is not None}
+    if envs:
+        flags["task"], *flags["more"] = map(task_name, envs)
+    if trusted_proxies:
+        flags["trusted_proxies"] = trusted_proxies
+    if maps:
+        flags["maps"] = maps
+    if policies or more or of_the_paper:
+        flags["policies"] = (*policies, *more, *of_the_paper)
+    settings = settings_of(**flags)
+    _run(settings)
+
+
+@click.command(short_help="Play an environment on this machine, in its browser.")
+@argument("env", default="mars")
+@option("--port", type=PORT, default=0, show_default="a free one", help="Port to listen on.")
+@path_option("--database", "SQLite file to record in; made when absent.  [default: as for serve]")
+@flag("--no-browser", "Print the address and open nothing.")
+def play(env: str, port: int, database: Path | None, no_browser: bool) -> None:
+    """Play ENV in a browser: an id of Gymnasium's, a package's MODULE:ID, a TOML file, or MarsExplorer without one.
+
+    Every move is recorded, and the page goes on where it stood. `marsexplorer serve --env ENV` lets others play too;
+    `marsexplorer doctor ENV` says what its keys are and whether its episodes can be verified.
+
+    \b
+    Examples:
+      marsexplorer play
+      marsexplorer play FrozenLake-v1
+      marsexplorer play minigrid:MiniGrid-FourRooms-v0
+      marsexplorer play rooms.toml --database rooms.db
+    """
+    import webbrowser
+    from threading import Thread
+
+    where = {} if database is None else {"database": database}
+    settings = settings_of(task=task_name(env), port=port, **where)
+
+    def show(address: str) -> None:
+        Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+
+    _run(settings, *([] if no_browser else [show]))
+
+
+def _run(settings: Settings, *opened: Callable[[str], object]) -> None:
+    from humanplay.db.store import StoreError
+    from humanplay.web.server import ServerError, run
+
+    try:
+        run(settings, *opened)
+    except (ServerError, StoreError) as error:
+        raise ClickException(str(error)) from error

@@ -1,0 +1,822 @@
+"""The command `marsexplorer study`: plan a study, freeze it, preregister it, say who may take part, and close it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack, closing, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+from click import ClickException, UsageError, argument, echo, option
+
+from humanplay.cli.console import (
+    default_config,
+    env_config_of,
+    failures,
+    place,
+    print_table,
+    progress,
+    study_errors,
+    task_name,
+    write_file,
+)
+from humanplay.cli.options import (
+    DATABASE_AND_STUDIES,
+    STUDIES,
+    SizeType,
+    flag,
+    path_option,
+    several,
+)
+from humanplay.task import counted
+
+if TYPE_CHECKING:
+    from humanplay.report.statistics.planning import StudyDesign
+    from humanplay.series.folder import Folder, Study
+    from humanplay.series.invitations import Use
+    from humanplay.series.protocol import Protocol
+
+
+RELAY = "https://api.drand.sh"
+"""Where the rounds of drand's beacons are told; any other relay will do, since a signature is checked."""
+NOTED_S = 10
+"""Seconds that a server may take to note that a study was closed."""
+BEACON_DELAY_MS = 600_000
+"""How long after freezing the round comes out that --beacon names, in milliseconds."""
+
+
+@click.group(short_help="Plan, freeze and close a study of how well people play.")
+def study() -> None:
+    """Plan a study, freeze its protocol, and close it when everybody has played.
+
+    A frozen protocol cannot change any more: its hash and a commitment to the secret that fixes every terrain are
+    published before the first participant joins; closing reveals the secret, so that anybody can check both.
+    A study lies in the folder beside its database, of lab.db in lab.db-studies. --database or MARS_DATABASE names the database;
+    without them it is data/playground.db in a checkout, ./playground.db elsewhere.
+
+    \b
+    Examples:
+      marsexplorer study new pilot --players 10
+      marsexplorer study freeze pilot         prints its power and what participants will read
+      marsexplorer study freeze strict --beacon; marsexplorer study open strict
+      marsexplorer study preregister pilot --out pilot.md
+      marsexplorer study invite pilot 10      ten links, each for one person
+      marsexplorer serve
+      marsexplorer study close pilot
+    """
+
+
+@study.command(short_help="Begin a study: write its protocol as a draft.")
+@argument("name")
+@option("--title", help="What participants read at the top.")
+@option(
+    "--env",
+    "task",
+    metavar="ENV",
+    help="Another environment, as serve has it, which needs --env too.  [default: MarsExplorer]",
+)
+@option("--level", default="random", help="random, or t-m-b from 1-1-1 to 3-2-2.")
+@option("--size", type=SizeType(), default="21", help="21 for a square, 42x84 for rows x columns.")
+@option("--warm-up", default=15, help="Episodes that do not count, before the others.")
+@option("--ranked", default=30, help="Episodes that count.")
+@option("--players", default=10, help="Participants planned.")
+@option(
+    "--primary-metric",
+    type=click.Choice(["steps", "score"]),
+    default="steps",
+    help="In which policies are tested against people.",
+)
+@option(
+    "--recruitment", type=click.Choice(["invitation", "panel", "open"]), default="invitation",
+    help="Who may take part: holders of single-use links, people whom a site sends with an id of theirs, or everybody.",
+)  # fmt: skip
+@option(
+    "--panel-links", type=click.Choice(["unsigned", "signed"]), default="unsigned",
+    help="Of a panel: signed lets in only whom `study invite --ids` made a link for.",
+)  # fmt: skip
+@option("--break-every", default=10, help="Ranked episodes after which a break is offered.")
+@several(
+    "--outside-id",
+    "outside_ids",
+    "A parameter of the link to keep; the first names the person. Repeatable.  [default: Prolific's three]",
+)
+@option("--return-url", help="Where participants go at the end; {code} is their completion code.")
+@option("--completion-code", help="One code for everybody.  [default: one drawn for each]")
+@several("--policy", "policies", "To compare with people; repeatable.  [default: the shipped ones]")
+@path_option(
+    "--declarations",
+    "declared",
+    "JSON object of what only you know, as examples/declarations.json.  [default: asks on a terminal]",
+    metavar="FILE",
+)
+@STUDIES
+def new(
+    name: str,
+    task: str | None,
+    level: str,
+    size: int | tuple[int, int],
+    declared: Path | None,
+    folder: Folder,
+    **given: Any,
+) -> None:
+    """Write a study's protocol.json, a draft to read and edit before it is frozen.
+
+    The defaults are those of the paper (section 3.2). Consent text, questions, exclusion rules and what the power rests on
+    are in the file, and docs/study.md explains each. Texts name the protocol's numbers in braces, such
+    as {ranked}; freezing fills them in. The policies are played on 200 terrains that are not the study's, and the difference
+    that the study is to see is one that this many players can see.
+
+    What only you know (population, payment, ethics review ...) is asked for on a terminal, or read from --declarations; what is
+    left empty must be written into the file before the study is frozen. Beside it stand a text to recruit with and a checklist.
+    The study koutras2021 is the paper's own: the pages count its people, as so many of ten.
+
+    \b
+    Examples:
+      marsexplorer study new koutras2021
+      marsexplorer study new pilot
+      marsexplorer study new hard --level 3-2-1 --size 42x42 --warm-up 5 --ranked 20 --players 16
+      marsexplorer study new lake --env FrozenLake-v1
+      marsexplorer study new online --recruitment panel --return-url "https://app.prolific.com/submissions/complete?cc={code}"
+    """
+    from humanplay.series import texts
+    from humanplay.series.files import read_object
+    from humanplay.series.protocol import Declarations, StudyError, default_protocol, parse_protocol
+    from humanplay.series.templates import filled
+
+    name_of_task = "mars" if task is None else task_name(task)
+    config = env_config_of(level, size) if task is None else default_config(name_of_task)
+    rest = {field: value for field, value in given.items() if value is not None and value != ()}
+    with study_errors():
+        folder.path(name)
+        if declared is not None:
+            answers = read_object(declared)
+            if unknown := sorted(answers.keys() - Declarations.model_fields):
+                known = ", ".join(Declarations.model_fields)
+                raise StudyError(f"{declared} declares {unknown[0]!r}, which is none of {known}")
+            rest["declarations"] = answers
+        protocol = default_protocol(name, config, name_of_task, **rest)
+        planned = _planned(protocol, folder)
+        protocol = parse_protocol(
+            {**protocol.model_dump(mode="json", exclude_unset=True), **planned}
+        )
+        if declared is None and sys.stdin.isatty():
+            answers = {"declarations": _asked()}
+            set_so_far = protocol.model_dump(mode="json", exclude_unset=True)
+            protocol = parse_protocol({**set_so_far, **answers})
+        path = folder.create(protocol)
+    for file, text in (("recruitment.txt", texts.RECRUITMENT), ("checklist.md", texts.CHECKLIST)):
+        write_file(path.with_name(file), filled(text, protocol).encode())
+    rehearsed = dict.fromkeys(Declarations.model_fields, "none: this is a rehearsal")
+    write_file(path.with_name("rehearsal.json"), json.dumps(rehearsed, indent=1).encode())
+    _echo_power(_with_power(protocol))
+    if unanswered := protocol.declarations.unanswered():
+        echo(f"Freezing needs what only you know, as declarations: {', '.join(unanswered)}")
+    echo(f"{path.with_name('recruitment.txt')}: what to ask people with")
+    echo(f"{path.with_name('checklist.md')}: what to do, from here to the figure")
+    echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
+
+
+def _asked() -> dict[str, str]:
+    """Ask for each declaration and return what was typed."""
+    from humanplay.series.protocol import Declarations
+
+    echo(
+        'The report will say what only you know. "none" is an answer; Enter leaves one for later, before freezing.'
+    )
+    form: Any = {"default": "", "show_default": False, "prompt_suffix": "> "}
+    fields = Declarations.model_fields.items()
+    return {name: click.prompt(f"{name}: {each.description}\n", **form) for name, each in fields}
+
+
+@study.command(short_help="Fix the protocol and draw the secret.")
+@argument("name")
+@flag(
+    "--underpowered", "Freeze although the planned difference is seen in less than 50 % of studies."
+)
+@flag(
+    "--beacon",
+    "Name a later round of a public beacon, so that nobody can have chosen the secret; `study open` enters it.",
+)
+@DATABASE_AND_STUDIES
+def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database: Path) -> None:
+    """Fix a study's protocol for good, draw its secret, and print what participants will read and what to publish.
+
+    Placeholders in its texts are filled in. The power is simulated, printed and fixed with the protocol, and a study that
+    would see its planned difference in fewer than half of all cases is refused. The file of each network that people are
+    compared with is kept with the study, so that its report plays the same network for ever.
+
+    Publish hash and commitment before anybody plays (in a preregistration, say): they prove later that neither the
+    protocol nor a terrain was chosen afterwards. Keep a copy of the study's folder; whoever reads the file `secret`
+    knows every terrain.
+
+    With --beacon the terrains follow from a round of the public beacon drand quicknet too, which comes out ten minutes later:
+    the report then need not warn that secrets may have been tried out. Nobody can take part before `study open`.
+    """
+    from humanplay.report.statistics.planning import AT_FREEZING
+    from humanplay.series.files import iso
+    from humanplay.series.folder import BEGINNINGS, beginnings
+    from humanplay.series.protocol import PLANNED
+
+    check_kind("study", "freeze", name, folder)
+    _check_database(database)
+    with study_errors():
+        draft = folder.filled(name)
+        draft = draft.model_copy(update=_planned(draft, folder))
+    protocol = _with_power(draft, AT_FREEZING)
+    if not underpowered:
+        _check_power(protocol)
+    planned = {field: getattr(protocol, field) for field in PLANNED}
+    found = frozen(name, beacon, folder, database, planned)
+    echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
+    _echo_power(found.protocol)
+    for policy, digest in found.protocol.policy_hashes.items():
+        echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
+    if (looks := beginnings(found.protocol)) <= BEGINNINGS // 2:
+        echo(
+            f"Caution: of {BEGINNINGS} seeds only {looks} look{'s' * (looks == 1)} different at the start, so that "
+            "whoever has played some instances may know the others"
+        )
+    if math.isinf(found.protocol.rules.bounds(found.protocol.env_config)[0]):
+        echo(
+            "Caution: no lowest score is declared (`bounds` of the environment's file): there is no mean score of everybody "
+            "who began, nobody who gives up is in the per-protocol estimate, and no difference in score is tested"
+        )
+    echo(f"The study {name!r} is frozen.\n{hashes(found)}")
+    if found.beacon is not None:
+        out = f"Round {found.beacon.round} of the beacon comes out at {iso(found.beacon.round_ms)}"
+        echo(f"{out}; then `marsexplorer study open {name}`")
+    else:
+        echo(f"A running server offers it at once, at /study/{name}")
+    if found.protocol.recruitment == "invitation":
+        invite = f"marsexplorer study invite {name} {found.protocol.players}"
+        echo(f"It is by invitation: `{invite}` makes the links")
+    if found.protocol.panel_links == "signed":
+        echo(f"Links are signed: `marsexplorer study invite {name} --ids FILE` makes them")
+
+
+def check_kind(
+    group: Literal["study", "evaluation"], command: str, name: str, folder: Folder
+) -> None:
+    """Refuse an evaluation of agents to a command of studies of people and the reverse, and name the other one's."""
+    with study_errors():
+        is_of_agents = folder.draft(name).agents is not None
+    other, of = ("evaluation", "agents") if is_of_agents else ("study", "people")
+    if other != group:
+        raise UsageError(f"{name!r} is of {of}: `marsexplorer {other} {command} {name}`")
+
+
+def frozen(
+    name: str,
+    beacon: bool,
+    folder: Folder,
+    database: Path,
+    planned: Mapping[str, Any] = MappingProxyType({}),
+) -> Study:
+    """Freeze a study or an evaluation, note it in the chain of the database, say so, and return it.
+
+    planned  as of `Folder.freeze`
+    """
+    from humanplay.series.beacon import QUICKNET
+    from humanplay.series.files import now_ms
+
+    _check_database(database)
+    with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
+        named = QUICKNET.after(now_ms() + BEACON_DELAY_MS) if beacon else None
+        found = folder.freeze(name, advance, named, planned=planned)
+    said = f"An entry of the chain of {database} says so; `marsexplorer stamp` has it time-stamped"
+    later = f"There is no database {database} yet: the server that makes it notes this in its chain"
+    echo(said if _note_freezing(found, database) else later)
+    return found
+
+
+def hashes(found: Study) -> str:
+    """Return what freezing fixed, as it is printed."""
+    beacon = found.beacon
+    named = f"\nbeacon         drand quicknet, round {beacon.round}" if beacon else ""
+    return f"protocol hash  {found.protocol_hash}\ncommitment     {found.commitment}{named}"
+
+
+def _check_database(database: Path) -> None:
+    """Refuse a database that is not ours before a study is changed that it must note."""
+    from humanplay.db.database import reading
+
+    if database.exists():
+        with failures(f"cannot read {database}"), reading(database):
+            pass
+
+
+def _note_freezing(found: Study, database: Path) -> bool:
+    """Append the freezing and the opening to the chain of the database, and return whether there is one; a server may run."""
+    from humanplay.db.chain import append_marks, freezing_of
+    from humanplay.db.database import writing
+
+    if not database.exists():  # a server notes it when it starts
+        return False
+    with (
+        failures(f"the study {found.name!r} is as asked, but its entry in the chain is missing"),
+        writing(database) as conn,
+    ):
+        append_marks(conn, freezing_of(found.row()))
+    return True
+
+
+@study.command("open", short_help="Enter the beacon's round, so that people can take part.")
+@argument("name")
+@option("--signature", help="The round's signature, 96 hexadecimal digits.  [default: by --relay]")
+@option("--relay", default=RELAY, help="Where the beacon's rounds can be fetched.")
+@DATABASE_AND_STUDIES
+def open_(name: str, signature: str | None, relay: str, folder: Folder, database: Path) -> None:
+    """Enter the signature of the beacon's round that was named when the study was frozen: the terrains follow from it.
+
+    The signature is checked with the beacon's public key, whoever it comes from, and again by `verify` and the report.
+
+    \b
+    Examples:
+      marsexplorer study open pilot
+      marsexplorer study open pilot --signature b44679b9a59a...
+    """
+    _check_database(database)
+    with study_errors():
+        found = folder.study(name)
+        if found.waits_for_beacon and found.beacon is not None and signature is None:
+            signature = found.beacon.fetch(relay)
+    with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
+        found = folder.open(name, signature or "", advance)
+    _note_freezing(found, database)
+    echo(f"The study {name!r} is open, at /study/{name}")
+
+
+@study.command(short_help="End the study and reveal its secret.")
+@argument("name")
+@flag("--yes", "Do not ask.")
+@flag("--now", "Close it also while somebody is at it.")
+@flag("--sealed", "Keep the secret, so that agents can be evaluated on the same terrains.")
+@DATABASE_AND_STUDIES
+def close(name: str, yes: bool, now: bool, sealed: bool, folder: Folder, database: Path) -> None:
+    """End a study: nobody can join or go on, and the secret behind its terrains is revealed.
+
+    With --sealed the secret is kept until an evaluation of agents on these terrains closes (`marsexplorer evaluation`), or the
+    study is closed again without it. Till then debrief, report, costs, replays, exports and release show nothing of them.
+
+    Episodes that are open are abandoned. While somebody has moved within the last ten minutes nothing is closed without --now;
+    with it they count as interrupted. There is no way back: whoever knows the secret knows every terrain. A running server
+    sees it at once.
+    """
+    check_kind("study", "close", name, folder)
+    question = f"Close the study {name!r} for ever? Participants on their way cannot finish"
+    found = closed(name, None if yes else question, now, sealed, folder, database)
+    if found.is_open:
+        echo(f"The study {name!r} is sealed: `marsexplorer evaluation new NAME --of {name}`")
+    else:
+        echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
+
+
+def closed(
+    name: str, question: str | None, now: bool, seals: bool, folder: Folder, database: Path
+) -> Study:
+    """Close a study or an evaluation, have it noted in the database, and return it.
+
+    question  what is asked before an open one is closed; None: nothing is
+    """
+    from humanplay.db.reader import Reader, now_ms
+    from humanplay.series.closing import check_nobody_is_at_it, close_study
+
+    with failures(f"cannot close {name!r}"), study_errors(), ExitStack() as stack:
+        folder.study(name)
+        has_file = database.exists()
+        reader = stack.enter_context(closing(Reader.open(database))) if has_file else None
+        if folder.status(name) == "open" and question is not None:
+            folder.check_closable(name, seals)
+            if not now:
+                check_nobody_is_at_it(folder, reader, name, now_ms())
+            _confirm(question)
+        found = close_study(folder, reader, name, now_ms(), now, seals)
+    for each in (found, *([] if found.paired is None else [found.paired])):
+        if not _note_in_database(each, database):
+            echo(
+                f"{database} is in use, and its server has not taken note yet: it does so at its next start at the latest, and "
+                "no report or release is made while episodes of the study are open"
+            )
+    return found
+
+
+def _confirm(question: str) -> None:
+    """Ask a question; anything but yes ends the command, and where nobody can answer it says how to go without asking."""
+    try:
+        click.confirm(question, abort=True)
+    except click.Abort:
+        if sys.stdin.isatty():
+            raise
+        why = "nothing was closed: the answer was not yes; --yes closes without asking"
+        raise ClickException(why) from None
+
+
+def _note_in_database(found: Study, database: Path) -> bool:
+    """Note the end in the database, and return whether it is there; a server that has it open is given some seconds."""
+    if not database.exists():
+        return True
+    from humanplay.db.reader import Reader
+    from humanplay.db.series import find_study
+    from humanplay.db.store import Store, StoreError
+    from humanplay.db.study_rows import is_same_study
+    from humanplay.series.closing import note_closed
+
+    with suppress(StoreError), closing(Store(database)) as store:
+        note_closed(store, found)
+    for _ in range(NOTED_S * 10):
+        with closing(Reader.open(database)) as reader:
+            row = find_study(reader, found.name)
+        if row is None or row.closed_ms is not None or not is_same_study(row, found):
+            return True
+        if found.is_open and row.sealed_ms is not None:
+            return True
+        time.sleep(0.1)
+    return False
+
+
+@study.command(short_help="Show a study's protocol and state.")
+@argument("name")
+@STUDIES
+def show(name: str, folder: Folder) -> None:
+    """Print how far a study is, its protocol, and what freezing fixed; never the secret of an open study.
+
+    The texts of a draft are shown as participants would read them, with every placeholder filled in.
+    """
+    import json
+
+    from humanplay.series.templates import fill
+
+    with study_errors():
+        status, protocol = folder.status(name), folder.draft(name)
+        protocol = fill(protocol) if status == "draft" else protocol
+        found = None if status == "draft" else folder.study(name)
+    echo(f"{name}: {status}, {folder.path(name)}")
+    if found is not None:
+        echo(hashes(found))
+        if not found.is_open:
+            echo(f"secret         {found.secret.hex()}")
+    echo(json.dumps(protocol.model_dump(mode="json"), indent=2, ensure_ascii=False))
+
+
+@study.command("list", short_help="List all studies.")
+@STUDIES
+def list_(folder: Folder) -> None:
+    """Print every study in the folder with its state."""
+    rows = []
+    for name in folder.names():
+        with study_errors():
+            protocol = folder.draft(name)
+        if protocol.agents is not None:
+            continue
+        plan = f"{protocol.players} x ({protocol.warm_up} + {protocol.ranked})"
+        rows.append((name, folder.status(name), plan, protocol.title))
+    if not rows:
+        echo(f"no studies in {folder.root}; `marsexplorer study new NAME` begins one")
+        return
+    print_table("Studies", ("name", "status", "players x episodes", "title"), rows)
+
+
+@study.command(short_help="What a study can see, and with how many players.")
+@argument("name")
+@option("--players", type=click.IntRange(1), help="In place of the protocol's.")
+@option("--ranked", type=click.IntRange(1), help="Ranked episodes, in place of the protocol's.")
+@option("--difference", type=float, help="In place of the protocol's policy_difference.")
+@option("--pilot", metavar="STUDY", help="Take the assumptions about people from a closed study.")
+@DATABASE_AND_STUDIES
+def power(
+    name: str,
+    players: int | None,
+    ranked: int | None,
+    difference: float | None,
+    pilot: str | None,
+    database: Path,
+    folder: Folder,
+) -> None:
+    """Simulate studies by a protocol's assumptions, and print how many see its planned difference.
+
+    The studies are analysed by the report's own functions. Nothing is written: put what suits into protocol.json.
+
+    \b
+    Examples:
+      marsexplorer study power pilot
+      marsexplorer study power pilot --players 30 --difference 20
+      marsexplorer study power main --pilot pilot
+    """
+    from humanplay.series.protocol import parse_protocol
+
+    with study_errors():
+        protocol = folder.draft(name)
+        changes: dict[str, Any] = {}
+        if pilot is not None:
+            changes = _assumptions_from(pilot, protocol, database)
+        given = {"players": players, "ranked": ranked, "policy_difference": difference}
+        changes |= {field: value for field, value in given.items() if value is not None}
+        changed = {**protocol.model_dump(mode="json", exclude_unset=True), **changes}
+        protocol = parse_protocol(changed)
+        protocol = protocol.model_copy(update=_planned(protocol, folder))
+    _echo_power(_with_power(protocol))
+    if protocol.policy_difference is not None:
+        echo(f"To see more: {'; or '.join(_ways(protocol))}")
+
+
+def _assumptions_from(name: str, protocol: Protocol, database: Path) -> dict[str, float]:
+    """What a closed study shows of people; UsageError where the database has none that does."""
+    from humanplay.report.statistics.planning import assumptions_from
+    from humanplay.series.data import load
+
+    with failures(f"cannot read {database}"), study_errors():
+        data = load(database, name)
+    try:
+        return assumptions_from(data, protocol)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+
+
+def _planned(protocol: Protocol, folder: Folder) -> dict[str, Any]:
+    """The assumptions and the difference of a protocol, filled in where it leaves them empty."""
+    from humanplay.report.statistics.planning import reachable_difference
+    from humanplay.series.policy_episodes import tested_policies
+    from humanplay.series.terrain_spread import terrain_sd
+
+    assumed = dict(protocol.rules.assumed(protocol.env_config, protocol.primary_metric))
+    fields: dict[str, Any] = {
+        name: number for name, number in assumed.items() if getattr(protocol, name) is None
+    }
+    if protocol.assumed_terrain_sd is None and tested_policies(protocol):
+        with progress("playing the policies on 200 terrains that are not the study's") as advance:
+            spread = terrain_sd(protocol, folder.root, advance)
+        fields["assumed_terrain_sd"] = float(f"{spread:.3g}")
+    protocol = protocol.model_copy(update=fields)
+    if protocol.policy_difference is None and tested_policies(protocol):
+        design = _design(protocol)
+        with progress("looking for the difference that so many players see"):
+            fields["policy_difference"], _ = reachable_difference(design)
+    return fields
+
+
+def _with_power(protocol: Protocol, studies: int | None = None) -> Protocol:
+    """The protocol with its power, by so many simulated studies; without one where nothing is assumed."""
+    from humanplay.report.statistics.planning import WHILE_TYPING, power_of
+    from humanplay.series.policy_episodes import tested_policies
+
+    if protocol.assumed_mean is None and not tested_policies(protocol):
+        return protocol
+    with progress("simulating studies") as advance:
+        _design(protocol)
+        power = power_of(protocol, studies or WHILE_TYPING, advance)
+    return protocol.model_copy(update={"power": power})
+
+
+def _design(protocol: Protocol) -> StudyDesign:
+    """The design of a protocol; UsageError where an assumption is missing."""
+    from humanplay.report.statistics.planning import design_of
+
+    try:
+        return design_of(protocol)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+
+
+@study.command(short_help="Print single-use links to a study.")
+@argument("name")
+@argument("count", type=int, metavar="[N]", default=0)
+@option(
+    "--url",
+    help="The address at which participants reach the server.  [default: MARS_PUBLIC_URL, else a guess that says so]",
+)
+@flag("--list", "lists", "List all invitations with their state instead.")
+@path_option(
+    "--ids",
+    "panel",
+    "A panel's ids, one a line: print a signed link for each, where panel_links is signed.",
+    metavar="FILE",
+)
+@path_option("--csv", "table", "Write them to a file, with links: id, state, link.", metavar="FILE")
+@DATABASE_AND_STUDIES
+def invite(
+    name: str,
+    count: int,
+    url: str | None,
+    lists: bool,
+    panel: Path | None,
+    table: Path | None,
+    database: Path,
+    folder: Folder,
+) -> None:
+    """Print N single-use links to a study whose recruitment is by invitation.
+
+    A link is used up when somebody agrees to the consent text, not when it is opened. Send each person one; whoever has a
+    link can take part with it. The links are listed in the study's folder by their ids, never by their tokens; --list shows
+    ids and states, and with --csv the links once more. A running server knows new links at once.
+
+    \b
+    Examples:
+      marsexplorer study invite pilot 10 --url https://lab.example.org
+      marsexplorer study invite pilot --list
+      marsexplorer study invite pilot --list --csv links.csv
+    """
+    from humanplay.series.invitations import Invitations, link_of, state_of
+    from humanplay.series.recruitment import panel_link
+
+    if [count > 0, lists, panel is not None].count(True) != 1:
+        given = "the number of links to make, such as 10, --list to see all, or --ids FILE"
+        raise UsageError(f"expected {given}")
+    server = place()
+    known = url or server.public_url
+    base = known or f"http://{server.host}:{server.port}"
+    invitations = Invitations(folder)
+    found, rows, links = [], [], []
+    uses = _uses(database, name)
+    with study_errors():
+        study = folder.study(name)
+        if panel is not None:
+            try:
+                with failures(f"cannot read {panel}"):
+                    lines = panel.read_text(encoding="utf-8").splitlines()
+            except UnicodeDecodeError as error:
+                why = f"cannot read {panel}: it is no text in UTF-8, with an id on each line"
+                raise UsageError(why) from error
+            ids = filter(None, map(str.strip, lines))
+            rows = [(value, "signed", "") for value in ids]
+            links = [panel_link(study, value, base) for value, *_ in rows]
+        else:
+            found = list(invitations.of(name).values()) if lists else invitations.issue(name, count)
+    for each in found:
+        use = uses.get(each.id)
+        rows.append((each.id, state_of(each, use), use.label if use else ""))
+        links.append(link_of(study, each.id, base))
+    if known is None and (table is not None or not lists):
+        way_out = "give --url, or MARS_PUBLIC_URL as for the server, if people reach it elsewhere"
+        echo(f"{base} is a guess: {way_out}", err=True)
+    if not lists:
+        echo("\n".join(links))
+    elif not found:
+        way_out = f"`marsexplorer study invite {name} 10` makes ten links"
+        echo(f"nobody has been invited to {name}; {way_out}")
+    else:
+        issued = [_day(each.issued_ms) for each in found]
+        printed = [(*row, day) for row, day in zip(rows, issued, strict=True)]
+        heads = ("id", "state", "participant", "issued (UTC)")
+        print_table(f"Invitations to {name}", heads, printed)
+    if table is not None:  # last: links that were issued are told whatever becomes of the file
+        _write_csv(table, [(*row, link) for row, link in zip(rows, links, strict=True)])
+
+
+@study.command(short_help="Take invitations back.")
+@argument("name")
+@argument("ids", nargs=-1, required=True)
+@STUDIES
+def revoke(name: str, ids: tuple[str, ...], folder: Folder) -> None:
+    """Take invitations back by their ids: nobody can agree to take part with them any more.
+
+    Whoever has agreed with one already goes on; `marsexplorer forget` erases a participant.
+
+    \b
+    Example:
+      marsexplorer study revoke pilot 7K3M 9ABC
+    """
+    from humanplay.series.invitations import Invitations
+
+    with study_errors():
+        revoked = Invitations(folder).revoke(name, ids)
+    echo(f"revoked: {', '.join(each.id for each in revoked)}")
+
+
+@study.command(short_help="Print the operator's code for supervised sessions.")
+@argument("name")
+@STUDIES
+def supervise(name: str, folder: Folder) -> None:
+    """Print the code that an operator types on a participant's page in the lab.
+
+    Episodes that begin within four hours after it was typed count as supervised. The code is that of this UTC day; it is
+    valid until the end of the following one. Whoever knows it can type it anywhere: type it yourself, unseen.
+    """
+    from humanplay.series.files import now_ms
+    from humanplay.series.recruitment import code_of, valid_until_ms
+
+    with study_errors():
+        study = folder.study(name)
+    if not study.is_running:
+        why = "nobody can be supervised in it any more"
+        raise UsageError(f"the study {name!r} is closed: {why}")
+    now = now_ms()
+    echo(f"{code_of(study, now)}\nvalid until {_day(valid_until_ms(now))} UTC")
+
+
+def _uses(database: Path, name: str) -> dict[str, Use]:
+    """Return what the database knows of a study's invitations, by id; nothing where there is no database."""
+    if not database.exists():
+        return {}
+    from humanplay.db.reader import Reader
+    from humanplay.series.invitations import uses_of
+
+    with failures(f"cannot read {database}"), closing(Reader.open(database)) as reader:
+        return uses_of(reader, name)
+
+
+def _write_csv(path: Path, rows: list[tuple[str, ...]]) -> None:
+    """Write the table for its owner alone: whoever reads a link can take part with it."""
+    from marsexplorer.files import to_cell
+
+    text = io.StringIO()
+    table = [("id", "state", "participant", "link"), *rows]
+    csv.writer(text, lineterminator="\n").writerows(map(to_cell, row) for row in table)
+    write_file(path, text.getvalue().encode(), "--csv", private=True)
+
+
+def _day(ms: int) -> str:
+    return datetime.fromtimestamp(ms / 1000, UTC).strftime("%Y-%m-%d %H:%M")
+
+
+def _check_power(protocol: Protocol) -> None:
+    """Refuse a study that tests policies and sees its planned difference in less than 50 % of cases."""
+    from humanplay.report.statistics.planning import LEAST_POWER, power_in_words
+    from humanplay.series.policy_episodes import tested_policies
+
+    power = protocol.power
+    if not tested_policies(protocol) or power is None or (power.lower or 0.0) >= LEAST_POWER:
+        return
+    ways = "; or ".join(
+        [*_ways(protocol), "freeze with --underpowered where it is a rehearsal or a pilot"]
+    )
+    raise UsageError(
+        f"{power_in_words(protocol)} Below 50 % a study more likely misses than sees what it is for: {ways}"
+    )
+
+
+def _ways(protocol: Protocol) -> list[str]:
+    """How the study would see its difference, or another one, more often."""
+    from humanplay.report.statistics.planning import (
+        MOST_PARTICIPANTS,
+        WANTED_POWER,
+        fewest_participants,
+        reachable_difference,
+    )
+
+    design, difference, ways = _design(protocol), protocol.policy_difference, []
+    with progress("looking for the fewest players and the least difference"):
+        fewest = None if difference is None else fewest_participants(design, difference)
+        least, power = reachable_difference(design)
+    if fewest is not None:
+        ways.append(f"plan about {counted(fewest, 'player')}, for {100 * WANTED_POWER:.0f} %")
+    elif difference is None:
+        ways.append("plan five players and five ranked episodes or more")
+    if least is not None:
+        why = (
+            "" if fewest is not None else f" ({MOST_PARTICIPANTS} players are too few for this one)"
+        )
+        ways.append(f"write {least:g} or more as policy_difference, for {100 * power:.0f} %{why}")
+    return ways or [f"{MOST_PARTICIPANTS} players are too few"]
+
+
+def _echo_power(protocol: Protocol) -> None:
+    """Print what a protocol sees and what that rests on."""
+    from humanplay.report.statistics.planning import assumptions_in_words, power_in_words
+
+    if protocol.power is None:
+        echo("Power: nothing is assumed of people, and no policy is tested")
+        return
+    echo(f"Power: {power_in_words(protocol)}")
+    echo(
+        f"{assumptions_in_words(protocol)} No measurement of people: put better ones into protocol.json"
+    )
+
+
+@study.command(short_help="Write the preregistration, ready for OSF.")
+@argument("name")
+@path_option("--out", "Write it to this file.  [default: print it]", metavar="FILE")
+@STUDIES
+def preregister(name: str, out: Path | None, folder: Folder) -> None:
+    """Write a study's preregistration as Markdown, to be uploaded to OSF or elsewhere before anybody plays.
+
+    Hypotheses, estimands, sample and recruitment, exclusion, the stopping rule, analyses, power, and the
+    hash and the commitment that fix protocol and terrains; and what is not preregistered. What only you know is marked
+    TO BE STATED. A draft gives a preview, marked DRAFT, without hash and commitment.
+
+    \b
+    Examples:
+      marsexplorer study preregister pilot
+      marsexplorer study preregister pilot --out pilot-preregistration.md
+    """
+    from humanplay.report.preregistration import preregistration
+    from humanplay.series.templates import fill
+
+    with study_errors():
+        found = None if folder.status(name) == "draft" else folder.study(name)
+        protocol = fill(folder.draft(name)) if found is None else found.protocol
+        text = preregistration(protocol, found)
+    if out is None:
+        echo(text, nl=False)
+        return
+    write_file(out, text.encode(), "--out")
+    then = "state what is marked TO BE STATED, then register it before anybody plays"
+    echo(f"{out}: read it, {then}")

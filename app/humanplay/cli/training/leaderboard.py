@@ -1,0 +1,52 @@
+"""The command `marsexplorer leaderboard`: make the figures of the shipped policies that the package comes with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from click import UsageError, echo, option
+
+from humanplay.cli.console import progress, write_file
+from humanplay.cli.options import COUNT, path_option, several
+from humanplay.cli.training.cards import written
+
+
+@click.command(short_help="Make the leaderboard's figures of the shipped policies.")
+@several("--board", "boards", "A board such as random-21x21; repeatable.  [default: all on offer]")
+@several("--policy", "again", "Play this one alone, and keep the others' figures; repeatable.")
+@path_option("--out", "Folder for the figures, a file a board; made when absent.", required=True)
+@option("--workers", type=COUNT, default=1, help="Processes that play at the same time.")
+def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, workers: int) -> None:
+    """Play the shipped policies on the leaderboard's terrains and write their figures, so that a new server shows them at once.
+
+    The package comes with the figures that this command wrote to data/leaderboard. Run it again when the rules, a shipped
+    policy or the terrains have changed. The figures are the same for any number of processes. All boards take about half an
+    hour of one core; most of it is the planner on 84 x 84 cells. With --policy the figures that --out has of other policies
+    stay, where they still hold.
+
+    \b
+    Examples:
+      marsexplorer leaderboard --out data/leaderboard
+      marsexplorer leaderboard --board random-21x21 --board 1-1-1-21x21 --out figures --workers 2
+      marsexplorer leaderboard --policy ppo --out data/leaderboard
+    """
+    from humanplay.jobs import Jobs
+    from humanplay.web.leaderboard.entries import make_board, offered_boards
+    from humanplay.web.leaderboard.evaluations import ShippedFigures, file_name
+    from marsexplorer.policies import names
+
+    known = offered_boards()
+    if unknown := [name for name in boards if name not in known]:
+        raise UsageError(f"no board {unknown[0]!r}; choose one of: {', '.join(known)}")
+    if unknown := [name for name in again if name not in names()]:
+        raise UsageError(f"no policy {unknown[0]!r} is shipped; there are {', '.join(names())}")
+    kept = ShippedFigures(out) if again else None
+    for name in boards or known:
+        path = out / file_name(known[name].config)
+        with Jobs(workers) as jobs, progress(f"playing {name}") as advance:
+            text = make_board(known[name], jobs, advance, kept, again)
+        with written(path):
+            out.mkdir(parents=True, exist_ok=True)
+        write_file(path, text.encode(), "--out")
+        echo(path)

@@ -1,0 +1,215 @@
+"""The command `marsexplorer sweep`: one training run for every level, size and seed, each on one core."""
+
+from __future__ import annotations
+
+import csv
+import io
+import platform
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, as_completed
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click import ClickException, UsageError, option
+
+from humanplay.cli.console import print_table, progress
+from humanplay.cli.options import COUNT, levels_option, path_option, several, sizes_option
+from humanplay.cli.training.cards import written
+from humanplay.cli.training.train import configs_of
+
+if TYPE_CHECKING:
+    from marsexplorer.config import EnvConfig
+
+
+@dataclass(frozen=True)
+class SweepRun:
+    """One training run: the options of `marsexplorer train`, and on how many terrains its policy is measured.
+
+    name      of its folder and policy file
+    recipe    a name in RECIPES
+    config    the fields of its EnvConfig as a dictionary
+    steps     moves to train for
+    episodes  held-out terrains to measure on
+    card      what the policy's card says besides numbers
+    """
+
+    name: str
+    recipe: str
+    config: dict[str, Any]
+    steps: int
+    seed: int
+    episodes: int
+    card: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """The outcome of a run; error is empty when all went well, otherwise the figures are NaN.
+
+    steps, completion, score  means on held-out terrains; rule_ratio: mean steps over those of the best frontier rule there
+    policy                    the policy file
+    """
+
+    run: SweepRun
+    steps: float
+    completion: float
+    score: float
+    rule_ratio: float
+    policy: Path | None
+    error: str = ""
+
+
+NAN = float("nan")
+FIGURES = ("steps", "completion", "score", "rule_ratio")
+
+
+@click.command(short_help="Train on many levels and seeds.")
+@levels_option("random")
+@sizes_option("21")
+@several("--seed", "seeds", "Training seed; repeatable.", type=click.IntRange(0, 1000), default=[0])
+@option("--recipe", type=click.Choice(["best", "priced"]), default="best", help="As in train.")
+@option("--steps", type=COUNT, default=4_000_000, help="Moves of each training.")
+@option("--episodes", type=click.IntRange(min=2), default=200, help="Held-out terrains a policy.")
+@option("--ray", metavar="ADDRESS", help="Train on a Ray cluster: HOST:PORT, auto, or local.")
+@path_option("--out", "Folder that all machines reach: policies, logs, sweep.csv.", required=True)
+def sweep(
+    levels: tuple[str, ...],
+    sizes: tuple[int | tuple[int, int], ...],
+    seeds: tuple[int, ...],
+    recipe: str,
+    steps: int,
+    episodes: int,
+    ray: str | None,
+    out: Path,
+) -> None:
+    """Train one policy for every level, size and seed, each on one core, and measure all on terrains kept for evaluation.
+
+    As many are trained at the same time as there are cores, here or on a Ray cluster. Each writes a folder as `marsexplorer
+    train` does; sweep.csv has a line for each. To train one policy on several levels at once, use `marsexplorer train --level
+    all`.
+
+    \b
+    Examples:
+      marsexplorer sweep --level all --seed 0 --seed 1 --seed 2 --out runs/levels
+      marsexplorer sweep --level random --size 21 --size 42 --steps 10000000 --ray head:6379 --out /shared/sizes
+    """
+    each = product(configs_of(levels, sizes), dict.fromkeys(seeds))
+    runs = [_sweep_run(config, seed, recipe, steps, episodes) for config, seed in each]
+    if (out / "sweep.csv").exists():
+        raise UsageError(f"{out} holds a sweep already; give another --out")
+    from marsexplorer.files import write_whole
+
+    with written(f"to {out}"):
+        out.mkdir(parents=True, exist_ok=True)
+        with write_whole(out / "sweep.csv") as file:
+            results = _run(runs, out, ray)
+            file.write(_csv(results).encode())
+    _show(results)
+    if failed := [each for each in results if each.error]:
+        some = f"{len(failed)} of {len(runs)} trainings failed"
+        raise ClickException(f"{some}, the first with: {failed[0].error}")
+
+
+def _sweep_run(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: int) -> SweepRun:
+    side = f"{config.rows}x{config.cols}"
+    card = {
+        "summary": f"PPO ({recipe}): {steps:,} moves on {config.level} {side}, seed {seed}.",
+        "command": f"marsexplorer train --recipe {recipe} --level {config.level} --size {side} --steps {steps} --seed {seed}",
+        "hardware": f"{platform.machine()}, one thread",
+        "size": [config.rows, config.cols],
+    }
+    name = f"{recipe}-{config.level}-{side}-s{seed}"
+    return SweepRun(name, recipe, config.to_dict(), steps, seed, episodes, card)
+
+
+def _run(runs: Sequence[SweepRun], out: Path, address: str | None) -> list[SweepResult]:
+    from humanplay.jobs import ClusterError, Jobs
+
+    try:
+        with Jobs(ray=address) as jobs, progress("training") as advance:
+            advance(0, len(runs))
+            return train_all(jobs, runs, out.resolve(), advance)
+    except ClusterError as error:
+        raise ClickException(str(error)) from error
+
+
+def train_all(
+    executor: Executor, runs: Sequence[SweepRun], out: Path, advance: Callable[[int, int], None]
+) -> list[SweepResult]:
+    """Train and measure each run and return what they came to, in the order given; one that fails leaves the others running.
+
+    out      folder that all machines see: each run's own (policy file, log, learning curve) is out/NAME
+    advance  called with (runs ended, runs in all)
+    """
+    futures = [executor.submit(train_one, run, out) for run in runs]
+    for done, _ in enumerate(as_completed(futures), 1):
+        advance(done, len(runs))
+    results = []
+    for run, future in zip(runs, futures, strict=True):
+        if (error := future.exception()) is None:
+            results.append(future.result())
+        else:
+            said = str(error).strip().splitlines() or [type(error).__name__]
+            results.append(SweepResult(run, NAN, NAN, NAN, NAN, None, said[-1]))
+    return results
+
+
+def train_one(sweep_run: SweepRun, out: Path) -> SweepResult:
+    """Train, measure and write one run, in this process."""
+    from marsexplorer.config import EnvConfig
+    from marsexplorer.evaluation import RULES, evaluate
+    from marsexplorer.training.config import RECIPES
+    from marsexplorer.training.envs import EVALUATION_SEEDS
+    from marsexplorer.training.ppo import TrainingRun, train
+    from marsexplorer.training.run_folder import RunFolder
+
+    config = EnvConfig(**sweep_run.config)
+    run = TrainingRun.begin(RECIPES[sweep_run.recipe], [config], sweep_run.steps, sweep_run.seed)
+    folder = RunFolder(out / sweep_run.name, run, sweep_run.card, lambda metrics, seconds: None)
+    train(run, folder.on_update)
+    folder.save()
+    names = [str(folder.policy), *RULES]
+    table = evaluate(names, config, sweep_run.episodes, EVALUATION_SEEDS.start)
+    own, ratio = table.rows[0], table.compared(table.rows[0])
+    assert ratio is not None
+    means = (own.steps_mean, own.completion, own.score_mean, ratio.ratio_mean)
+    result = SweepResult(sweep_run, *means, folder.policy)
+    where = f"{config.level} {config.rows}x{config.cols}"
+    terrains = {"terrains": sweep_run.episodes, "first_seed": EVALUATION_SEEDS.start}
+    figures = {name: getattr(result, name) for name in FIGURES}
+    folder.save_policy({"results": {where: {**terrains, **figures, "collisions": own.collisions}}})
+    return result
+
+
+def _csv(results: list[SweepResult]) -> str:
+    from marsexplorer.files import to_cell
+
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["name", "recipe", "level", "rows", "cols", "seed", "moves", *FIGURES, "error"])
+    for each in results:
+        run = each.run
+        where = (run.config["level"], run.config["rows"], run.config["cols"])
+        cells = (run.name, run.recipe, *where, run.seed, run.steps, *_figures(each), each.error)
+        writer.writerow(map(to_cell, cells))
+    return text.getvalue()
+
+
+def _figures(result: SweepResult) -> list[float]:
+    return [getattr(result, name) for name in FIGURES]
+
+
+def _show(results: list[SweepResult]) -> None:
+    rows = []
+    for each in results:
+        steps, completion, score, ratio = _figures(each)
+        run = each.run
+        where = (run.config["level"], f"{run.config['rows']}x{run.config['cols']}", str(run.seed))
+        figures = (f"{completion:.1%}", f"{steps:.1f}", f"{ratio:.3f}", f"{score:.4f}")
+        rows.append((run.name, *where, *figures))
+    columns = ["policy", "level", "size", "seed"]
+    columns += ["completion", "steps to 99 %", "to rule", "mean score"]
+    print_table(f"{results[0].run.episodes} held-out terrains each", columns, rows)

@@ -1,0 +1,302 @@
+"""The command `marsexplorer train`: train a policy by PPO, with a log, a learning curve and checkpoints; then refine it."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import chain
+from math import isnan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click import UsageError, echo, option
+
+from humanplay.cli.console import env_config_of
+from humanplay.cli.options import (
+    COUNT,
+    flag,
+    levels_option,
+    path_option,
+    seed_option,
+    several,
+    sizes_option,
+)
+from humanplay.cli.training.cards import commit, measure_policy, noted_progress, written
+from humanplay.cli.training.refine import RefineOutput, own_card_of, refine_policy
+
+if TYPE_CHECKING:
+    from marsexplorer.config import EnvConfig
+    from marsexplorer.training.config import TrainConfig
+    from marsexplorer.training.ppo import TrainingRun, UpdateMetrics
+
+DEFAULT_MINUTES = 30.0
+TIMED_UPDATES = 4
+"""Updates that are timed to find how many steps fit into --minutes."""
+PRINT_INTERVAL_S = 15
+"""Seconds between two lines where stderr is no terminal."""
+REFINE_CHECKPOINT = "refine.pt"
+"""The file in a run's folder that its refining goes on from."""
+
+
+@click.command(short_help="Train a policy on this machine.")
+@option(
+    "--recipe",
+    type=click.Choice(["best", "priced"]),
+    default="best",
+    help="best learns from nothing; priced begins as rules by the prices of unknown cells.",
+)
+@levels_option("random")
+@sizes_option("21")
+@option(
+    "--minutes",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Train for about this long; a short measurement sets the steps.  [default: 30]",
+)
+@option("--steps", type=COUNT, help="Train for this many moves, rounded up to whole updates.")
+@option(
+    "--refine",
+    "rounds",
+    type=COUNT,
+    help="Then refine the policy on grids of these sizes for so many rounds, as `marsexplorer refine` does.",
+)
+@option("--workers", type=COUNT, help="Processes of --refine.  [default: one for each core]")
+@several(
+    "--set",
+    "settings",
+    "Change a field of the recipe, such as gamma=0.99; repeatable. A wrong one lists all.",
+    metavar="FIELD=VALUE",
+)
+@seed_option("The same seed, steps and rounds give the same weights.")
+@path_option("--out", "Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]")
+@flag("--resume", "Go on with the run in --out: the command that began it, with --resume.")
+@option(
+    "--device",
+    type=click.Choice(["cpu", "cuda"]),
+    default="cpu",
+    help="Where gradients are computed.",
+)
+def train(
+    recipe: str,
+    levels: tuple[str, ...],
+    sizes: tuple[Any, ...],
+    minutes: float | None,
+    steps: int | None,
+    rounds: int | None,
+    workers: int | None,
+    settings: tuple[str, ...],
+    seed: int,
+    out: Path | None,
+    resume: bool,
+    device: str,
+) -> None:
+    """Train a network by PPO and write it to a policy file with its card.
+
+    The folder --out gets the policy file, a log, a learning curve (curve.png), TensorBoard events and, every minute,
+    a checkpoint. Ctrl-C keeps all of it, and --resume goes on to the same result as without the interruption. At the end
+    the policy and the frontier rules play terrains that training never uses, 200 of 21x21 and fewer larger ones; the policy's
+    card gets the figures. With --refine the folder also keeps what PPO came to, NAME-ppo.onnx, and after every round
+    another checkpoint, which may take 1 GB while rounds are left; --minutes are those of PPO.
+
+    \b
+    Examples:
+      marsexplorer train                                          30 minutes on level random, 21x21
+      marsexplorer train --minutes 5 --seed 1 --out runs/quick
+      marsexplorer train --minutes 5 --set gamma=0.99 --set target_entropy=0.5,0.05
+      marsexplorer train --level all --size 21 --size 42 --steps 10000000 --out runs/general
+      marsexplorer train --recipe priced --level all --size 21 --size 42 --size 84 --refine 10
+      marsexplorer serve --policy runs/quick/quick.onnx
+    """
+    if minutes is not None and steps is not None:
+        raise UsageError("--minutes and --steps both say how long; give one of them")
+    from marsexplorer.training.config import RECIPES, with_fields
+    from marsexplorer.training.ppo import TrainingRun
+    from marsexplorer.training.run_folder import steps_of
+
+    configs = configs_of(levels, sizes)
+    _check_rounds(rounds, workers, sizes)
+    _check_device(device)
+    try:
+        config = with_fields(RECIPES[recipe], settings)
+    except ValueError as error:
+        raise UsageError(f"--set: {error}") from error
+    sides = [f"{size[0]}x{size[1]}" if isinstance(size, tuple) else str(size) for size in sizes]
+    folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(sides)}-s{seed}"
+    if not resume and (folder / "checkpoint.pt").exists():
+        raise UsageError(f"{folder} holds a run already; go on with --resume, or another --out")
+    if resume and rounds is None and (folder / REFINE_CHECKPOINT).exists():
+        raise UsageError(f"the run in {folder} is being refined; give the --refine it began with")
+    try:
+        if resume and steps is None:
+            steps = steps_of(folder)
+        steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
+        given = [f"--level {level}" for level in levels] + [f"--size {side}" for side in sides]
+        refining = f" --refine {rounds}" if rounds else ""
+        given += [f"--set {shlex.quote(each)}" for each in settings]
+        command = f"marsexplorer train --recipe {recipe} {' '.join(given)} --steps {steps}{refining} --seed {seed} --out "
+        here = f"{'' if device == 'cpu' else f' --device {device}'}{f' --workers {workers}' if workers else ''}"
+        again = f"{command}{shlex.quote(str(folder))}{here}"
+        command += folder.name
+        echo(again, err=True)
+        warm_up = config.value_warmup_updates * config.batch_size
+        if steps <= warm_up:
+            echo(
+                f"{warm_up:,} moves train the value alone, so this learns no move: take more --steps",
+                err=True,
+            )
+        run = TrainingRun.begin(config, configs, steps, seed, device)
+        with written(f"to {folder}"):
+            try:
+                trained = _train(run, steps, folder, resume, command, "-ppo" if rounds else "")
+                if rounds:
+                    _refine(run, trained, rounds, workers, command)
+            except KeyboardInterrupt:
+                kept = " --resume" if (folder / "checkpoint.pt").exists() else ""
+                echo(f"go on with: {again}{kept}", err=True)
+                raise
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+
+
+def _check_rounds(rounds: int | None, workers: int | None, sizes: tuple[Any, ...]) -> None:
+    """Raise UsageError where a policy cannot be refined as it was asked for."""
+    if rounds is None:
+        if workers is not None:
+            raise UsageError("--workers are the processes of --refine; add it, or leave it")
+        return
+    if not all(isinstance(size, int) and 21 <= size <= 84 for size in sizes):
+        instead = "give such a --size, or leave --refine out"
+        raise UsageError(f"--refine plays square grids of sides 21 to 84; {instead}")
+
+
+def _train(
+    run: TrainingRun, steps: int, folder: Path, resume: bool, command: str, suffix: str
+) -> Path:
+    """Make the run, write its folder, print how the policy does on held-out terrains and return its file."""
+    from marsexplorer.training.ppo import train as train_network
+    from marsexplorer.training.run_folder import RunFolder
+
+    with _progress_bar(run) as on_update:
+        run_folder = RunFolder(folder, run, _card(run, steps, command), on_update, suffix)
+        if resume:
+            run_folder.resume()
+        try:
+            train_network(run, run_folder.on_update)
+            run_folder.save()
+        except KeyboardInterrupt:
+            if run.is_between_updates:
+                run_folder.save()
+            echo(f"stopped after {run.global_step:,} of {steps:,} moves", err=True)
+            raise
+    policy = run_folder.policy
+    echo(f"{policy}: {measure_policy(policy, run_folder.save_policy, _measured(run))}")
+    return policy
+
+
+def _refine(
+    run: TrainingRun, trained: Path, rounds: int, workers: int | None, command: str
+) -> None:
+    """Refine the trained policy on the sizes of its run, in the run's folder, and print how it does on held-out terrains."""
+    from humanplay.jobs import cores
+    from marsexplorer.policies.files.card import read_card
+    from marsexplorer.training.network import load_net
+    from marsexplorer.training.refine import RefineRun, config_for
+
+    folder, processes = trained.parent, workers or cores()
+    sizes = tuple(config.rows for config in run.env_configs)
+    config = config_for(rounds, sizes, was_refined=False)
+    refine_run = RefineRun(load_net(trained), run.seed, config)
+    file = folder / f"{folder.resolve().name}.onnx"
+    own_card = own_card_of(command, processes)
+    log, checkpoint = folder / "refine.jsonl", folder / REFINE_CHECKPOINT
+    output = RefineOutput(file, refine_run, rounds, read_card(trained), own_card, log, checkpoint)
+    output.resume()
+    try:
+        refine_policy(output, processes)
+    except KeyboardInterrupt:
+        done = f"{refine_run.rounds_done} of {rounds} rounds of refining"
+        echo(f"stopped after {done}", err=True)
+        raise
+    echo(f"{file}: {measure_policy(file, output.save_policy, _measured(run))}")
+
+
+def _measured(run: TrainingRun) -> list[EnvConfig]:
+    """Return the configurations that the finished policy is measured on: the first level at every size."""
+    return [config for config in run.env_configs if config.level == run.env_configs[0].level]
+
+
+def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
+    """Return what the policy's card says besides the numbers of the run."""
+    places = (f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs)
+    where = ", ".join(dict.fromkeys(places))
+    what = "A network trained by PPO"
+    if run.config.prior_scale:
+        what = "A network that began as rules by the prices of unknown cells, trained by PPO"
+    return {
+        "summary": f"{what}: {steps:,} moves on {where}.",
+        "command": command,
+        "commit": commit(),
+        "hardware": f"{platform.machine()}, one thread" if run.device == "cpu" else run.device,
+        "size": [run.env_configs[0].rows, run.env_configs[0].cols],
+    }
+
+
+def _steps_for(minutes: float, config: TrainConfig, configs: list[EnvConfig], device: str) -> int:
+    """Return the steps that fit into `minutes`, by timing a few updates of a run that is thrown away."""
+    from marsexplorer.training.ppo import TrainingRun
+    from marsexplorer.training.ppo import train as train_network
+
+    echo("measuring how fast this machine is", err=True)
+    times = [time.monotonic()]
+    run = TrainingRun.begin(config, configs, TIMED_UPDATES * config.batch_size, 0, device)
+    train_network(run, lambda _: times.append(time.monotonic()))
+    seconds_per_update = (times[-1] - times[1]) / (TIMED_UPDATES - 1)
+    return max(1, int(minutes * 60 / seconds_per_update)) * config.batch_size
+
+
+def _check_device(device: str) -> None:
+    """Raise UsageError when torch cannot compute on the device."""
+    if device == "cpu":
+        return
+    import torch
+
+    if not torch.cuda.is_available():
+        raise UsageError(
+            "--device cuda needs a CUDA device and a CUDA build of torch; this one has none: leave it out"
+        )
+
+
+@contextmanager
+def _progress_bar(run: TrainingRun) -> Iterator[Callable[[UpdateMetrics, float], None]]:
+    """Yield an `on_update` that moves a bar on stderr, or prints a line now and then where stderr is no terminal."""
+    with noted_progress("playing", run.num_updates) as advance:
+        started, first_step, printed = time.monotonic(), run.global_step, 0.0
+
+        def on_update(metrics: UpdateMetrics, seconds: float) -> None:
+            nonlocal printed
+            now = time.monotonic()
+            speed = (metrics.global_step - first_step) / max(now - started, 1e-9)
+            played = f"{metrics.global_step / 1e6:.2f} M moves, {speed:,.0f}/s"
+            earned = "no episode has ended yet"
+            if not isnan(metrics.episode_return):
+                steps = f"{metrics.episode_steps:.1f} moves an episode"
+                returned = f"return {metrics.episode_return:.0f}"
+                earned = f"{returned}, {steps}, {metrics.explored:.1%} explored"
+            note, line = f"{played}: {earned}", ""
+            if now - printed > PRINT_INTERVAL_S or run.updates_done == run.num_updates:
+                line, printed = f"{note}, entropy {metrics.entropy:.2f}", now
+            advance(run.updates_done, note, line)
+
+        yield on_update
+
+
+def configs_of(levels: Sequence[str], sizes: Sequence[int | tuple[int, int]]) -> list[EnvConfig]:
+    """Return the configurations of every size and level, `all` being those of FAMILIES; UsageError where there is none."""
+    from marsexplorer.training.config import FAMILIES
+
+    each = (FAMILIES if level == "all" else (level,) for level in levels)
+    names = dict.fromkeys(chain.from_iterable(each))
+    return [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]

@@ -1,0 +1,257 @@
+"""Backups: one file that holds the database as it was at one moment, copied by SQLite while a server goes on writing.
+
+A copy is made under another name, verified, and only then given its own, so whatever has a backup's name is whole. A server
+makes them by itself (`Backups`), and `restore` puts one in the place of a database.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import re
+import shutil
+import sqlite3
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+
+from humanplay.db.checks import check_chain
+from humanplay.db.database import StoreError, reading
+from humanplay.db.file import DatabaseLock
+
+_log = logging.getLogger(__name__)
+
+Advance = Callable[[int, int], None]
+"""Called with (pages copied, of how many); an exception of it ends the copy, and nothing is left behind."""
+
+PAGES = 256
+"""Pages that are copied at a time: 1 MB."""
+INSTRUCTIONS = 200_000
+"""Instructions of SQLite between two calls of `advance`: a few milliseconds."""
+KEPT = {"%Y%m%dT%H": 12, "%Y%m%d": 7, "%G-%V": 4}
+"""Of so many of the newest hours, days and weeks (UTC) with a backup, the last one stays."""
+SPARE_BYTES = 2**28
+"""Free space that a copy must leave on its disk."""
+PARTIAL = ".partial"
+"""What follows the name of a copy that is not verified yet."""
+
+
+def back_up(database: Path, target: Path, advance: Advance | None = None) -> int:
+    """Copy a database that a server may be writing into a new file, verify the copy, and return its size in bytes.
+
+    StoreError when `target` exists, when the database cannot be read, when the disk has or comes to have too little room, and
+    when the copy is not whole.
+    """
+    if target.exists():
+        raise StoreError(f"{target} exists already: give a new file's name for the backup")
+    partial = target.with_name(target.name + PARTIAL)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _remove(partial)
+        _copy(database, partial, advance)
+        check_whole(partial, advance)
+        partial.replace(target)
+        sync_folder(target.parent)
+    except OSError as error:
+        raise StoreError(f"cannot write the backup {target}: {error.strerror}") from error
+    finally:
+        _remove(partial)
+    return target.stat().st_size
+
+
+def check_whole(database: Path, advance: Advance | None = None) -> None:
+    """Check every page, every reference and the chain of hashes of a database; StoreError with the first that is wrong.
+
+    advance  called now and then with (1, 1); an exception of it ends the check with a StoreError
+    """
+    try:
+        with reading(database) as conn:
+            if advance is not None:
+                conn.set_progress_handler(lambda: advance(1, 1), INSTRUCTIONS)
+            found = conn.execute("PRAGMA integrity_check(1)").fetchone()[0]
+            if found != "ok":
+                raise StoreError(
+                    f"{database} is damaged ({found}): use another backup, or `sqlite3 {database} .recover | sqlite3 NEW`"
+                )
+            if stray := conn.execute("PRAGMA foreign_key_check").fetchone():
+                why = f"a row of {stray[0]} belongs to nothing"
+                raise StoreError(f"{database} is not whole: {why}; use another backup")
+            for finding in check_chain(conn):
+                raise StoreError(f"{database} was changed: {finding}; use another backup")
+    except sqlite3.Error as error:
+        raise StoreError(f"cannot read {database}: {error}") from error
+
+
+def _copy(database: Path, target: Path, advance: Advance | None) -> None:
+    def progress(_: int, remaining: int, total: int) -> None:
+        if advance is not None:
+            advance(total - remaining, total)
+
+    try:
+        with reading(database) as conn, closing(sqlite3.connect(target)) as copy:
+            # from here on `conn` sees one moment
+            conn.execute("SELECT count(*) FROM meta").fetchone()
+            check_room(conn, target.parent, "make room there, or give another place")
+            conn.backup(copy, pages=PAGES, progress=progress)
+            # one file, which can be read where nothing can be written
+            copy.execute("PRAGMA journal_mode = DELETE")
+    except sqlite3.Error as error:
+        raise StoreError(f"cannot copy {database} to {target}: {error}") from error
+
+
+def check_room(conn: sqlite3.Connection, folder: Path, way_out: str) -> None:
+    """Check that a folder's disk has room for a copy of a database; StoreError, with the way out, otherwise."""
+    names = ("page_count", "page_size")
+    pages, page = (conn.execute(f"PRAGMA {each}").fetchone()[0] for each in names)
+    needed, free = pages * page + SPARE_BYTES, shutil.disk_usage(folder).free
+    if free < needed:
+        raise StoreError(
+            f"a copy in {folder} needs {needed:,} bytes ({SPARE_BYTES:,} of them stay free), {free:,} are available: {way_out}"
+        )
+
+
+def sync_folder(folder: Path) -> None:
+    """Write a folder's names to the disk, so that a power cut does not undo a renaming."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _remove(path: Path) -> None:
+    for name in (path, path.with_name(path.name + "-journal")):
+        name.unlink(missing_ok=True)
+
+
+def restore(
+    backup: Path, database: Path, stamp: str, advance: Advance | None = None
+) -> Path | None:
+    """Put a verified copy of a backup in the place of a database, and return the name of what stood there, if anything did.
+
+    stamp  distinguishes that name: NAME.before-STAMP, with its log NAME.before-STAMP-wal where it has one
+
+    StoreError while a server has the database, when the backup is not whole, and when the disk is full: nothing changes then.
+    """
+    check_restorable(backup, database)
+    lock = DatabaseLock(database)
+    new = database.with_name(database.name + ".restored")
+    try:
+        new.unlink(missing_ok=True)
+        back_up(backup, new, advance)
+        kept = _set_aside(database, stamp)
+        new.replace(database)
+        lock.clear_step()
+        sync_folder(database.parent)
+        return kept
+    except OSError as error:
+        raise StoreError(f"cannot restore to {database}: {error.strerror or error}") from error
+    finally:
+        lock.close()
+        new.unlink(missing_ok=True)
+        new.with_name(new.name + PARTIAL).unlink(missing_ok=True)
+
+
+def check_restorable(backup: Path, database: Path) -> None:
+    """StoreError where a file is no backup, or a server has the database."""
+    if not backup.is_file():
+        raise StoreError(f"no backup at {backup}: give a file that `marsexplorer backup` wrote")
+    if database.exists() and backup.samefile(database):
+        raise StoreError(f"{backup} is the database itself: give the path of a backup")
+    with reading(backup):
+        DatabaseLock(database).close()
+
+
+def _set_aside(database: Path, stamp: str) -> Path | None:
+    """Give the database and its log a second name, and take the log away from the first: it must not meet the restored file.
+
+    Return the second name; None where there was no database, though its log may have been left, as after a file that was lost.
+    """
+    kept = database.with_name(f"{database.name}.before-{stamp}")
+    was_there = database.exists()
+    for suffix in ("", "-wal"):
+        each = database.with_name(database.name + suffix)
+        if each.exists():
+            os.link(each, kept.with_name(kept.name + suffix))
+    sync_folder(database.parent)
+    for suffix in ("-wal", "-shm"):
+        database.with_name(database.name + suffix).unlink(missing_ok=True)
+    return kept if was_there else None
+
+
+def _kept(backups: Sequence[Path]) -> set[Path]:
+    """Return which of the backups, oldest first, stay by `KEPT`."""
+    kept = set()
+    for period, count in KEPT.items():
+        last_of = {_made_at(path).strftime(period): path for path in backups}
+        kept |= set(list(last_of.values())[-count:])
+    return kept
+
+
+def _made_at(backup: Path) -> datetime:
+    return datetime.strptime(backup.stem[-16:], "%Y%m%dT%H%M%S%z")
+
+
+class StoppedError(Exception):
+    """The server ends: the backup that was being made is given up."""
+
+
+class Backups:
+    """The backups of one database in a folder, `NAME-YYYYMMDDTHHMMSSZ.db`.
+
+    every_s  seconds between them; the first one is made at once when the newest in the folder is older than that
+
+    After a new one was verified, those beyond `KEPT` are deleted: at most 21 stay. Other files in the folder stay as they are.
+    """
+
+    def __init__(self, database: Path, folder: Path, every_s: float) -> None:
+        self._database, self._folder, self._every_s = database, folder, every_s
+        self._pattern = re.compile(re.escape(database.stem) + r"-\d{8}T\d{6}Z\.db")
+        self._stopped = threading.Event()
+        self.failures = 0
+
+    def existing(self) -> list[Path]:
+        """Return the backups in the folder, oldest first."""
+        if not self._folder.is_dir():
+            return []
+        return sorted(path for path in self._folder.iterdir() if self._pattern.fullmatch(path.name))
+
+    def age_s(self) -> float:
+        """Return seconds since the newest backup, -1 when there is none."""
+        newest = self.existing()[-1:]
+        return time.time() - newest[0].stat().st_mtime if newest else -1.0
+
+    def make(self) -> Path:
+        """Make a backup now, delete those beyond `KEPT`, and return its path; StoreError when it cannot be made."""
+        stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+        target = self._folder / f"{self._database.stem}-{stamp}.db"
+        back_up(self._database, target, self._check_going_on)
+        existing = self.existing()
+        for path in set(existing) - _kept(existing):
+            path.unlink(missing_ok=True)
+        return target
+
+    async def run(self) -> None:
+        """Make one backup after the other until cancelled; one that fails is logged, and the next one is tried in time."""
+        age_s = self.age_s()
+        wait_s = 0.0 if age_s < 0 else max(0.0, self._every_s - age_s)
+        try:
+            while True:
+                await asyncio.sleep(wait_s)
+                wait_s = self._every_s
+                try:
+                    await asyncio.to_thread(self.make)
+                except (StoreError, OSError) as error:
+                    self.failures += 1
+                    _log.error("no backup was made: %s", error)
+        finally:
+            self._stopped.set()
+
+    def _check_going_on(self, done: int, total: int) -> None:
+        del done, total
+        if self._stopped.is_set():
+            raise StoppedError

@@ -1,0 +1,417 @@
+"""An append-only chain of salted hashes of what is recorded: a row that is changed or taken away no longer fits its entry.
+
+The table `chain` has an entry for each study and each daily terrain, each session with a move, each finished episode with its
+steps and input events, each batch of input events that came after an episode's end, and each state of a participant. Further
+entries say in words what fixes a study (`Mark`): its freezing, its opening, its end, the erasure of a person, a release. An
+entry's `hash` is SHA-256 over one salted hash for each table it covers; its `head` is SHA-256 over the entry and the head
+before it, so that a head which was printed or published stands for everything up to it. The table `chain_salts` names what the
+latest entries stand for and holds their salts. Without its salt nobody can find out what an entry was made of, not even by
+trying: when somebody is forgotten their salts are deleted and an entry of kind `forgotten` lists the entries that lost them.
+
+An entry that was found not to fit the rows on a merge, or when somebody was forgotten, is not sound: it keeps the hash that
+did not fit, and `verify` goes on reporting it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import secrets
+import sqlite3
+import time
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, Literal, NamedTuple
+
+from humanplay.db.columns import TABLES
+from humanplay.db.study_rows import SeriesRow
+
+Kind = Literal["series", "session", "episode", "events", "participant"]
+"""What an entry stands for; `events` are input events that came after their episode's end."""
+
+Mark = Literal["frozen", "opened", "exported", "closed", "erased", "released"]
+"""What fixes a study, or changes its figures later; an entry of such a kind says so in JSON and is nobody's secret."""
+
+DAY_MS = 86_400_000
+_SALT_BYTES = 32
+_BEYOND = 2**62
+
+
+class Thing(NamedTuple):
+    """What an entry stands for; of kind `events`, `id` is the episode's and `first` the number of the first event."""
+
+    kind: Kind
+    id: str
+    first: int = 0
+
+
+class Head(NamedTuple):
+    """The end of the chain: how many entries it has, and the head of the last (hex; empty without an entry)."""
+
+    entries: int
+    head: str
+
+
+class BegunHash(NamedTuple):
+    """The salted hashes of an open episode's moves and input events so far, which the entry of its end goes on with.
+
+    salt   of the entry to come
+    until  number of the first event that is not in it
+    found  SHA-256 of those that are
+    moves  how many moves are in it, and their SHA-256
+    """
+
+    salt: bytes
+    until: int
+    found: hashlib._Hash
+    moves: tuple[int, hashlib._Hash]
+
+
+class _Part(NamedTuple):
+    """The rows of a table that an entry covers: all their columns that the list of columns calls chained."""
+
+    table: str
+    where: str
+
+    @property
+    def columns(self) -> str:
+        return ", ".join(TABLES[self.table].names("chain"))
+
+
+_BETWEEN = "episode_id = :id AND number >= :first AND number < :until ORDER BY number"
+_EVENTS = _Part("input_events", _BETWEEN)
+_STEPS = _Part("steps", "episode_id = :id AND step >= :first_move ORDER BY step")
+_PARTS: dict[Kind, tuple[_Part, ...]] = {
+    "series": (_Part("series", "name = :id"),),
+    "session": (
+        _Part("sessions", "id = :id"),
+        _Part(
+            "players",
+            "id IN (SELECT player_id FROM sessions WHERE id = :id UNION SELECT owner_id FROM sessions WHERE id = :id) "
+            "ORDER BY id",
+        ),
+    ),
+    "episode": (
+        _Part("episodes", "id = :id"),
+        _STEPS,
+        _Part("series_episodes", "episode_id = :id"),
+        _EVENTS,
+    ),
+    "events": (_EVENTS,),
+    "participant": (
+        _Part("participants", "id = :id"),
+        _Part("stage_events", "participant_id = :id ORDER BY number"),
+        _Part("identities", "participant_id = :id ORDER BY name"),
+        _Part("players", "id = (SELECT player_id FROM participants WHERE id = :id)"),
+    ),
+}
+_NUMBER = TABLES["input_events"].names("chain").index("number")
+
+OWNERS: dict[Kind, str] = {
+    "series": "SELECT name FROM series",
+    "session": "SELECT session_id FROM episodes e WHERE EXISTS (SELECT 1 FROM steps WHERE episode_id = e.id)",
+    "episode": "SELECT id FROM episodes WHERE ended_ms IS NOT NULL",
+    "participant": "SELECT id FROM participants",
+}
+"""Kind -> the ids (SQL) of everything that has an entry."""
+
+
+def compute(
+    conn: sqlite3.Connection, thing: Thing, salt: bytes, begun: BegunHash | None = None
+) -> dict[str, str]:
+    """Return the salted SHA-256 (hex) of a thing's rows as they are now, by table.
+
+    begun  of `begin_hash` with the same salt: the moves and input events that it covers are not read again
+    """
+    covered = {"id": thing.id, "first": thing.first, "until": _next_batch(conn, thing)}
+    covered["first_move"] = 0 if begun is None else begun.moves[0]
+    parts = {}
+    for part in _PARTS[thing.kind]:
+        if begun is not None and part is _EVENTS and covered["until"] == _BEYOND:
+            found, first = begun.found.copy(), begun.until
+        elif begun is not None and part is _STEPS:
+            found, first = begun.moves[1].copy(), thing.first
+        else:
+            found, first = _empty_hash(part, salt), thing.first
+        for row in select(conn, _rows_of(part), {**covered, "first": first}):
+            found.update(canonical(row))
+        parts[part.table] = found.hexdigest()
+    return parts
+
+
+def begin_hash(conn: sqlite3.Connection, episode_id: str) -> BegunHash:
+    """Return the hash of an open episode's moves and input events so far: any connection can make it before its end."""
+    salt, until, moves = secrets.token_bytes(_SALT_BYTES), 0, 0
+    found, made = _empty_hash(_EVENTS, salt), _empty_hash(_STEPS, salt)
+    covered = {"id": episode_id, "first": 0, "until": _BEYOND, "first_move": 0}
+    for row in select(conn, _rows_of(_EVENTS), covered):
+        found.update(canonical(row))
+        until = row[_NUMBER] + 1
+    for row in select(conn, _rows_of(_STEPS), covered):
+        made.update(canonical(row))
+        moves += 1
+    return BegunHash(salt, until, found, (moves, made))
+
+
+def _empty_hash(part: _Part, salt: bytes) -> hashlib._Hash:
+    return hashlib.sha256(salt + canonical([part.table, part.columns]))
+
+
+def _rows_of(part: _Part) -> str:
+    return f"SELECT {part.columns} FROM {part.table} WHERE {part.where}"
+
+
+def combine(parts: Mapping[str, str]) -> str:
+    """Return the hash of an entry: SHA-256 (hex) over its salted hashes by table."""
+    return hashlib.sha256(canonical(list(parts.items()))).hexdigest()
+
+
+def link(before: str, entry: Iterable[Any]) -> str:
+    """Return an entry's head: SHA-256 (hex) over the head before it and all that the entry is, from its number to its note."""
+    return hashlib.sha256(canonical([before, *entry])).hexdigest()
+
+
+def head(conn: sqlite3.Connection) -> Head:
+    """Return the end of the chain."""
+    found = select(conn, "SELECT number, head FROM chain ORDER BY number DESC LIMIT 1").fetchone()
+    return Head(0, "") if found is None else Head(*found)
+
+
+def append(
+    conn: sqlite3.Connection, kind: Kind, ident: str, first: int = 0, begun: BegunHash | None = None
+) -> None:
+    """Append an entry of a thing as it is now; call it inside the transaction that wrote the rows.
+
+    What was found not to fit its rows stays so: a later change makes nothing sound.
+
+    begun  of an episode's input events, where some of them were hashed before: they must be as they were then
+    """
+    thing = Thing(kind, ident, first)
+    sql = """SELECT hash FROM chain_salts s JOIN chain c USING (number)
+        WHERE s.kind = ? AND s.id = ? AND s.first = ? AND NOT c.is_sound"""
+    for (stored,) in select(conn, sql, thing).fetchall():
+        return append_unsound(conn, kind, ident, stored)
+    salt = secrets.token_bytes(_SALT_BYTES) if begun is None else begun.salt
+    parts = compute(conn, thing, salt, begun=begun)
+    return _append(conn, thing, True, combine(parts), salt, parts)
+
+
+def append_unsound(conn: sqlite3.Connection, kind: Kind, ident: str, stored: str) -> None:
+    """Append an entry of a thing whose rows were found not to be those of its entry; `stored` is that entry's hash."""
+    _append(conn, Thing(kind, ident), False, stored, secrets.token_bytes(_SALT_BYTES), {})
+
+
+@contextmanager
+def changing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[None]:
+    """Append an entry after the block, which changes a thing; one that did not fit its entry before stays unsound."""
+    sql = "SELECT 1 FROM chain_salts WHERE kind = ? AND id = ?"
+    is_known = select(conn, sql, (kind, ident)).fetchone() is not None
+    stored = unsound_hash(conn, kind, ident) if is_known else None
+    yield
+    if stored is None:
+        append(conn, kind, ident)
+    else:
+        append_unsound(conn, kind, ident, stored)
+
+
+def append_late_events(conn: sqlite3.Connection, episode_id: str, first: int) -> None:
+    """Append an entry of the input events from number `first` on if their episode has ended; its end covers the others."""
+    sql = "SELECT 1 FROM episodes WHERE id = ? AND ended_ms IS NOT NULL"
+    if select(conn, sql, [episode_id]).fetchone():
+        append(conn, "events", episode_id, first)
+
+
+def append_first_move(conn: sqlite3.Connection, episode_id: str) -> None:
+    """Append an entry of an episode's session unless it has one: call it in the transaction of an episode's first move."""
+    sql = """SELECT session_id FROM episodes WHERE id = ?
+        AND session_id NOT IN (SELECT id FROM chain_salts WHERE kind = 'session')"""
+    for (session,) in select(conn, sql, [episode_id]).fetchall():
+        append(conn, "session", session)
+
+
+def append_note(
+    conn: sqlite3.Connection, kind: Mark | Literal["forgotten", "merged"], content: Any
+) -> None:
+    """Append an entry that stands for no rows and says something instead; `content` is JSON-ready and nobody's secret."""
+    note = _note(content)
+    _link(conn, kind, True, None, hashlib.sha256(note.encode()).hexdigest(), note)
+
+
+def freezing_of(study: SeriesRow) -> Iterator[tuple[Mark, str]]:
+    """Yield (kind, note) of what a study's row says of its freezing and its opening."""
+    named: dict[str, Any] = {"study": study.name, "commitment": study.commitment}
+    fixed = {"protocol_hash": study.protocol_hash, "frozen_ms": study.frozen_ms}
+    configuration = configuration_hash(study.protocol)
+    yield (
+        "frozen",
+        _note({**named, **fixed, "configuration": configuration, "beacon": study.beacon}),
+    )
+    if study.beacon_signature is not None:
+        yield "opened", _note({**named, "beacon_signature": study.beacon_signature})
+
+
+def configuration_hash(protocol: str) -> str | None:
+    """Return SHA-256 (hex) over a protocol's task and configuration; None for an evaluation of agents, which is of no people.
+
+    Args:
+        protocol: JSON.
+    """
+    found = json.loads(protocol)
+    if found.get("agents") is not None:
+        return None
+    played = [found.get("task"), found.get("config")]
+    return hashlib.sha256(json.dumps(played, sort_keys=True).encode()).hexdigest()
+
+
+def export_of(study: SeriesRow) -> tuple[Mark, str]:
+    """The (kind, note) of an export of an open study's episodes, made now."""
+    named = {"study": study.name, "commitment": study.commitment}
+    return "exported", _note({**named, "at_ms": time.time_ns() // 1_000_000})
+
+
+def marks(conn: sqlite3.Connection) -> list[tuple[Mark, str]]:
+    """Return (kind, note) of what the tables say fixed the studies: their rows, who was erased from them, their releases."""
+    studies = select(conn, "SELECT * FROM series WHERE kind = 'study' ORDER BY frozen_ms, name")
+    found: list[tuple[Mark, str]] = []
+    for study in itertools.starmap(SeriesRow, studies):
+        found += freezing_of(study)
+        if study.closed_ms is not None:
+            named = {"study": study.name, "commitment": study.commitment}
+            found.append(("closed", _note({**named, "closed_ms": study.closed_ms})))
+    for name, value in select(conn, "SELECT name, value FROM meta WHERE name LIKE 'erased|%'"):
+        kept, row = json.loads(value), hashlib.sha256(canonical([name, value])).hexdigest()
+        noted = ("stage", "after_closing", "ranked_ended", "asked_by")
+        person = {each: kept[each] for each in noted}
+        found.append(("erased", _note({"study": name.split("|")[1], **person, "row": row})))
+    columns = ("study", "version", "manifest_hash", "released_ms")
+    for values in select(conn, f"SELECT {', '.join(columns)} FROM releases ORDER BY released_ms"):
+        found.append(("released", _note(dict(zip(columns, values, strict=True)))))
+    return found
+
+
+def append_marks(conn: sqlite3.Connection, more: Iterable[tuple[Mark, str]] = ()) -> None:
+    """Append an entry of what the tables say fixed the studies and no entry says yet; call it in the transaction that wrote it.
+
+    more  (kind, note) of what the tables do not have: freezings of studies that nobody has joined, and exports
+    """
+    known = set(select(conn, "SELECT kind, note FROM chain WHERE note IS NOT NULL"))
+    for kind, note in dict.fromkeys((*more, *marks(conn))):
+        if (kind, note) not in known:
+            append_note(conn, kind, json.loads(note))
+
+
+def said_alone(conn: sqlite3.Connection, study: str = "%") -> list[tuple[Mark, str]]:
+    """Every freezing and export in the chain, (kind, note), which no table says for sure: of all studies, or of one.
+
+    Those of one are its own, and the freezings of others of its configuration.
+    """
+    sql = """SELECT kind, note FROM chain WHERE kind IN ('frozen', 'exported') AND (json_extract(note, '$.study') LIKE ?1
+        OR json_extract(note, '$.configuration') IN (SELECT json_extract(note, '$.configuration') FROM chain
+            WHERE kind = 'frozen' AND json_extract(note, '$.study') = ?1)) ORDER BY number"""
+    return select(conn, sql, [study]).fetchall()
+
+
+def _note(content: Any) -> str:
+    return canonical(content).decode().rstrip()
+
+
+def things(conn: sqlite3.Connection) -> set[Thing]:
+    """Return everything that must have an entry, apart from late input events."""
+    return {Thing(kind, ident) for kind, sql in OWNERS.items() for (ident,) in select(conn, sql)}
+
+
+def append_all(
+    conn: sqlite3.Connection, wanted: Collection[Thing], unsound: Mapping[Thing, str] | None = None
+) -> None:
+    """Append an entry of each thing, in an order that tells nothing; those in `unsound` (thing -> stored hash) stay so."""
+    for thing in sorted(wanted):
+        if unsound and thing in unsound:
+            append_unsound(conn, thing.kind, thing.id, unsound[thing])
+        else:
+            append(conn, thing.kind, thing.id)
+
+
+def unsound_hash(conn: sqlite3.Connection, kind: Kind, ident: str) -> str | None:
+    """Return the hash of the first entry of a thing that does not fit its rows, "missing" without one; None when all fit.
+
+    An episode's entries are its own and those of the input events that came after its end.
+    """
+    sql = """SELECT s.first, s.salt, c.kind, c.hash FROM chain_salts s LEFT JOIN chain c USING (number)
+        WHERE s.id = ? AND s.kind IN (?, ?) ORDER BY s.kind, s.first"""
+    found = select(conn, sql, (ident, kind, _also(kind))).fetchall()
+    for first, salt, of, stored in found:
+        if of not in _PARTS or combine(compute(conn, Thing(of, ident, first), salt)) != stored:
+            return str(stored or "missing")
+    return None if any(row[2] == kind for row in found) else "missing"
+
+
+def forget(conn: sqlite3.Connection, erased: Iterable[Thing]) -> None:
+    """Delete the salts of what is erased, and append an entry that lists theirs; late input events go with their episodes."""
+    sql = "DELETE FROM chain_salts WHERE id = ? AND kind IN (?, ?) RETURNING number"
+    found = [select(conn, sql, (ident, kind, _also(kind))).fetchall() for kind, ident, _ in erased]
+    numbers = sorted(number for rows in found for (number,) in rows)
+    if numbers:
+        append_note(conn, "forgotten", {"forgotten": numbers})
+
+
+def _also(kind: Kind) -> Kind:
+    """Return the kind of entries that belong to a thing besides its own."""
+    return "events" if kind == "episode" else kind
+
+
+def _append(
+    conn: sqlite3.Connection,
+    thing: Thing,
+    is_sound: bool,
+    hash_: str,
+    salt: bytes,
+    parts: Mapping[str, str],
+) -> None:
+    sql = "SELECT number FROM chain_salts WHERE kind = ? AND id = ? AND first = ?"
+    replaces = select(conn, sql, thing).fetchone()
+    number = _link(conn, thing.kind, is_sound, replaces and replaces[0], hash_, None)
+    values = (*thing, number, salt, canonical(parts).decode().rstrip())
+    conn.execute("INSERT OR REPLACE INTO chain_salts VALUES (?, ?, ?, ?, ?, ?)", values)
+
+
+def _link(
+    conn: sqlite3.Connection,
+    kind: str,
+    is_sound: bool,
+    replaces: int | None,
+    hash_: str,
+    note: str | None,
+) -> int:
+    """Append an entry and return its number; its time is the day alone, since entries outlive people who are forgotten."""
+    last = head(conn)
+    now = time.time_ns() // 1_000_000
+    entry = (last.entries + 1, now - now % DAY_MS, kind, int(is_sound), replaces, hash_, note)
+    values = (*entry, link(last.head, entry))
+    conn.execute("INSERT INTO chain VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
+    return entry[0]
+
+
+def _next_batch(conn: sqlite3.Connection, thing: Thing) -> int:
+    """Return the number of the input event with which the next entry of an episode's events begins."""
+    if thing.kind not in ("episode", "events"):
+        return _BEYOND
+    sql = "SELECT min(first) FROM chain_salts WHERE kind = 'events' AND id = ? AND first > ?"
+    after = thing.first if thing.kind == "events" else -1
+    (found,) = select(conn, sql, (thing.id, after)).fetchone()
+    return _BEYOND if found is None else int(found)
+
+
+def select(conn: sqlite3.Connection, sql: str, values: Any = ()) -> sqlite3.Cursor:
+    """Return a query's cursor whose rows are plain tuples, whatever the connection makes of rows."""
+    cursor = conn.cursor()
+    cursor.row_factory = None
+    return cursor.execute(sql, values)
+
+
+_encode = json.JSONEncoder(default=bytes.hex, separators=(",", ":")).encode
+
+
+def canonical(value: Any) -> bytes:
+    """Return the one line of JSON that is hashed; bytes are written in hexadecimal."""
+    return _encode(value).encode() + b"\n"

@@ -1,0 +1,395 @@
+"""Stored rows checked against what they follow from: an episode against its simulation, every row against the chain, the chain
+against itself, and the file by SQLite itself.
+
+`humanplay.series.verification` puts these checks together with those of the study's protocol; `humanplay.db.chain` says
+what an entry is.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sqlite3
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from humanplay.db.chain import (
+    OWNERS,
+    Head,
+    Kind,
+    Thing,
+    combine,
+    compute,
+    head,
+    link,
+    marks,
+    select,
+)
+from humanplay.db.database import StoreError, reading, rows, writing
+from humanplay.db.reader import now_ms
+from humanplay.db.resimulation import Finding, simulate
+from humanplay.db.study_rows import ORDER_EVENT, SeriesRow
+
+_MAY_HAVE_ENTRY: dict[Kind, str] = {**OWNERS, "session": "SELECT id FROM sessions"}
+"""Kind of entry in the chain -> the ids (SQL) that may have one."""
+
+_PLACED = """SELECT e.*, x.series, x.phase, x.trial, x.terrain AS terrain_index, x.player_id, s.owner_id FROM series_episodes x
+    JOIN episodes e ON e.id = x.episode_id JOIN sessions s ON s.id = e.session_id"""
+_MOVED_SESSIONS = """SELECT DISTINCT e.session_id FROM episodes e
+    WHERE EXISTS (SELECT 1 FROM steps WHERE episode_id = e.id){within} ORDER BY e.session_id"""
+
+
+def series(conn: sqlite3.Connection, only: str | None = None) -> list[SeriesRow]:
+    """Return every series, or (only) the one of this name."""
+    sql = "SELECT * FROM series WHERE ? IS NULL OR name = ?"
+    return [SeriesRow(*row) for row in conn.execute(sql, (only, only))]
+
+
+def participants_of(conn: sqlite3.Connection, study: str) -> list[str]:
+    """Return the ids of a study's participants in the order in which they joined."""
+    sql = "SELECT id FROM participants WHERE study = ? ORDER BY joined_ms"
+    return [row[0] for row in conn.execute(sql, [study])]
+
+
+def episodes_of(conn: sqlite3.Connection, participant: str) -> list[dict[str, Any]]:
+    """Return the rows of what a participant was given to play, by phase and trial, with their place in the study."""
+    sql = f"{_PLACED} WHERE x.participant_id = ? ORDER BY x.phase, x.trial"
+    return rows(conn, sql, participant)
+
+
+def attempts_at(conn: sqlite3.Connection, day: str) -> list[dict[str, Any]]:
+    """Return the rows of the attempts at the terrain of a day, as `episodes_of` does, with their players'."""
+    return rows(conn, f"{_PLACED} WHERE x.series = ? ORDER BY e.id", day)
+
+
+def order_events(conn: sqlite3.Connection, participant: str) -> tuple[str, list[str]]:
+    """Return a participant's kind, and the details (JSON) of the events that fix their order of terrains: one at most."""
+    (kind,) = conn.execute("SELECT kind FROM participants WHERE id = ?", [participant]).fetchone()
+    sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = ?"
+    return kind, [row[0] for row in conn.execute(sql, (participant, ORDER_EVENT))]
+
+
+def tasks(conn: sqlite3.Connection) -> list[str]:
+    """Return the names of the tasks that episodes are of."""
+    return [str(row["task"]) for row in rows(conn, "SELECT DISTINCT task FROM episodes")]
+
+
+def finished_episodes(conn: sqlite3.Connection, study: str | None) -> list[str]:
+    """Return the ids of finished episodes, of one study or (None) of all, oldest first."""
+    sql = f"SELECT id FROM episodes WHERE ended_ms IS NOT NULL{_within(study)} ORDER BY started_ms, id"
+    return [str(row[0]) for row in conn.execute(sql)]
+
+
+def count_unfinished(conn: sqlite3.Connection, study: str | None) -> int:
+    """Return how many episodes have not ended, of one study or (None) of all."""
+    sql = f"SELECT count(*) FROM episodes WHERE ended_ms IS NULL{_within(study)}"
+    (count,) = conn.execute(sql).fetchone()
+    return int(count)
+
+
+class InputOf(NamedTuple):
+    """What the attestation of an episode follows from, besides its row and moves.
+
+    events         input events that were received up to its end
+    settings       (when, JSON) of what its participant had chosen, every version
+    supervised_ms  when the operator's code was typed for its participant
+    is_studys      whether a participant of a study played it
+    """
+
+    events: list[dict[str, Any]]
+    settings: list[tuple[int, str]]
+    supervised_ms: list[int]
+    is_studys: bool
+
+
+def check_episode(
+    conn: sqlite3.Connection, ident: str
+) -> tuple[dict[str, Any], list[dict[str, Any]], list[Finding]]:
+    """Return a finished episode's row with `control` of its session, the rows of its moves, and what is wrong with it.
+
+    They are rows and no `Trial`: what was tampered with need not be one.
+    """
+    sql = "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?"
+    (row,) = rows(conn, sql, ident)
+    steps = rows(conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", ident)
+    return row, steps, [*simulate(row, steps)[1], *check_thing(conn, "episode", ident)]
+
+
+def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:
+    """Return what the attestation of a finished episode follows from."""
+    sql = """SELECT v.* FROM input_events v JOIN episodes e ON e.id = v.episode_id
+        WHERE e.id = ? AND v.server_ms <= e.ended_ms ORDER BY v.number"""
+    of = """SELECT v.at_ms, v.detail FROM stage_events v JOIN series_episodes t ON t.participant_id = v.participant_id
+        WHERE t.episode_id = ? AND v.kind = ? ORDER BY v.number"""
+    settings = [(row["at_ms"], row["detail"]) for row in rows(conn, of, ident, "settings")]
+    supervised_ms = [row["at_ms"] for row in rows(conn, of, ident, "supervised")]
+    within = "SELECT 1 FROM series_episodes WHERE episode_id = ? AND participant_id IS NOT NULL"
+    is_studys = bool(rows(conn, within, ident))
+    return InputOf(rows(conn, sql, ident), settings, supervised_ms, is_studys)
+
+
+def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:
+    """Yield the series, sessions and participants whose rows are not those of their entries in the chain."""
+    for row in series(conn, study):
+        yield from check_thing(conn, "series", row.name)
+    for (ident,) in conn.execute(_MOVED_SESSIONS.format(within=_within(study, "e.id"))).fetchall():
+        yield from check_thing(conn, "session", ident)
+    people = "SELECT id FROM participants WHERE ? IS NULL OR study = ?"
+    for (ident,) in conn.execute(people, (study, study)).fetchall():
+        yield from check_thing(conn, "participant", ident)
+
+
+def check_owners(conn: sqlite3.Connection) -> Iterator[Finding]:
+    """Yield entries of the chain for what is no longer there, and rows that belong to nothing."""
+    yield from check_without_owner(conn, _MAY_HAVE_ENTRY)
+    strays = conn.execute("PRAGMA foreign_key_check").fetchall()
+    without_owner = Counter(table for table, *_ in strays)
+    for table, count in sorted(without_owner.items()):
+        found = "no episode, participant, session, player or series that they belong to"
+        yield Finding(f"table {table}", "keys", count, found)
+
+
+def _within(study: str | None, column: str = "id") -> str:
+    """Return SQL that keeps a study's episodes; the name has been looked up, it cannot be anything else."""
+    if study is None:
+        return ""
+    inner = "SELECT episode_id FROM series_episodes JOIN participants p ON p.id = participant_id"
+    return f" AND {column} IN ({inner} WHERE p.study = '{study.replace(chr(39), chr(39) * 2)}')"
+
+
+def quick_check(
+    database: Path, begins: Callable[[sqlite3.Connection], None] = lambda _: None
+) -> str:
+    """Return "ok", or what is damaged; reads the whole file, which takes milliseconds to minutes.
+
+    begins  is called with the connection, on which another thread may interrupt the check
+    """
+    try:
+        with reading(database) as conn:
+            begins(conn)
+            try:
+                return "; ".join(text for (text,) in conn.execute("PRAGMA quick_check(5)"))
+            except sqlite3.DatabaseError as error:
+                return str(error)
+    except StoreError as error:
+        return str(error)
+
+
+def try_write(database: Path, timeout_s: float = 1.0) -> None:
+    """Write a row of the table `meta` and commit it, on a connection of its own; StoreError when that fails.
+
+    timeout_s  seconds to wait for another program that is writing. Call it in a thread: the disk may take as long as it likes.
+    """
+    with writing(database, timeout_s) as conn:
+        conn.execute("INSERT OR REPLACE INTO meta VALUES ('written_ms', ?)", [str(now_ms())])
+
+
+def chain_head(database: Path) -> Head | None:
+    """Return the end of the chain of a database that a server may be writing; None when it cannot be read."""
+    try:
+        with reading(database) as conn:
+            return head(conn)
+    except (StoreError, sqlite3.DatabaseError):
+        return None
+
+
+DIGEST = "digest of its stored fields"
+"""What a finding calls the hash of an entry."""
+
+
+@dataclass(frozen=True)
+class ChainState:
+    """What the chain is.
+
+    entries    how many; the head is that of the last
+    head       hex; empty without an entry
+    forgotten  entries whose salts were deleted when somebody was forgotten
+    """
+
+    entries: int
+    head: str
+    forgotten: int = 0
+
+
+@dataclass(frozen=True)
+class EarlierHead:
+    """Where an earlier head stood, and what came after it.
+
+    added     entries since, by kind
+    replaced  of the entries up to it those that later ones replace, by kind: what was changed since
+    forgotten of the entries up to it those of somebody who was forgotten since, by kind
+    """
+
+    head: str
+    entry: int
+    day_ms: int
+    added: Mapping[str, int]
+    replaced: Mapping[str, int]
+    forgotten: Mapping[str, int]
+
+
+@dataclass
+class _Walk:
+    """The entries that nothing has replaced or forgotten so far: number -> kind; `forgotten` counts the latter."""
+
+    live: dict[int, str] = field(default_factory=dict)
+    forgotten: int = 0
+
+    def take(self, row: tuple[Any, ...]) -> Iterator[str]:
+        """Take the next entry, and yield what does not fit those before it."""
+        number, _, kind, _, replaces, hash_, note, _ = row
+        if note is not None and hashlib.sha256(note.encode()).hexdigest() != hash_:
+            yield "a note that its hash does not stand for"
+        if replaces is not None and self.live.pop(replaces, None) != kind:
+            yield f"in place of entry {replaces}, which is not one of kind {kind} that is in force"
+        gone = json.loads(note or "{}").get("forgotten", []) if kind == "forgotten" else []
+        for each in gone:
+            if self.live.pop(each, None) is None:
+                yield f"entry {each} forgotten, which is not in force"
+        self.forgotten += len(gone)
+        if note is None:
+            self.live[number] = kind
+
+
+_COLUMNS = "number, day_ms, kind, is_sound, replaces, hash, note, head"
+_ENTRIES = f"SELECT {_COLUMNS} FROM chain ORDER BY number"
+
+
+def chain_state(conn: sqlite3.Connection) -> ChainState:
+    """Return what the chain is."""
+    notes = select(conn, "SELECT note FROM chain WHERE kind = 'forgotten' AND json_valid(note)")
+    gone = sum(len(json.loads(note).get("forgotten", [])) for (note,) in notes)
+    return ChainState(*head(conn), gone)
+
+
+def check_chain(conn: sqlite3.Connection) -> Iterator[Finding]:
+    """Yield what is wrong with the chain itself: entries changed, added or taken away, and salts that do not fit them."""
+    walk, before, number = _Walk(), "", 0
+    for row in select(conn, _ENTRIES):
+        where = f"chain entry {row[0]}"
+        if row[0] != number + 1:
+            missing = row[0] - 1 if number else "none"
+            found = number or "none: the first is missing"
+            yield Finding(where, "the entry before it", missing, found)
+        if (made := link(before, row[:-1])) != row[-1]:
+            yield Finding(where, "its head", row[-1], made)
+        number, before = row[0], row[-1]
+        try:
+            allowed = "what the entries before it allow"
+            yield from (Finding(where, "it", what, allowed) for what in walk.take(row))
+        except (ValueError, TypeError, AttributeError) as error:
+            yield Finding(where, "its note", row[6], f"JSON: {error}")
+    yield from _check_salts(conn, walk.live)
+
+
+def _check_salts(conn: sqlite3.Connection, live: dict[int, str]) -> Iterator[Finding]:
+    """Yield salts of entries that are not in force, and entries in force whose salts are gone."""
+    sql = "SELECT kind, id, first, number FROM chain_salts ORDER BY number"
+    for kind, ident, first, number in select(conn, sql):
+        if live.pop(number, None) != kind or (first and kind != "events"):
+            what = f"the entry of its kind ({kind})"
+            found = "no such entry in force in the chain"
+            yield Finding(place(Thing(kind, ident, first)), what, f"number {number}", found)
+    for number, kind in live.items():
+        what = f"what it stands for (kind {kind})"
+        yield Finding(f"chain entry {number}", what, "gone", "no entry that says it was forgotten")
+
+
+def check_marks(conn: sqlite3.Connection) -> Iterator[Finding]:
+    """Yield what the chain says of the freezing, opening, end, erasures and releases of studies, and the tables do not, or the
+    other way round."""
+    sql = "SELECT kind, note FROM chain WHERE kind IN ('frozen', 'opened', 'closed', 'erased', 'released') AND json_valid(note)"
+    said = set(select(conn, sql))
+    try:
+        stand = set(marks(conn))
+    except (ValueError, KeyError, TypeError) as error:
+        yield Finding("table meta", "who was erased", "something unreadable", str(error))
+        return
+    for kind, note in sorted(stand - said):
+        study = json.loads(note)["study"]
+        yield Finding(f"series {study}", f"an entry of the chain that it was {kind}", note, "none")
+    frozen = [json.loads(note) for kind, note in stand if kind == "frozen"]
+    known = {(each["study"], each["commitment"]) for each in frozen}
+    for kind, note in sorted(said - stand):
+        content = json.loads(note)
+        if kind not in ("frozen", "opened") or (content["study"], content["commitment"]) in known:
+            what = f"what the chain says was {kind}"
+            yield Finding(f"series {content['study']}", what, note, "not so in the tables")
+
+
+def check_thing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[Finding]:
+    """Yield the tables in which a thing's rows are not those of its entries in the chain."""
+    sql = """SELECT s.kind, s.first, s.salt, s.parts, c.is_sound, c.hash FROM chain_salts s LEFT JOIN chain c USING (number)
+        WHERE s.id = ? AND s.kind IN (?, ?) ORDER BY s.kind, s.first"""
+    found = select(conn, sql, (ident, kind, "events" if kind == "episode" else kind)).fetchall()
+    if not any(row[0] == kind for row in found):
+        wanted = "an entry of the chain for everything that is finished"
+        yield Finding(place(Thing(kind, ident)), DIGEST, "missing", wanted)
+    for of, first, salt, stored, is_sound, hash_ in found:
+        yield from _compare(conn, Thing(of, ident, first), salt, stored, is_sound, hash_)
+
+
+def _compare(
+    conn: sqlite3.Connection,
+    thing: Thing,
+    salt: bytes,
+    stored: str,
+    is_sound: int | None,
+    hash_: str | None,
+) -> Iterator[Finding]:
+    where = place(thing)
+    if is_sound == 0:
+        reason = "another one when databases were merged or somebody was forgotten"
+        yield Finding(where, DIGEST, hash_, reason)
+        return
+    try:
+        parts = json.loads(stored)
+        made = combine(parts)
+    except (ValueError, TypeError, AttributeError):
+        yield Finding(where, DIGEST, stored, "the salted hashes by table, as JSON")
+        return
+    if made != hash_:
+        yield Finding(where, DIGEST, hash_ or "missing", f"{made} from its salted hashes by table")
+    found = compute(conn, thing, salt)
+    for table in sorted(parts.keys() | found.keys()):
+        if parts.get(table) != found.get(table):
+            what = f"{DIGEST} in the table {table}"
+            yield Finding(where, what, parts.get(table, "missing"), found.get(table, "none"))
+
+
+def check_without_owner(conn: sqlite3.Connection, owners: Mapping[Kind, str]) -> Iterator[Finding]:
+    """Yield entries of what is no longer there; `owners` is SQL for the ids of each kind that may have one."""
+    for kind, sql in owners.items():
+        of = (kind, "events" if kind == "episode" else kind)
+        lost = f"SELECT DISTINCT id FROM chain_salts WHERE kind IN (?, ?) AND id NOT IN ({sql})"
+        for (ident,) in select(conn, lost, of).fetchall():
+            found = "nothing it belongs to (deleted or opened again)"
+            yield Finding(place(Thing(kind, ident)), f"a digest of kind {kind}", "kept", found)
+
+
+def find_head(conn: sqlite3.Connection, wanted: str) -> EarlierHead | None:
+    """Return where a head stood and what came after it; None when it is not in this chain."""
+    found = select(conn, "SELECT number, day_ms FROM chain WHERE head = ?", [wanted]).fetchone()
+    if found is None:
+        return None
+    number, day_ms = found
+    kinds = dict(select(conn, "SELECT number, kind FROM chain WHERE number <= ?", [number]))
+    added: Counter[str] = Counter()
+    replaced, forgotten = set(), set()
+    sql = "SELECT kind, replaces, note FROM chain WHERE number > ?"
+    for kind, replaces, note in select(conn, sql, [number]):
+        added[kind] += 1
+        replaced.add(replaces)
+        if kind == "forgotten":
+            forgotten |= set(json.loads(note).get("forgotten", []))
+    both = (replaced, forgotten)
+    counts = [Counter(kinds[each] for each in which & kinds.keys()) for which in both]
+    return EarlierHead(wanted, number, day_ms, added, *counts)
+
+
+def place(thing: Thing) -> str:
+    """Return a thing as a finding names it."""
+    return f"{'episode' if thing.kind == 'events' else thing.kind} {thing.id}"

@@ -1,0 +1,414 @@
+"""A participant erased for good: nothing of theirs remains in the database or in its log.
+
+What is kept are hashes of the person and of the erased trajectories, so that a merge or an import cannot bring them back: the
+table `forgotten` holds an episode's trajectory at its time, `forgotten_people` a participant's id and, under any pseudonym, the
+time when they came. Kept, too, are their entries in the chain, which nobody can read any longer: the salts are deleted.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+import sqlite3
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from humanplay.db import chain, ratings, volunteers
+from humanplay.db.backup import check_room
+from humanplay.db.chain import Thing
+from humanplay.db.database import StoreError, open_database, reading, rows, transaction
+from humanplay.db.file import DatabaseLock
+from humanplay.db.releases import mark_outdated_releases
+from humanplay.db.study_rows import participant_label
+from humanplay.task import counted
+
+FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
+ERASED = "erased"
+"""Rows of the table `meta` called `erased|STUDY|HASH` count the people who were erased from each study (`note_erased`)."""
+
+AskedBy = Literal["participant", "operator", "review board"]
+"""Who asked for an erasure."""
+
+ARRIVALS = "arrivals"
+"""A row of `meta` called `arrivals|STUDY` counts the people whom a release of that study left out; the value is JSON."""
+
+TRAJECTORY = "e.trajectory_hash, e.started_ms, e.ended_ms"
+"""The arguments of `trajectory_hash`, as SQL columns of an episode `e`."""
+
+
+@dataclass(frozen=True)
+class Erasure:
+    """What was erased.
+
+    episodes    erased with their steps and input events, those played outside the study too
+    keeps       True where the protocol keeps episodes: they stay, under new ids
+    outdated    versions of the study's releases that hold the person
+    """
+
+    study: str
+    episodes: int
+    keeps: bool
+    outdated: tuple[int, ...]
+
+
+class ParticipantLookupError(StoreError):
+    """No participant is meant, or more than one; the message says which, and what to give instead."""
+
+
+def find_participant(database: Path, name: str, study: str | None = None) -> dict[str, Any]:
+    """Return the row of the one participant with this id, label or outside id, in one study or (None) in all.
+
+    ParticipantLookupError when there is none, or several.
+    """
+    with reading(database) as conn:
+        return _find(conn, database, name, study)
+
+
+def forget(
+    database: Path, name: str, study: str | None = None, asked_by: AskedBy | None = None
+) -> Erasure:
+    """Erase a participant, write the file anew and return what was erased.
+
+    name      a participant's id, the label their page shows, an outside id of theirs or the id of an agent's card
+    asked_by  who asked for it; None: that is not said
+
+    The database must not be in use: StoreError while a server, or any other program, has it open.
+    """
+    with _rewritten(database) as conn:
+        return _erase_rows(conn, _find(conn, database, name, study), asked_by)
+
+
+@contextmanager
+def _rewritten(database: Path) -> Iterator[sqlite3.Connection]:
+    """Let the block delete rows, and write the file anew, so that nothing of them is left.
+
+    StoreError while the database is in use, and where its disk has too little room for a copy of it.
+    """
+    if not database.exists():
+        raise StoreError(f"no database at {database}: give its path with --database")
+    lock = DatabaseLock(database)
+    try:
+        conn: sqlite3.Connection = open_database(database).conn
+        try:
+            _take_exclusively(conn, database)
+            check_room(conn, database.parent, "make room there; nothing was erased")
+            with transaction(conn):
+                conn.execute("PRAGMA defer_foreign_keys = ON")
+                yield conn
+            lock.clear_step()  # it may be one of those that were erased
+            try:
+                conn.execute("VACUUM")
+            except sqlite3.Error as error:
+                said = f"erased the rows, but could not be written anew: {error}"
+                way_out = f"make room, also where temporary files are, and run `sqlite3 {database} VACUUM`"
+                raise StoreError(f"the database {database} {said}; {way_out}") from error
+            conn.execute("PRAGMA locking_mode = NORMAL")
+            conn.execute("PRAGMA journal_mode = WAL")
+        finally:
+            conn.close()
+    except sqlite3.Error as error:
+        why = f"did not take the erasure: {error}; try again"
+        raise StoreError(f"the database {database} {why}") from error
+    finally:
+        lock.close()
+
+
+def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None) -> dict[str, Any]:
+    sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
+        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1) OR (p.invitation = ?1 AND p.kind = 'script'))
+        AND (?2 IS NULL OR p.study = ?2)"""
+    conn.create_function("label", 1, participant_label, deterministic=True)
+    found = rows(conn, sql, name, study)
+    if not found:
+        where = f"the study {study!r} of {database}" if study else str(database)
+        raise ParticipantLookupError(
+            f"no participant {name!r} in {where}: give their id, label, the outside id of their link or a card's id"
+        )
+    if len(found) > 1:
+        studies = ", ".join(sorted({person["study"] for person in found}))
+        raise ParticipantLookupError(
+            f"{name!r} stands for {counted(len(found), 'participant')} (studies: {studies}): give --study, or "
+            "one participant's id; nothing was erased"
+        )
+    return found[0]
+
+
+def _erase_rows(
+    conn: sqlite3.Connection, person: dict[str, Any], asked_by: AskedBy | None
+) -> Erasure:
+    now = int(time.time() * 1000)
+    protocol, closed_ms = conn.execute(
+        "SELECT protocol, closed_ms FROM series WHERE name = ?", [person["study"]]
+    ).fetchone()
+    keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
+    # who stays without a name still came then
+    hashes = person_hashes(person)[:1] if keeps else person_hashes(person)
+    used = person["consent_ms"] is not None or person["kind"] == "script"  # a card has no consent
+    if person["invitation"] is not None and used:
+        hashes = (*hashes, invitation_hash(person["study"], person["invitation"]))
+    values = [(each, now) for each in hashes]
+    conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", values)
+    if not keeps and person["kind"] == "human":
+        note_erased(conn, person, now, closed_ms is not None, asked_by)
+    sql = "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?"
+    elsewhere = conn.execute(sql, (person["player_id"], person["id"])).fetchall()
+    sessions = _sessions_of(conn, person, {row[0] for row in elsewhere})
+    entries = _entries_of(conn, person, sessions)
+    stored = {each: chain.unsound_hash(conn, each.kind, each.id) for each in entries if keeps}
+    unsound = {each: hash_ for each, hash_ in stored.items() if hash_}
+    conn.execute("DELETE FROM identities WHERE participant_id = ?", [person["id"]])
+    new = _rename(conn, person) if keeps else {}
+    of_session = "SELECT id FROM episodes WHERE session_id = ?"
+    episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
+    _delete_episodes(conn, episodes, now)
+    outdated: tuple[int, ...] = ()
+    if not keeps:
+        conn.execute("DELETE FROM stage_events WHERE participant_id = ?", [person["id"]])
+        conn.execute("DELETE FROM participants WHERE id = ?", [person["id"]])
+        outdated = mark_outdated_releases(conn, person["study"], person["joined_ms"], now)
+    for session in sessions:
+        conn.execute("DELETE FROM sessions WHERE id = ?", [session])
+    _forget_challenges(conn)
+    volunteers.renew(conn)
+    if not elsewhere:
+        _delete_player(conn, person["player_id"])
+    _renew_chain(conn, entries, unsound, new)
+    return Erasure(person["study"], len(episodes), keeps, outdated)
+
+
+def forget_player(database: Path, name: str) -> int:
+    """Erase a player by the name that they chose, and all that they played; return how many episodes that were.
+
+    ParticipantLookupError where nobody has the name; StoreError as for `forget`.
+    """
+    with _rewritten(database) as conn:
+        player = _named(conn, database, name)
+        now = int(time.time() * 1000)
+        of_player = """SELECT id FROM sessions s WHERE ?1 IN (player_id, owner_id)
+            AND NOT EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id)"""
+        sessions = [row[0] for row in conn.execute(of_player, [player])]
+        of_session = "SELECT id FROM episodes WHERE session_id = ?"
+        episodes = [row[0] for each in sessions for row in conn.execute(of_session, [each])]
+        things = [Thing("session", each) for each in sessions]
+        things += [Thing("episode", each) for each in episodes]
+        _delete_episodes(conn, episodes, now)
+        conn.executemany("DELETE FROM sessions WHERE id = ?", [(each,) for each in sessions])
+        _forget_challenges(conn)
+        volunteers.renew(conn)
+        _delete_player(conn, player)
+        _renew_chain(conn, things, {}, {})
+    return len(episodes)
+
+
+def find_player(database: Path, name: str) -> None:
+    """Raise ParticipantLookupError unless a player of the database chose this name."""
+    with reading(database) as conn:
+        _named(conn, database, name)
+
+
+def _named(conn: sqlite3.Connection, database: Path, name: str) -> str:
+    if (player := ratings.named(conn, name)) is None:
+        raise ParticipantLookupError(
+            f"no player of {database} chose the name {name!r}: the page /leaderboard has the names"
+        )
+    return player
+
+
+def _delete_player(conn: sqlite3.Connection, player_id: str) -> None:
+    """Delete a player's name, rating and row; the row stays where a study knows it."""
+    ratings.forget(conn, player_id)
+    sql = "DELETE FROM players WHERE id = ?1 AND NOT EXISTS (SELECT 1 FROM participants WHERE player_id = ?1)"
+    conn.execute(sql, [player_id])
+
+
+def _entries_of(
+    conn: sqlite3.Connection, person: dict[str, Any], sessions: Sequence[str]
+) -> list[Thing]:
+    """Return what may have an entry in the chain of the person: them, their sessions and all episodes of these."""
+    of_session = "SELECT id FROM episodes WHERE session_id = ?"
+    episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
+    things = [("session", each) for each in sessions] + [("episode", each) for each in episodes]
+    return [Thing("participant", person["id"]), *(Thing(*each) for each in things)]
+
+
+def _renew_chain(
+    conn: sqlite3.Connection,
+    entries: Sequence[Thing],
+    unsound: Mapping[Thing, str],
+    new: Mapping[str, str],
+) -> None:
+    """Make the person's entries unreadable, and append entries of what is kept of them, under its new ids.
+
+    What did not fit its entry before does not fit afterwards.
+    """
+    chain.forget(conn, entries)
+    if new:
+        renamed = {each: Thing(each.kind, new.get(each.id, each.id)) for each in entries}
+        kept = set(renamed.values()) & chain.things(conn)
+        chain.append_all(conn, kept, {renamed[each]: stored for each, stored in unsound.items()})
+    chain.append_marks(conn)
+
+
+def _sessions_of(
+    conn: sqlite3.Connection, person: dict[str, Any], others: set[str | None]
+) -> list[str]:
+    """Return the person's sessions, those outside the study too, without those of other studies' participants."""
+    mine = "SELECT id FROM sessions WHERE ?1 IN (player_id, owner_id) OR id = ?2"
+    played = """SELECT DISTINCT e.session_id FROM episodes e JOIN series_episodes s ON s.episode_id = e.id
+        WHERE s.participant_id {} ?"""
+    found = {row[0] for row in conn.execute(mine, (person["player_id"], person["session_id"]))}
+    found |= {row[0] for row in conn.execute(played.format("="), [person["id"]])}
+    others = others | {row[0] for row in conn.execute(played.format("<>"), [person["id"]])}
+    return sorted(found - others)
+
+
+def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int) -> None:
+    for ident in episodes:
+        sql = f"SELECT {TRAJECTORY} FROM episodes e WHERE e.id = ? AND e.ended_ms IS NOT NULL"
+        for driven in conn.execute(sql, [ident]).fetchall():
+            values = (trajectory_hash(*driven), now)
+            conn.execute("INSERT OR IGNORE INTO forgotten VALUES (?, ?)", values)
+        for table in (
+            "event_batches",
+            "page_loads",
+            "input_events",
+            "steps",
+            "series_episodes",
+            "rated_games",
+        ):
+            conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
+        conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
+
+
+def _forget_challenges(conn: sqlite3.Connection) -> None:
+    """Let no board name an episode that is gone as the one it is played against."""
+    gone = "challenges NOT IN (SELECT id FROM episodes)"
+    conn.execute(f"UPDATE sessions SET challenges = NULL WHERE {gone}")
+
+
+def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> dict[str, str]:
+    """Give participant, player and session new ids, delete what else there is of the person, and return the new ids by old."""
+    names = ("id", "player_id", "session_id", "invitation")
+    old, player, session, invitation = (person[name] for name in names)
+    prefixes = ((old, "P"), (player, "B"), (session, "S"), (invitation, "I"))
+    new = {each: prefix + secrets.token_hex(6) for each, prefix in prefixes if each}
+    sql = "INSERT INTO players SELECT ?, created_ms FROM players WHERE id = ?"
+    conn.execute(sql, (new[player], player))
+    if session:
+        values = (new[session], new[player], new[player], session)
+        conn.execute("UPDATE sessions SET id = ?, player_id = ?, owner_id = ? WHERE id = ?", values)
+        sql = "UPDATE episodes SET session_id = ? WHERE session_id = ?"
+        conn.execute(sql, (new[session], session))
+    conn.execute(
+        "UPDATE participants SET id = ?, player_id = ?, session_id = ?, completion_code = NULL, invitation = ? WHERE id = ?",
+        (new[old], new[player], new.get(session), new.get(invitation), old),
+    )
+    for table in ("series_episodes", "stage_events"):
+        sql = f"UPDATE {table} SET participant_id = ? WHERE participant_id = ?"
+        conn.execute(sql, (new[old], old))
+    for was, now in new.items():
+        conn.execute(
+            "UPDATE stage_events SET detail = replace(detail, ?, ?) WHERE participant_id = ?",
+            (was, now, new[old]),
+        )
+    return new
+
+
+def _take_exclusively(conn: sqlite3.Connection, database: Path) -> None:
+    """Fold the log into the file and keep others out of it until the end; StoreError when somebody has it open.
+
+    Without a log, and with deleted rows overwritten, no old page survives the VACUUM that follows.
+    """
+    try:
+        mode = conn.execute("PRAGMA journal_mode = DELETE").fetchone()[0]
+    except sqlite3.OperationalError:
+        mode = "wal"
+    if mode != "delete":
+        raise StoreError(f"{database} is open in another program: stop it, nothing was erased")
+    conn.execute("PRAGMA locking_mode = EXCLUSIVE")
+    conn.execute("PRAGMA secure_delete = ON")
+
+
+def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
+    """Add the source's list of the forgotten to the target's, and the studies that they were erased from."""
+    learn_counts(target, source)
+    for table in FORGOTTEN_TABLES:
+        target.executemany(
+            f"INSERT OR IGNORE INTO {table} VALUES (?, ?)",
+            source.execute(f"SELECT * FROM {table}").fetchall(),
+        )
+
+
+def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
+    """Add what the source says of people who were erased or left out, and its chain alone."""
+    for name in (ERASED, ARRIVALS):
+        found = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [name]).fetchall()
+        target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", found)
+    chain.append_marks(target, chain.said_alone(source))
+
+
+def note_erased(
+    conn: sqlite3.Connection,
+    person: Mapping[str, Any],
+    at_ms: int,
+    is_closed: bool,
+    asked_by: AskedBy | None,
+) -> None:
+    """Note that a participant's rows are erased from a study, without anything that leads to the person.
+
+    Call it while their episodes are still there: how many ranked ones they had is noted.
+    """
+    sql = """SELECT count(*), count(e.ended_ms) FROM series_episodes s JOIN episodes e ON e.id = s.episode_id
+        WHERE s.participant_id = ? AND s.phase = 'ranked'"""
+    begun, ended = conn.execute(sql, [person["id"]]).fetchone()
+    tombstone = {
+        "at_ms": at_ms,
+        "stage": person["stage"],
+        "after_closing": is_closed,
+        "ranked_begun": begun,
+        "ranked_ended": ended,
+        "completed": person["completed_ms"] is not None,
+        "asked_by": asked_by,
+    }
+    name = f"{ERASED}|{person['study']}|{person_hashes(person)[0]}"
+    conn.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", (name, json.dumps(tombstone)))
+
+
+def person_hashes(person: Mapping[str, Any]) -> tuple[str, str]:
+    """Return what `forgotten_people` keeps of a participant's row: a hash of the id, and one of the times when they came."""
+    came = f"{person['study']}|{person['joined_ms']}|{person['consent_ms']}"
+    return _hash(person["id"]), _hash(came)
+
+
+def invitation_hash(study: str, invitation: str) -> str:
+    """Return what `forgotten_people` keeps of the invitation that a person had used: it lets nobody in again."""
+    return _hash(f"invitation|{study}|{invitation}")
+
+
+def trajectory_hash(trajectory: str, started_ms: int, ended_ms: int) -> str:
+    """Return what `forgotten` keeps of an episode: its trajectory at its time, since two people may drive alike."""
+    return _hash(f"{trajectory}|{started_ms}|{ended_ms}")
+
+
+def forgotten_people(
+    target: sqlite3.Connection, source: sqlite3.Connection
+) -> list[dict[str, Any]]:
+    """Return the source's participants whom the target has forgotten, whatever they are called there."""
+    people = {row[0] for row in target.execute("SELECT id_hash FROM forgotten_people")}
+    trajectories = {row[0] for row in target.execute("SELECT trajectory_hash FROM forgotten")}
+    if not people | trajectories:
+        return []
+    played = f"""SELECT s.participant_id, {TRAJECTORY} FROM episodes e JOIN series_episodes s ON s.episode_id = e.id
+        WHERE e.ended_ms IS NOT NULL"""
+    known = {row[0] for row in source.execute(played) if trajectory_hash(*row[1:]) in trajectories}
+    found = rows(source, "SELECT * FROM participants")
+    return [p for p in found if p["id"] in known or people & set(person_hashes(p))]
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

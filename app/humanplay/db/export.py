@@ -1,0 +1,247 @@
+"""Finished episodes as CSV, one row an episode or one row a step, each episode replayed before it is written.
+
+Columns are listed in `docs/data.md`. `verified` is false where the replay does not come to what is stored: such rows are
+marked, never hidden. Players appear under pseudonyms drawn anew for every export; sessions do not appear.
+"""
+
+from __future__ import annotations
+
+import csv
+import errno
+import hashlib
+import hmac
+import io
+import os
+import secrets
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal
+from zipfile import ZIP_DEFLATED, ZipFile
+
+from humanplay.db.chain import append_marks, export_of
+from humanplay.db.columns import TABLES, Column, ColumnType, markdown
+from humanplay.db.database import writing
+from humanplay.db.reader import Reader, Who
+from humanplay.db.resimulation import simulate
+from humanplay.db.trial import Trial
+from humanplay.task import counted
+from marsexplorer.files import to_cell, write_whole
+
+ExportTable = Literal["episodes", "steps"]
+COLUMNS: dict[ExportTable, tuple[str, ...]] = {
+    "episodes": TABLES["episodes"].names("export"),
+    "steps": TABLES["steps"].names("export"),
+}
+
+
+def new_key() -> bytes:
+    """Return the key of one export's pseudonyms; give the same one to both tables so that they agree."""
+    return secrets.token_bytes(32)
+
+
+def export_table(
+    source: Reader | Path | str,
+    table: ExportTable,
+    who: Who = "all",
+    key: bytes | None = None,
+    public: bool = False,
+    at_ms: int | None = None,
+    player: str | None = None,
+    open_studies: bool = False,
+) -> Generator[bytes]:
+    """Yield the table in pieces, the header first, one piece an episode.
+
+    source   the database's path, or a Reader or Store on it; read over a read-only connection of its own
+    who      "all", or "human" for the episodes that count
+    public   True leaves out the episodes of studies that are not closed, and of days that are not over
+    at_ms    when a public export is made (None: now)
+    player   what they drove alone
+    open_studies  True takes in episodes of studies that are not closed; sealed ones never
+    """
+    _check(table, who)
+    reader = Reader.open(
+        source.path if isinstance(source, Reader) else source, public, at_ms, open_studies
+    )
+    return _stream(reader, lambda: reader.finished(who, player), table, key or new_key())
+
+
+def write_table(
+    path: Path,
+    most_bytes: int,
+    database: Path,
+    table: ExportTable,
+    who: Who,
+    player: str | None,
+    at_ms: int,
+) -> None:
+    """Write what `export_table` yields of what anybody may see; OSError when it takes more than `most_bytes`."""
+    pieces = export_table(database, table, who, None, True, at_ms, player)
+    with closing(pieces), path.open("xb") as file:
+        for piece in pieces:
+            if file.tell() + len(piece) > most_bytes:
+                raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+            file.write(piece)
+
+
+def write_human_scores(path: Path, most_bytes: int, database: Path, at_ms: int) -> None:
+    """Write a ZIP of what counts of people, as anybody may see it: both tables and a datasheet; OSError beyond `most_bytes`."""
+    key = new_key()
+    lines: dict[str, int] = {}
+    with path.open("xb") as file, ZipFile(file, "w", ZIP_DEFLATED) as bundle:
+        for table in COLUMNS:
+            pieces = export_table(database, table, "human", key, True, at_ms)
+            with closing(pieces), bundle.open(f"{table}.csv", "w", force_zip64=True) as out:
+                lines[table] = -1  # the head is no row
+                for piece in pieces:
+                    if file.tell() + len(piece) > most_bytes:
+                        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+                    lines[table] += piece.count(b"\n")
+                    out.write(piece)
+        bundle.writestr("DATASHEET.md", _datasheet(lines, at_ms))
+
+
+def _datasheet(lines: Mapping[str, int], at_ms: int) -> str:
+    day = datetime.fromtimestamp(at_ms / 1000, UTC).date().isoformat()
+    tables = (f"## {each}.csv\n\n{markdown(TABLES[each].columns('export'))}\n" for each in COLUMNS)
+    episodes, moves = counted(lines["episodes"], "episode"), counted(lines["steps"], "move")
+    return DATASHEET.format(
+        day=day,
+        version=version("humanplay"),
+        episodes=episodes,
+        moves=moves,
+        tables="\n".join(tables),
+    )
+
+
+DATASHEET = """\
+# Human scores: datasheet
+
+Exported on {day} by version {version} of the playground: {episodes}, {moves}.
+
+- **Why**: to say how well people explore, beside policies on the same terrains.
+- **What a row is**: `episodes.csv` has an episode that counts, `steps.csv` a move of one, joined by `episode`.
+- **What counts**: ranked episodes of people, alone, on terrains that were neither chosen nor met before, whose moves all fit
+  key presses or touches of the page; one that was left counts, as abandoned. Practice, scripts, policies and challenges never
+  enter. Episodes of open studies and of days that are not over are left out.
+- **Who**: volunteers of a playground, who chose to play and how often. They stand for nobody but themselves, and their mean is
+  no human level, which is a closed study's figure. Nothing is known of them; a pseudonym is drawn anew for each export.
+- **How it was checked**: each episode was replayed; `verified` is false where the replay does not come to what is stored.
+- **A figure**: the mean over players of each player's mean `steps_to_target` or `score`, with an interval over players.
+- **Licence**: that of the server's operator; ask them where none is stated.
+
+{tables}"""
+"""After Gebru et al. 2021, "Datasheets for Datasets"."""
+
+
+def export_to(
+    database: Path,
+    folder: Path,
+    who: Who,
+    advance: Callable[[int, int], None],
+    open_studies: bool = False,
+) -> str:
+    """Write `episodes.csv` and `steps.csv` in the folder, both whole or neither, and return a sentence on what was written.
+
+    advance  called with (episodes written, of how many), both tables counted
+    open_studies  True takes in those of open studies, and notes it in the chain of the database
+    """
+    with closing(Reader.open(database, open_studies=open_studies)) as reader:
+        total, studies = 2 * reader.count(who), reader.open_studies()
+    folder.mkdir(parents=True, exist_ok=True)
+    sealed = [study.name for study in studies if study.sealed_ms is not None]
+    running = [study for study in studies if study.sealed_ms is None]
+    if open_studies and running:
+        with writing(database) as conn:  # before anything of them is written
+            append_marks(conn, map(export_of, running))
+    paths = [folder / f"{table}.csv" for table in COLUMNS]
+    key, done, lines, unverified = new_key(), 0, [0, 0], 0
+    with write_whole(paths[0]) as episodes, write_whole(paths[1]) as steps:
+        for number, (table, file) in enumerate(zip(COLUMNS, (episodes, steps), strict=True)):
+            for piece in export_table(database, table, who, key, open_studies=open_studies):
+                file.write(piece)
+                done += 1
+                lines[number] += piece.count(b"\n")
+                unverified += number == 0 and piece.endswith(b",false\n")
+                advance(min(done, total), total)
+    count, moves = (n - 1 for n in lines)
+    why = "did not replay as recorded: see the column verified"
+    warning = f"; {unverified} of them {why}" if unverified else ""
+    if sealed:
+        warning += f"; left out: {', '.join(sealed)}, sealed until the evaluation of agents closes"
+    names = ", ".join(study.name for study in running)
+    if running and open_studies:
+        warning += f"; taken in although open, which the chain and their reports say: {names}"
+    elif running:
+        warning += f"; left out, since they are open: {names} (--open-studies takes them in)"
+    return f"{counted(count, 'episode')} in {paths[0]}, {counted(moves, 'step')} in {paths[1]}{warning}"
+
+
+def _check(table: str, who: str) -> None:
+    """Raise ValueError for what is no table or choice of episodes."""
+    for name, value, known in (("table", table, tuple(COLUMNS)), ("who", who, ("all", "human"))):
+        if value not in known:
+            raise ValueError(f"{name} must be one of {', '.join(known)}, got {value!r}")
+
+
+def _stream(
+    reader: Reader, wanted: Callable[[], Iterator[dict[str, Any]]], table: ExportTable, key: bytes
+) -> Generator[bytes]:
+    try:
+        yield (",".join(COLUMNS[table]) + "\n").encode()
+        with reader.snapshot():
+            for row in wanted():
+                found = _rows_of(row, reader.steps(row["id"]), table, key)
+                if found:
+                    yield _encoded(found, TABLES[table].columns("export"))
+    finally:
+        reader.close()
+
+
+def _rows_of(
+    row: dict[str, Any], steps: list[dict[str, Any]], table: ExportTable, key: bytes
+) -> list[dict[str, Any]]:
+    """Return what the export says of an episode, by column: one row, or one a step."""
+    episode, findings = simulate(row, steps)
+    trial = Trial.of(row)
+    actions = trial.rules.actions
+    player = _pseudonym(trial.owner_id, key)
+    common = {"episode": trial.id, "player": player, "verified": not findings}
+    if table == "episodes":
+        return [
+            {
+                **trial.config.to_dict(),
+                **row,
+                **common,
+                "terrain": trial.terrain.hex(),
+                "coverage": trial.coverage,
+                "return": trial.total,
+                "steps_to_target": trial.steps_to_target,
+                "daily": trial.day,
+                "actions": " ".join(actions[step["action"]] for step in steps),
+            }
+        ]
+    moves = [{**step, **common, "action": actions[step["action"]]} for step in steps]
+    return [{**each, **episode.place(each["step"] + 1)} for each in moves] if episode else moves
+
+
+def _encoded(found: list[dict[str, Any]], columns: Sequence[Column]) -> bytes:
+    out = io.StringIO()
+    lines = ([csv_cell(row.get(each.name), each.type) for each in columns] for row in found)
+    csv.writer(out, lineterminator="\n").writerows(lines)
+    return out.getvalue().encode()
+
+
+def csv_cell(value: Any, kind: ColumnType) -> Any:
+    """Return a value as a CSV file holds it: truth values are true and false, what is absent is empty."""
+    if kind == "boolean" and value is not None:
+        return "true" if value else "false"
+    return to_cell(value)
+
+
+def _pseudonym(player_id: str | None, key: bytes) -> str | None:
+    if player_id is None:
+        return None
+    return "P" + hmac.new(key, player_id.encode(), hashlib.sha256).hexdigest()[:10]

@@ -1,0 +1,148 @@
+"""Input events of a person's episodes, on the playground and in studies: kept once each, and read back in order.
+
+Works on a store's connection and in its transactions.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+from humanplay.db import chain
+from humanplay.db.columns import TABLES
+from humanplay.db.reader import Reader
+from humanplay.db.store import Store
+
+MAX_EVENTS_PER_EPISODE = 50_000
+"""Most input events kept of an episode: some hours of typing."""
+MAX_PAGE_LOADS = 200
+"""Most loads of the page that an episode's input events may come from."""
+COPIED_GAPS = (12, 40)
+"""Fewest and most gaps between presses, from the first on, that are compared with another episode's: twelve gaps in tenths of a
+millisecond are the same twice by a copy alone, and the more are compared, the less two clocks of 100 ms are taken for one."""
+COMPARED_EPISODES = 5_000
+"""Newest episodes that are compared: a look at 5,000 takes some 20 ms."""
+
+_FIRST = "SELECT coalesce(max(number) + 1, 0) AS first FROM input_events WHERE episode_id = ?"
+_ENDED = "SELECT ended_ms FROM episodes WHERE id = ?"
+_BATCH = "SELECT 1 FROM event_batches WHERE episode_id = ? AND batch = ?"
+_LOADS = "SELECT number, tab, load_id, tab_id FROM page_loads WHERE episode_id = ? ORDER BY number"
+_GAP = """(SELECT b.key_down_ms - a.key_down_ms FROM steps a JOIN steps b ON b.episode_id = a.episode_id AND b.step = a.step + 1
+    WHERE a.episode_id = f.id AND a.step = {step})"""
+_COMPARED = """(SELECT id FROM episodes WHERE driver = 'human' AND ended_ms IS NOT NULL AND id != ?1
+    ORDER BY ended_ms DESC LIMIT ?2) f"""
+
+
+class TooManyEventsError(ValueError):
+    """An episode keeps no more input events; the text says why."""
+
+
+class PageLoad(NamedTuple):
+    """A load of the page, and the tab that it is in, by the ids that the page drew."""
+
+    load_id: str
+    tab_id: str
+
+
+class InputEventRow(NamedTuple):
+    """An input event as the page saw it; times are milliseconds of the clock of its page load."""
+
+    kind: str
+    code: str | None
+    repeat: bool | None
+    trusted: bool | None
+    client_ms: float
+    step: int | None
+    round_trip_ms: float | None
+
+
+def add_input_events(
+    store: Store,
+    episode_id: str,
+    events: Sequence[InputEventRow],
+    at_ms: int,
+    batch: str,
+    page_load: PageLoad,
+) -> None:
+    """Keep a batch of input events of an episode once, however often it comes.
+
+    `batch` is its id, which its page drew. A batch that was being sent when the connection broke can arrive after its
+    repetition and after later batches.
+
+    What comes after the end of the episode is stored with a later time than the end, so that the rows say what was there when
+    it ended.
+
+    Raises:
+        TooManyEventsError: beyond MAX_EVENTS_PER_EPISODE or MAX_PAGE_LOADS; nothing of the batch is kept.
+    """
+    if not events:
+        return
+    with store.transaction():
+        conn = store.connection
+        if conn.execute(_BATCH, (episode_id, batch)).fetchone():
+            return
+        first: int = conn.execute(_FIRST, [episode_id]).fetchone()[0]
+        if first + len(events) > MAX_EVENTS_PER_EPISODE:
+            raise TooManyEventsError(
+                "this episode has more input events than are kept; the rest is dropped"
+            )
+        numbers = _number_load(conn, episode_id, page_load)
+        (ended_ms,) = conn.execute(_ENDED, [episode_id]).fetchone()
+        at_ms = at_ms if ended_ms is None else max(at_ms, ended_ms + 1)
+        rows = [
+            (episode_id, number, *numbers, *event, at_ms)
+            for number, event in enumerate(events, first)
+        ]
+        conn.executemany(TABLES["input_events"].insert(), rows)
+        conn.execute("INSERT INTO event_batches VALUES (?, ?, ?)", (episode_id, first, batch))
+        chain.append_late_events(conn, episode_id, first)
+
+
+def _number_load(conn: sqlite3.Connection, episode_id: str, page_load: PageLoad) -> tuple[int, int]:
+    """Return the numbers of a tab and of its page load in an episode."""
+    loads = conn.execute(_LOADS, [episode_id]).fetchall()
+    tabs = {tab_id: tab for _, tab, _, tab_id in loads}
+    for number, tab, load_id, _ in loads:
+        if load_id == page_load.load_id:
+            return tab, number
+    if len(loads) >= MAX_PAGE_LOADS:
+        raise TooManyEventsError(
+            f"this episode has input events of {MAX_PAGE_LOADS} loads of its page, the most that are kept; go on in one of them"
+        )
+    tab = tabs.get(page_load.tab_id, len(tabs))
+    row = (episode_id, len(loads), tab, *page_load)
+    conn.execute(TABLES["page_loads"].insert(), row)
+    return tab, len(loads)
+
+
+def input_events(reader: Reader, episode_id: str) -> list[dict[str, Any]]:
+    """Return an episode's input events in order."""
+    sql = "SELECT * FROM input_events WHERE episode_id = ? ORDER BY number"
+    return reader.query(sql, [episode_id])
+
+
+def count_input_events(reader: Reader, episode_id: str) -> int:
+    """Return how many input events of an episode are kept: they are numbered from 0 on, and none goes while it runs."""
+    return int(reader.query(_FIRST, [episode_id])[0]["first"])
+
+
+def has_copied_timing(reader: Reader, episode_id: str) -> bool:
+    """Return whether the gaps between an episode's presses are those of another episode that has ended, from its first on.
+
+    Presses are those of the moves (`steps.key_down_ms`). Only a copy to the tenth of a millisecond is found.
+    """
+    sql = "SELECT key_down_ms FROM steps WHERE episode_id = ? ORDER BY step LIMIT ?"
+    times = [row["key_down_ms"] for row in reader.query(sql, [episode_id, COPIED_GAPS[1] + 1])]
+    if None in times or len(times) <= COPIED_GAPS[0]:
+        return False
+    gaps = [after - before for before, after in pairwise(times)]
+    # the first condition that fails ends the look at an episode; after the fewest gaps the other one may have ended
+    alike = [
+        f"coalesce(abs({_GAP.format(step=step)} - {gap!r}) < 0.06, {step >= COPIED_GAPS[0]:d})"
+        for step, gap in enumerate(gaps)
+    ]
+    same = " AND ".join(alike)
+    sql = f"SELECT 1 FROM {_COMPARED} WHERE {same} LIMIT 1"
+    return bool(reader.query(sql, [episode_id, COMPARED_EPISODES]))

@@ -1,0 +1,310 @@
+"""Rows of one database merged into another: new ones are added, equal ones let be, and two contents under one id refused."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from humanplay.db import chain, volunteers
+from humanplay.db.chain import Kind, Thing
+from humanplay.db.columns import TABLES
+from humanplay.db.database import StoreError, open_database, reading, rows, stream, transaction
+from humanplay.db.erasure import forgotten_people, learn_forgotten
+from marsexplorer.files import replace_whole
+
+NOT_MERGED = (
+    *("meta", "series", "event_batches", "page_loads", "forgotten", "forgotten_people", "chain"),
+    *("chain_salts", "operators", "operator_actions", "volunteers", "volunteer_figures", "names"),
+    *("rated_games", "ratings"),
+)
+"""Series and the forgotten are merged by themselves. The key that signs cookies and the secret of daily terrains stay where
+they are. So do names and ratings: without that key nobody could change a name in the new file, two servers may have one name
+twice, and ratings follow from the order of one server's games. So does the chain: two of them cannot be one, so the target's
+own goes on, with an entry that holds the heads of the sources."""
+
+MERGED = {name: table for name, table in TABLES.items() if table.names() and name not in NOT_MERGED}
+ROWS_AT_A_TIME = 2_000
+_OWNED: dict[str, Kind] = {"episodes": "episode", "participants": "participant"}
+"""Table -> the kind of the thing in the chain whose parts are the rows that refer to it first."""
+
+_TAKEN_PART_TWICE = """SELECT count(*) FROM (SELECT 1 FROM identities i JOIN participants p ON p.id = i.participant_id
+    WHERE i.name = (SELECT json_extract(s.protocol, '$.outside_ids[0]') FROM series s WHERE s.name = p.study)
+    GROUP BY p.study, i.name, i.value HAVING count(*) > 1
+    UNION ALL SELECT 1 FROM participants WHERE invitation IS NOT NULL AND consent_ms IS NOT NULL
+    GROUP BY study, invitation HAVING count(*) > 1)"""
+
+
+class MergeError(StoreError):
+    """Databases cannot be merged: two contents stand under one id, or the new file is there already."""
+
+
+@dataclass
+class MergeCounts:
+    """Rows that were added and rows that were there already, by table; people left out because they were forgotten."""
+
+    added: dict[str, int] = field(default_factory=dict)
+    equal: dict[str, int] = field(default_factory=dict)
+    forgotten: int = 0
+
+    def add(self, other: MergeCounts) -> None:
+        """Add the counts of a further source."""
+        for name, count in other.added.items():
+            self.added[name] = self.added.get(name, 0) + count
+            self.equal[name] = self.equal.get(name, 0) + other.equal[name]
+        self.forgotten += other.forgotten
+
+
+def merge(
+    sources: Sequence[Path],
+    out: Path,
+    advance: Callable[[int, int], None] = lambda done, total: None,
+) -> tuple[MergeCounts, int]:
+    """Merge databases into a new one; return the counts, and how many people took part in a study twice.
+
+    advance  called with (databases merged, of how many)
+
+    MergeError when there is a file at `out` already, or two contents under one id; then nothing is written.
+    """
+    if out.exists():
+        why = "a merge is written into a new file; choose another --out"
+        raise MergeError(f"{out} is there already: {why}")
+    total = MergeCounts()
+    with _new_database(out) as conn, transaction(conn):
+        for path in sources:
+            with reading(path) as source:
+                learn_forgotten(conn, source)
+        for done, path in enumerate(sources, 1):
+            with reading(path) as source:
+                total.add(merge_rows(conn, source, str(path)))
+            advance(done, len(sources))
+        (twice,) = conn.execute(_TAKEN_PART_TWICE).fetchone()
+    return total, twice
+
+
+def merge_rows(target: sqlite3.Connection, source: sqlite3.Connection, where: str) -> MergeCounts:
+    """Add the source's rows to the target's and return the counts; call it inside a transaction of the target.
+
+    where  the source in words, for the error
+
+    MergeError when both have something under one id and it is not the same. People whom either of the two has forgotten
+    are left out; bring the lists of all sources into the target first (`learn_forgotten`).
+    """
+    counts = MergeCounts()
+    target.execute("PRAGMA defer_foreign_keys = ON")
+    known = chain.things(target)
+    counted = _parts_of(target, known)
+    _merge_series(target, source, where)
+    hidden = _hidden(target, source)
+    counts.forgotten = len(hidden["participants"])
+    for table in MERGED:
+        wanted = _visible(table, stream(source, f"SELECT * FROM {table}"), hidden)
+        if table == "releases":
+            wanted = _as_outdated(target, wanted)
+        counts.added[table], counts.equal[table] = _merge_table(target, table, wanted, where)
+    known_here = chain.things(source)
+    found = {each for each in known_here if each.id not in hidden.get(f"{each.kind}s", ())}
+    _check_same_parts(counted, _parts_of(source, found & known), where)
+    volunteers.renew(target)
+    _extend_chain(target, source, chain.things(target) - known, found)
+    return counts
+
+
+def _extend_chain(
+    target: sqlite3.Connection, source: sqlite3.Connection, added: set[Thing], found: set[Thing]
+) -> None:
+    """Append the source's head and an entry of everything added; what did not fit its entry in the source stays so.
+
+    added  what is new in the target
+    found  everything of the source that was merged, new or not
+    """
+    entries, head = chain.head(source)
+    chain.append_note(target, "merged", {"merged": {"head": head, "entries": entries}})
+    stored = {each: chain.unsound_hash(source, each.kind, each.id) for each in found}
+    unsound = {each: hash_ for each, hash_ in stored.items() if hash_ is not None}
+    chain.append_all(target, added | unsound.keys(), unsound)
+    chain.append_marks(target)
+
+
+def _parts_of(conn: sqlite3.Connection, wanted: set[Thing]) -> dict[Thing, dict[str, int]]:
+    """Return the number of rows that finished episodes and participants have in each of the tables of their parts."""
+    wholes = [each for each in wanted if each.kind in ("episode", "participant")]
+    parts: dict[Thing, dict[str, int]] = {each: {} for each in wholes}
+    for table in MERGED.values() if parts else ():
+        column, (of, _) = next(iter(table.references().items()), ("", ("", "")))
+        if of in _OWNED:
+            counted = f"SELECT {column}, count(*) FROM {table.name} GROUP BY {column}"
+            for ident, count in conn.execute(counted):
+                if (each := Thing(_OWNED[of], ident)) in parts:
+                    parts[each][table.name] = count
+    return parts
+
+
+def _check_same_parts(
+    old: dict[Thing, dict[str, int]], new: dict[Thing, dict[str, int]], where: str
+) -> None:
+    """Raise MergeError when a thing has more or fewer rows in the source than it had in the target."""
+    for each, counts in new.items():
+        if old[each] != counts:
+            raise MergeError(
+                f"the {each.kind} {each.id} has other rows in {where} than before ({counts}, not {old[each]}): nothing was "
+                "joined; one of the two was changed, or is an older copy"
+            )
+
+
+def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str, set[Any]]:
+    """Return the source's ids that are not to be merged, by table."""
+    people = forgotten_people(target, source)
+    hidden: dict[str, set[Any]] = {"players": set(), "sessions": set()}
+    hidden["participants"] = {each["id"] for each in people}
+    for person in people:
+        sessions = "SELECT id FROM sessions WHERE ? IN (player_id, owner_id) OR id = ?"
+        found = source.execute(sessions, (person["player_id"], person["session_id"]))
+        hidden["sessions"] |= {row[0] for row in found}
+        sql = "SELECT id, session_id FROM participants WHERE player_id = ?"
+        found = source.execute(sql, [person["player_id"]])
+        elsewhere = [row for row in found if row[0] not in hidden["participants"]]
+        hidden["sessions"] -= {row[1] for row in elsewhere}
+        if not elsewhere:
+            hidden["players"].add(person["player_id"])
+    sql = "SELECT id, session_id FROM episodes"
+    every = source.execute(sql).fetchall() if hidden["sessions"] else []
+    hidden["episodes"] = {ident for ident, session in every if session in hidden["sessions"]}
+    return hidden
+
+
+def _visible(
+    table: str, found: Iterable[dict[str, Any]], hidden: dict[str, set[Any]]
+) -> Iterator[dict[str, Any]]:
+    names = {name: of for name, (of, _) in MERGED[table].references().items()}
+    if "id" in MERGED[table].names():
+        names["id"] = table
+    for row in found:
+        if row.get("challenges") in hidden["episodes"]:
+            row["challenges"] = None
+        if not any(row[name] in hidden.get(of, ()) for name, of in names.items()):
+            yield row
+
+
+def _as_outdated(
+    target: sqlite3.Connection, found: Iterator[dict[str, Any]]
+) -> Iterator[dict[str, Any]]:
+    """Yield releases, those that the target has too outdated since the earlier of both times, there as well."""
+    match = "study = ? AND version = ? AND manifest_hash = ? AND released_ms = ?"
+    for row in found:
+        key = row["study"], row["version"], row["manifest_hash"], row["released_ms"]
+        for known in rows(target, f"SELECT outdated_ms FROM releases WHERE {match}", *key):
+            times = {known["outdated_ms"], row["outdated_ms"]} - {None}
+            row["outdated_ms"] = min(times, default=None)
+            sql = f"UPDATE releases SET outdated_ms = ? WHERE {match}"
+            target.execute(sql, (row["outdated_ms"], *key))
+        yield row
+
+
+def _merge_table(
+    target: sqlite3.Connection, table: str, wanted: Iterator[dict[str, Any]], where: str
+) -> tuple[int, int]:
+    """Return how many rows were added and how many were there already."""
+    columns, insert = MERGED[table].names(), MERGED[table].insert(how="INSERT OR IGNORE")
+    added = equal = 0
+    while chunk := [tuple(row[name] for name in columns) for row in islice(wanted, ROWS_AT_A_TIME)]:
+        count = target.executemany(insert, chunk).rowcount
+        added += count
+        if count < len(chunk):
+            equal += len(chunk) - count
+            _check_equal(target, table, chunk, where)
+    return added, equal
+
+
+def _check_equal(
+    target: sqlite3.Connection, table: str, chunk: list[tuple[Any, ...]], where: str
+) -> None:
+    """Raise MergeError naming the first row of the chunk that does not stand in the target exactly so."""
+    columns = MERGED[table].names()
+    match = " AND ".join(f"{name} IS ?" for name in columns)
+    keys = [row[1] for row in target.execute(f"PRAGMA table_info({table})") if row[5]]
+    for row in chunk:
+        if target.execute(f"SELECT 1 FROM {table} WHERE {match}", row).fetchone() is None:
+            pairs = zip(columns, row, strict=True)
+            named = ", ".join(f"{name} {value}" for name, value in pairs if name in keys)
+            raise MergeError(
+                f"the table {table} has {named} with another content in {where} than before: nothing was joined; one of the "
+                "two was changed, or they are a copy and its original under other names"
+            )
+
+
+ENDS = ("closed_ms", "secret", "sealed_ms")
+"""What the end of a study writes into its row."""
+
+
+def _merge_series(target: sqlite3.Connection, source: sqlite3.Connection, where: str) -> None:
+    for row in rows(source, "SELECT * FROM series"):
+        known = rows(target, "SELECT * FROM series WHERE name = ?", row["name"])
+        if not known:
+            target.execute(TABLES["series"].insert(), list(row.values()))
+            continue
+        _check_same_series(known[0], row, where)
+        if all(known[0][name] is not None or row[name] is None for name in ENDS):
+            continue
+        with chain.changing(target, "series", row["name"]):
+            target.execute(
+                f"UPDATE series SET {', '.join(f'{name} = coalesce({name}, ?)' for name in ENDS)} WHERE name = ?",
+                (*(row[name] for name in ENDS), row["name"]),
+            )
+
+
+def _check_same_series(old: dict[str, Any], row: dict[str, Any], where: str) -> None:
+    """Raise MergeError when two studies of one name are not one study."""
+    fixed = ("protocol_hash", "commitment", "protocol", "frozen_ms", "beacon", "beacon_signature")
+    for name in fixed:
+        if old[name] != row[name]:
+            raise MergeError(
+                f"the study {row['name']!r} in {where} has another {name} than before: they are two studies of one name; "
+                "nothing was joined"
+            )
+    if old["secret"] is not None and row["secret"] not in (None, old["secret"]):
+        what = f"the study {row['name']!r} in {where} has another secret than before"
+        raise MergeError(f"{what}: nothing was joined")
+
+
+@contextmanager
+def _new_database(out: Path) -> Iterator[sqlite3.Connection]:
+    """Open a database that takes its name when the block has ended well, and leaves nothing otherwise."""
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with replace_whole(out) as unfinished:
+            conn: sqlite3.Connection = open_database(unfinished).conn
+            try:
+                yield conn
+            finally:
+                conn.close()
+    except sqlite3.Error as error:
+        raise StoreError(f"cannot write {out}: {error}; choose another --out") from error
+
+
+@contextmanager
+def kept_or_new_database(database: Path) -> Iterator[sqlite3.Connection]:
+    """Open a database for a merge, and remove it again when it was made here and the block failed."""
+    was_there = database.exists()
+    try:
+        conn: sqlite3.Connection = open_database(database).conn
+        try:
+            yield conn
+        finally:
+            conn.close()
+    except BaseException as error:
+        if not was_there:
+            _remove(database)
+        if isinstance(error, sqlite3.Error):
+            why = f"did not take the release, nothing changed: {error}"
+            raise StoreError(f"the database {database} {why}") from error
+        raise
+
+
+def _remove(path: Path) -> None:
+    for suffix in ("", "-wal", "-shm"):
+        path.with_name(path.name + suffix).unlink(missing_ok=True)

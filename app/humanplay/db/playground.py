@@ -1,0 +1,164 @@
+"""Boards of the playground by their player: what the playground asks of the database.
+
+A ranked episode is one that a person plays alone, on the page, on a terrain that the server drew for them: if it ended now, it
+would count. No query about boards sees one of a study or of a daily terrain, but where it says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from humanplay.db.database import rows
+from humanplay.db.reader import TRIAL
+from humanplay.db.store import DAY_MS, Store
+from humanplay.db.trial import Trial
+
+MOVES = """(SELECT coalesce(max(step) + 1, 0) FROM steps t WHERE t.episode_id = e.id) AS moves,
+    (SELECT max(server_ms) FROM steps t WHERE t.episode_id = e.id) AS moved_ms"""
+_RANKED = f"""SELECT {TRIAL}, {MOVES} FROM {{tables}} ON s.id = e.session_id
+    LEFT JOIN series_episodes x ON x.episode_id = e.id
+    WHERE e.ended_ms IS NULL AND e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen
+    AND s.control = 'cookie' AND s.owner_id IS NOT NULL
+    AND x.participant_id IS NULL"""
+# A CROSS JOIN reads the tables in the order written: a player's few sessions first, or the few open episodes of all.
+_OF_PLAYER = (
+    _RANKED.format(tables="sessions s CROSS JOIN episodes e")
+    + " AND x.series IS NULL AND s.owner_id = :player"
+)
+_OF_ALL = _RANKED.format(tables="episodes e CROSS JOIN sessions s")
+_LEFT = f"""SELECT {TRIAL}, {MOVES},
+    (SELECT server_ms FROM input_events v WHERE v.episode_id = e.id ORDER BY number DESC LIMIT 1) AS came_ms
+    FROM episodes e CROSS JOIN sessions s ON s.id = e.session_id
+    LEFT JOIN series_episodes x ON x.episode_id = e.id
+    WHERE e.ended_ms IS NULL AND x.participant_id IS NULL AND e.started_ms < :before AND :before > coalesce(
+        max(moved_ms, came_ms), moved_ms, came_ms, iif(x.series IS NULL, NULL, e.started_ms))"""
+# A policy's board without a rival is a replay beside a board, and no board of its own.
+_NEWEST = f"""SELECT s.id FROM sessions s
+    CROSS JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
+    WHERE s.owner_id = :player AND s.player_id = :player AND s.control = 'cookie'
+    AND (s.driver_name = 'human' OR EXISTS (SELECT 1 FROM sessions r WHERE r.rival_of = s.id))
+    AND NOT EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id)
+    AND NOT EXISTS (SELECT 1 FROM series_episodes x WHERE x.episode_id = e.id)
+    AND (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > :since)
+    ORDER BY e.id IN (SELECT id FROM ({_OF_PLAYER}) WHERE moves > 0) DESC, e.started_ms DESC LIMIT 1"""
+_WATCHABLE = """SELECT e.session_id, e.ended_ms FROM episodes e LEFT JOIN series_episodes x ON x.episode_id = e.id
+    LEFT JOIN series y ON y.name = x.series
+    WHERE e.id = :episode AND (x.series IS NULL OR y.closed_ms <= :now OR x.player_id = :viewer)"""
+
+# Boards with their rival's: nothing has happened on either, and neither is the newest session.
+_UNPLAYED = """SELECT s.rowid, s.id, s.player_id, r.id FROM sessions s LEFT JOIN sessions r ON r.rival_of = s.id
+    WHERE s.rowid > :after AND s.created_ms < :before AND s.rival_of IS NULL
+    AND max(s.rowid, coalesce(r.rowid, 0)) < (SELECT max(rowid) FROM sessions)
+    AND NOT EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id)
+    AND NOT EXISTS (SELECT 1 FROM episodes e WHERE e.session_id IN (s.id, r.id) AND (
+        e.ended_ms IS NOT NULL OR e.started_ms >= :before
+        OR EXISTS (SELECT 1 FROM steps t WHERE t.episode_id = e.id)
+        OR EXISTS (SELECT 1 FROM input_events v WHERE v.episode_id = e.id)
+        OR EXISTS (SELECT 1 FROM series_episodes t WHERE t.episode_id = e.id)))
+    ORDER BY s.rowid LIMIT :most"""
+_WITHOUT_ANYTHING = """DELETE FROM players WHERE id = ?1
+    AND NOT EXISTS (SELECT 1 FROM sessions WHERE ?1 IN (player_id, owner_id))
+    AND NOT EXISTS (SELECT 1 FROM participants WHERE player_id = ?1)
+    AND NOT EXISTS (SELECT 1 FROM series_episodes WHERE player_id = ?1)
+    AND NOT EXISTS (SELECT 1 FROM names WHERE player_id = ?1)"""
+
+
+def open_ranked(store: Store, player_id: str) -> list[Trial]:
+    """Return a player's open ranked episodes, with the moves made."""
+    return [Trial.of(row) for row in rows(store.connection, _OF_PLAYER, {"player": player_id})]
+
+
+def ranked_left_since(store: Store, before_ms: int) -> list[Trial]:
+    """Return every open ranked or daily episode whose last move was made before a time; none without a move is among them."""
+    found = rows(store.connection, _OF_ALL + " AND moved_ms < :before", {"before": before_ms})
+    return [Trial.of(row) for row in found]
+
+
+def left_since(store: Store, before_ms: int) -> list[Trial]:
+    """Return every open episode of no study whose last move or input event was stored before a time.
+
+    One without either is among them where it is an attempt at a daily terrain: other boards of that kind are deleted.
+    """
+    found = rows(store.connection, _LEFT, {"before": before_ms})
+    return [Trial.of(row) for row in found]
+
+
+def newest_session(store: Store, player_id: str, now_ms: int) -> str | None:
+    """Return the id of the session that a player's page goes on with; None when there is none.
+
+    It is that of their ranked episode with moves if one is open, else the newest of those that are open or ended within a day.
+    """
+    values = {"player": player_id, "since": now_ms - DAY_MS}
+    found = store.connection.execute(_NEWEST, values).fetchone()
+    return None if found is None else str(found[0])
+
+
+def watchable_session(
+    store: Store, episode_id: str, at_ms: int, viewer: str | None = None
+) -> tuple[str, bool] | None:
+    """Return (its session's id, whether it has ended) of an episode that may be watched; None for any other id.
+
+    at_ms   now: an episode of a series that is open may not be watched
+    viewer  the player who asks, who sees their own attempt at a daily terrain
+    """
+    values = {"episode": episode_id, "now": at_ms, "viewer": viewer}
+    found = store.connection.execute(_WATCHABLE, values).fetchone()
+    return None if found is None else (str(found[0]), found[1] is not None)
+
+
+def newest_episode(store: Store, session_id: str) -> str | None:
+    """Return the id of the episode on a session's board, running or ended; None where there is none."""
+    sql = "SELECT id FROM episodes WHERE session_id = ? ORDER BY number DESC LIMIT 1"
+    found = store.connection.execute(sql, [session_id]).fetchone()
+    return None if found is None else str(found[0])
+
+
+def sessions_after(store: Store, row: int, most: int) -> list[tuple[int, str]]:
+    """Return (row number, id) of the first sessions that were stored after the one with a row number, in that order."""
+    sql = "SELECT rowid, id FROM sessions WHERE rowid > ? ORDER BY rowid LIMIT ?"
+    return store.connection.execute(sql, [row, most]).fetchall()
+
+
+def session_of_row(store: Store, row: int) -> str | None:
+    """Return the id of the session with a row number; None where it was deleted."""
+    found = store.connection.execute("SELECT id FROM sessions WHERE rowid = ?", [row]).fetchone()
+    return None if found is None else str(found[0])
+
+
+class Deleted(NamedTuple):
+    """What was deleted, and the row number after which the next look begins (None: there is nothing more)."""
+
+    sessions: list[str]
+    episodes: list[str]
+    after: int | None
+
+
+def delete_unplayed(
+    store: Store, before_ms: int, in_use: Callable[[str], bool], after: int = 0, most: int = 100
+) -> Deleted:
+    """Delete boards that were begun before a time and on which nobody has moved, among `most` that follow a row number.
+
+    A board goes with its rival's and with its player, if they have nothing else. Deleted are only boards whose episodes all
+    run and have neither a move nor an input event: the chain has no entry of them, so nothing that `verify` looks at changes.
+    A participant's board, an attempt at a daily terrain and a board that is `in_use` (asked with its id) stay, and so does the
+    newest session of all: its row number must not come again.
+    """
+    with store.transaction():
+        conn = store.connection
+        values = {"before": before_ms, "most": most, "after": after}
+        found = conn.execute(_UNPLAYED, values).fetchall()
+        deleted, episodes, players = list[str](), list[str](), set[str]()
+        for _, session_id, player_id, rival_id in found:
+            ids = [each for each in (rival_id, session_id) if each is not None]
+            if any(in_use(each) for each in ids):
+                continue
+            for each in ids:
+                sql = "DELETE FROM episodes WHERE session_id = ? RETURNING id"
+                gone = conn.execute(sql, [each])
+                episodes += [episode_id for (episode_id,) in gone]
+                conn.execute("DELETE FROM sessions WHERE id = ?", [each])
+            deleted += ids
+            players |= {player_id} - {None}
+        conn.executemany(_WITHOUT_ANYTHING, [(player_id,) for player_id in players])
+    return Deleted(deleted, episodes, found[-1][0] if len(found) == most else None)

@@ -1,0 +1,269 @@
+"""Finished episodes as the database holds them: lists for the API, causes for replay, the counted ones.
+
+A reader works on the server's own connection or on a read-only one of its own, and writes nothing. No answer for the API
+holds a player's or a session's id, because a session's id is all that is needed to drive it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from humanplay.db.database import StoreError, open_read_only
+from humanplay.db.file import hold
+from humanplay.db.study_rows import SeriesRow
+from humanplay.db.trial import Trial
+from humanplay.task import Record
+
+if TYPE_CHECKING:
+    from sqlite_utils import Database
+
+Who = Literal["all", "human"]
+
+ATTESTED = "e.driver = 'human' AND e.attestation IN ('attested', 'supervised') AND e.steps > 0"
+"""The condition (SQL) for an episode to be a person's as it was played. One without a move is not, since nothing shows that a
+person drove it, nor is one with a move that fits no input event of its own (`humanplay.board.attestation`)."""
+
+HUMAN_SCORE_CONDITION = f"""(({ATTESTED} OR e.attestation = 'spoilt') AND NOT e.assisted AND NOT e.seed_chosen
+    AND NOT e.terrain_met_before AND s.owner_id IS NOT NULL AND x.series IS NULL)"""
+"""The condition (SQL) for an episode to count for the volunteers' figure: a spoilt one does, as abandoned. Those of a series
+make a figure of their own."""
+
+# A rival that ended first would show the terrain that its player is still exploring.
+FINISHED_CONDITION = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
+    AND o.ended_ms IS NULL AND o.terrain_hash = e.terrain_hash))"""
+
+SEALED_CONDITION = "(y.sealed_ms IS NOT NULL AND y.closed_ms IS NULL)"
+"""The condition (SQL) for a series to be an evaluation of agents that is open, or a study whose terrains are kept for one."""
+
+TRIAL = "e.*, s.owner_id, x.series"
+"""What `Trial.of` takes of an episode `e`, its session `s` and its place `x` in a series `y` (SQL)."""
+JOINED = """JOIN sessions s ON s.id = e.session_id LEFT JOIN series_episodes x ON x.episode_id = e.id
+    LEFT JOIN series y ON y.name = x.series"""
+
+_SELECT = f"""SELECT {TRIAL}, {HUMAN_SCORE_CONDITION} AS counts FROM episodes e {JOINED}
+    WHERE {FINISHED_CONDITION}"""
+_DRIVEN_BY_PLAYER = " AND s.owner_id = ? AND e.driver NOT LIKE 'policy:%'"
+# SQLite takes `id` and `is_fresh` from the row with the least: the fewest moves, and of these the first.
+_BESTS = """SELECT id, is_fresh, min(iif(is_fresh, steps, 1000000) * 10000000000000 + ended_ms),
+        count(*) AS episodes, sum(outcome = 'explored') AS explored
+    FROM (SELECT *, outcome = 'explored' AND driver = 'human' AND NOT seed_chosen AND NOT terrain_met_before AS is_fresh
+        FROM ({}))
+    GROUP BY config_hash ORDER BY episodes DESC, config_hash"""
+_FILTER = {"all": "", "human": f" AND {HUMAN_SCORE_CONDITION}"}
+
+
+def now_ms() -> int:
+    """Return milliseconds since 1970."""
+    return time.time_ns() // 1_000_000
+
+
+def utc_day(at_ms: int) -> str:
+    """Return the date (UTC) of a time in milliseconds since 1970: "2026-11-22"."""
+    return datetime.fromtimestamp(at_ms / 1000, UTC).date().isoformat()
+
+
+class Reader:
+    """Queries over finished episodes.
+
+    A public one sees nothing of a series that is open: of a study before it is closed, of a daily terrain before its day is
+    over. It reads at `at_ms` (None: now). Others see nothing of a study that is open either, unless `open_studies`. None sees
+    anything of one that is sealed (`SEALED_CONDITION`).
+    """
+
+    def __init__(
+        self,
+        db: Database,
+        path: Path,
+        public: bool = False,
+        at_ms: int | None = None,
+        open_studies: bool = False,
+    ) -> None:
+        self._db = db
+        self.path = path
+        at_ms = now_ms() if at_ms is None else at_ms
+        is_over = "y.kind != 'study' OR y.closed_ms IS NOT NULL"
+        if public:
+            is_over = f"y.closed_ms <= {at_ms:d}"
+        elif open_studies:
+            is_over = f"NOT {SEALED_CONDITION}"
+        self._select = f"{_SELECT} AND (x.series IS NULL OR {is_over})"
+        self._select_played = f"{_SELECT} AND (x.participant_id IS NULL OR {is_over})"
+        self._release = hold(path)
+
+    @classmethod
+    def open(
+        cls,
+        path: Path | str,
+        public: bool = False,
+        at_ms: int | None = None,
+        open_studies: bool = False,
+    ) -> Reader:
+        """Open a reader on a read-only connection of its own; StoreError when the file is not one of ours."""
+        return cls(open_read_only(Path(path)), Path(path), public, at_ms, open_studies)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._db.close()
+        self._release()
+
+    @contextmanager
+    def snapshot(self) -> Iterator[None]:
+        """Let the block see the database as it is at the first query, whatever a server writes meanwhile."""
+        self._db.conn.execute("BEGIN")
+        try:
+            yield
+        finally:
+            self._db.conn.execute("ROLLBACK")
+
+    def query(self, sql: str, given: Sequence[Any] = ()) -> list[dict[str, Any]]:
+        """Return a query's rows by column, for the modules of this package; `given` fills the question marks."""
+        return list(self._db.query(sql, list(given)))
+
+    def count(self, who: Who = "all") -> int:
+        """Return the number of finished episodes."""
+        (row,) = self.query(f"SELECT count(*) AS n FROM ({self._select}{_FILTER[who]})")
+        return int(row["n"])
+
+    def open_studies(self) -> list[SeriesRow]:
+        """The studies that are not closed, those whose terrains are sealed too."""
+        sql = "SELECT * FROM series WHERE kind = 'study' AND closed_ms IS NULL ORDER BY name"
+        return [SeriesRow(**row) for row in self.query(sql)]
+
+    def finished(self, who: Who = "all", player: str | None = None) -> Iterator[dict[str, Any]]:
+        """Yield finished episodes as they are stored, oldest first, as `Trial.of` takes them; for export, not for the API.
+
+        player  theirs alone: what they drove, not what policies did beside them
+        """
+        driven, given = ("", []) if player is None else (_DRIVEN_BY_PLAYER, [player])
+        sql = f"{self._select}{_FILTER[who]}{driven} ORDER BY e.started_ms, e.id"
+        return self._db.query(sql, given)
+
+    def newest_counted(self, config_hash: str, most: int) -> list[Trial]:
+        """Return the newest counted episodes of a configuration, at most so many, oldest first."""
+        sql = f"""{self._select}{_FILTER["human"]} AND e.config_hash = ?
+            ORDER BY e.started_ms DESC, e.id DESC LIMIT ?"""
+        return list(map(Trial.of, self._db.query(sql, [config_hash, most])))[::-1]
+
+    def played_by(self, player: str, limit: int = 50, after: str | None = None) -> list[Trial]:
+        """Return the finished episodes that a player drove, newest first, for their own page; of open studies none.
+
+        That of today's terrain is among them: whoever shows it tells no seed, no terrain, no moves. `after` as for `episodes`.
+        """
+        return self._page(self._select_played + _DRIVEN_BY_PLAYER, "", limit, after, player)
+
+    def bests_of(self, player: str) -> list[dict[str, Any]]:
+        """Return the `config` of the episodes of `played_by`, the most played first, how many `episodes`, and `explored` ones.
+
+        `best` is the explored one with the fewest moves on a terrain that was new to the player, by their own hand, or None.
+        """
+        found = []
+        for row in self.query(_BESTS.format(self._select_played + _DRIVEN_BY_PLAYER), [player]):
+            (shown,) = self.query(f"{self._select_played} AND e.id = ?", [row["id"]])
+            counts, trial = {each: row[each] for each in ("episodes", "explored")}, Trial.of(shown)
+            best = trial if row["is_fresh"] else None
+            found.append({"config": trial.config, **counts, "best": best})
+        return found
+
+    def steps(self, episode_id: str) -> list[dict[str, Any]]:
+        """Return an episode's step rows in order."""
+        return list(
+            self._db.query("SELECT * FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
+        )
+
+    def episodes(
+        self, limit: int = 50, after: str | None = None, who: Who = "all"
+    ) -> list[dict[str, Any]]:
+        """Return finished episodes, newest first, with seed, totals and the actions in words.
+
+        after  id of the last one of the page before; LookupError where no finished episode has it
+        """
+        found = self._page(self._select, _FILTER[who], limit, after)
+        return [_described(trial, self._actions(trial.id)) for trial in found]
+
+    def _page(
+        self, select: str, which: str, limit: int, after: str | None, *given: str
+    ) -> list[Trial]:
+        """Return the newest episodes of a query that an SQL condition names, after one that need not be among these."""
+        following, values = "", list(given)
+        if after is not None:
+            values.append(after)
+            last = self.query(f"SELECT ended_ms FROM ({select} AND e.id = ?)", values)
+            if not last:
+                raise LookupError(f"no finished episode {after!r} to go on after; begin without")
+            at = last[0]["ended_ms"]
+            following = f" AND e.ended_ms <= {at:d} AND (e.ended_ms < {at:d} OR e.id > ?)"
+        sql = f"{select}{which}{following} ORDER BY e.ended_ms DESC, e.id LIMIT {limit:d}"
+        return list(map(Trial.of, self.query(sql, values)))
+
+    def _actions(self, episode_id: str) -> list[dict[str, Any]]:
+        sql = "SELECT action FROM steps WHERE episode_id = ? ORDER BY step"
+        return self.query(sql, [episode_id])
+
+    def trial(self, episode_id: str) -> Trial | None:
+        """Return one finished episode without its moves, or None."""
+        found = self.query(f"{self._select} AND e.id = ?", [episode_id])
+        return Trial.of(found[0]) if found else None
+
+    def episode(self, episode_id: str) -> dict[str, Any] | None:
+        """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None."""
+        if (trial := self.trial(episode_id)) is None:
+            return None
+        steps = self.steps(episode_id)
+        moves = [_move(step, trial.rules.actions) for step in steps]
+        return {**_described(trial, steps), "moves": moves}
+
+    def who_drove(self, episode_id: str, viewer: str | None = None) -> str:
+        """Return who drove an episode: "you" (the viewer), "synthetic" (a synthetic participant), else its driver."""
+        sql = """SELECT e.driver, s.owner_id = ?2 AND e.driver NOT LIKE 'policy:%' AS own, EXISTS (SELECT 1 FROM participants p
+            WHERE p.session_id = s.id AND p.kind = 'script') AS synthetic
+            FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.id = ?1"""
+        for row in list(self._db.query(sql, [episode_id, viewer])):
+            is_synthetic = row["synthetic"] and not row["driver"].startswith("policy:")
+            return "you" if row["own"] else "synthetic" if is_synthetic else str(row["driver"])
+        raise StoreError(f"no episode {episode_id!r} in {self.path}")
+
+    def ids_beginning(self, prefix: str, limit: int) -> list[str]:
+        """Return the ids of finished episodes that begin with a text, in order, at most `limit` of them."""
+        sql = f"SELECT id FROM ({self._select} AND substr(e.id, 1, length(?)) = ?) ORDER BY id LIMIT ?"
+        return [str(row["id"]) for row in self._db.query(sql, [prefix, prefix, limit])]
+
+    def load_record(self, episode_id: str) -> Record:
+        """Return the cause of a finished episode, ready to be replayed; StoreError when there is no such episode."""
+        for row in list(
+            self._db.query(
+                "SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]
+            )
+        ):
+            return Trial.of(row).record(self.steps(episode_id))
+        raise StoreError(f"no finished episode {episode_id!r} in {self.path}: see `episodes`")
+
+
+def _move(step: dict[str, Any], actions: Sequence[str]) -> dict[str, Any]:
+    names = ["step", "reward", "discovered", "server_ms", "client_ms", "key_down_ms", "key_up_ms"]
+    names += ["input", "driver"]
+    return {"action": actions[step["action"]], **{name: step[name] for name in names}}
+
+
+def _described(trial: Trial, steps: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return an episode for the API."""
+    config = trial.config.to_dict()
+    plain = ("seed", "driver", "assisted", "seed_chosen", "terrain_met_before", "counts", "config_hash", "core_version",
+             "started_ms", "ended_ms", "outcome", "steps", "discovered", "score", "attestation", "attestation_reason",
+             "coverage", "steps_to_target", "trajectory_hash")  # fmt: skip
+    return {
+        "episode": trial.id,
+        "task": trial.task,
+        "level": trial.config.level,
+        **{side: config[side] for side in ("rows", "cols") if side in config},
+        "config": config,
+        "daily": trial.day,
+        "start": list(trial.start),
+        **{name: getattr(trial, name) for name in plain},
+        "return": trial.total,
+        "actions": [trial.rules.actions[step["action"]] for step in steps],
+    }

@@ -1,0 +1,449 @@
+"""Series in the database, studies and daily terrains: written by a server, and read for reports, releases and the leaderboard.
+
+`StudyStore` works on the store's connection and in its transactions: `humanplay.db.store` stays the one writer. Whatever
+changes a participant or a study appends an entry to the chain in the same transaction (`humanplay.db.chain`). The functions
+take an open reader, and none of them reads identities.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from humanplay.db import chain
+from humanplay.db.columns import TABLES
+from humanplay.db.database import rows
+from humanplay.db.erasure import ARRIVALS, ERASED, invitation_hash
+from humanplay.db.playground import MOVES
+from humanplay.db.reader import ATTESTED, TRIAL, Reader
+from humanplay.db.store import Store
+from humanplay.db.study_rows import ORDER_EVENT, Participant, SeriesRow, Stage, StageEventRow
+from humanplay.db.trial import DAILY, Phase, Trial
+
+STUDY_TRIAL = f"{TRIAL}, x.participant_id AS participant, p.kind, x.phase, x.trial, x.terrain AS terrain_index"
+"""What `Trial.of` takes of a study's episode (SQL)."""
+STUDY_JOINED = """FROM series_episodes x JOIN participants p ON p.id = x.participant_id JOIN episodes e ON e.id = x.episode_id
+    JOIN sessions s ON s.id = e.session_id"""
+_TRIALS = f"SELECT {STUDY_TRIAL} {STUDY_JOINED} WHERE x.participant_id = ? ORDER BY e.number"
+_ADD_EVENT = """INSERT INTO stage_events SELECT ?1, coalesce(max(number) + 1, 0), ?2, ?3, ?4
+    FROM stage_events WHERE participant_id = ?1"""
+_ORDER_NUMBER = f"SELECT json_extract(detail, '$.number') FROM stage_events WHERE participant_id = ? AND kind = '{ORDER_EVENT}'"
+_NEXT_ORDER_NUMBER = f"""SELECT coalesce(max(json_extract(v.detail, '$.number')) + 1, 0) FROM stage_events v
+    JOIN participants p ON p.id = v.participant_id WHERE p.study = ? AND p.kind = ? AND v.kind = '{ORDER_EVENT}'"""
+_IS_OPEN = (
+    "SELECT 1 FROM series WHERE (name, protocol_hash, commitment) = (?, ?, ?) AND closed_ms IS NULL"
+)
+_NOTE_CLOSED = "UPDATE series SET closed_ms = ?, secret = ?, sealed_ms = ? WHERE name = ?"
+_PHASE_AND_STAGE = """SELECT t.phase, p.stage FROM series_episodes t
+    JOIN participants p ON p.id = t.participant_id WHERE t.episode_id = ?"""
+
+
+def add_series(store: Store, series: SeriesRow) -> SeriesRow:
+    """Add a series unless one of its name is there; return the one that is there now."""
+    with store.transaction():
+        conn, insert = store.connection, TABLES["series"].insert(how="INSERT OR IGNORE")
+        if conn.execute(insert, series).rowcount:
+            chain.append(conn, "series", series.name)
+            chain.append_marks(conn)
+        sql = "SELECT * FROM series WHERE name = ?"
+        return SeriesRow(*conn.execute(sql, [series.name]).fetchone())
+
+
+class StudyStore:
+    """The tables of studies in a store's database."""
+
+    def __init__(self, store: Store) -> None:
+        self.path = store.path
+        self._store = store
+
+    @property
+    def _conn(self) -> sqlite3.Connection:
+        return self._store.connection
+
+    def note_closed(self, study: SeriesRow) -> None:
+        """Write that a study was sealed, or its end and secret, if anybody had joined it; a running study changes nothing."""
+        if study.closed_ms is None and study.sealed_ms is None:
+            return
+        with self._store.transaction():
+            fixed = (study.name, study.protocol_hash, study.commitment)
+            if self._conn.execute(_IS_OPEN, fixed).fetchone():
+                with chain.changing(self._conn, "series", study.name):
+                    values = (study.closed_ms, study.secret, study.sealed_ms, study.name)
+                    self._conn.execute(_NOTE_CLOSED, values)
+                chain.append_marks(self._conn)
+
+    def note_freezing(self, study: SeriesRow) -> None:
+        """Append entries of the freezing and opening of a study that nobody need have joined; again changes nothing."""
+        with self._store.transaction():
+            chain.append_marks(self._conn, chain.freezing_of(study))
+
+    def is_closed(self, name: str) -> bool:
+        """Return whether the database knows the study to be closed: its terrains are public then, whatever its files say."""
+        sql = "SELECT 1 FROM series WHERE name = ? AND closed_ms IS NOT NULL"
+        found = self._conn.execute(sql, [name]).fetchone()
+        return found is not None
+
+    def open_names(self) -> dict[str, bool]:
+        """Return the names of studies that the database does not know to be closed, each with whether it is sealed there."""
+        sql = "SELECT name, sealed_ms IS NOT NULL FROM series WHERE closed_ms IS NULL"
+        return {name: bool(is_sealed) for name, is_sealed in self._conn.execute(sql).fetchall()}
+
+    def participant(self, participant_id: str) -> Participant:
+        """Return a participant as the database has them now."""
+        found = self._find("id = ?", participant_id)
+        assert found is not None
+        return found
+
+    def participant_of_player(self, study: str, player_id: str) -> Participant | None:
+        """Return the participant with a player's cookie; None before joining."""
+        return self._find("study = ? AND player_id = ?", study, player_id)
+
+    def participant_of_session(self, session_id: str) -> Participant | None:
+        """Return the participant whose board a session is, or one of whose boards; None when it is nobody's."""
+        sql = """id = (SELECT participant_id FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
+            WHERE e.session_id = ? LIMIT 1)"""
+        return self._find(f"session_id = ?1 OR {sql.replace('?', '?1')}", session_id)
+
+    def card(self, evaluation: str, ident: str) -> Participant | None:
+        """Return the participant who plays an evaluation with a card; None before its first use."""
+        return self._find("study = ? AND invitation = ? AND kind = 'script'", evaluation, ident)
+
+    def participant_with_identity(self, study: str, name: str, value: str) -> Participant | None:
+        """Return the participant who came with an outside id; None when nobody did."""
+        sql = """id = (SELECT p.id FROM identities i JOIN participants p ON p.id = i.participant_id
+            WHERE i.name = ? AND i.value = ? AND p.study = ?)"""
+        return self._find(sql, name, value, study)
+
+    def identities(self, study: str, name: str) -> list[tuple[Participant, str]]:
+        """Return everybody in a study who came with an outside id of this name, and the id."""
+        sql = """SELECT i.value, p.* FROM identities i JOIN participants p ON p.id = i.participant_id
+            WHERE i.name = ? AND p.study = ? ORDER BY p.joined_ms, p.id"""
+        found = self._conn.execute(sql, (name, study)).fetchall()
+        return [(Participant(*row[1:]), str(row[0])) for row in found]
+
+    def consented_with_invitation(self, study: str, invitation: str) -> Participant | None:
+        """Return who has used an invitation up by agreeing to the consent text; None while nobody has."""
+        sql = "study = ? AND invitation = ? AND consent_ms IS NOT NULL"
+        return self._find(sql, study, invitation)
+
+    def is_invitation_forgotten(self, study: str, invitation: str) -> bool:
+        """Return whether an invitation was used by somebody who was erased since."""
+        sql = "SELECT 1 FROM forgotten_people WHERE id_hash = ?"
+        known = invitation_hash(study, invitation)
+        return self._conn.execute(sql, [known]).fetchone() is not None
+
+    def count_stage_events(self, participant_id: str, kind: str) -> int:
+        """Return how many events of a kind a participant has."""
+        sql = "SELECT count(*) FROM stage_events WHERE participant_id = ? AND kind = ?"
+        return int(self._conn.execute(sql, (participant_id, kind)).fetchone()[0])
+
+    def identity(self, participant_id: str, name: str) -> str | None:
+        """Return the outside id a participant came with; None without one."""
+        sql = "SELECT value FROM identities WHERE participant_id = ? AND name = ?"
+        found = self._conn.execute(sql, (participant_id, name)).fetchone()
+        return None if found is None else str(found[0])
+
+    def add_participant(
+        self,
+        participant: Participant,
+        identities: Mapping[str, str],
+        joined: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Add a participant, and who they are elsewhere; `joined` goes into the detail of the stage event."""
+        with self._changing(participant.id):
+            self._store.add_player(participant.player_id, participant.joined_ms)
+            self._conn.execute(TABLES["participants"].insert(), tuple(vars(participant).values()))
+            for identity in identities.items():
+                self._conn.execute(TABLES["identities"].insert(), (participant.id, *identity))
+            detail = {"kind": participant.kind, "script": participant.script, **(joined or {})}
+            self._add(participant.id, participant.joined_ms, "joined", detail)
+
+    def add_stage_event(
+        self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]
+    ) -> None:
+        """Add an event to those of a participant."""
+        with self._changing(participant_id):
+            self._add(participant_id, at_ms, kind, detail)
+
+    def set_stage(self, participant_id: str, at_ms: int, stage: Stage, **columns: Any) -> None:
+        """Move a participant to a stage, and set further columns."""
+        with self._changing(participant_id):
+            self._set(participant_id, {"stage": stage, **columns})
+            self._add(participant_id, at_ms, "stage", {"stage": stage})
+
+    def withdraw(self, participant: Participant, at_ms: int, erase: bool = False) -> None:
+        """Withdraw a participant; one who never agreed leaves no outside id behind.
+
+        Args:
+            erase: They ask that what they have played be erased.
+        """
+        with self._changing(participant.id):
+            if participant.consent_ms is None:
+                sql = "DELETE FROM identities WHERE participant_id = ?"
+                self._conn.execute(sql, [participant.id])
+            self._set(participant.id, {"stage": "withdrawn"})
+            detail = {"from": participant.stage, **({"erase": True} if erase else {})}
+            self._add(participant.id, at_ms, "withdrawn", detail)
+
+    def asks_erasure(self, participant_id: str) -> bool:
+        """Whether a participant withdrew and asked that what they had played be erased."""
+        sql = """SELECT 1 FROM stage_events WHERE participant_id = ? AND kind = 'withdrawn'
+            AND json_extract(detail, '$.erase')"""
+        return self._conn.execute(sql, [participant_id]).fetchone() is not None
+
+    def set_settings(self, participant_id: str, at_ms: int, settings: Mapping[str, Any]) -> None:
+        """Set a participant's settings, and add the change to their events."""
+        with self._changing(participant_id):
+            self._set(participant_id, {"settings": json.dumps(settings, sort_keys=True)})
+            self._add(participant_id, at_ms, "settings", settings)
+
+    def set_invitation(self, participant_id: str, invitation: str) -> None:
+        """Set the invitation that brought a participant."""
+        with self._changing(participant_id):
+            self._set(participant_id, {"invitation": invitation})
+
+    def note_supervised(self, participant_id: str, at_ms: int) -> None:
+        """Note that the operator's code was typed."""
+        with self._changing(participant_id):
+            self._set(participant_id, {"supervised_ms": at_ms})
+            self._add(participant_id, at_ms, "supervised", {})
+
+    def supervised_ms(self, participant_id: str) -> tuple[int, ...]:
+        """Return when the operator's code was typed for a participant, each time."""
+        sql = "SELECT at_ms FROM stage_events WHERE participant_id = ? AND kind = 'supervised' ORDER BY number"
+        return tuple(at_ms for (at_ms,) in self._conn.execute(sql, [participant_id]).fetchall())
+
+    def settings(self, participant_id: str) -> list[dict[str, Any]]:
+        """Return what a participant has chosen, every version so far."""
+        sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = 'settings' ORDER BY number"
+        found = self._conn.execute(sql, [participant_id]).fetchall()
+        return [json.loads(detail) for (detail,) in found]
+
+    def set_session(self, participant_id: str, session_id: str) -> None:
+        """Set the session that is the participant's board."""
+        with self._changing(participant_id):
+            self._set(participant_id, {"session_id": session_id})
+
+    def add_trial(
+        self, participant_id: str, episode_id: str, phase: Phase, trial: int, terrain: int
+    ) -> None:
+        """Add an episode as the participant's trial; call it in the transaction that opens the episode."""
+        with self._store.transaction():
+            sql = "INSERT INTO series_episodes SELECT ?, study, id, NULL, ?, ?, ? FROM participants WHERE id = ?"
+            self._conn.execute(sql, (episode_id, phase, trial, terrain, participant_id))
+
+    def order_number(self, participant: Participant, at_ms: int) -> int:
+        """Return the place (from 0) among those of a kind who begin ranked terrains; it is fixed when first asked for.
+
+        It is kept as a stage event, so it outlives a restart, and no two participants of one database get the same.
+        """
+        with self._store.transaction():
+            known = self._conn.execute(_ORDER_NUMBER, [participant.id]).fetchone()
+            if known is not None:
+                return int(known[0])
+            kind = (participant.study, participant.kind)
+            (number,) = self._conn.execute(_NEXT_ORDER_NUMBER, kind).fetchone()
+            self.add_stage_event(participant.id, at_ms, ORDER_EVENT, {"number": number})
+        return int(number)
+
+    def trials(self, participant_id: str) -> list[Trial]:
+        """Return a participant's episodes in the order played."""
+        return [Trial.of(row) for row in rows(self._conn, _TRIALS, participant_id)]
+
+    def count_moves(self, participant_id: str) -> int:
+        """Return how many moves a participant has made in all."""
+        sql = "SELECT count(*) FROM series_episodes JOIN steps USING (episode_id) WHERE participant_id = ?"
+        return int(self._conn.execute(sql, [participant_id]).fetchone()[0])
+
+    def has_trial(self, participant_id: str, episode_id: str) -> bool:
+        """Return whether an episode is one of the participant's."""
+        sql = "SELECT 1 FROM series_episodes WHERE episode_id = ? AND participant_id = ?"
+        return self._conn.execute(sql, (episode_id, participant_id)).fetchone() is not None
+
+    def phase_and_stage(self, episode_id: str) -> tuple[Phase, Stage] | None:
+        """Return the phase of an episode and the stage its participant is at now; None for an episode of no study."""
+        found = self._conn.execute(_PHASE_AND_STAGE, [episode_id]).fetchone()
+        return None if found is None else (found[0], found[1])
+
+    @contextmanager
+    def _changing(self, participant_id: str) -> Iterator[None]:
+        with self._store.transaction(), chain.changing(self._conn, "participant", participant_id):
+            yield
+
+    def _set(self, participant_id: str, columns: Mapping[str, Any]) -> None:
+        names = ", ".join(f"{name} = ?" for name in columns)
+        sql = f"UPDATE participants SET {names} WHERE id = ?"
+        self._conn.execute(sql, (*columns.values(), participant_id))
+
+    def _add(self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]) -> None:
+        values = (participant_id, at_ms, kind, json.dumps(detail, sort_keys=True))
+        self._conn.execute(_ADD_EVENT, values)
+
+    def _find(self, where: str, *values: str) -> Participant | None:
+        row = self._conn.execute(f"SELECT * FROM participants WHERE {where}", values).fetchone()
+        return None if row is None else Participant(*row)
+
+
+Row = dict[str, Any]
+
+_ACTIVITY = f"""SELECT {STUDY_TRIAL}, (SELECT max(server_ms) FROM steps WHERE episode_id = e.id) AS moved_ms {STUDY_JOINED}
+    WHERE p.study = ?"""
+_EVENT_SUMMARY = """SELECT v.participant_id, max(v.at_ms) AS last_ms, sum(v.kind = 'deviation') AS deviations
+    FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ? GROUP BY v.participant_id"""
+_WITHDRAWALS = """SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id
+    WHERE p.study = ? AND v.kind = 'withdrawn'"""
+_CLOSED = """SELECT * FROM series WHERE kind = 'study' AND closed_ms IS NOT NULL AND secret IS NOT NULL
+    ORDER BY closed_ms DESC"""
+
+
+def find_study(reader: Reader, name: str) -> SeriesRow | None:
+    """Return a study; None when nobody has joined one of this name."""
+    found = reader.query("SELECT * FROM series WHERE name = ?", [name])
+    return SeriesRow(**found[0]) if found else None
+
+
+def study_names(reader: Reader) -> list[str]:
+    """Return the names of all studies that somebody has joined, sorted."""
+    found = reader.query("SELECT name FROM series WHERE kind = 'study' ORDER BY name")
+    return [row["name"] for row in found]
+
+
+def closed_studies(reader: Reader) -> list[SeriesRow]:
+    """Return the studies that are closed and whose secret is known, the latest first."""
+    return [SeriesRow(**row) for row in reader.query(_CLOSED)]
+
+
+def participants(reader: Reader, study: str) -> list[Participant]:
+    """Return a study's participants in the order of joining."""
+    sql = "SELECT * FROM participants WHERE study = ? ORDER BY joined_ms, id"
+    return [Participant(**row) for row in reader.query(sql, [study])]
+
+
+def count_participants(reader: Reader, study: str) -> int:
+    """Return how many people and scripts have joined a study."""
+    sql = "SELECT count(*) AS n FROM participants WHERE study = ?"
+    return int(reader.query(sql, [study])[0]["n"])
+
+
+def count_finished(reader: Reader, study: str) -> int:
+    """Return how many people, no scripts, have played a study's ranked episodes to the last."""
+    sql = "SELECT count(*) AS n FROM participants WHERE study = ? AND kind = 'human' AND completed_ms IS NOT NULL"
+    return int(reader.query(sql, [study])[0]["n"])
+
+
+def count_freezings(reader: Reader, study: str) -> int:
+    """Return how often a study of this name was frozen, as the chain says: secrets that were tried out stand there."""
+    sql = "SELECT count(*) AS n FROM chain WHERE kind = 'frozen' AND json_extract(note, '$.study') = ?"
+    return int(reader.query(sql, [study])[0]["n"])
+
+
+def of_same_configuration(reader: Reader, row: SeriesRow) -> list[tuple[str, int]]:
+    """Return (name, frozen_ms) of the other studies of a study's task and configuration, by the chain, in order."""
+    sql = """SELECT DISTINCT json_extract(note, '$.study') AS name, json_extract(note, '$.frozen_ms') AS frozen_ms FROM chain
+        WHERE kind = 'frozen' AND json_extract(note, '$.study') <> ? AND json_extract(note, '$.configuration') = ?
+        ORDER BY 2, 1"""
+    found = reader.query(sql, [row.name, chain.configuration_hash(row.protocol)])
+    return [(each["name"], each["frozen_ms"]) for each in found]
+
+
+def exports_while_open(reader: Reader, study: str, commitment: str) -> list[int]:
+    """When a study's episodes were exported before it was closed, as the chain says (ms since 1970)."""
+    sql = """SELECT json_extract(note, '$.at_ms') AS at_ms FROM chain WHERE kind = 'exported'
+        AND json_extract(note, '$.study') = ? AND json_extract(note, '$.commitment') = ? ORDER BY number"""
+    return [int(row["at_ms"]) for row in reader.query(sql, [study, commitment])]
+
+
+def erased_people(reader: Reader, study: str) -> list[dict[str, Any]]:
+    """Return what is kept of everybody whose rows were erased from a study (`humanplay.db.erasure.note_erased`)."""
+    sql = "SELECT value FROM meta WHERE name LIKE ? || '|' || ? || '|%'"
+    found = reader.query(sql, [ERASED, study])
+    return [json.loads(row["value"]) for row in found]
+
+
+def noted_arrivals(reader: Reader, study: str) -> dict[str, Any]:
+    """Return the counts of people whom a release left out, in a database that was imported from one; empty otherwise."""
+    found = reader.query("SELECT value FROM meta WHERE name = ?", [f"{ARRIVALS}|{study}"])
+    return dict(json.loads(found[0]["value"])) if found else {}
+
+
+def stage_events(reader: Reader, study: str, kinds: Sequence[str] = ()) -> list[StageEventRow]:
+    """Return the stage events of all participants of a study, each participant's in order; those of some kinds, or all."""
+    sql = "SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ?"
+    wanted = f" AND v.kind IN ({', '.join('?' * len(kinds))})" if kinds else ""
+    found = reader.query(f"{sql}{wanted} ORDER BY v.number", [study, *kinds])
+    return [StageEventRow(**row) for row in found]
+
+
+def study_trials(reader: Reader, study: str) -> list[Trial]:
+    """Return a study's episodes, finished or running, oldest first."""
+    sql = f"SELECT {STUDY_TRIAL} {STUDY_JOINED} WHERE p.study = ? ORDER BY e.started_ms, e.id"
+    return [Trial.of(row) for row in reader.query(sql, [study])]
+
+
+def move_inputs(reader: Reader, episode_id: str) -> list[Row]:
+    """Return `input`, `server_ms` and `discovered` (cells known after it) of an episode's moves in order."""
+    sql = "SELECT input, server_ms, discovered FROM steps WHERE episode_id = ? ORDER BY step"
+    return reader.query(sql, [episode_id])
+
+
+def trial_activity(reader: Reader, study: str) -> list[Trial]:
+    """Return every trial of a study with the time of its newest move."""
+    return [Trial.of(row) for row in reader.query(_ACTIVITY, [study])]
+
+
+def event_summaries(reader: Reader, study: str) -> dict[str, Row]:
+    """Return per participant with stage events the time of the last one (`last_ms`) and the number of `deviations`."""
+    return {row["participant_id"]: row for row in reader.query(_EVENT_SUMMARY, [study])}
+
+
+def withdrawals(reader: Reader, study: str) -> list[StageEventRow]:
+    """Return the stage events by which participants of a study withdrew."""
+    return [StageEventRow(**row) for row in reader.query(_WITHDRAWALS, [study])]
+
+
+_SECRET = "daily_secret"
+"""The row of the table `meta` with the secret that the keys of this database's days follow from."""
+_DAY = """SELECT y.* FROM series y WHERE y.name GLOB ?1
+    ORDER BY (SELECT count(*) FROM series_episodes x WHERE x.series = y.name) DESC, y.commitment LIMIT 1"""
+_ATTEMPTS = f"""SELECT {TRIAL}, {MOVES} FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
+    JOIN sessions s ON s.id = e.session_id WHERE x.player_id = ? ORDER BY x.series DESC"""
+_RESULTS = f"""SELECT e.id AS episode_id, x.player_id, e.outcome, e.steps, e.discovered, e.score, e.ended_ms
+    FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
+    WHERE x.series = ?1 AND {ATTESTED} AND e.ended_ms < ?2 ORDER BY e.ended_ms, e.id"""
+
+
+def daily_secret(store: Store) -> bytes:
+    """Return the secret that the keys of this database's days follow from: made once, kept in the database."""
+    with store.transaction():
+        values = (_SECRET, secrets.token_hex(32))
+        store.connection.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", values)
+    (row,) = store.query("SELECT value FROM meta WHERE name = ?", [_SECRET])
+    return bytes.fromhex(row["value"])
+
+
+def find_day(reader: Reader, day: str) -> SeriesRow | None:
+    """Return the series of a day, the most played of them in a merged database; None where there was none on that day."""
+    found = reader.query(_DAY, [f"{DAILY}:{day}:*"])
+    return SeriesRow(**found[0]) if found else None
+
+
+def add_attempt(store: Store, series: str, player_id: str, episode_id: str) -> None:
+    """Add an episode, in the transaction that opens it, as a player's attempt at a day's terrain; StoreError for a second."""
+    with store.transaction():
+        values = (episode_id, series, player_id)
+        sql = "INSERT INTO series_episodes VALUES (?, ?, NULL, ?, 'ranked', 0, 0)"
+        store.connection.execute(sql, values)
+
+
+def attempts_of(reader: Reader, player_id: str) -> list[Trial]:
+    """Return all daily attempts of a player with the moves made, the newest day first."""
+    return [Trial.of(row) for row in reader.query(_ATTEMPTS, [player_id])]
+
+
+def results(reader: Reader, series: str, before_ms: int) -> list[dict[str, Any]]:
+    """Return people's attempts at a day's terrain that ended before a time, in the order of their ends."""
+    return reader.query(_RESULTS, [series, before_ms])

@@ -1,0 +1,812 @@
+"""The writer of everything that is played: one row a step, committed before it is answered.
+
+Every write is an IMMEDIATE transaction on one connection. In a server one thread owns it (`Store.write`), and reads are made on
+other threads over connections of their own (`Store.read`), so that the event loop waits for neither a disk nor a lock. In a
+command or a test the caller's thread does all of it, and a write is committed when the call returns. `humanplay.db.database`
+opens the file, `humanplay.db.reader` reads what is finished, and `humanplay.db.series` writes the tables of studies in
+transactions of the same store.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+import sqlite3
+import threading
+import time
+from collections import deque
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import astuple, dataclass, field, replace
+from operator import attrgetter
+from pathlib import Path
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
+
+from humanplay.db import chain, volunteers
+from humanplay.db.columns import TABLES
+from humanplay.db.database import (
+    BUSY_MS,
+    StoreError,
+    check_last_step,
+    check_writable,
+    holds_step,
+    lost_steps,
+    open_database,
+    open_read_only,
+)
+from humanplay.db.file import DatabaseLock, FilePlace, LostDatabaseError, WriteRefusedError
+from humanplay.db.metrics import Metrics
+from humanplay.db.read_threads import ReadThreads
+from humanplay.db.reader import JOINED, TRIAL, Reader
+from humanplay.db.trial import Trial
+from humanplay.task import Record, counted
+
+if TYPE_CHECKING:
+    from sqlite_utils import Database
+
+__all__ = [
+    "Closing",
+    "Resumable",
+    "SessionRow",
+    "StepRow",
+    "Store",
+    "StoreError",
+    "Trial",
+]
+
+PaceMode = Literal["follow", "timed", "paused"]
+Control = Literal["cookie", "bearer"]
+"""What moves a session: the cookie of its player alone, or whoever knows its id."""
+
+T = TypeVar("T")
+Notice = Callable[[str], Awaitable[None]]
+
+PATIENCE_S = 30.0
+"""Seconds after which a write that has not begun is refused."""
+NOTICE_S = 1.0
+"""Seconds after which whoever waits is told why."""
+MAX_WAITING = 1_000
+"""Writes that wait at a time; further ones are refused at once."""
+GATHERED_S = 0.005
+"""Seconds that a write which nobody waits for may wait for another one, to be committed with it."""
+MOST_TOGETHER = 64
+"""Writes that are committed together, at most."""
+SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 0.002, 0.05
+
+WAITS = "another program is writing the server's database: your move waits, and is made as soon as that program is done"
+SLOW = "the server's disk is slow to answer: your move waits, and is made as soon as it is recorded"
+LOCKED = "another program is writing the server's database and has not finished: nothing has changed; try again in a moment"
+_UNCHANGED = "nothing has changed; try again in a moment"
+NOT_BEGUN = f"the server's disk has not answered for a while: {_UNCHANGED}"
+FULL = "more waits to be recorded than the server's disk takes: nothing has changed; try again in a moment"
+ENDS = "the server is about to stop: nothing has changed; try again in a moment"
+BROKEN = (
+    "the part of the server that records moves has failed: no move is made and nothing is recorded until the server is "
+    "started anew; its log says what went wrong"
+)
+_log = logging.getLogger(__name__)
+DAY_MS = 86_400_000
+READ_CACHE_KB = 256
+"""Memory of each reading connection for pages of the database (SQLite's default: 2,000). A connection drops them all after the
+next commit, and reads from the system's own cache what it had no room for."""
+
+
+@dataclass(frozen=True)
+class SessionRow:
+    """A board and who drives it.
+
+    driver_name  "human" or a policy's name
+    challenges   the finished episode that is played against here, if any
+    """
+
+    id: str
+    player_id: str | None
+    driver_name: str
+    rival_of: str | None
+    pace_mode: PaceMode
+    moves_per_second: float
+    created_ms: int
+    control: Control = "bearer"
+    challenges: str | None = None
+
+
+@dataclass(frozen=True)
+class StepRow:
+    """One move; `step` counts from 0, times are milliseconds."""
+
+    episode_id: str
+    step: int
+    action: int
+    reward: float
+    discovered: int
+    server_ms: int
+    client_ms: float | None
+    key_down_ms: float | None
+    key_up_ms: float | None
+    input: Literal["key", "touch"] | None
+    driver: str
+
+
+@dataclass(frozen=True)
+class Resumable:
+    """A session's latest episode as a restarted server finds it.
+
+    newest_ms  time of its newest move or input event
+    batches    ids of its batches of input events
+    """
+
+    session: SessionRow
+    episode: Trial
+    actions: bytes
+    newest_ms: int = 0
+    batches: tuple[str, ...] = ()
+
+    @property
+    def ended(self) -> bool:
+        """Whether the episode has ended."""
+        return self.episode.ended_ms is not None
+
+
+class Closing(NamedTuple):
+    """What closes an episode.
+
+    attestation  its level, of a person's alone
+    reason       why it is not attested
+    events       the hash of its input events, where it was begun before
+    """
+
+    episode_id: str
+    record: Record
+    at_ms: int
+    attestation: str | None = None
+    reason: str | None = None
+    events: chain.BegunHash | None = None
+
+
+_ADD_SESSION = """INSERT INTO sessions VALUES
+    (?1, ?2, coalesce(?2, (SELECT owner_id FROM sessions WHERE id = ?4)), ?3, ?4, ?5, ?6, ?7, ?8, ?9)"""
+_STEP = TABLES["steps"].names()
+# The guard makes a lost or doubled step impossible: the next one, of an open episode, or nothing. Nothing, too, where it would
+# be a script's in an episode that is a person's still.
+_ADD_STEP = f"""INSERT INTO steps ({", ".join(_STEP)}) SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11
+    WHERE ?2 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)
+    AND EXISTS (SELECT 1 FROM episodes WHERE id = ?1 AND ended_ms IS NULL AND (driver <> 'human' OR ?11 = 'human'))"""
+_STEP_VALUES = attrgetter(*_STEP)
+_BECOME_SCRIPT = "UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'"
+_CLOSE = """UPDATE episodes SET ended_ms = ?2, outcome = ?3, steps = ?4, discovered = ?5, total = ?6, score = ?7,
+    trajectory_hash = ?8, core_version = ?9, attestation = CASE WHEN driver = 'human' OR ?10 = 'spoilt' THEN ?10 END,
+    attestation_reason = CASE WHEN driver = 'human' OR ?10 = 'spoilt' THEN ?11 END WHERE id = ?1 AND ended_ms IS NULL
+    AND ?4 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)"""
+_MET = """SELECT EXISTS (SELECT 1 FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.terrain_hash = ?
+    AND s.owner_id = (SELECT owner_id FROM sessions WHERE id = ?))"""
+_LATEST = f"""SELECT {TRIAL} FROM sessions s
+    JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
+    LEFT JOIN series_episodes x ON x.episode_id = e.id
+    WHERE s.id = ?1 AND (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > ?2
+        OR EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id))"""
+
+_NEWEST_EVENT = (
+    "SELECT server_ms FROM input_events WHERE episode_id = ? ORDER BY number DESC LIMIT 1"
+)
+
+
+@dataclass(eq=False, slots=True)
+class _Write:
+    """A write that waits: what makes it, what follows its commit, and who waits for it until when (monotonic seconds)."""
+
+    work: Callable[[], Any]
+    then: Callable[[Any], None] | None
+    done: asyncio.Future[Any]
+    notice: Notice | None
+    deadline: float
+    claim: threading.Lock = field(default_factory=threading.Lock)
+    """Whoever acquires it decides: the thread makes the write, or the event loop refuses it."""
+    result: Any = None
+    error: BaseException | None = None
+
+
+class WriteQueue:
+    """The writes of one database, in the order in which they were asked for, on a thread of their own.
+
+    The event loop never waits for SQLite: whoever wants to write puts a function into the queue and awaits its result, which
+    comes after the commit. Writes that wait together are committed together. The thread waits for another program's lock and
+    for a slow disk. Without a started thread each write is made at once by whoever asks.
+
+    commit     commits what the writes since the last call wrote
+    roll_back  takes it back
+    fault      one sentence when the thread has ended by an error, so that nothing can be recorded; else None
+    """
+
+    def __init__(self, commit: Callable[[], None], roll_back: Callable[[], None]) -> None:
+        self._commit, self._roll_back = commit, roll_back
+        self._gathered: list[_Write] = []
+        self._is_due = False
+        self._unanswered: deque[_Write] = deque()
+        self._timer: asyncio.TimerHandle | None = None
+        self._queue: SimpleQueue[list[_Write] | None] = SimpleQueue()
+        self._waiting = 0
+        self._thread: threading.Thread | None = None
+        self._loop: asyncio.AbstractEventLoop
+        self._is_ending = False
+        self._deadline, self._pause_s, self._is_locked = 0.0, SHORTEST_PAUSE_S, False
+        self._notices: set[asyncio.Task[None]] = set()
+        self.fault: str | None = None
+
+    def __len__(self) -> int:
+        """Return how many writes wait."""
+        return self._waiting
+
+    @property
+    def is_started(self) -> bool:
+        """Return whether the thread makes the writes, and nobody else may."""
+        return self._thread is not None
+
+    @property
+    def is_own_thread(self) -> bool:
+        """Return whether the thread of the writes asks."""
+        return self._thread is not None and threading.get_ident() == self._thread.ident
+
+    def start(self) -> None:
+        """Let a thread make the writes from now on; call it on the running event loop."""
+        self._loop, self._is_ending, self._timer = asyncio.get_running_loop(), False, None
+        self._thread = threading.Thread(target=self._make_writes, name="writes", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Make the writes that wait, then end the thread; call it in another thread, while the event loop runs."""
+        if self._thread is not None:
+            try:
+                self._loop.call_soon_threadsafe(self._end)
+            except RuntimeError:  # the event loop has ended
+                self._end()
+            self._thread.join()
+            self._thread = None
+
+    def put(
+        self,
+        work: Callable[[], T],
+        notice: Notice | None = None,
+        then: Callable[[T], None] | None = None,
+        is_awaited: bool = True,
+    ) -> asyncio.Future[T]:
+        """Queue a write and return the result of `work()` to come: it is called on the thread of the writes, then committed.
+
+        notice      told one sentence when the wait has lasted NOTICE_S
+        then        called with the result on the event loop, right after the commit: also when whoever waits was cancelled
+        is_awaited  whether somebody waits; else it may wait for another one for GATHERED_S
+
+        An error of `work` is passed on. WriteRefusedError after PATIENCE_S when the write has not begun, or at once while
+        MAX_WAITING writes wait. StoreError when the commit failed.
+        """
+        if self._thread is None:
+            made = asyncio.get_running_loop().create_future()
+            made.set_result(work())
+            if then is not None:
+                then(made.result())
+            return made
+        if self.fault is not None:
+            raise StoreError(self.fault)
+        if self._is_ending or self._waiting >= MAX_WAITING:
+            raise WriteRefusedError(ENDS if self._is_ending else FULL)
+        loop = self._loop
+        write = _Write(work, then, loop.create_future(), notice, loop.time() + PATIENCE_S)
+        self._waiting += 1
+        self._unanswered.append(write)
+        if self._timer is None:
+            self._set_timer()
+        self._gathered.append(write)
+        if is_awaited and not self._is_due:
+            self._is_due = True
+            loop.call_soon(self._hand_over)
+        elif len(self._gathered) == 1:
+            loop.call_later(GATHERED_S, self._hand_over)
+        return write.done
+
+    def wait_for_lock(self) -> bool:
+        """Wait a moment for another program's lock; return False when the write that is being made has waited long enough.
+
+        Only `work` calls it, on the thread of the writes.
+        """
+        if self._is_ending or time.monotonic() >= self._deadline:
+            return False
+        self._is_locked = True
+        time.sleep(self._pause_s)
+        self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
+        return True
+
+    def _hand_over(self) -> None:
+        """Hand what came in one turn of the event loop to the thread, at once: waking it costs more than a write."""
+        self._is_due = False
+        if self._gathered:
+            self._queue.put(self._gathered)
+            self._gathered = []
+
+    def _end(self) -> None:
+        """Take no further write, and let the thread end behind what was gathered; between two turns nobody else gathers."""
+        self._is_ending = True
+        self._hand_over()
+        self._queue.put(None)
+
+    def _make_writes(self) -> None:
+        waiting, batch, is_last = deque[_Write](), list[_Write](), False
+        try:
+            while waiting or not is_last:
+                if not waiting:
+                    is_last = self._take(waiting)
+                    continue
+                while waiting and len(batch) < MOST_TOGETHER:
+                    batch.append(waiting.popleft())
+                    self._make(batch[-1])
+                    if not waiting and not is_last and not self._queue.empty():
+                        is_last = self._take(waiting)  # it came meanwhile, and shares the commit
+                self._commit_all(batch)
+                self._call(self._answer, batch)
+                batch = []
+        except BaseException:
+            _log.exception("the thread that makes the writes has failed")
+            self.fault = BROKEN
+            with suppress(Exception):
+                self._roll_back()
+            self._call(self._fail, [*batch, *waiting])
+
+    def _take(self, waiting: deque[_Write]) -> bool:
+        """Take what was handed over, wait for it if need be, and return whether nothing comes after it."""
+        handed = self._queue.get()
+        waiting.extend(handed or ())
+        return handed is None
+
+    def _make(self, write: _Write) -> None:
+        if not write.claim.acquire(blocking=False):
+            return  # it was refused
+        self._deadline, self._pause_s = write.deadline, SHORTEST_PAUSE_S
+        try:
+            if time.monotonic() >= write.deadline:
+                raise WriteRefusedError(LOCKED if self._is_locked else NOT_BEGUN)
+            write.result = write.work()
+        except Exception as error:
+            write.error = error
+
+    def _commit_all(self, batch: Sequence[_Write]) -> None:
+        try:
+            self._commit()
+        except Exception as error:
+            for write in batch:
+                write.error = write.error or error
+        self._is_locked = False
+
+    def _call(self, on_loop: Callable[[Sequence[_Write]], None], batch: Sequence[_Write]) -> None:
+        with suppress(RuntimeError):  # the event loop has ended, and nobody waits any more
+            self._loop.call_soon_threadsafe(on_loop, batch)
+
+    def _answer(self, batch: Sequence[_Write]) -> None:
+        """Let those whose writes were made, or refused, go on."""
+        for write in batch:
+            self._waiting -= 1
+            if write.error is None and write.then is not None and not _is_refused(write):
+                try:
+                    write.then(write.result)
+                except Exception as error:
+                    _log.exception("what follows a write has failed")
+                    write.error = error
+            if write.done.done():
+                continue
+            if write.error is None:
+                write.done.set_result(write.result)
+            else:
+                write.done.set_exception(write.error)
+        self._drop_answered()
+
+    def _drop_answered(self) -> None:
+        """Forget the oldest writes as far as they are answered; mostly none are left, since answers come in order."""
+        while self._unanswered and self._unanswered[0].done.done():
+            self._unanswered.popleft()
+
+    def _fail(self, batch: Sequence[_Write]) -> None:
+        """Refuse what was being made and what waits, since the thread has ended."""
+        self._hand_over()
+        waiting = list(batch)
+        while not self._queue.empty():
+            waiting += self._queue.get() or ()
+        for write in waiting:
+            write.error = StoreError(BROKEN)
+        self._answer(waiting)
+
+    def _set_timer(self) -> None:
+        """Let the oldest write that waits be looked at when it has waited for NOTICE_S: one timer serves all of them."""
+        due = self._unanswered[0].deadline - PATIENCE_S + NOTICE_S
+        self._timer = self._loop.call_at(due, self._look_at_waiting)
+
+    def _look_at_waiting(self) -> None:
+        self._timer = None
+        self._drop_answered()
+        late = self._loop.time() + PATIENCE_S - NOTICE_S
+        while self._unanswered and self._unanswered[0].deadline <= late:
+            self._tell_why(self._unanswered.popleft())
+            self._drop_answered()
+        if self._unanswered:
+            self._set_timer()
+
+    def _tell_why(self, write: _Write) -> None:
+        """Tell whoever waits why, and refuse the write when it has not begun in time."""
+        self._loop.call_later(PATIENCE_S - NOTICE_S, self._refuse, write)
+        if write.notice is not None:
+            task = self._loop.create_task(_send(write.notice, WAITS if self._is_locked else SLOW))
+            self._notices.add(task)
+            task.add_done_callback(self._notices.discard)
+
+    def _refuse(self, write: _Write) -> None:
+        if not write.done.done() and write.claim.acquire(blocking=False):
+            write.done.set_exception(WriteRefusedError(LOCKED if self._is_locked else NOT_BEGUN))
+
+
+def _is_refused(write: _Write) -> bool:
+    return write.done.done() and not write.done.cancelled() and write.done.exception() is not None
+
+
+async def _send(notice: Notice, text: str) -> None:
+    await notice(text)
+
+
+class Store(Reader):
+    """The one writer of a database; `path` is its file, and `metrics` counts its commits and the moves of its sessions.
+
+    accept_loss  open the database also when the log of a server that was killed is gone, with steps that were acknowledged
+    ended_well   whether the server before this one ended by itself
+    notice       one sentence when the last step that was committed before a crash is not there, else None
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        durable: bool = False,
+        metrics: Metrics | None = None,
+        accept_loss: bool = False,
+    ) -> None:
+        path, self.metrics = Path(path), metrics or Metrics()
+        self._reads: ReadThreads[Database] | None = None
+        check_writable(path)
+        self._lock = DatabaseLock(path)
+        try:
+            expected = self._lock.expected_step()
+            if not accept_loss:
+                check_last_step(path, expected)
+            super().__init__(open_database(path, durable), path)
+        except BaseException:
+            self._lock.close()
+            raise
+        try:
+            self._lock.lock_database()  # of a file that was made just now
+            self._place = FilePlace(path)
+            self.ended_well = self._lock.note_begin()
+        except BaseException:
+            self.close()
+            raise
+        self._lost: str | None = None
+        self._conn: sqlite3.Connection = self._db.conn
+        self.writes = WriteQueue(self._commit, self._roll_back)
+        self._is_within, self._began = False, 0.0
+        self._undone: StoreError | None = None
+        self._step: tuple[str, int] | None = None
+        is_there = expected is None or holds_step(self._conn, expected)
+        self.notice = lost_steps(path, expected) if expected and not is_there else None
+
+    def start_threads(self) -> None:
+        """From now on write on one thread and read on others; call it on the running event loop."""
+        self._conn.execute("PRAGMA busy_timeout = 0")  # the thread waits by itself, and says why
+        self._reads = ReadThreads(self._open_for_reading)
+        self.writes.start()
+
+    def stop_threads(self) -> None:
+        """Make the writes that wait, end the threads, and go back to the caller's; call it beside the running event loop."""
+        self.writes.stop()
+        if self._reads is not None:
+            self._reads.close()
+            self._reads = None
+            self._conn.execute(f"PRAGMA busy_timeout = {BUSY_MS}")
+
+    def _open_for_reading(self) -> Database:
+        """Open a connection of a thread that reads."""
+        db = open_read_only(self.path)
+        db.conn.execute(f"PRAGMA cache_size = -{READ_CACHE_KB}")
+        return db
+
+    async def write(
+        self,
+        work: Callable[[], T],
+        notice: Notice | None = None,
+        then: Callable[[T], None] | None = None,
+    ) -> T:
+        """Return the result of `work()`, which may write and sees everything written before it, once that is committed.
+
+        It runs on the thread of the writes: it must not touch what belongs to the event loop. `notice`, `then` and the errors
+        are those of `WriteQueue.put`.
+        """
+        return await self.writes.put(work, notice, then)
+
+    async def change(self, work: Callable[..., T], *given: Any) -> T:
+        """Return the result of `work(connection, *given)`, called in a transaction as `write` calls its work."""
+
+        def write() -> T:
+            with self.transaction():
+                return work(self.connection, *given)
+
+        return await self.write(write)
+
+    def put_write(self, work: Callable[[], T]) -> asyncio.Future[T]:
+        """Ask for a write that may wait a moment for the next one, and return its result to come; the next is made after it."""
+        return self.writes.put(work, is_awaited=False)
+
+    async def read(self, work: Callable[[], T]) -> T:
+        """Return the result of `work()`, which reads what is committed, on another thread and whatever is being written."""
+        return work() if self._reads is None else await self._reads.run(work)
+
+    def close(self) -> None:
+        """Write everything to disk and leave the file to another server."""
+        self.stop_threads()
+        ends_well = self.fault is None
+        super().close()
+        if ends_well:
+            self._lock.clear_step()
+        self._lock.close()
+
+    @property
+    def _db(self) -> Database:
+        """The connection for whoever asks: the one that writes, or while threads are started a reading one of their own."""
+        if self._reads is None or self.writes.is_own_thread:
+            return self._own_db
+        return self._reads.connection()
+
+    @_db.setter
+    def _db(self, db: Database) -> None:
+        self._own_db = db
+
+    @property
+    def fault(self) -> str | None:
+        """Return one sentence while nothing can be recorded: the database is not where it was opened, say; else None."""
+        return self._lost or self._place.fault() or self.writes.fault
+
+    def check_recording(self) -> None:
+        """Raise StoreError while nothing can be recorded."""
+        if (fault := self.fault) is not None:
+            raise StoreError(fault)
+
+    @property
+    def connection(self) -> sqlite3.Connection:
+        """The connection for the modules of this package; it writes inside `transaction` alone."""
+        return self._db.conn
+
+    @contextmanager
+    def transaction(self, is_one_statement: bool = False) -> Iterator[None]:
+        """Commit what the block writes as a whole or not at all (StoreError); inside another transaction it is part of it.
+
+        On the thread of the writes it is committed together with those that wait; one that fails is taken back alone.
+
+        is_one_statement  the block executes one statement, which SQLite itself takes back if it fails
+
+        LostDatabaseError when the file is no longer where it was opened: what is not in reach is not acknowledged.
+        WriteRefusedError while another program holds the lock for writing.
+        """
+        if self.writes.is_started and not self.writes.is_own_thread:
+            what = "its store is written on one thread alone: await Store.write"
+            raise RuntimeError(f"while a server runs, {what}")
+        if self._is_within:
+            yield
+            return
+        is_first, step = not self._conn.in_transaction, self._step
+        has_savepoint = not is_first and not is_one_statement
+        self._is_within = True
+        try:
+            self._begin(is_first, has_savepoint)
+            try:
+                yield
+                if has_savepoint:
+                    self._conn.execute("RELEASE part")
+            except BaseException as error:
+                self._step = step
+                self._take_back(is_first, has_savepoint, error)
+                raise
+        except sqlite3.Error as error:
+            raise self._not_taken(error) from error
+        finally:
+            self._is_within = False
+        if not self.writes.is_started:
+            self._commit()
+
+    def _begin(self, is_first: bool, has_savepoint: bool) -> None:
+        """Begin a transaction, or a part of one; on the thread of the writes wait for another program's lock."""
+        if self._lost is not None:
+            raise LostDatabaseError(self._lost)
+        if not is_first:
+            if has_savepoint:
+                self._conn.execute("SAVEPOINT part")
+            return
+        while True:
+            try:
+                self._conn.execute("BEGIN IMMEDIATE")
+                break
+            except sqlite3.OperationalError as error:
+                if not is_busy(error):
+                    raise
+                if not self.writes.is_started or not self.writes.wait_for_lock():
+                    raise WriteRefusedError(LOCKED) from error
+        self._began = time.perf_counter()
+
+    def _take_back(self, is_first: bool, has_savepoint: bool, error: BaseException) -> None:
+        """Take back what a transaction wrote, and nothing of those before it that are not committed yet."""
+        if not self._conn.in_transaction:
+            if not is_first:  # SQLite has taken back everything, as it may on a full disk
+                self._undone = self._not_taken(error)
+        elif is_first:
+            self._conn.execute("ROLLBACK")
+        elif has_savepoint:
+            self._conn.execute("ROLLBACK TO part")
+            self._conn.execute("RELEASE part")
+
+    def _commit(self) -> None:
+        """Commit the transactions since the last call, if the file is where it was opened; else take them back."""
+        step, undone, self._step, self._undone = self._step, self._undone, None, None
+        if not self._conn.in_transaction and undone is None:
+            return
+        try:
+            if undone is not None:
+                raise undone
+            self._place.check()  # now the write can still be taken back
+            self._conn.execute("COMMIT")
+        except BaseException as error:
+            self._roll_back()
+            if isinstance(error, sqlite3.Error):
+                raise self._not_taken(error) from error
+            raise
+        # it went in between: memory lacks what the lost file has, so no way leads on
+        self._lost = self._place.fault()
+        if self._lost is not None:
+            raise LostDatabaseError(self._lost)
+        if step is not None:
+            self._lock.note_step(*step)
+        self.metrics.commit.observe(time.perf_counter() - self._began)
+
+    def _roll_back(self) -> None:
+        if self._conn.in_transaction:
+            self._conn.execute("ROLLBACK")
+
+    def _not_taken(self, error: BaseException) -> StoreError:
+        return StoreError(
+            f"the database {self.path.name} did not take the write, nothing changed: {error}; try again in a moment"
+        )
+
+    def secret(self) -> str:
+        """Return the key that signs cookies: made once, kept in the database."""
+        sql = "SELECT value FROM meta WHERE name = 'secret'"
+        if self.connection.execute(sql).fetchone() is None:
+            with self.transaction():
+                made = "INSERT OR IGNORE INTO meta VALUES ('secret', ?)"
+                self._conn.execute(made, [secrets.token_urlsafe(32)])
+        return str(self.connection.execute(sql).fetchone()[0])
+
+    def add_player(self, player_id: str, at_ms: int) -> None:
+        """Add a player; a second time changes nothing."""
+        with self.transaction():
+            self._db.table("players").insert({"id": player_id, "created_ms": at_ms}, ignore=True)
+
+    def add_session(self, row: SessionRow) -> None:
+        """Add a session; a rival's session belongs to the player whose rival it is."""
+        with self.transaction():
+            self._conn.execute(_ADD_SESSION, astuple(row))
+
+    def set_pace(self, session_id: str, mode: PaceMode, moves_per_second: float) -> None:
+        """Store a session's pace for the next start of the server."""
+        with self.transaction():
+            self._conn.execute(
+                "UPDATE sessions SET pace_mode = ?, moves_per_second = ? WHERE id = ?",
+                (mode, moves_per_second, session_id),
+            )
+
+    def next_episode(self, closing: Sequence[Closing], rows: Sequence[Trial]) -> list[Trial]:
+        """Close the given episodes, open the next ones and return these as stored; all of it or nothing."""
+        with self.transaction():
+            for each in closing:
+                self._close(Closing(*each))
+            opened = [replace(row, terrain_met_before=self._has_met(row)) for row in rows]
+            for row in opened:
+                self._db.table("episodes").insert(row.row())
+        return opened
+
+    def add_step(self, row: StepRow, closing: Record | None = None) -> None:
+        """Commit a step, and close its episode when `closing` is its record.
+
+        A step that did not come from a person's key or touch makes a human episode a script's for ever.
+        """
+        values = _STEP_VALUES(row)
+        if row.step > 0 and closing is None and self._add_step_alone(values):
+            return
+        with self.transaction():
+            if row.driver != "human":
+                self._conn.execute(_BECOME_SCRIPT, (row.episode_id,))
+            if self._conn.execute(_ADD_STEP, values).rowcount != 1:
+                what = f"step {row.step} is not the next of an open episode {row.episode_id!r}"
+                raise StoreError(f"{what}: nothing changed")
+            self._step = row.episode_id, row.step
+            if row.step == 0:
+                chain.append_first_move(self._conn, row.episode_id)
+            if closing is not None:
+                self._close(Closing(row.episode_id, closing, row.server_ms))
+
+    def _add_step_alone(self, values: tuple[Any, ...]) -> bool:
+        """Add a step by one statement, as most can be; return False when nothing was added."""
+        with self.transaction(is_one_statement=True):
+            if self._conn.execute(_ADD_STEP, values).rowcount != 1:
+                return False
+            self._step = values[0], values[1]
+        return True
+
+    def is_episode_of(self, session_id: str, episode_id: str) -> bool:
+        """Return whether an episode is one of a session's."""
+        sql = "SELECT 1 FROM episodes WHERE id = ? AND session_id = ?"
+        return self.connection.execute(sql, (episode_id, session_id)).fetchone() is not None
+
+    def pauses(self, episode_id: str, least_ms: int, until_ms: int) -> tuple[int, float]:
+        """Return how many gaps of so many ms lie between the moves of an episode, or after them, and their sum in ms."""
+        sql = """SELECT count(*) AS number, total(gap) AS ms FROM (SELECT coalesce(lead(server_ms)
+            OVER (ORDER BY step), ?) - server_ms AS gap FROM steps WHERE episode_id = ?) WHERE gap >= ?"""
+        (found,) = self.query(sql, [until_ms, episode_id, least_ms])
+        return found["number"], found["ms"]
+
+    def resume_session(self, session_id: str, now_ms: int | None = None) -> Resumable | None:
+        """Return a session's latest episode when it is open, or when the session was alive within a day; else None.
+
+        A participant's is returned at any age.
+        """
+        now = int(time.time() * 1000) if now_ms is None else now_ms
+        found = self.query(_LATEST, [session_id, now - DAY_MS])
+        return self._resumable(found[0]) if found else None
+
+    def player_session(self, session_id: str) -> str:
+        """Return the id of the session whose rival's a session is; its own where it is none."""
+        sql = "SELECT rival_of FROM sessions WHERE id = ? AND rival_of IS NOT NULL"
+        found = self.connection.execute(sql, [session_id]).fetchone()
+        return session_id if found is None else str(found[0])
+
+    def rival_of(self, session_id: str) -> str | None:
+        """Return the id of the session of a player's rival; None without one."""
+        sql = "SELECT id FROM sessions WHERE rival_of = ?"
+        found = self.connection.execute(sql, [session_id]).fetchone()
+        return None if found is None else str(found[0])
+
+    def find_episode(self, episode_id: str) -> Resumable | None:
+        """Return an episode as it stands now, open or ended, and its session; None when there is none."""
+        sql = f"SELECT {TRIAL} FROM episodes e {JOINED} WHERE e.id = ?"
+        found = self.query(sql, [episode_id])
+        return self._resumable(found[0]) if found else None
+
+    def _resumable(self, row: dict[str, Any]) -> Resumable:
+        (session,) = self.query("SELECT * FROM sessions WHERE id = ?", [row["session_id"]])
+        del session["owner_id"]
+        steps = self.steps(row["id"])
+        newest = self.query(_NEWEST_EVENT, [row["id"]]) + steps[-1:]
+        newest_ms = max((each["server_ms"] for each in newest), default=0)
+        actions = bytes(step["action"] for step in steps)
+        kept = self.query("SELECT batch FROM event_batches WHERE episode_id = ?", [row["id"]])
+        batches = tuple(each["batch"] for each in kept)
+        return Resumable(SessionRow(**session), Trial.of(row), actions, newest_ms, batches)
+
+    def _has_met(self, row: Trial) -> bool:
+        return bool(self._conn.execute(_MET, (row.terrain_hash, row.session_id)).fetchone()[0])
+
+    def _close(self, closing: Closing) -> None:
+        episode_id, record, at_ms, attestation, reason, events = closing
+        values = (
+            episode_id, at_ms, record.outcome, record.steps, record.discovered, record.total, record.score,
+            record.trajectory_hash, record.core_version, attestation, reason,
+        )  # fmt: skip
+        if self._conn.execute(_CLOSE, values).rowcount != 1:
+            what = f"episode {episode_id!r} is not open with {counted(record.steps, 'step')}"
+            raise StoreError(f"{what}: nothing changed")
+        volunteers.add_episode(self._conn, episode_id)
+        chain.append(self._conn, "episode", episode_id, begun=events)
+
+
+def is_busy(error: sqlite3.Error) -> bool:
+    """Return whether an error of SQLite says that another connection holds the lock."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY

@@ -1,0 +1,92 @@
+"""The rows of the tables of series as Python sees them."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol
+
+from humanplay.db.trial import ParticipantKind
+
+Stage = Literal[
+    "consent", "instructions", "tutorial", "questions", "warm_up", "ranked", "debrief", "complete", "withdrawn"
+]  # fmt: skip
+SeriesKind = Literal["study", "daily"]
+ORDER_EVENT = "order"
+"""Kind of the stage event whose detail holds the `number` that fixes a participant's order of the ranked terrains."""
+
+
+class SeriesRow(NamedTuple):
+    """A study that somebody has joined, or the terrain of a day; `protocol` is JSON.
+
+    closed_ms  from when on everything of it is public; None while a study is open
+    secret     hex; None while a study is open. That of a day is told to nobody before the day is over
+    sealed_ms  since when terrains are kept for agents alone: of an evaluation of agents its freezing; None where they are not
+    beacon     JSON; with its signature (hex) None where none was named (`humanplay.series.beacon`)
+    """
+
+    name: str
+    protocol: str
+    protocol_hash: str
+    commitment: str
+    frozen_ms: int
+    closed_ms: int | None = None
+    secret: str | None = None
+    kind: SeriesKind = "study"
+    beacon: str | None = None
+    beacon_signature: str | None = None
+    sealed_ms: int | None = None
+
+
+class Frozen(Protocol):
+    """Whatever says what freezing fixed of a study."""
+
+    @property
+    def protocol_hash(self) -> str: ...
+    @property
+    def commitment(self) -> str: ...
+
+
+def is_same_study(one: Frozen, other: Frozen) -> bool:
+    """Return whether two are one freezing: others of the same protocol have its hash too, and another secret."""
+    return (one.protocol_hash, one.commitment) == (other.protocol_hash, other.commitment)
+
+
+@dataclass(frozen=True)
+class Participant:
+    """A person, or a script, in a study; `settings` is JSON, times are milliseconds since 1970.
+
+    invitation     id of the invitation that brought them; None without one
+    supervised_ms  when the operator's code was typed last; None if it never was
+    """
+
+    id: str
+    study: str
+    player_id: str
+    session_id: str | None
+    kind: ParticipantKind
+    script: str | None
+    consent_version: str | None
+    stage: Stage
+    consent_ms: int | None
+    joined_ms: int
+    completed_ms: int | None
+    completion_code: str | None
+    settings: str
+    invitation: str | None = None
+    supervised_ms: int | None = None
+
+
+class StageEventRow(NamedTuple):
+    """Something that happened to a participant; `detail` is JSON."""
+
+    participant_id: str
+    number: int
+    at_ms: int
+    kind: str
+    detail: str
+
+
+def participant_label(participant_id: str) -> str:
+    """Return the short label a participant sees and can quote; nobody can find the id from it."""
+    return hashlib.sha256(f"label|{participant_id}".encode()).hexdigest()[:8].upper()

@@ -1,0 +1,191 @@
+"""An episode as everything but the board itself knows it: one type from the table to the report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+from typing import Any, Literal
+
+from humanplay.db.columns import TABLES
+from humanplay.task import Configuration, Record, Rules, rules_of
+
+Phase = Literal["tutorial", "warm_up", "ranked"]
+ParticipantKind = Literal["human", "script"]
+Required = Literal["unattested", "attested", "supervised"]
+"""What a study may ask for."""
+Attestation = Literal["unattested", "spoilt", "attested", "supervised"]
+"""Lowest first.
+
+unattested  the first move has no input event of its own that fits it, or its presses are a copy
+spoilt      the first move has one, and a later one does not: it counts as abandoned (`Trial.forfeited`)
+attested    every move fits an input event of its own
+supervised  attested, and the operator had typed their code shortly before
+"""
+
+LEFT = frozenset({"abandoned", "environment_failed"})
+"""Outcomes of episodes that were left where they stood."""
+
+DAILY: Literal["daily"] = "daily"
+"""The kind of a series that is the terrain of a day, and what its name begins with."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """An episode, open or finished, with what it belongs to. Its columns are those of `columns.txt`.
+
+    task         whose rules it was played under, and `core_version` theirs
+    driver       "human", "script" or "policy:NAME"
+    owner_id     the player on whose page it ran, where that was asked for
+    counts       for the figure of the playground's volunteers, where that was asked for
+    series       the study or the day that it is of; "" where it is of none
+    moves        made so far, and when the last one was (None without one), where that was asked for
+
+    What fixes it is known from its start; from `ended_ms` to `attestation_reason` all are None while it runs.
+
+    Of a study's episode, outside of one "" and -1:
+    participant    who played it, and their kind
+    trial          0.. in the order played, within its phase
+    terrain_index  of its seed, within its phase
+    pause_share    paused or out of sight, 0..1 of the time between first and last move, where it was worked out
+    active_ms      from the start to the last move without pauses and time out of sight, likewise
+    labels         of `humanplay.series.plausibility`, where they were
+    """
+
+    id: str
+    session_id: str
+    number: int
+    task: str
+    core_version: str
+    config: Configuration
+    seed: int | None = field(repr=False)
+    seed_chosen: bool
+    terrain: bytes = field(repr=False)
+    start: tuple[int, int]
+    policy_seed: int
+    driver: str
+    assisted: bool
+    started_ms: int
+    terrain_met_before: bool = False
+    ended_ms: int | None = None
+    outcome: str | None = None
+    steps: int | None = None
+    discovered: int | None = None
+    total: float | None = None
+    score: float | None = None
+    trajectory_hash: str | None = None
+    attestation: Attestation | None = None
+    attestation_reason: str | None = None
+    owner_id: str | None = field(default=None, compare=False)
+    counts: bool = field(default=False, compare=False)
+    series: str = ""
+    moves: int = field(default=0, compare=False)
+    moved_ms: int | None = field(default=None, compare=False)
+    participant: str = ""
+    kind: ParticipantKind = "human"
+    phase: Phase | Literal[""] = ""
+    trial: int = -1
+    terrain_index: int = -1
+    pause_share: float = 0.0
+    active_ms: float = 0.0
+    labels: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> Trial:
+        """Return the episode of a row of the table `episodes`, with whatever further fields the query gave it.
+
+        ValueError or TypeError where the configuration in it is none.
+        """
+        given = {name: row[name] for name in _FIELDS & row.keys() if row[name] is not None}
+        given["seed"] = row["seed"]
+        for name in ("seed_chosen", "assisted", "terrain_met_before", "counts"):
+            given[name] = bool(row.get(name))
+        start = (row["start_row"], row["start_col"])
+        return cls(**{**given, "config": parse_config(row["task"], row["config"]), "start": start})
+
+    def row(self) -> dict[str, Any]:
+        """Return what the table `episodes` holds of it, by column."""
+        derived = {
+            "level": self.config.level,
+            "config": json.dumps(self.config.to_dict(), sort_keys=True, separators=(",", ":")),
+            "config_hash": self.config_hash,
+            "terrain_hash": self.terrain_hash,
+            "start_row": self.start[0],
+            "start_col": self.start[1],
+        }
+        return {
+            name: derived[name] if name in derived else getattr(self, name) for name in _COLUMNS
+        }
+
+    @property
+    def day(self) -> str | None:
+        """The day (UTC) of the daily terrain that it is an attempt at; None for another episode."""
+        kind, _, rest = self.series.partition(":")
+        return rest.partition(":")[0] if kind == DAILY else None
+
+    @property
+    def config_hash(self) -> str:
+        """SHA-256 (hex) of the configuration's canonical JSON."""
+        return str(self.config.hash)
+
+    @property
+    def rules(self) -> Rules:
+        """The rules of its task."""
+        return rules_of(self.task)
+
+    @property
+    def terrain_hash(self) -> str:
+        """SHA-256 (hex) of the instance: the same for two seeds that draw the same one."""
+        return self.rules.instance_hash(self)
+
+    @property
+    def cells(self) -> int:
+        """How many cells coverage refers to; 0 where discovering is not what the task is about."""
+        return self.rules.cells(self)
+
+    @property
+    def coverage(self) -> float | None:
+        """The share of these cells that was discovered, 0..1."""
+        return self.discovered / self.cells if self.discovered is not None and self.cells else None
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether it ended in an outcome that is a success."""
+        return self.outcome in self.rules.successes
+
+    @property
+    def steps_to_target(self) -> int | None:
+        """Moves of an episode that succeeded; the most that there may be for any other ending."""
+        if self.outcome is None or self.steps is None:
+            return None
+        return self.steps if self.succeeded else int(self.config.limit)
+
+    def forfeited(self) -> Trial:
+        """Return it as it counts where it is spoilt: given up at its last move, so that spoiling is worth what leaving is."""
+        if self.outcome is None or self.total is None or self.score is None:
+            return self
+        score = self.rules.forfeited_score(self, self.outcome, self.total, self.score)
+        return replace(self, outcome="abandoned", score=score)
+
+    def as_left(self) -> Trial:
+        """Return it as it counts where it was not spoilt: leaving costs what spoiling does."""
+        left = self.outcome in LEFT
+        return replace(self.forfeited(), outcome=self.outcome) if left else self
+
+    def record(self, steps: Sequence[Mapping[str, Any]]) -> Record:
+        """Return the cause of a finished episode, ready to be replayed; `steps` are its rows of that table, in order."""
+        names = ["outcome", "total", "score", "steps", "discovered", "trajectory_hash"]
+        names.append("core_version")
+        actions = bytes(step["action"] for step in steps)
+        return self.rules.record(self, actions, {name: getattr(self, name) for name in names})
+
+
+_FIELDS = {each.name for each in fields(Trial)}
+_COLUMNS = TABLES["episodes"].names()
+
+
+@lru_cache(maxsize=256)
+def parse_config(task: str, text: str) -> Configuration:
+    """Return the configuration that a column holds as JSON; ValueError or TypeError where it is none of the task's."""
+    return rules_of(task).configuration(json.loads(text))

@@ -1,0 +1,512 @@
+"""The one runner of what takes long: a bounded number of worker processes, and a fair turn for each owner of jobs.
+
+A job is a function that can be imported, with arguments that can be pickled. It runs in a process of its own beside the
+server or the command (`python -m humanplay.jobs` is one), or on a Ray cluster where an address is given. What goes wrong
+with one job is that job's alone: it may take too long, or its process may be killed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import math
+import os
+import pickle
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import traceback
+from collections import Counter, deque
+from collections.abc import Callable, Hashable
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from importlib import import_module
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, TypeVar
+
+from marsexplorer.config import CORE_VERSION
+
+IDLE_S = 60.0
+"""Seconds after which a worker without a job ends and gives back its memory."""
+REMEMBERED_S = 600.0
+"""Seconds for which a job that failed is not tried again."""
+MOST_REMEMBERED = 1000
+"""Failures that are remembered, the newest."""
+RETRY_S = 5
+"""Seconds after which an owner of too many jobs may ask again."""
+LOCAL = "local"
+"""The address of a Ray cluster of this machine alone, which is started for the jobs and stopped after them."""
+CONNECT_TIMEOUT_S = 10.0
+"""Seconds to wait for a cluster's machine to accept a connection."""
+LOOK_S = 0.5
+"""Seconds between two looks at whether a job on a cluster has ended."""
+_LIBRARIES = ("OMP", "MKL", "OPENBLAS", "NUMBA")
+ONE_THREAD = dict.fromkeys((f"{each}_NUM_THREADS" for each in _LIBRARIES), "1")
+"""The libraries of a worker compute in one thread: the workers share the cores already."""
+
+CLOSED = "the server was closed before this was done"
+
+Progress = Callable[[int, int], None]
+T = TypeVar("T")
+
+
+class JobError(RuntimeError):
+    """A job was not done: it took too long, its process ended early, or the runner was closed."""
+
+
+class JobsFullError(RuntimeError):
+    """An owner has too many jobs that wait, or the runner is closed."""
+
+
+class ClusterError(RuntimeError):
+    """Ray is missing, the cluster cannot be reached, or its machines have another version of the rules."""
+
+
+def cores() -> int:
+    """Return how many processor cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """A call that waits or runs; see `Jobs.submit`."""
+
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    owner: str
+    key: Hashable | None
+    limit_s: float | None
+    on_progress: Progress | None
+    future: Future[Any]
+
+
+class Jobs(Executor):
+    """Runs jobs in at most `workers` processes, which start with the first jobs and end when there are none.
+
+    Owners take turns: each gives one job, then comes the next owner. All calls may come from any thread.
+
+    It is an executor of `concurrent.futures`, but closing it, also by leaving a `with` block, ends what still runs.
+
+    workers       None takes one for each core, or all that the cluster has
+    per_owner     jobs of one owner that run at the same time, at most; None: as many as there are workers
+    most_waiting  jobs of one owner that wait, at most; None for no bound
+    nice          added to the niceness of the worker processes
+    ray           address of a cluster: LOCAL, "auto" (the one running on this machine), HOST:PORT or ray://HOST:PORT.
+                  Every machine of it needs this package. ClusterError where none answers
+    """
+
+    def __init__(
+        self,
+        workers: int | None = None,
+        *,
+        per_owner: int | None = None,
+        most_waiting: int | None = None,
+        nice: int = 0,
+        ray: str | None = None,
+    ) -> None:
+        self._nice = nice
+        self._cluster = None if ray is None else _Cluster(ray, workers)
+        self._most_workers = self._cluster.cpus if self._cluster else workers or cores()
+        self._per_owner, self._most_waiting = per_owner or self._most_workers, most_waiting
+        self._changed = threading.Condition()
+        self._threads: dict[threading.Thread, _Process | _Cluster | None] = {}
+        self._idle = 0
+        self._waiting: dict[str, deque[_Job]] = {}
+        self._running: Counter[str] = Counter()
+        self._by_key: dict[Hashable, Future[Any]] = {}
+        self._failed: dict[Hashable, tuple[float, BaseException]] = {}
+        self._is_closed = False
+
+    def waiting(self) -> int:
+        """Return how many jobs wait, of all owners."""
+        with self._changed:
+            return sum(map(len, self._waiting.values()))
+
+    def __enter__(self) -> Jobs:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def submit(  # type: ignore[override]
+        self,
+        function: Callable[..., T],
+        /,
+        *arguments: Any,
+        owner: str = "",
+        key: Hashable | None = None,
+        limit_s: float | None = None,
+        on_progress: Progress | None = None,
+    ) -> Future[T]:
+        """Queue `function(*arguments)` and return its future.
+
+        key          of jobs that come to the same: while one waits or runs, the others get its future, and what failed is
+                     for REMEMBERED_S seconds refused with the same error
+        limit_s      seconds that it may run; JobError when it takes longer
+        on_progress  called with (done, in all), in a thread of this process. The function is then given
+                     `progress=`, which it calls with the same. Not on a cluster
+
+        The future raises what the function raises, and JobError when its process ended early. JobsFullError when
+        too many jobs of this owner wait.
+        """
+        with self._changed:
+            if self._is_closed:
+                raise JobsFullError("this server is closing; ask again in a minute")
+            if key is not None and (known := self._known(key)) is not None:
+                return known
+            waiting = self._waiting.get(owner, deque())
+            if self._most_waiting is not None and len(waiting) >= self._most_waiting:
+                raise JobsFullError(
+                    f"{len(waiting)} things that take long are being worked out for you already; ask again in {RETRY_S} s"
+                )
+            future: Future[T] = Future()
+            job = _Job(function, arguments, owner, key, limit_s, on_progress, future)
+            self._waiting.setdefault(owner, waiting).append(job)
+            if key is not None:
+                self._by_key[key] = future
+                future.add_done_callback(lambda _: self._forget(key, future))
+            waiting_jobs = sum(map(len, self._waiting.values()))
+            if waiting_jobs > self._idle and len(self._threads) < self._most_workers:
+                thread = threading.Thread(target=self._serve, name="jobs", daemon=True)
+                self._threads[thread] = None
+                thread.start()
+            self._changed.notify_all()
+        return future
+
+    async def run(self, function: Callable[..., T], *arguments: Any, **options: Any) -> T:
+        """Return what a job comes to; see `submit` and `result_of`."""
+        return await result_of(self.submit(function, *arguments, **options))
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
+        """See `close`: nothing goes on after it, whatever is asked for."""
+        del wait, cancel_futures
+        self.close()
+
+    def close(self) -> None:
+        """End every worker at once, and with JobError every job that waits or runs."""
+        with self._changed:
+            self._is_closed = True
+            left = [job for waiting in self._waiting.values() for job in waiting]
+            self._waiting.clear()
+            threads = dict(self._threads)
+            self._changed.notify_all()
+        for job in left:
+            if job.future.set_running_or_notify_cancel():
+                job.future.set_exception(JobError(CLOSED))
+        for worker in threads.values():
+            if worker is not None:
+                worker.end()
+        for thread in threads:
+            thread.join()
+        if self._cluster is not None:
+            self._cluster.close()
+
+    def _known(self, key: Hashable) -> Future[Any] | None:
+        """Return the future of the job with this key that waits, runs, or failed a short time ago."""
+        if key in self._by_key:
+            return self._by_key[key]
+        until, error = self._failed.get(key, (0.0, None))
+        if error is None or time.monotonic() > until:
+            self._failed.pop(key, None)
+            return None
+        failed: Future[Any] = Future()
+        failed.set_exception(error.with_traceback(None))
+        return failed
+
+    def _forget(self, key: Hashable, future: Future[Any]) -> None:
+        with self._changed:
+            if self._by_key.get(key) is future:
+                del self._by_key[key]
+
+    def _serve(self) -> None:
+        """Run one job after the other on one worker, until none comes for IDLE_S."""
+        thread = threading.current_thread()
+        try:
+            while (job := self._take(thread)) is not None:
+                self._perform(job, thread)
+        finally:
+            if (worker := self._threads.pop(thread, None)) is not None:
+                worker.end()
+
+    def _take(self, thread: threading.Thread) -> _Job | None:
+        """Return the next job; None when there was none for IDLE_S, or the runner is closed."""
+        deadline = time.monotonic() + IDLE_S
+        with self._changed:
+            self._idle += 1
+            try:
+                while not self._is_closed:
+                    # first, since what came at the deadline has started no thread
+                    if (job := self._next()) is not None:
+                        return job
+                    if (left := deadline - time.monotonic()) <= 0:
+                        break
+                    self._changed.wait(left)
+            finally:
+                self._idle -= 1
+            worker = self._threads.pop(thread)  # whoever submits from now on starts another
+        if worker is not None:
+            worker.end()
+        return None
+
+    def _next(self) -> _Job | None:
+        """Take the job whose turn it is, and put its owner behind the others."""
+        for owner, waiting in list(self._waiting.items()):
+            if self._running[owner] >= self._per_owner:
+                continue
+            del self._waiting[owner]
+            while waiting and not waiting[0].future.set_running_or_notify_cancel():
+                waiting.popleft()
+            if not waiting:
+                continue
+            job = waiting.popleft()
+            if waiting:
+                self._waiting[owner] = waiting
+            self._running[owner] += 1
+            return job
+        return None
+
+    def _perform(self, job: _Job, thread: threading.Thread) -> None:
+        result, error = None, None
+        try:
+            result = self._worker_of(thread).run(job)
+        except Exception as raised:
+            error = JobError(CLOSED) if self._is_closed else raised
+        with self._changed:
+            self._running[job.owner] -= 1
+            if not self._running[job.owner]:
+                del self._running[job.owner]
+            if error is not None and job.key is not None:
+                self._failed.pop(job.key, None)
+                self._failed[job.key] = time.monotonic() + REMEMBERED_S, error
+                if len(self._failed) > MOST_REMEMBERED:
+                    del self._failed[next(iter(self._failed))]
+            self._changed.notify_all()
+        if error is None:
+            job.future.set_result(result)
+        else:
+            job.future.set_exception(error)
+
+    def _worker_of(self, thread: threading.Thread) -> _Process | _Cluster:
+        """Return the worker of a thread, a new one where it has none that lives."""
+        worker = self._threads[thread]
+        if worker is None or not worker.is_alive():
+            if worker is not None:
+                worker.end()
+            made = self._cluster or _Process(self._nice)
+            with self._changed:
+                self._threads[thread] = made
+                is_closed = self._is_closed
+            if is_closed:  # `close` cannot have seen this one
+                made.end()
+            return made
+        return worker
+
+
+async def result_of(job: Future[T]) -> T:
+    """Return what a job comes to. Whoever stops waiting leaves it to the others who wait for it."""
+    waiting = asyncio.wrap_future(job)
+    # asyncio logs an error that nobody has looked at, as when all have stopped waiting
+    waiting.add_done_callback(lambda done: done.cancelled() or done.exception())
+    return await asyncio.shield(waiting)
+
+
+def _too_long(limit_s: float | None) -> JobError:
+    return JobError(f"this took longer than {limit_s:g} s and was ended")
+
+
+class _Process:
+    """A worker process of this machine, in a session of its own: Ctrl-C in this one's terminal is not meant for it."""
+
+    def __init__(self, nice: int) -> None:
+        self._connection, others = Pipe()
+        search = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
+        number = others.fileno()
+        command = (sys.executable, "-P", "-m", "humanplay.jobs", str(number), str(nice))
+        env = {**os.environ, **ONE_THREAD, "PYTHONPATH": search}
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, pass_fds=[number], env=env, start_new_session=True
+        )
+        others.close()
+
+    def is_alive(self) -> bool:
+        return self._process.poll() is None
+
+    def run(self, job: _Job) -> Any:
+        """Return what a job returns, or raise what it raises; JobError when it takes too long or ends early."""
+        deadline = None if job.limit_s is None else time.monotonic() + job.limit_s
+        try:
+            self._connection.send((job.function, job.arguments, job.on_progress is not None))
+            while True:
+                left = None if deadline is None else max(0.0, deadline - time.monotonic())
+                if not self._connection.poll(left):
+                    raise _too_long(job.limit_s)
+                kind, value = self._connection.recv()
+                if kind != "progress":
+                    break
+                assert job.on_progress is not None
+                job.on_progress(*value)
+        except (EOFError, ConnectionError, pickle.UnpicklingError) as error:
+            self.end()
+            code = self._process.returncode
+            again = f"ask again in {REMEMBERED_S / 60:.0f} minutes"
+            raise JobError(f"its process ended early, with code {code}; {again}") from error
+        except BaseException:
+            self.end()  # else its answer would be taken for the next job's
+            raise
+        if kind == "raised":
+            raise value
+        return value
+
+    def end(self) -> None:
+        """Kill the process and those that it started, and wait for its end."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+
+
+class _Cluster:
+    """A connection to a Ray cluster, on which each thread of the runner has one job at a time; one that exists is used and
+    kept.
+
+    Nothing but the arguments of a job travels: bytes among them, such as policies' files, are sent to the cluster once.
+    """
+
+    def __init__(self, address: str, workers: int | None) -> None:
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to anyone
+        try:
+            self._ray: Any = import_module("ray")
+        except ImportError as error:
+            raise ClusterError(
+                "ray is not installed; install it with: pip install 'humanplay[ray]'"
+            ) from error
+        self._is_ours = not self._ray.is_initialized()
+        if self._is_ours:
+            _check_reachable(address)
+            local = {"num_cpus": workers, "include_dashboard": False} if address == LOCAL else {}
+            quiet = {"log_to_driver": False, "logging_level": logging.CRITICAL}
+            try:
+                self._ray.init(address=address, **quiet, **local)
+            except (ConnectionError, ValueError, RuntimeError) as error:
+                raise _no_cluster(address) from error
+        self.cpus = max(1, int(self._ray.cluster_resources().get("CPU", 1)))
+        self._perform = self._ray.remote(_perform_there)
+        self._sent: dict[int, tuple[bytes, Any]] = {}
+        self._is_closed = False
+
+    def is_alive(self) -> bool:
+        return not self._is_closed
+
+    def run(self, job: _Job) -> Any:
+        given = job.arguments
+        arguments = (self._send(each) if isinstance(each, bytes) else each for each in given)
+        reference = self._perform.remote(CORE_VERSION, job.function, *arguments)
+        until = time.monotonic() + (math.inf if job.limit_s is None else job.limit_s)
+        while not self._ray.wait([reference], timeout=LOOK_S)[0]:
+            if self._is_closed or time.monotonic() > until:
+                self._ray.cancel(reference, force=True)
+                raise _too_long(job.limit_s)
+        try:
+            return self._ray.get(reference)
+        except self._ray.exceptions.RayTaskError as error:
+            raise error.cause if isinstance(error.cause, Exception) else error from None
+        except self._ray.exceptions.RayError as error:
+            said = str(error).strip().splitlines()[-1]
+            raise JobError(f"its process ended early: {said}") from error
+
+    def end(self) -> None:
+        """Leave the connection to the other threads."""
+
+    def close(self) -> None:
+        """End the connection if it is ours."""
+        self._is_closed = True
+        if self._is_ours:
+            self._ray.shutdown()
+
+    def _send(self, content: bytes) -> Any:
+        if id(content) not in self._sent:
+            self._sent[id(content)] = content, self._ray.put(content)
+        return self._sent[id(content)][1]
+
+
+def _perform_there(core_version: str, function: Callable[..., T], *arguments: Any) -> T:
+    """Call a function on a machine of the cluster; ClusterError where its rules are of another version."""
+    if core_version != CORE_VERSION:
+        other = f"core version {CORE_VERSION}, this one has {core_version}"
+        raise ClusterError(f"a machine of the cluster has {other}")
+    return function(*arguments)
+
+
+def _no_cluster(address: str) -> ClusterError:
+    way_out = f"start one with `ray start --head`, or say {LOCAL}"
+    return ClusterError(f"no Ray cluster answers at {address}; {way_out}")
+
+
+def _check_reachable(address: str) -> None:
+    """Raise ClusterError when nothing listens at HOST:PORT or ray://HOST:PORT: Ray itself would try for ten minutes."""
+    if address in (LOCAL, "auto"):
+        return
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not colon or not port.isdigit():
+        known = f"HOST:PORT, ray://HOST:PORT, auto or {LOCAL}"
+        raise ClusterError(f"expected a Ray address like {known}, got {address!r}")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S).close()
+    except (OSError, OverflowError) as error:
+        raise _no_cluster(address) from error
+
+
+def work(connection: Connection) -> None:
+    """Run the jobs that come over a connection, one after the other; the process ends when the other end is gone."""
+    coming: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(connection, coming), daemon=True).start()
+
+    def report(done: int, total: int) -> None:
+        connection.send(("progress", (done, total)))
+
+    while True:
+        job = coming.get()
+        try:
+            function, arguments, reports = pickle.loads(job)
+            answer = "done", function(*arguments, **({"progress": report} if reports else {}))
+            message = pickle.dumps(answer)
+        except Exception as error:
+            message = pickle.dumps(("raised", _portable(error)))
+        connection.send_bytes(message)
+
+
+def _listen(connection: Connection, coming: queue.SimpleQueue[bytes]) -> None:
+    """Pass on what comes; when the other end is gone, end this process and those that it started."""
+    try:
+        while True:
+            coming.put(connection.recv_bytes())
+    except (EOFError, OSError):
+        os.killpg(0, signal.SIGKILL)
+
+
+def _portable(error: Exception) -> Exception:
+    """Return an error as it can be sent, its traceback in a note; a JobError in the place of one that cannot."""
+    error.add_note("".join(traceback.format_exception(error)))
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return JobError(f"{type(error).__name__}: {error}")
+    return error
+
+
+def _main() -> None:
+    """Be a worker process: `python -m humanplay.jobs DESCRIPTOR NICE`."""
+    os.nice(int(sys.argv[2]))
+    work(Connection(int(sys.argv[1])))
+
+
+if __name__ == "__main__":
+    import_module(
+        "humanplay.jobs"
+    )._main()  # so that its classes are those that the other end knows

@@ -1,0 +1,404 @@
+"""A study written as a citable bundle: verified, under new pseudonyms, signed. The folder appears whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import sqlite3
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import astuple, dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from humanplay.db import chain
+from humanplay.db.columns import TABLES
+from humanplay.db.database import StoreError, reading, rows, transaction, writing
+from humanplay.db.reader import Reader
+from humanplay.db.releases import ReleaseRow, latest_release, note_release
+from humanplay.db.trial import Trial
+from humanplay.release import signing
+from humanplay.release.bundle import initials
+from humanplay.release.croissant import write_croissant
+from humanplay.release.documents import citation, licence_url, write_documents
+from humanplay.release.errors import ReleaseError, check_libraries
+from humanplay.release.manifest import (
+    BUNDLE_DATABASE,
+    COUNTED_TABLES,
+    ReleaseHeader,
+    write_manifest,
+)
+from humanplay.release.minari_data import MinariWriter, dataset_id
+from humanplay.release.pseudonyms import count_arrivals, write_pseudonymized
+from humanplay.release.receipts import EVALUATIONS, Published, published_of
+from humanplay.release.tables import QUERIES, released_episodes, write_tables
+from humanplay.report.costs import (
+    CostRow,
+    ProgressBar,
+    cost_cache,
+    cost_rows,
+    costs_of_people,
+    no_bar,
+    ranked_of_people,
+    study_estimator,
+    why_not_judged,
+)
+from humanplay.report.making import (
+    REPORT_STEMS,
+    has_played,
+    make_report,
+    play_compared,
+    report_files,
+)
+from humanplay.report.statistics.exclusion_sets import lowest_reason, people_of, statuses
+from humanplay.report.statistics.formatting import utc
+from humanplay.series.closing import UNNOTED
+from humanplay.series.data import Person, StudyData, load
+from humanplay.series.files import now_ms
+from humanplay.series.folder import SEALED, Advance, Folder
+from humanplay.series.invitations import Invitation, Invitations
+from humanplay.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
+from humanplay.series.policy_files import EXPERT, FOLDER, PolicyFiles
+from humanplay.series.protocol import Protocol, StudyError, parse_protocol
+from humanplay.series.verification import verify_moment
+from marsexplorer.files import replace_whole
+
+FORGOTTEN_REASON = "a participant asked to be forgotten"
+
+
+@dataclass(frozen=True)
+class ReleaseRequest:
+    """What to release and where.
+
+    authors  named in the citation
+    secrets  of studies whose end the database has not noted yet: name -> (closed_ms, 32 bytes); None as closed_ms: still open
+    without_policies  that the report leaves out although the protocol names them
+    invitations  of the study by id; None where it has none, or its folder is not at hand
+    policy_folder  in which the files of the policies are kept; None where it is not at hand
+    evaluations  of agents on its terrains: the folders of what was published, by name
+    with_report  False: a release without the study's report, and without the tables that it is made from
+    """
+
+    database: Path
+    study: str
+    out: Path
+    authors: tuple[str, ...] = ()
+    url: str | None = None
+    secrets: Mapping[str, tuple[int | None, bytes]] | None = None
+    without_policies: tuple[str, ...] = ()
+    invitations: Mapping[str, Invitation] | None = None
+    policy_folder: Path | None = None
+    evaluations: Mapping[str, Path] = field(default_factory=dict)
+    with_report: bool = False
+
+
+def request_of(
+    study: str,
+    out: Path,
+    database: Path,
+    folder: Folder,
+    authors: tuple[str, ...] = (),
+    url: str | None = None,
+    without_policies: tuple[str, ...] = (),
+) -> ReleaseRequest:
+    """Return what releases a study with its report, from a database and the folder of studies; StudyError as `Folder`."""
+    return ReleaseRequest(
+        database=database,
+        study=study,
+        out=out,
+        authors=authors,
+        url=url,
+        secrets=folder.known_secrets(),
+        without_policies=without_policies,
+        invitations=Invitations(folder).of(study) or None,
+        policy_folder=folder.root / study / FOLDER,
+        evaluations=published_of(folder, study),
+        with_report=True,
+    )
+
+
+@dataclass(frozen=True)
+class WrittenRelease:
+    """A release that was written: its header, its manifest's SHA-256 and the fingerprint of its key."""
+
+    header: ReleaseHeader
+    manifest_hash: str
+    signer: str
+
+
+def build_release(
+    request: ReleaseRequest, advance: Advance = lambda done, total: None, bar: ProgressBar = no_bar
+) -> WrittenRelease:
+    """Verify a study and write its release to `request.out`.
+
+    advance   called with (episodes verified or written, of how many)
+    bar       of what the report takes
+
+    ReleaseError when the study is unknown or open, an episode fails, the folder is there already, or a library is missing;
+    PolicyError when the file of a policy that the report compares is lost.
+    """
+    check_libraries()
+    if request.out.exists() and (not request.out.is_dir() or any(request.out.iterdir())):
+        why = "a release is written into a new folder; choose another --out"
+        raise ReleaseError(f"{request.out} is there already: {why}")
+    with reading(request.database) as source:  # one moment, whatever a server writes meanwhile
+        header, closed = _new_header(source, request)
+        total = 2 * _count_episodes(source, request.study)
+        _verify_study(source, request, advance, total)
+        with _whole_folder(request.out) as folder:
+            key = secrets.token_bytes(32)
+            target, arrivals = folder / BUNDLE_DATABASE, header.arrivals
+            left = write_pseudonymized(source, request.study, target, key, closed, arrivals)
+            header = _write_report(folder, replace(header, left_out=left), request, bar)
+            written = _write_files(folder, header, lambda done: advance(total // 2 + done, total))
+            signing_key = signing.signing_key(request.database)
+            manifest_hash = write_manifest(folder, *written, signing_key)
+    _note_published(request, written[0], manifest_hash)
+    signer = signing.fingerprint(signing.public_pem(signing_key))
+    return WrittenRelease(written[0], manifest_hash, signer)
+
+
+def _write_report(
+    folder: Path, header: ReleaseHeader, request: ReleaseRequest, bar: ProgressBar
+) -> ReleaseHeader:
+    """Write the report, made from the release's own database, with what it is made from; return the header that says so.
+
+    The files of the policies go into the release; costs are kept next to the database that it is made from.
+    """
+    with closing(Reader.open(folder / BUNDLE_DATABASE)) as reader:
+        data = load(reader, header.study).with_policies_in(folder / FOLDER)
+        played = [synthetic for synthetic in REPORT_STEMS if has_played(data, synthetic)]
+        compared, without = compared_policies(data.protocol), request.without_policies
+        names = [name for name in compared if name not in without]
+        episodes: tuple[PolicyEpisode, ...] = ()
+        costs: list[CostRow] = []
+        if request.with_report:
+            kept = PolicyFiles.of(header.protocol, request.policy_folder)
+            kept.copy_to(folder / FOLDER, sorted({*names, EXPERT}))
+        if request.with_report and played:
+            episodes = play_compared(data, closed_seeds(data), names, bar)
+        cache = cost_cache(request.database)
+        for synthetic in (played or [False]) if request.with_report else ():
+            is_judged = False in played and not synthetic
+            found = costs_of_people(reader, data, bar, cache) if is_judged else {}
+            report = make_report(reader, data, episodes, synthetic, bar, found)
+            for name, content in report_files(report).items():
+                (folder / name).write_bytes(content)
+        if request.with_report and False in played and why_not_judged(data) is None:
+            estimator = study_estimator(data, cache)
+            with bar("cost of each move") as advance:
+                costs = list(cost_rows(reader, data, ranked_of_people(data), estimator, advance))
+            header = replace(header, expert_hash=data.policy_files.hashes[EXPERT])
+        for name, path in request.evaluations.items():
+            Published.read(path).write_to(folder / EVALUATIONS / name, data)
+    _write_derived(folder / BUNDLE_DATABASE, data, episodes, costs)
+    return header
+
+
+def _new_header(
+    conn: sqlite3.Connection, request: ReleaseRequest
+) -> tuple[ReleaseHeader, tuple[int | None, str | None]]:
+    found = rows(conn, "SELECT * FROM series WHERE name = ?", request.study)
+    if not found:
+        names = [row["name"] for row in rows(conn, "SELECT name FROM series ORDER BY name")]
+        known = f"studies in it: {', '.join(names) or 'none'}"
+        where = f"{request.study!r} in {request.database}"
+        raise ReleaseError(f"nobody has joined a study {where}; {known}")
+    row = found[0]
+    if _protocol(row).agents is not None:
+        raise ReleaseError(
+            f"{request.study!r} is an evaluation of agents: its opening and receipts are published when it closes, in its "
+            "folder, on its page, and in the release of the study whose people it is compared with, where there is one"
+        )
+    closed = (row["closed_ms"], row["secret"])
+    if closed[0] is None and request.secrets and request.study in request.secrets:
+        closed_ms, secret = request.secrets[request.study]
+        closed = (closed_ms, secret.hex()) if closed_ms is not None else (None, None)
+        running = """SELECT 1 FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
+            WHERE x.series = ? AND e.ended_ms IS NULL"""
+        if closed_ms is not None and rows(conn, running, request.study):
+            raise ReleaseError(UNNOTED.format(request.study, request.database))
+    if closed[0] is None and row["sealed_ms"] is not None:
+        raise ReleaseError(SEALED.format(request.study))
+    if closed[0] is None or closed[1] is None:
+        raise ReleaseError(
+            f"the study {request.study!r} is still open and a release would give its terrains away: close it first with "
+            f"`marsexplorer study close {request.study}`"
+        )
+    last = latest_release(conn, request.study)
+    entries, head = chain.head(conn)
+    return ReleaseHeader(
+        study=request.study,
+        protocol=_protocol(row),
+        protocol_hash=row["protocol_hash"],
+        commitment=row["commitment"],
+        secret=closed[1],
+        version=last["version"] + 1 if last else 1,
+        released=utc(now_ms()),
+        software_version=version("humanplay"),
+        supersedes=_superseded(last) if last else None,
+        authors=request.authors or (f"The operators of the study {request.study}",),
+        url=request.url,
+        chain_head=head or None,
+        chain_entries=entries,
+        without_policies=request.without_policies,
+        arrivals=count_arrivals(conn, request.study, request.invitations),
+    ), closed
+
+
+def _protocol(row: dict[str, Any]) -> Protocol:
+    try:
+        return parse_protocol(json.loads(row["protocol"]))
+    except (ValueError, StudyError) as error:
+        what = f"the protocol of the study {row['name']!r} cannot be read"
+        raise ReleaseError(f"no release: {what}: {error}") from error
+
+
+def _superseded(last: dict[str, Any]) -> dict[str, Any]:
+    reason = FORGOTTEN_REASON if last["outdated_ms"] is not None else "a later release"
+    return {"version": last["version"], "manifest_sha256": last["manifest_hash"], "reason": reason}
+
+
+def _count_episodes(conn: sqlite3.Connection, study: str) -> int:
+    sql = """SELECT count(*) FROM episodes e JOIN series_episodes s ON s.episode_id = e.id
+        JOIN participants p ON p.id = s.participant_id WHERE p.study = ? AND e.ended_ms IS NOT NULL"""
+    return int(conn.execute(sql, [study]).fetchone()[0])
+
+
+def _verify_study(
+    source: sqlite3.Connection, request: ReleaseRequest, advance: Advance, total: int
+) -> None:
+    known = {name: secret for name, (_, secret) in (request.secrets or {}).items()}
+    result = verify_moment(
+        source, request.database, lambda done, _: advance(done, total), known, request.study
+    )
+    if result.findings:
+        more = f" and {len(result.findings) - 1} more" if len(result.findings) > 1 else ""
+        raise ReleaseError(
+            f"no release: {result.findings[0]}{more}; `marsexplorer verify` lists everything that is not as it was recorded"
+        )
+
+
+def _write_files(
+    folder: Path, header: ReleaseHeader, advance: Callable[[int], None]
+) -> tuple[ReleaseHeader, dict[str, int]]:
+    """Write everything but the manifest; return the header with its counts, and the rows by file."""
+    (folder / QUERIES.name).write_bytes(QUERIES.read_bytes())
+    (folder / "minari").mkdir()
+    minari = MinariWriter(folder / "minari", header)
+    outcomes = Counter[str]()
+    with reading(folder / BUNDLE_DATABASE) as conn:
+        for done, (row, episode) in enumerate(released_episodes(conn), 1):
+            minari.add(row, episode)
+            outcomes[row["outcome"]] += 1
+            advance(done)
+        count = "SELECT count(*) FROM"
+        counts = {each: conn.execute(f"{count} {each}").fetchone()[0] for each in COUNTED_TABLES}
+        written = write_tables(folder, conn)
+        people = _counted_people(conn)
+    minari.close()
+    header = replace(header, rows=counts, outcomes=dict(outcomes), **people)
+    named = {dataset_id(header, driver): count for driver, count in minari.episodes.items()}
+    write_documents(folder, header, named, minari.without_moves)
+    write_croissant(folder, header, citation(header), licence_url(header.protocol.data_licence))
+    files = {f"minari/{name}/data/main_data.hdf5": count for name, count in named.items()}
+    return header, {**written, **files, BUNDLE_DATABASE: sum(counts.values())}
+
+
+def _write_derived(
+    database: Path, data: StudyData, episodes: Sequence[PolicyEpisode], costs: Sequence[CostRow]
+) -> None:
+    """Write the tables that only a bundle's database has: an import leaves them behind, the next release makes them anew."""
+    names = list(dict.fromkeys(each.policy for each in episodes))
+    ended = [trial for trial in data.trials if trial.ended_ms is not None]
+    cohort = people_of(data)
+    people = {person.id: person for person in cohort.people}
+    derived: dict[str, Iterable[tuple[Any, ...]]] = {
+        "participant_statuses": list(statuses(data, cohort).items()),
+        "input_summaries": [
+            (
+                each.id,
+                json.dumps(list(each.labels)),
+                _lowest(data, people.get(each.participant), each),
+                each.pause_share,
+                each.active_ms,
+            )
+            for each in ended
+        ],
+        "policy_episodes": [
+            (names.index(each.policy), *_policy_row(each, data.protocol)) for each in episodes
+        ],
+        "move_costs": map(astuple, costs),
+    }
+    with closing(sqlite3.connect(database, isolation_level=None)) as conn, transaction(conn):
+        for table in TABLES.values():
+            for statement in table.statements("bundle database"):
+                conn.execute(statement)
+        for name, found in derived.items():
+            conn.executemany(TABLES[name].insert("bundle database"), found)
+
+
+def _lowest(data: StudyData, person: Person | None, trial: Trial) -> str | None:
+    """Return why a person's ranked episode counts at the lowest score; None where it does not."""
+    if person is None or trial.phase != "ranked":
+        return None
+    return lowest_reason(data, person, trial)
+
+
+def _policy_row(each: PolicyEpisode, protocol: Protocol) -> tuple[str | int | float | None, ...]:
+    rules, config = protocol.rules, protocol.env_config
+    episode, letters = each.replay(rules, config).record(), initials(rules)
+    return (
+        each.policy,
+        each.policy_hash,
+        each.terrain,
+        each.seed,
+        episode.outcome,
+        episode.steps,
+        episode.steps if episode.outcome in rules.successes else config.limit,
+        episode.score,
+        "".join(letters[action] for action in each.actions),
+        each.trajectory_hash,
+    )
+
+
+def _counted_people(conn: sqlite3.Connection) -> dict[str, Any]:
+    """Return what the datasheet says of the people in a release, as fields of its header."""
+    levels = """SELECT coalesce(e.attestation, '') AS level, count(*) AS n FROM episodes e
+        JOIN series_episodes s ON s.episode_id = e.id JOIN participants p ON p.id = s.participant_id
+        WHERE s.phase = 'ranked' AND p.kind = 'human' GROUP BY 1"""
+    sql = """SELECT (SELECT frozen_ms FROM series) AS frozen, (SELECT min(joined_ms) FROM participants) AS came,
+        (SELECT count(*) FROM participants WHERE kind = 'human' AND stage = 'withdrawn') AS withdrawn"""
+    (found,) = rows(conn, sql)
+    return {
+        "attestation": {row["level"]: row["n"] for row in rows(conn, levels)},
+        "withdrawn": found["withdrawn"],
+        "frozen_at": utc(found["frozen"]),
+        "first_came_at": "" if found["came"] is None else utc(found["came"]),
+    }
+
+
+@contextmanager
+def _whole_folder(out: Path) -> Iterator[Path]:
+    """Make a folder that takes its name when the block has ended well, and leaves nothing otherwise."""
+    try:
+        with replace_whole(out) as unfinished:
+            unfinished.mkdir(parents=True)
+            yield unfinished
+    except (OSError, sqlite3.Error) as error:
+        why = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
+        raise ReleaseError(f"cannot write {out}: {why}; choose another --out") from error
+
+
+def _note_published(request: ReleaseRequest, header: ReleaseHeader, manifest_hash: str) -> None:
+    """Keep the release in the database, so that the next one knows its number; a server may be running."""
+    row = ReleaseRow(header.study, header.version, manifest_hash, now_ms())
+    try:
+        with writing(request.database) as conn:
+            note_release(conn, row)
+    except StoreError as error:
+        raise StoreError(
+            f"{request.out} is written, but not noted ({error}): the next release will have the same number"
+        ) from error

@@ -1,0 +1,163 @@
+"""A released folder: opened, verified as a stranger would verify it, and imported into a database.
+
+The verification checks the files, the signature and the chain, and simulates every episode again.
+"""
+
+from __future__ import annotations
+
+import string
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Self
+
+from humanplay.db.database import StoreError, check_writable, reading, transaction
+from humanplay.db.erasure import learn_counts
+from humanplay.db.file import DatabaseLock
+from humanplay.db.merging import MergeCounts, kept_or_new_database, merge_rows
+from humanplay.db.reader import Reader
+from humanplay.db.releases import ReleaseRow, note_imported_release
+from humanplay.db.resimulation import Finding
+from humanplay.release.errors import ReleaseError
+from humanplay.release.manifest import BUNDLE_DATABASE, check_files, read_manifest
+from humanplay.report.costs import CostRow
+from humanplay.series.data import load
+from humanplay.series.folder import Advance
+from humanplay.series.policy_episodes import PolicyEpisode
+from humanplay.series.policy_files import EXPERT, FOLDER
+from humanplay.series.verification import Verification, verify_database
+from humanplay.task import Rules
+
+
+def initials(rules: Rules) -> str:
+    """Return what stands for each action in the moves of policies: its initial, or a sign for its code where two share one."""
+    letters = "".join(name[0].upper() for name in rules.actions)
+    signs = string.digits + string.ascii_letters + "-_"
+    return letters if len(set(letters)) == len(letters) else signs[: len(letters)]
+
+
+class Bundle:
+    """A released folder, opened once; use it in a `with` block. ReleaseError where the folder holds no release.
+
+    manifest  with its hash, SHA-256 (hex)
+    reader    of its database
+    data      the study, with the files of the policies that are in the bundle
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.manifest, self.manifest_hash = read_manifest(folder)
+        self.reader = Reader.open(folder / BUNDLE_DATABASE)
+        try:
+            data = load(self.reader, str(self.manifest["study"]))
+            self.policy_episodes = self._policy_episodes(initials(data.protocol.rules))
+        except BaseException:
+            self.reader.close()
+            raise
+        played = {each.policy: each.policy_hash for each in self.policy_episodes}
+        recorded = {**played, EXPERT: self.expert_hash}
+        known = {name: digest for name, digest in recorded.items() if digest}
+        hashes = {**data.policy_files.hashes, **known}
+        files = replace(data.policy_files, hashes=hashes, folder=folder / FOLDER)
+        self.data = replace(data, policy_files=files)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.reader.close()
+
+    @property
+    def expert_hash(self) -> str | None:
+        """SHA-256 (hex) of the policy that its moves are judged by; None without costs."""
+        found: str | None = self.manifest.get("expert_hash")
+        return found
+
+    def _policy_episodes(self, letters: str) -> tuple[PolicyEpisode, ...]:
+        found = self.reader.query("SELECT * FROM policy_episodes ORDER BY place, terrain_index")
+        return tuple(
+            PolicyEpisode(
+                policy=row["policy"],
+                policy_hash=row["policy_hash"],
+                terrain=row["terrain_index"],
+                seed=row["seed"],
+                actions=bytes(letters.index(letter) for letter in row["actions"]),
+                trajectory_hash=row["trajectory_hash"],
+            )
+            for row in found
+        )
+
+    def costs(self) -> tuple[CostRow, ...]:
+        """Return the recorded costs of moves, by episode and move."""
+        found = self.reader.query("SELECT * FROM move_costs ORDER BY episode_id, step")
+        return tuple(CostRow(episode=row.pop("episode_id"), **row) for row in found)
+
+
+@dataclass(frozen=True)
+class VerifiedBundle:
+    """A release that was checked: its manifest, that file's SHA-256, and what was found."""
+
+    manifest: dict[str, Any]
+    manifest_hash: str
+    verified: Verification
+
+
+def verify_bundle(
+    folder: Path, advance: Advance = lambda done, total: None, signer: str | None = None
+) -> VerifiedBundle:
+    """Verify a released folder; ReleaseError when it is not one.
+
+    advance  called with (episodes simulated, of how many)
+    signer   fingerprint of the key that must have signed it
+    """
+    manifest, manifest_hash = read_manifest(folder)
+    findings = list(check_files(folder, manifest, signer))
+    try:
+        verified = verify_database(folder / BUNDLE_DATABASE, advance)
+    except StoreError as error:
+        findings.append(Finding(f"file {BUNDLE_DATABASE}", "it", "unreadable", str(error)))
+        verified = Verification(0, 0, 0, (), 0.0)
+    verified = replace(verified, findings=(*findings, *verified.findings))
+    return VerifiedBundle(manifest, manifest_hash, verified)
+
+
+def import_release(
+    folder: Path,
+    database: Path,
+    advance: Advance = lambda done, total: None,
+    signer: str | None = None,
+) -> MergeCounts:
+    """Import a release into a database, which is made when absent, and return what was added.
+
+    advance  called with (episodes verified, of how many)
+    signer   fingerprint of the key that must have signed it
+
+    ReleaseError when the release does not verify; MergeError when the database holds its episodes under other names;
+    StoreError while a server has the database. Nothing is changed then.
+    """
+    check_writable(database)
+    checked = verify_bundle(folder, advance, signer)
+    if checked.verified.findings:
+        more = len(checked.verified.findings) - 1
+        also = f" and {more} more" if more else ""
+        raise ReleaseError(
+            f"no import: {checked.verified.findings[0]}{also}; `marsexplorer verify --dataset {folder}` lists all"
+        )
+    manifest = checked.manifest
+    released_ms = int(datetime.fromisoformat(manifest["released"]).timestamp() * 1000)
+    lock = DatabaseLock(database)
+    try:
+        with (
+            kept_or_new_database(database) as conn,
+            reading(folder / BUNDLE_DATABASE) as source,
+            transaction(conn),
+        ):
+            counts = merge_rows(conn, source, str(folder))
+            learn_counts(conn, source)
+            about = manifest["study"], manifest["version"], checked.manifest_hash, released_ms
+            note_imported_release(conn, ReleaseRow(*about))
+        return counts
+    finally:
+        lock.close()
+        if not database.exists():
+            database.with_name(database.name + "-lock").unlink(missing_ok=True)

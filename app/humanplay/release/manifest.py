@@ -1,0 +1,189 @@
+"""The header of a release, from which its documents are made, and its manifest: the header, every file with its SHA-256, size
+and rows, and a signature over it all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from humanplay.db.resimulation import Finding
+from humanplay.release import signing
+from humanplay.release.errors import ReleaseError
+from humanplay.series.flow import Arrivals
+from humanplay.series.protocol import Protocol
+from humanplay.task import counted
+
+RELEASE_FORMAT = "marsexplorer-release-1"
+BUNDLE_DATABASE = "study.sqlite"
+MANIFEST, SIGNATURE, PUBLIC_KEY = "MANIFEST.json", "MANIFEST.sig", "PUBLIC_KEY.pem"
+UNLISTED = {MANIFEST, SIGNATURE}
+COUNTED_TABLES = {
+    "participants": "participant",
+    "episodes": "episode",
+    "steps": "move",
+    "input_events": "input event",
+    "stage_events": "stage event",
+}
+
+
+@dataclass(frozen=True)
+class ReleaseHeader:
+    """A release.
+
+    version     1, 2, ... of this study's releases
+    released    ISO 8601, UTC
+    secret      hex
+    supersedes  {"version", "manifest_sha256", "reason"} of the release it stands in for, or None
+    rows        rows by table
+    left_out    what the release does not hold, counted
+    chain_head  hex: head of the chain (of `chain_entries`) of the database it was made from; None without an entry
+    arrivals    people who are not in it, and invitations
+    attestation ranked episodes of people by level; "" stands for those that have none
+    withdrawn   people who agreed and withdrew later
+    frozen_at, first_came_at  ISO 8601, UTC: when the protocol was frozen, and when the first participant came ("" for nobody)
+    expert_hash  SHA-256 of the policy that moves are judged by; "" without costs
+    without_policies  of the protocol, which the report leaves out because their files were not at hand
+    """
+
+    study: str
+    protocol: Protocol
+    protocol_hash: str
+    commitment: str
+    secret: str
+    version: int
+    released: str
+    software_version: str
+    supersedes: dict[str, Any] | None
+    authors: tuple[str, ...]
+    url: str | None
+    rows: dict[str, int] = field(default_factory=dict)
+    left_out: dict[str, int] = field(default_factory=dict)
+    outcomes: dict[str, int] = field(default_factory=dict)
+    chain_head: str | None = None
+    chain_entries: int = 0
+    without_policies: tuple[str, ...] = ()
+    expert_hash: str = ""
+    arrivals: Arrivals = field(default_factory=Arrivals)
+    attestation: dict[str, int] = field(default_factory=dict)
+    withdrawn: int = 0
+    frozen_at: str = ""
+    first_came_at: str = ""
+
+    @property
+    def title(self) -> str:
+        """The dataset's title."""
+        return f"{self.protocol.title}: every episode"
+
+    def summary(self) -> str:
+        """Return what the dataset is, in a few sentences."""
+        config = self.protocol.env_config
+        recorded = ", ".join(
+            counted(self.rows.get(table, 0), words) for table, words in COUNTED_TABLES.items()
+        )
+        where, sees = self.protocol.rules.where(config), self.protocol.rules.sees(config)
+        return (
+            f"Recordings of the {self.protocol.rules.title} study {self.study}: {recorded}, on {where}. Every participant met "
+            f"the same {counted(self.protocol.ranked, 'ranked terrain')}. Each episode replays exactly from its cause."
+            f"{sees and f' {sees}'}"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the header as the manifest holds it."""
+        names = (
+            *("study", "title", "version", "released", "software_version", "core_version"),
+            *("protocol_hash", "commitment", "secret", "data_licence", "authors", "supersedes"),
+            *("rows", "left_out", "chain_head", "chain_entries", "without_policies"),
+        )
+        protocol = self.protocol
+        own = {"core_version": protocol.core_version, "data_licence": protocol.data_licence}
+        return {
+            "format": RELEASE_FORMAT,
+            **{name: own[name] if name in own else getattr(self, name) for name in names},
+            "expert_hash": self.expert_hash or None,
+            "arrivals": asdict(self.arrivals),
+        }
+
+
+def write_manifest(folder: Path, header: ReleaseHeader, rows: Mapping[str, int], key: Any) -> str:
+    """Write and sign the manifest of a release, and return its SHA-256 (hex).
+
+    rows  by file, where a file has rows
+    """
+    (folder / PUBLIC_KEY).write_bytes(signing.public_pem(key))
+    files = {}
+    for name in (each for each in listing(folder) if each not in UNLISTED):
+        size, digest = (folder / name).stat().st_size, sha256(folder / name)
+        files[name] = {"sha256": digest, "bytes": size, "rows": rows.get(name)}
+    signer = signing.fingerprint((folder / PUBLIC_KEY).read_bytes())
+    content = {**header.to_dict(), "signer": signer, "files": files}
+    data = json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n"
+    (folder / MANIFEST).write_bytes(data)
+    (folder / SIGNATURE).write_bytes(key.sign(data))
+    return hashlib.sha256(data).hexdigest()
+
+
+def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
+    """Return a release's manifest and its SHA-256; ReleaseError when the folder holds no release."""
+    try:
+        data = (folder / MANIFEST).read_bytes()
+        manifest = json.loads(data)
+    except OSError as error:
+        why = f"it has no {MANIFEST}; give the folder `release` wrote"
+        raise ReleaseError(f"{folder} is not a release: {why}") from error
+    except ValueError as error:
+        damaged = f"{folder / MANIFEST} is damaged: {error}; get the release again"
+        raise ReleaseError(damaged) from error
+    found = manifest.get("format") if isinstance(manifest, dict) else None
+    if found != RELEASE_FORMAT or not isinstance(manifest.get("files"), dict):
+        raise ReleaseError(
+            f"{folder / MANIFEST} has format {found!r}, this version reads {RELEASE_FORMAT!r}: update the software"
+        )
+    return manifest, hashlib.sha256(data).hexdigest()
+
+
+def check_files(
+    folder: Path, manifest: dict[str, Any], signer: str | None = None
+) -> Iterator[Finding]:
+    """Yield what differs between a release's files, manifest and signature.
+
+    signer  fingerprint that the signing key must have; None takes the one in the release
+    """
+    try:
+        pem = (folder / PUBLIC_KEY).read_bytes()
+        signature = (folder / SIGNATURE).read_bytes()
+    except OSError as error:
+        name = Path(str(error.filename)).name
+        yield Finding(f"file {name}", "it", "missing", "a file of every release")
+        return
+    found = signing.fingerprint(pem)
+    if not signing.is_signed(pem, signature, (folder / MANIFEST).read_bytes()):
+        key = f"a signature of the key {found}"
+        yield Finding(f"file {MANIFEST}", "its signature", "invalid", key)
+    for expected in (manifest.get("signer"), signer):
+        if expected is not None and expected != found:
+            yield Finding(f"file {PUBLIC_KEY}", "the signing key", found, expected)
+    present = set(listing(folder)) - UNLISTED
+    for name in sorted(present - set(manifest["files"])):
+        yield Finding(f"file {name}", "it", "there", "not in the manifest")
+    for name, listed in manifest["files"].items():
+        if name not in present:
+            yield Finding(f"file {name}", "it", "missing", "in the manifest")
+        elif (made := sha256(folder / name)) != listed["sha256"]:
+            yield Finding(f"file {name}", "sha256", listed["sha256"], made)
+
+
+def listing(folder: Path) -> list[str]:
+    """Return the files below a folder by their path in it, in order."""
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return sorted(path.relative_to(folder).as_posix() for path in files)
+
+
+def sha256(path: Path) -> str:
+    """Return SHA-256 (hex) of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

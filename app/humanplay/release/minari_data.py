@@ -1,0 +1,169 @@
+"""A release's episodes as Minari datasets (HDF5), people's and scripts' in separate ones.
+
+Observations are the codes of `gymnasium.make("MarsExplorer-v0", observation="uint8")`, kept as they are: Minari's picture
+compression would change them. Reference scores make Minari's normalized score the paper's.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import string
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from humanplay.release.errors import library
+from humanplay.release.manifest import ReleaseHeader
+from humanplay.release.tables import TableRow
+from humanplay.task import MARS, Configuration, Record, Run, rules_of
+
+EPISODES_PER_WRITE, MOVES_PER_WRITE = 64, 4000
+"""So many are held in memory, and an episode more: of Breakout a minute's observations take 360 MB."""
+TEXT_LENGTH = 1000
+"""Characters of an observed text, at most, where its space is unknown."""
+_METADATA = (
+    "participant", "kind", "phase", "trial", "terrain_index", "episode", "driver", "script", "config_hash", "core_version",
+    "outcome", "return", "score", "steps_to_99", "trajectory_hash",
+)  # fmt: skip
+
+
+def dataset_id(header: ReleaseHeader, driver: str) -> str:
+    """Return the name `minari.load_dataset` takes."""
+    return f"marsexplorer/{header.study}/{driver}-v{header.version}"
+
+
+class MinariWriter:
+    """The datasets of a release, one episode after another; call `close` at the end."""
+
+    def __init__(self, root: Path, header: ReleaseHeader) -> None:
+        self._minari = library("minari")
+        library("h5py")
+        self._root, self._header = root, header
+        self._waiting: dict[str, list[tuple[TableRow, Configuration, Any]]] = {}
+        self._made: dict[str, Any] = {}
+        self.episodes: dict[str, int] = {}
+        self.without_moves = 0
+
+    def add(self, row: TableRow, episode: Run) -> None:
+        """Add one episode; Minari cannot keep one without a move, so such an episode is only counted."""
+        if not episode.rewards():
+            self.without_moves += 1
+            return
+        waiting = self._waiting.setdefault(row["driver"], [])
+        buffer = _buffer(self._minari, row, episode)
+        waiting.append((row, episode.record().config, buffer))
+        moves = sum(len(each.actions) for *_, each in waiting)
+        if len(waiting) >= EPISODES_PER_WRITE or moves >= MOVES_PER_WRITE:
+            self._flush(row["driver"])
+
+    def close(self) -> None:
+        """Write what is still waiting."""
+        for driver in self._waiting:
+            self._flush(driver)
+
+    def _flush(self, driver: str) -> None:
+        waiting = self._waiting[driver]
+        if not waiting:
+            return
+        buffers = [buffer for *_, buffer in waiting]
+        first = self.episodes.get(driver, 0)
+        if driver in self._made:
+            self._made[driver].update_episodes(buffers)
+        else:
+            self._made[driver] = self._create(driver, *waiting[0][:2], buffers)
+        numbers = range(first, first + len(waiting))
+        self._made[driver].update_episode_metadata([_metadata(row) for row, *_ in waiting], numbers)
+        self.episodes[driver] = first + len(waiting)
+        waiting.clear()
+
+    def _create(self, driver: str, row: TableRow, config: Configuration, buffers: list[Any]) -> Any:
+        rules, task = rules_of(row["task"]), row["task"]
+        low, high = rules.returns(config) or (None, None)
+        licence = self._header.protocol.data_licence
+        needs = ["humanplay[mars]"]
+        if task != MARS:
+            needs = [each.replace(" ", "==") for each in rules.version.split(", ")]
+        comes_with = f"Its environment comes with: pip install {shlex.join(needs)}"
+        env = rules.environment(config)
+        with _datasets_in(self._root):
+            return self._minari.create_dataset_from_buffers(
+                dataset_id=dataset_id(self._header, driver),
+                buffer=buffers,
+                env=env,
+                observation_space=_kept(env.observation_space),
+                algorithm_name=driver,
+                author="the study's participants, under pseudonyms",
+                description=f"{self._header.title} Data licence: {licence}. {comes_with}",
+                requirements=needs,
+                ref_min_score=low,
+                ref_max_score=high,
+                data_format="hdf5",
+                jpeg_encoding=False,
+            ).storage
+
+
+def _buffer(minari: Any, row: TableRow, episode: Run) -> Any:
+    record: Record = episode.record()
+    moves = len(record.actions)
+    terminated = row["outcome"] not in ("timed_out", "abandoned", "environment_failed")
+    return minari.data_collector.EpisodeBuffer(
+        seed=row["seed"],
+        observations=_stacked(rules_of(row["task"]).observations(record)),
+        actions=np.frombuffer(record.actions, np.uint8).astype(np.int64),
+        rewards=np.array(episode.rewards(), np.float64),
+        terminations=np.array([False] * (moves - 1) + [terminated]),
+        truncations=np.array([False] * (moves - 1) + [not terminated]),
+        infos=None,
+    )
+
+
+def _stacked(observations: Sequence[Any]) -> Any:
+    """Return observations as Minari takes them: arrays over the moves, in the dictionaries and tuples of their space."""
+    first = observations[0]
+    if isinstance(first, Mapping):
+        return {name: _stacked([each[name] for each in observations]) for name in first}
+    if isinstance(first, tuple):
+        return tuple(map(_stacked, zip(*observations, strict=True)))
+    return list(observations) if isinstance(first, str) else np.stack(observations)
+
+
+def _kept(space: Any) -> Any:
+    """Return a space that Minari can keep: one of a package's own, such as MiniGrid's missions, becomes one of texts."""
+    from gymnasium import spaces
+    from minari.serialization import serialize_space
+
+    if isinstance(space, spaces.Dict):
+        return spaces.Dict({name: _kept(each) for name, each in space.spaces.items()})
+    if isinstance(space, spaces.Tuple):
+        return spaces.Tuple(map(_kept, space.spaces))
+    try:
+        serialize_space(space)
+    except NotImplementedError:
+        return spaces.Text(TEXT_LENGTH, min_length=0, charset=string.printable)
+    return space
+
+
+def _metadata(row: TableRow) -> dict[str, Any]:
+    return {name: row[name] for name in _METADATA if row[name] is not None}
+
+
+@contextmanager
+def _datasets_in(root: Path) -> Iterator[None]:
+    """Let Minari write below `root` inside the block."""
+    before = os.environ.get("MINARI_DATASETS_PATH")
+    os.environ["MINARI_DATASETS_PATH"] = str(root.resolve())  # it looks below a relative one twice
+    try:
+        with warnings.catch_warnings():
+            # it misses an address to write to and a link to the code, which a study need not have
+            warnings.filterwarnings("ignore", message=".* is set to None")
+            yield
+    finally:
+        if before is None:
+            del os.environ["MINARI_DATASETS_PATH"]
+        else:
+            os.environ["MINARI_DATASETS_PATH"] = before

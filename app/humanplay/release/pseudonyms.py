@@ -1,0 +1,225 @@
+"""A study's rows written into an empty database, every participant, player and session under a new pseudonym.
+
+Nothing is copied as a file. Identities, cookies' keys, completion codes and everything of other studies stay behind, and so
+do people who did not agree to the consent text, and episodes that were never finished.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from humanplay.db import chain
+from humanplay.db.columns import TABLES
+from humanplay.db.database import open_database, rows, stream, transaction
+from humanplay.db.erasure import ARRIVALS, ERASED
+from humanplay.release.errors import ReleaseError
+from humanplay.series.flow import Arrivals, arrivals_of, with_invitations, with_noted
+from humanplay.series.invitations import Invitation
+
+PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
+KEPT_SETTINGS = ("modality", "palette", "keys")
+_AGREED = "study = ? AND consent_ms IS NOT NULL ORDER BY joined_ms, id"
+_PEOPLE = f"SELECT * FROM participants WHERE {_AGREED}"
+_OF = "participant_id IN (SELECT id FROM participants WHERE study = ? AND consent_ms IS NOT NULL)"
+_EPISODE_IDS = (
+    f"SELECT episode_id FROM series_episodes WHERE {_OF}"
+    " AND episode_id IN (SELECT id FROM episodes WHERE ended_ms > 0)"
+)
+_SELECTS = {
+    "episodes": f"SELECT * FROM episodes WHERE id IN ({_EPISODE_IDS}) ORDER BY started_ms, id",
+    "steps": f"SELECT * FROM steps WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id, step",
+    "series_episodes": f"SELECT * FROM series_episodes WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id",
+    "input_events": f"SELECT * FROM input_events WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id, number",
+    "stage_events": f"SELECT * FROM stage_events WHERE {_OF} ORDER BY participant_id, number",
+}
+
+
+class Pseudonyms:
+    """Pseudonyms made with one release's key; without the key nobody can find the id of a pseudonym."""
+
+    def __init__(self, key: bytes) -> None:
+        self._key = key
+        self.known: dict[str, str] = {}
+
+    def of(self, table: str, ident: str | None) -> str | None:
+        """Return the pseudonym of an id, remembered; None for none."""
+        if ident is None:
+            return None
+        made = self.once(PREFIXES[table], ident, table)
+        assert made is not None
+        self.known[ident] = made
+        return made
+
+    def once(self, prefix: str, ident: str | None, table: str = "") -> str | None:
+        """Return the pseudonym of an id that stands nowhere else, so that no text is looked through for it; None for none."""
+        if ident is None:
+            return None
+        message = f"{table or prefix}|{ident}".encode()
+        return prefix + hmac.new(self._key, message, hashlib.sha256).hexdigest()[:12]
+
+
+def write_pseudonymized(
+    source: sqlite3.Connection,
+    study: str,
+    target: Path,
+    key: bytes,
+    closed: tuple[int | None, str | None],
+    arrivals: Arrivals,
+) -> dict[str, int]:
+    """Write the study's rows into a new database at `target`, with a chain of its own, in one file; return what was left out.
+
+    source  a connection that reads one moment
+    key     of this release's pseudonyms; forget it afterwards
+    closed  (closed_ms, the secret in hex) of a closed study, (None, None) of an open one
+    arrivals  people who stay out, counted
+    """
+    pseudonyms = Pseudonyms(key)
+    conn: sqlite3.Connection = open_database(target).conn
+    try:
+        with transaction(conn):
+            conn.execute("PRAGMA defer_foreign_keys = ON")
+            conn.execute("INSERT INTO meta VALUES (:name, :value)", _arrivals_row(study, arrivals))
+            for name, found in _rows(source, study, pseudonyms, closed):
+                table = TABLES[name]
+                conn.execute(table.insert(), [found[column] for column in table.names()])
+            chain.append_all(conn, chain.things(conn))
+            chain.append_marks(conn, chain.said_alone(source, study))
+        conn.execute("PRAGMA journal_mode = DELETE")
+        conn.execute("VACUUM")
+    finally:
+        conn.close()
+    return _left_out(source, study)
+
+
+def _rows(
+    source: sqlite3.Connection,
+    study: str,
+    pseudonyms: Pseudonyms,
+    closed: tuple[int | None, str | None],
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    for row in rows(source, "SELECT * FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%"):
+        yield "meta", row
+    row = rows(source, "SELECT * FROM series WHERE name = ?", study)[0]
+    yield "series", {**row, "closed_ms": closed[0], "secret": closed[1]}
+    people = rows(source, _PEOPLE, study)
+    yield from _players_and_sessions(source, study, people, pseudonyms)
+    for person in people:
+        pseudonyms.of("participants", person["id"])
+    pseudonymizer = RowPseudonymizer(pseudonyms, _identities(source, study))
+    for person in people:
+        invitation = pseudonyms.once("I", person["invitation"])
+        row = {**_without_traces(person), "invitation": invitation}
+        yield "participants", pseudonymizer.row("participants", row)
+    for table, sql in _SELECTS.items():
+        for row in stream(source, sql, study):
+            yield table, pseudonymizer.row(table, row)
+
+
+def _without_traces(person: dict[str, Any]) -> dict[str, Any]:
+    """Return a participant's row without the completion code and with the settings that are covariates alone."""
+    settings = json.loads(person["settings"])
+    kept = {name: settings[name] for name in KEPT_SETTINGS if name in settings}
+    return {**person, "completion_code": None, "settings": json.dumps(kept, sort_keys=True)}
+
+
+def _players_and_sessions(
+    source: sqlite3.Connection, study: str, people: list[dict[str, Any]], pseudonyms: Pseudonyms
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Return the players and sessions that the people and their episodes refer to."""
+    played_on = f"SELECT DISTINCT session_id FROM episodes WHERE id IN ({_EPISODE_IDS})"
+    used = {row["session_id"] for row in rows(source, played_on, study)}
+    used |= {person["session_id"] for person in people if person["session_id"]}
+    one = "SELECT * FROM sessions WHERE id = ?"
+    sessions = [row for ident in sorted(used) for row in rows(source, one, ident)]
+    players = {person["player_id"] for person in people}
+    players |= {row[name] for row in sessions for name in ("player_id", "owner_id")}
+    for ident in sorted(players - {None}):
+        for row in rows(source, "SELECT * FROM players WHERE id = ?", ident):
+            yield "players", {**row, "id": pseudonyms.of("players", ident)}
+    for row in sorted(sessions, key=lambda row: row["created_ms"]):
+        owners = {name: pseudonyms.of("players", row[name]) for name in ("player_id", "owner_id")}
+        ident = pseudonyms.of("sessions", row["id"])
+        yield "sessions", {**row, **owners, "id": ident, "rival_of": None}
+
+
+class RowPseudonymizer:
+    """Replaces every id in a row by its pseudonym, in the columns for ids and inside free text."""
+
+    def __init__(self, pseudonyms: Pseudonyms, identities: Mapping[str, str]) -> None:
+        self._pseudonyms = pseudonyms
+        self._identities = identities
+        self._texts: dict[str, str] = {}
+
+    def row(self, table: str, row: dict[str, Any]) -> dict[str, Any]:
+        """Return the row renamed; ReleaseError when its free text holds an identity."""
+        for name, (of, _) in TABLES[table].references().items():
+            if of in PREFIXES:
+                row[name] = self._pseudonyms.of(of, row[name])
+        if table in PREFIXES:
+            row["id"] = self._pseudonyms.of(table, row["id"])
+        for column in TABLES[table].columns("database"):
+            if column.is_free and row[column.name] is not None:
+                row[column.name] = self._text(row[column.name], f"{table}.{column.name}")
+        return row
+
+    def _text(self, text: str, place: str) -> str:
+        if text not in self._texts:
+            for value, what in self._identities.items():
+                if value in text:
+                    raise ReleaseError(
+                        f"{place} holds somebody's {what}: nothing was written; correct that row and try again"
+                    )
+            made = text
+            for ident, pseudonym in self._pseudonyms.known.items():
+                made = made.replace(ident, pseudonym)
+            self._texts[text] = made
+        return self._texts[text]
+
+
+def _identities(source: sqlite3.Connection, study: str) -> dict[str, str]:
+    """Return the outside ids of a study's people that are too long to be part of other text by chance: value -> its name."""
+    sql = "SELECT name, value FROM identities WHERE participant_id IN (SELECT id FROM participants WHERE study = ?)"
+    return {value: name for name, value in source.execute(sql, [study]) if len(value) >= 5}
+
+
+def _left_out(source: sqlite3.Connection, study: str) -> dict[str, int]:
+    """Return how many unfinished episodes, and people who did not consent, a release does not hold."""
+    sql = f"""SELECT (SELECT count(*) FROM series_episodes WHERE {_OF}) - (SELECT count(*) FROM ({_EPISODE_IDS})),
+        (SELECT count(*) FROM participants WHERE study = ? AND consent_ms IS NULL)"""
+    found = source.execute(sql, (study, study, study)).fetchone()
+    return dict(zip(("open_episodes", "without_consent"), found, strict=True))
+
+
+def count_arrivals(
+    conn: sqlite3.Connection, study: str, invitations: Mapping[str, Invitation] | None
+) -> Arrivals:
+    """Return the arrivals of a study in the database that a release is made from.
+
+    invitations  of the study by id, where its folder is at hand
+    """
+    undecided = """SELECT coalesce(sum(stage = 'withdrawn'), 0) AS declined, coalesce(sum(stage <> 'withdrawn'), 0) AS undecided
+        FROM participants WHERE study = ? AND kind = 'human' AND consent_ms IS NULL"""
+    (counted,) = rows(conn, undecided, study)
+    erased = rows(conn, "SELECT value FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%")
+    noted = rows(conn, "SELECT value FROM meta WHERE name = ?", f"{ARRIVALS}|{study}")
+    before = json.loads(noted[0]["value"]) if noted else {}
+    kept = [json.loads(row["value"]) for row in erased]
+    found = with_noted(arrivals_of(**counted, erased=kept), before)
+    if invitations is None:
+        return found
+    sql = "SELECT invitation FROM participants WHERE study = ? AND invitation IS NOT NULL"
+    opened = rows(conn, sql, study)
+    return with_invitations(found, invitations, [row["invitation"] for row in opened])
+
+
+def _arrivals_row(study: str, arrivals: Arrivals) -> dict[str, str]:
+    """Return the row of the table `meta` that holds a study's arrivals; the erased have rows of their own there."""
+    counts = {name: n for name, n in asdict(arrivals).items() if not name.startswith("erased")}
+    return {"name": f"{ARRIVALS}|{study}", "value": json.dumps(counts, sort_keys=True)}

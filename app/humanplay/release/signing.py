@@ -1,0 +1,174 @@
+"""Ed25519 signatures of releases, and whose they are as far as that is known here: a given key's, a pinned one's, or unknown.
+
+The key lies next to the database, its public half in every release. A valid signature proves that the holder of this key wrote
+exactly these files. That the key is a certain group's has to be learnt elsewhere, from their paper say; a fingerprint that was
+checked once can be pinned, so that the next bundle of the same group is known.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from humanplay.release.errors import ReleaseError, library
+from marsexplorer.files import write_whole
+
+SIGNERS_FORMAT = "marsexplorer-signers-1"
+
+
+def key_path(database: Path) -> Path:
+    """Return where a database's signing key lies."""
+    return database.with_name(database.name + "-signing-key")
+
+
+def signing_key(database: Path) -> Any:
+    """Return the Ed25519 key next to a database, made on first use and readable by its owner alone."""
+    serialization, ed25519 = _libraries()
+    path = key_path(database)
+    if not path.exists():
+        form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
+        key = ed25519.Ed25519PrivateKey.generate()
+        drawn = key.private_bytes(*form, serialization.NoEncryption())
+        try:
+            handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with os.fdopen(handle, "wb") as file:
+                file.write(drawn)
+        except FileExistsError:
+            pass  # another release drew it a moment ago
+        except OSError as error:
+            why = (error.strerror or str(error)).lower()
+            raise ReleaseError(f"cannot write the signing key {path}: {why}") from error
+    try:
+        return serialization.load_pem_private_key(path.read_bytes(), None)
+    except (OSError, ValueError, TypeError) as error:
+        raise ReleaseError(
+            f"cannot read the signing key {path}: {error}; restore it, or move it away to have a new one drawn"
+        ) from error
+
+
+def public_pem(key: Any) -> bytes:
+    """Return the public half as PEM, for the release."""
+    serialization, _ = _libraries()
+    form = serialization.PublicFormat.SubjectPublicKeyInfo
+    pem: bytes = key.public_key().public_bytes(serialization.Encoding.PEM, form)
+    return pem
+
+
+def fingerprint(pem: bytes) -> str:
+    """Return SHA-256 (hex) of a public key's raw 32 bytes; ReleaseError when it is no Ed25519 key."""
+    serialization, _ = _libraries()
+    raw = _public(pem).public_bytes(serialization.Encoding.Raw, serialization.PublicFormat.Raw)
+    return hashlib.sha256(raw).hexdigest()
+
+
+def is_signed(pem: bytes, signature: bytes, message: bytes) -> bool:
+    """Return whether the signature over the message is this key's."""
+    from cryptography.exceptions import InvalidSignature
+
+    try:
+        _public(pem).verify(signature, message)
+    except InvalidSignature:
+        return False
+    return True
+
+
+def _public(pem: bytes) -> Any:
+    serialization, ed25519 = _libraries()
+    try:
+        key = serialization.load_pem_public_key(pem)
+    except ValueError as error:
+        raise ReleaseError("PUBLIC_KEY.pem is not a public key: get the release again") from error
+    if not isinstance(key, ed25519.Ed25519PublicKey):
+        raise ReleaseError("PUBLIC_KEY.pem is not an Ed25519 key: get the release again")
+    return key
+
+
+def _libraries() -> tuple[Any, Any]:
+    where = "cryptography.hazmat.primitives"
+    return library(f"{where}.serialization"), library(f"{where}.asymmetric.ed25519")
+
+
+@dataclass(frozen=True)
+class SignerCheck:
+    """What is known of a bundle's signer.
+
+    fingerprint  of the key that signed it, SHA-256 (hex)
+    known_by     `key`: the one that was asked for; `pin`: a pinned one; None: the signer was not checked
+    other        fingerprint of another key that is pinned for the same study, if there is one
+    """
+
+    fingerprint: str
+    known_by: Literal["key", "pin"] | None
+    other: str | None = None
+
+    def sentence(self) -> str:
+        """Return what is known, in words."""
+        if self.known_by == "key":
+            return f"signer checked: {self.fingerprint} is the key that was given"
+        if self.known_by == "pin":
+            return f"signer checked: {self.fingerprint} is a pinned key"
+        known = f", and it is not {self.other}, the key that is pinned for this study"
+        changed = known if self.other else ""
+        return (
+            f"signer not checked: nothing here says whose key {self.fingerprint} is{changed}; "
+            "give the fingerprint that its owners published with --key"
+        )
+
+
+def fingerprint_of(given: str) -> str:
+    """Return the fingerprint (hex) of a key: given as one, or as the file of a public key; ReleaseError for neither."""
+    path = Path(given)
+    if path.is_file():
+        return fingerprint(path.read_bytes())
+    if re.fullmatch(r"[0-9a-fA-F]+", given):
+        return given.lower()
+    known = "a fingerprint (64 hexadecimal digits) or the file of a public key"
+    raise ReleaseError(f"--key takes {known}, got {given!r}")
+
+
+def check_signer(manifest: Mapping[str, Any], key: str | None, pins: Path) -> SignerCheck:
+    """Return what is known of the signer whom a manifest names; whether the signature is valid is `check_files`' to say.
+
+    key   the fingerprint that was asked for, which `check_files` compares; None: only the pinned keys are looked at
+    pins  the file of pinned keys; it need not exist
+    """
+    found = str(manifest.get("signer"))
+    pinned = read_pins(pins)
+    study = manifest.get("protocol_hash")
+    others = [name for name, about in pinned.items() if about.get("protocol_hash") == study]
+    other = next((name for name in others if name != found), None)
+    if key is not None:
+        return SignerCheck(found, "key" if key == found else None, other)
+    return SignerCheck(found, "pin" if found in pinned else None, other)
+
+
+def pin(pins: Path, manifest: Mapping[str, Any]) -> None:
+    """Add the signer of a manifest to the file of pinned keys."""
+    about = {name: manifest.get(name) for name in ("study", "authors", "protocol_hash")}
+    about["pinned"] = datetime.now(UTC).isoformat(timespec="seconds")
+    signers = {**read_pins(pins), str(manifest["signer"]): about}
+    content = {"format": SIGNERS_FORMAT, "signers": signers}
+    pins.parent.mkdir(parents=True, exist_ok=True)
+    with write_whole(pins) as file:
+        file.write(json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n")
+
+
+def read_pins(pins: Path) -> dict[str, dict[str, Any]]:
+    """Return fingerprint -> what was noted when it was pinned; ReleaseError for a file that is none of pinned keys."""
+    if not pins.exists():
+        return {}
+    try:
+        content = json.loads(pins.read_bytes())
+        if content["format"] != SIGNERS_FORMAT:
+            raise ValueError(f"format {content['format']!r}")
+        return dict(content["signers"])
+    except (ValueError, KeyError, TypeError) as error:
+        way_out = "correct it, or move it away"
+        raise ReleaseError(f"{pins} is no file of pinned keys ({error}): {way_out}") from error

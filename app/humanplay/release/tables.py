@@ -1,0 +1,114 @@
+"""The tables of a release, written from its own database by the queries of `queries.sql`: Parquet and CSV."""
+
+from __future__ import annotations
+
+import csv
+import re
+import sqlite3
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import cache
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from humanplay.db.columns import BUNDLE_TABLES, bundle_table
+from humanplay.db.database import rows, stream
+from humanplay.db.export import csv_cell
+from humanplay.db.trial import Trial
+from humanplay.release.errors import library
+from humanplay.task import Run, rules_of
+
+QUERIES = Path(__file__).with_name("queries.sql")
+TableRow = dict[str, Any]
+ROWS_PER_GROUP = 20_000
+"""The rows of one group in a Parquet file."""
+
+PARQUET = tuple(name for name in BUNDLE_TABLES if name != "scores")
+"""The tables that are Parquet files; every table is a CSV file."""
+
+
+@cache
+def queries() -> dict[str, str]:
+    """Return table -> its SELECT."""
+    parts = re.split(r"^-- table: (\w+)$", QUERIES.read_text(encoding="utf-8"), flags=re.M)
+    pairs = zip(parts[1::2], parts[2::2], strict=True)
+    return {name: text.strip().removesuffix(";") for name, text in pairs}
+
+
+def select(conn: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a table from a bundle's database, columns in their order, truth values as such and actions by name."""
+    columns = bundle_table(table)[1]
+    truths = [column.name for column in columns if column.type == "boolean"]
+    actions = _actions(conn) if table == "steps" else ()
+    for row in stream(conn, queries()[table]):
+        for name in truths:
+            row[name] = None if row[name] is None else bool(row[name])
+        if table == "steps":
+            row["action"] = actions[row["action"]]
+        yield {column.name: row[column.name] for column in columns}
+
+
+def _actions(conn: sqlite3.Connection) -> Sequence[str]:
+    """Return the names of the actions of the task that a bundle's episodes are all of, by code."""
+    found = rows(conn, "SELECT task FROM episodes LIMIT 1")
+    return rules_of(found[0]["task"]).actions if found else ()
+
+
+def released_episodes(conn: sqlite3.Connection) -> Iterator[tuple[TableRow, Run]]:
+    """Yield every episode of a release's database, oldest first: its row of the table of episodes, and its replay."""
+    for header in select(conn, "episodes"):
+        (row,) = rows(conn, "SELECT * FROM episodes WHERE id = ?", header["episode"])
+        of_episode = "SELECT * FROM steps WHERE episode_id = ? ORDER BY step"
+        steps = rows(conn, of_episode, header["episode"])
+        trial = Trial.of(row)
+        yield header, trial.rules.replay_record(trial.record(steps))
+
+
+def write_tables(folder: Path, conn: sqlite3.Connection) -> dict[str, int]:
+    """Write every table of a release, as CSV and all but `scores` as Parquet; return the rows by file.
+
+    In CSV what is absent is empty, and truth values are true and false. In Parquet each column carries its meaning.
+    """
+    (folder / "parquet").mkdir()
+    (folder / "csv").mkdir()
+    found: dict[str, int] = {}
+    for table in BUNDLE_TABLES:
+        names = [f"csv/{table}.csv", *([f"parquet/{table}.parquet"] if table in PARQUET else [])]
+        with ExitStack() as stack:
+            opened = [_WRITERS[Path(name).suffix](folder / name, table) for name in names]
+            writers = [stack.enter_context(each) for each in opened]
+            count, selected = 0, select(conn, table)
+            while group := list(islice(selected, ROWS_PER_GROUP)):
+                count += len(group)
+                for write in writers:
+                    write(group)
+        found |= dict.fromkeys(names, count)
+    return found
+
+
+@contextmanager
+def _csv(path: Path, table: str) -> Iterator[Callable[[list[TableRow]], None]]:
+    columns = bundle_table(table)[1]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([each.name for each in columns])
+        yield lambda group: writer.writerows(
+            [csv_cell(row[each.name], each.type) for each in columns] for row in group
+        )
+
+
+@contextmanager
+def _parquet(path: Path, table: str) -> Iterator[Callable[[list[TableRow]], None]]:
+    pa, pq = library("pyarrow"), library("pyarrow.parquet")
+    text, integer, real, boolean = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+    kinds = {"text": text, "integer": integer, "real": real, "boolean": boolean}
+    schema = pa.schema(
+        pa.field(each.name, kinds[each.exported_type], each.optional, {"description": each.meaning})
+        for each in bundle_table(table)[1]
+    )
+    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+        yield lambda group: writer.write_table(pa.Table.from_pylist(group, schema=schema))
+
+
+_WRITERS = {".csv": _csv, ".parquet": _parquet}

@@ -1,0 +1,297 @@
+"""A study's report from its data: who enters, the figures, the comparisons, the deviations and the cautions."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from humanplay.report.cautions import cautions, deviations, study_deviations
+from humanplay.report.checklist import checklist, exposure
+from humanplay.report.costs import CostSummary, renamed, why_not_judged
+from humanplay.report.model import (
+    SYNTHETIC,
+    GroupReport,
+    Metric,
+    PlayerRow,
+    PolicyRow,
+    PolicyRun,
+    Report,
+)
+from humanplay.report.statistics.attestation_summary import attestation_summary
+from humanplay.report.statistics.comparisons import (
+    FEWEST_TO_TEST,
+    PolicyComparison,
+    compare_policy,
+    holm,
+    player_means,
+    policy_p,
+)
+from humanplay.report.statistics.exclusion_sets import (
+    METRICS,
+    Cohort,
+    Everybody,
+    MetricName,
+    everybody_of,
+    members,
+    people_of,
+    scripts_of,
+    statuses,
+)
+from humanplay.report.statistics.first_attempts import first_attempts
+from humanplay.report.statistics.formatting import utc
+from humanplay.report.statistics.intervals import INTERVAL_IN_WORDS
+from humanplay.report.statistics.learning import assess_learning, trial_means
+from humanplay.report.statistics.spread import iqm, iqm_interval, variance_components
+from humanplay.report.statistics.study_figures import (
+    headline,
+    interval_for,
+    status_rows,
+    study_figures,
+    worst_value,
+)
+from humanplay.series.data import StudyData
+from humanplay.series.flow import Status, participant_flow
+from humanplay.series.policy_episodes import tested_policies
+from humanplay.series.protocol import Protocol
+from humanplay.task import MARS, rules_of
+from marsexplorer.intervals import Floats
+
+ESTIMAND = (
+    "The mean, over players and terrains like these, of a player's mean: every player weighs the same. Per protocol: of those "
+    "who finished as the protocol asks. Everybody: of those who began a ranked episode. A difference is claimed only where "
+    "both estimates show it."
+)
+Pictures = Mapping[str, dict[str, Any]]
+
+
+def build(
+    data: StudyData,
+    runs: Sequence[PolicyRun] = (),
+    synthetic: bool = False,
+    pictures: Pictures | None = None,
+    costs: Mapping[str, CostSummary] | None = None,
+) -> Report:
+    """Return the report of a study: over its people, or over its scripts when `synthetic`, never over both.
+
+    runs      policies on the ranked terrains (`humanplay.report.making.runs_of`); none: no comparisons
+    pictures  by group's name, what `summarize_groups` gives; none: no curves and visit maps
+    costs     by group's name, what `humanplay.report.costs.costs_of_people` gives; none: no costs
+    """
+    data = data.shown()
+    cohorts = scripts_of(data) if synthetic else [people_of(data)]
+    groups = []
+    for cohort in cohorts:
+        group = _group(data, cohort, runs, (pictures or {}).get(cohort.name, {}))
+        groups.append(_with_costs(data, cohort, group, costs or {}))
+    players = rules_of(data.protocol.task).players
+    names = [run.name if players is None else str(players.title(run.name)) for run in runs]
+    return Report(
+        study=data.protocol.name,
+        title=data.protocol.title,
+        synthetic=synthetic,
+        status="open" if data.closed_ms is None else "closed",
+        made_at=utc(time.time_ns() // 1_000_000),
+        software_version=version("humanplay"),
+        core_version=data.protocol.rules.version,
+        protocol_hash=data.protocol_hash,
+        commitment=data.commitment,
+        frozen_at=utc(data.frozen_ms),
+        closed_at=None if data.closed_ms is None else utc(data.closed_ms),
+        protocol=data.protocol.model_dump(mode="json"),
+        estimand=ESTIMAND,
+        rule=INTERVAL_IN_WORDS,
+        interval_for=interval_for(data.protocol),
+        sentence=_sentence(data, groups, synthetic),
+        groups=tuple(groups),
+        policies=tuple(_policy_row(run, data.protocol.rules.successes) for run in runs),
+        deviations=study_deviations(data),
+        scripts=_script_counts(data),
+        checklist=() if synthetic else checklist(data, groups[0], names),
+    )
+
+
+def _script_counts(data: StudyData) -> dict[str, int]:
+    """Return how many scripted participants there are of each kind."""
+    scripts = [person.script or "script" for person in data.people if person.kind == "script"]
+    return dict(sorted(Counter(scripts).items()))
+
+
+def _group(
+    data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures: dict[str, Any]
+) -> GroupReport:
+    """Return everything about one group: its people or one kind of script."""
+    finished = members(cohort, data.protocol.per_protocol)
+    everybody = everybody_of(data, cohort)
+    by_person = statuses(data, cohort)
+    trials = [trial for own in cohort.ranked.values() for trial in own]
+    began = {trial.participant for trial in data.trials if trial.phase == "ranked"}
+    is_human = cohort.kind == "human"
+    protocol = data.protocol
+    worst: dict[str, float | None] = {
+        metric: worst_value(protocol.rules, protocol.env_config, metric) for metric in METRICS
+    }
+    return GroupReport(
+        name=cohort.name,
+        words=data.protocol.rules.words,
+        kind=cohort.kind,
+        joined=len(cohort.people),
+        started=len(began & set(cohort.ranked)),
+        finished=sum(person.completed_ms is not None for person in cohort.people),
+        left=_left(data, cohort),
+        stages=dict(sorted(Counter(person.stage for person in cohort.people).items())),
+        outcomes=dict(Counter(str(trial.outcome) for trial in trials)),
+        labels=dict(Counter(label for trial in trials for label in trial.labels)),
+        figures=study_figures(data, cohort, everybody),
+        worst=worst,
+        statuses=status_rows(data, cohort, everybody),
+        metrics=tuple(_metric(data, cohort, finished, metric) for metric in METRICS)
+        if finished
+        else (),
+        players=tuple(
+            _player_row(everybody.cohort, person, number, by_person[person])
+            for number, person in enumerate(members(everybody.cohort, {}), 1)
+        ),
+        comparisons=_comparisons(protocol, cohort, finished, everybody, runs),
+        deviations=deviations(data, cohort),
+        cautions=(),
+        first_attempts=first_attempts(cohort) if is_human else None,
+        exposure=exposure(data) if is_human else None,
+        flow=participant_flow(data.arrivals, by_person.values()) if is_human else None,
+        attestation=attestation_summary(data) if is_human else None,
+        repeated=dict(Counter(sign for person in cohort.people for sign in person.repeated)),
+        pictures=pictures,
+    )
+
+
+def _with_costs(
+    data: StudyData, cohort: Cohort, group: GroupReport, costs: Mapping[str, CostSummary]
+) -> GroupReport:
+    """Return a group's report with its costs, under the report's names, and with its cautions."""
+    people = members(everybody_of(data, cohort).cohort, {})
+    names = {person: f"P{number:02d}" for number, person in enumerate(people, 1)}
+    found = costs.get(cohort.name)
+    own = None if found is None else renamed(found, names)
+    reason = why_not_judged(data) if data.protocol.task == MARS else None
+    named = replace(group, costs=own, no_costs=reason)
+    return replace(named, cautions=cautions(data, named))
+
+
+def _left(data: StudyData, cohort: Cohort) -> int:
+    """Return how many have withdrawn, or had not finished when the study was closed."""
+    is_closed = data.closed_ms is not None
+    people = cohort.people
+    return sum(p.stage == "withdrawn" or (is_closed and p.completed_ms is None) for p in people)
+
+
+def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricName) -> Metric:
+    table = cohort.table(ids, metric)
+    several = min(table.shape) > 1 and not np.isnan(table).all(axis=0).any()
+    margin = data.protocol.equivalence_margin if metric == "steps" else None
+    return Metric(
+        name=metric,
+        mean=float(player_means(table).mean()),
+        iqm=iqm(table),
+        iqm_interval=iqm_interval(table) if several else None,
+        variance=variance_components(table),
+        learning=assess_learning(metric, cohort.table(ids, metric, "trial"), margin),
+        warm_up=trial_means(cohort.warm_up_table(ids, metric)),
+    )
+
+
+def _player_row(cohort: Cohort, person: str, number: int, status: Status) -> PlayerRow:
+    trials = cohort.ranked[person]
+    score, steps = (float(player_means(cohort.table([person], metric))[0]) for metric in METRICS)
+    explored = sum(trial.succeeded for trial in trials)
+    counts = {"episodes": len(trials), "explored": explored, "failed": len(trials) - explored}
+    return PlayerRow(f"P{number:02d}", score=score, steps=steps, status=status.value, **counts)
+
+
+def _comparisons(
+    protocol: Protocol,
+    cohort: Cohort,
+    finished: Sequence[str],
+    everybody: Everybody,
+    runs: Sequence[PolicyRun],
+) -> tuple[PolicyComparison, ...]:
+    """Return every policy's comparison in each metric; none where nobody finished, and without policies."""
+    if not finished or not runs:
+        return ()
+    began = members(everybody.cohort, {})
+    rows: list[PolicyComparison] = []
+    for metric in METRICS:
+        worst = worst_value(protocol.rules, protocol.env_config, metric)
+        second = None if worst is None else everybody.cohort.table(began, metric)
+        rows += _comparisons_in(protocol, metric, cohort.table(finished, metric), second, runs)
+    return tuple(rows)
+
+
+def _comparisons_in(
+    protocol: Protocol,
+    metric: MetricName,
+    finished: Floats,
+    everybody: Floats | None,
+    runs: Sequence[PolicyRun],
+) -> list[PolicyComparison]:
+    """Return every policy's comparison in one metric; of the primary one with the p values of the protocol's family.
+
+    finished, everybody  the tables of both estimates; no second one, no p: a difference is claimed where both claim it
+    """
+    # terrains that at least one player and every policy played
+    shared = ~np.isnan(finished).all(axis=0)
+    for run in runs:
+        shared &= ~np.isnan(run.values(metric))
+    values = {run.name: run.values(metric)[shared] for run in runs}
+    played = finished[:, shared]
+    players, random = played[~np.isnan(played).all(axis=1)], values.get("random")
+    if not len(players):
+        return []
+    worst, drawn = worst_value(protocol.rules, protocol.env_config, metric), protocol.terrains_drawn
+    rows = {
+        name: compare_policy(name, metric, own, players, random, worst, drawn)
+        for name, own in values.items()
+    }
+    if everybody is None:
+        return list(rows.values())
+    began = everybody[:, shared]
+    for name, own in values.items():
+        second = compare_policy(name, metric, own, began, None, worst, drawn)
+        rows[name] = replace(
+            rows[name], everybody=second.difference, everybody_interval=second.interval
+        )
+    family = [name for name in tested_policies(protocol) if name in rows]
+    if metric != protocol.primary_metric or not family or len(players) < FEWEST_TO_TEST:
+        return list(rows.values())
+    p_of = partial(policy_p, players, began, worst=worst, terrains_drawn=drawn)
+    p_values = np.array([p_of(values[name]) for name in family])
+    if not np.isnan(p_values).any():
+        for name, p, adjusted in zip(family, p_values, holm(p_values), strict=True):
+            rows[name] = replace(rows[name], p_value=float(p), p_adjusted=float(adjusted))
+    return list(rows.values())
+
+
+def _policy_row(run: PolicyRun, successes: frozenset[str]) -> PolicyRow:
+    known = ~np.isnan(run.score)
+    return PolicyRow(
+        name=run.name,
+        episodes=int(known.sum()),
+        score=float(run.score[known].mean()),
+        steps=float(run.steps[known].mean()),
+        completed=sum(outcome in successes for outcome in run.outcomes),
+        failed=sum(outcome in ("collided", "out_of_bounds", "failed") for outcome in run.outcomes),
+        pictures=run.pictures,
+    )
+
+
+def _sentence(data: StudyData, groups: Sequence[GroupReport], synthetic: bool) -> str:
+    """Return the headline of the report."""
+    if synthetic:
+        return SYNTHETIC if groups else f"{SYNTHETIC} No script has played this study."
+    per_protocol, everybody, *_ = groups[0].figures
+    return headline(data, per_protocol, everybody)

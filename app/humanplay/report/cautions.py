@@ -1,0 +1,252 @@
+"""Cautions that a reader needs before using a figure, and deviations of a study from its protocol: a sentence each."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
+
+from humanplay.db.trial import Trial
+from humanplay.report.statistics.exclusion_sets import Cohort, ended_ranked
+from humanplay.report.statistics.formatting import counted
+from humanplay.report.statistics.study_figures import StudyFigure
+from humanplay.series.data import StudyData
+from humanplay.series.files import iso
+from humanplay.series.flow import EARLY, STATUS_IN_WORDS, Status
+from humanplay.series.policy_episodes import closed_seeds
+from humanplay.series.protocol import protocol_hash
+from humanplay.series.seeds import commitment
+from humanplay.task import Words
+
+if TYPE_CHECKING:
+    from humanplay.report.model import GroupReport
+
+LEAST_PLAYERS = 10
+MOST_IN_NEITHER = 1 / 5
+"""Share of those who agreed and are in neither estimate, beyond which that is a caution."""
+
+
+def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
+    """Return the cautions that this study earned about a group's estimates."""
+    figure = group.figure
+    if not group.everybody.players:
+        return ()
+    found = []
+    if figure.players < data.protocol.players:
+        planned = f"{figure.players} of the {counted(data.protocol.players, 'player')} planned"
+        found.append(
+            f"{planned} {'is' if figure.players == 1 else 'are'} in the per-protocol estimate."
+        )
+    if 0 < figure.players < LEAST_PLAYERS:
+        are = "is" if figure.players == 1 else "are"
+        found.append(
+            f"{counted(figure.players, 'player')} {are} few: their spread, and with it every interval, is poorly known."
+        )
+    found += _about_bounds(data)
+    found += _about_who_is_missing(group)
+    if group.kind == "human":
+        found += _about_erased(data, group)
+        found += _about_neither(group)
+        found += _about_secret(data)
+        found += _about_other_studies(data)
+        found += _about_exports(data)
+    return tuple(found)
+
+
+def _about_who_is_missing(group: GroupReport) -> Iterable[str]:
+    """Yield who began and is in the estimate for everybody alone, with both means."""
+    finished, everybody = group.figure, group.everybody
+    if not (missing := everybody.players - finished.players):
+        return
+    why = ", ".join(
+        f"{STATUS_IN_WORDS[Status(row.status)]}: {row.people}"
+        for row in group.statuses
+        if row.in_everybody and not row.in_per_protocol
+    )
+    are = "is" if missing == 1 else "are"
+    yield (
+        f"{missing} of {counted(everybody.players, 'person', 'people')} who began a ranked episode {are} not in the "
+        f"per-protocol estimate ({why}): {_means(finished, group.words)} per protocol, {_means(everybody, group.words)} of "
+        "everybody."
+    )
+
+
+def _means(figure: StudyFigure, words: Words) -> str:
+    """Return the means of an estimate in words."""
+    found = []
+    if figure.score is not None:
+        found.append(f"mean score {figure.score.mean:.3f}")
+    if figure.steps is not None:
+        found.append(f"{figure.steps.mean:.1f} {words.steps}")
+    return ", ".join(found) or "nobody"
+
+
+def _about_erased(data: StudyData, group: GroupReport) -> Iterable[str]:
+    """Yield who is missing because they were erased, and what the means could be with them."""
+    arrivals = data.arrivals
+    if not arrivals.erased_began:
+        return
+    were = "was" if arrivals.erased_began == 1 else "were"
+    people = counted(arrivals.erased_began, "person", "people")
+    asked = ", ".join(f"{who} {count}" for who, count in arrivals.erased_asked_by.items())
+    yield (
+        f"{people} who had begun a ranked episode {were} erased; {arrivals.erased_finishers} of them had ended all. Of all "
+        f"erased, {arrivals.erased_after_closing} went after closing, when the estimates were known; asked for by: "
+        f"{asked or 'not said'}. {_ranges(group)}"
+    )
+
+
+def _ranges(group: GroupReport) -> str:
+    """Return the means without the erased, and had all been worst or best."""
+    found = []
+    for figure in (group.figure, group.everybody):
+        for mean, ends, form, name in (
+            (figure.score, figure.score_range, ".3f", "mean score"),
+            (figure.steps, figure.steps_range, ".1f", f"mean {group.words.steps}"),
+        ):
+            if mean is not None and ends is not None:
+                low, high = (f"{end:{form}}" for end in ends)
+                found.append(
+                    f"{figure.name}, {name}: {mean.mean:{form}} without them, {low} to {high} had all been best or all worst"
+                )
+    return f"{'; '.join(found)}." if found else "What the means would be with them is not known."
+
+
+def _about_neither(group: GroupReport) -> Iterable[str]:
+    """Yield that many of those who agreed are in neither estimate."""
+    if group.flow is None:
+        return
+    agreed, neither = group.flow.agreed, group.flow.count(Status.BOT, *EARLY)
+    if neither > MOST_IN_NEITHER * agreed:
+        are = "is" if neither == 1 else "are"
+        yield (
+            f"{neither} of {counted(agreed, 'person', 'people')} who agreed {are} in neither estimate: "
+            f"{group.flow.count(*EARLY)} began no ranked episode, {group.flow.count(Status.BOT)} played as bots throughout."
+        )
+
+
+def _about_bounds(data: StudyData) -> Iterable[str]:
+    """Yield that scores lie outside the bounds that their environment was said to have."""
+    low, high = data.protocol.rules.bounds(data.protocol.env_config)
+    scores = [each.score for each in ended_ranked(data, data.people) if each.score is not None]
+    if outside := sum(not low <= each <= high for each in scores):
+        yield (
+            f"{counted(outside, 'ranked episode')} of {len(scores)} ended with a score outside the bounds that were declared, "
+            f"{low:g} to {high:g}: what counts at the lowest score may be too good."
+        )
+
+
+def _about_secret(data: StudyData) -> Iterable[str]:
+    """Yield what may have been chosen with the secret, and so with the terrains."""
+    beacon = data.beacon
+    if beacon is None:
+        yield (
+            "No public beacon was named when the study was frozen: whoever froze it may have drawn one secret after another "
+            "and kept the one whose terrains suited best."
+        )
+    elif not beacon.is_public:
+        yield (
+            "The beacon that was named when the study was frozen is not one that this software knows: whoever signs its rounds "
+            "may have chosen the terrains."
+        )
+    if data.freezings > 1:
+        yield (
+            f"A study of this name was frozen {data.freezings} times, says the chain of its database: whoever froze it may "
+            "have chosen among as many secrets and protocols."
+        )
+
+
+def _about_other_studies(data: StudyData) -> Iterable[str]:
+    """Yield which other studies could have been reported in this one's place."""
+    if others := data.same_configuration:
+        named = ", ".join(f"{name} on {iso(frozen_ms)[:10]}" for name, frozen_ms in others)
+        which = counted(len(others), "other study", "other studies")
+        were = "was" if len(others) == 1 else "were"
+        yield (
+            f"{which} of this configuration {were} frozen, says the chain of its database: {named}. Which one is reported may "
+            "have been chosen by its result. Studies of other databases cannot be seen."
+        )
+
+
+def _about_exports(data: StudyData) -> Iterable[str]:
+    """Yield that somebody could see figures of people before the study was closed."""
+    if data.exports_ms:
+        days = sorted({iso(at_ms)[:10] for at_ms in data.exports_ms})
+        yield (
+            f"Its episodes were exported while it was open, on {', '.join(days)}: whoever read them knew figures of people "
+            "when it was decided how long to go on."
+        )
+
+
+SCRIPTED = "had a move made by a script: begun by a person, such an episode counts per protocol as abandoned"
+SPOILT = (
+    "was spoilt by a move that fits no press, after one that did; per protocol it counts as abandoned",
+    "were spoilt by a move that fits no press, after one that did; per protocol each counts as abandoned",
+)
+
+
+def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
+    """Return how a cohort's episodes deviated from the protocol."""
+    ranked = ended_ranked(data, cohort.people)
+    config, version = data.protocol.env_config.hash, data.protocol.core_version
+    seeds = closed_seeds(data)
+    kinds: dict[str | tuple[str, str], Callable[[Trial], bool]] = {
+        SCRIPTED: lambda trial: cohort.kind == "human" and trial.driver != "human",
+        "ran on another configuration than the protocol's": lambda trial: (
+            trial.config_hash != config
+        ),
+        f"ran on another core version than {version}": lambda trial: trial.core_version != version,
+        (
+            "was given up; it counts with its penalty and as max_steps",
+            "were given up; each counts with its penalty and as max_steps",
+        ): lambda trial: trial.outcome == "abandoned",
+        SPOILT: lambda trial: trial.attestation == "spoilt",
+        (
+            "carries a label of implausible input",
+            "carry a label of implausible input",
+        ): lambda trial: bool(trial.labels),
+        (
+            "was not on the terrain that the secret gives",
+            "were not on the terrain that the secret gives",
+        ): lambda trial: data.secret is not None and trial.seed != seeds.get(trial.terrain_index),
+    }
+    found = []
+    for ending, is_one in kinds.items():
+        trials = [trial for trial in ranked if is_one(trial)]
+        if trials:
+            one, many = (ending, ending) if isinstance(ending, str) else ending
+            people = counted(len({trial.participant for trial in trials}), "participant")
+            words = f"ranked episode of {people} {one}", f"ranked episodes of {people} {many}"
+            found.append(f"{counted(len(trials), *words)}.")
+    events = [event for person in cohort.people for event in person.events]
+    noted = Counter(detail["sentence"] for _, kind, detail in events if kind == "deviation")
+    for sentence, count in noted.items():
+        found.append(sentence if count == 1 else f"{sentence} (noted {count} times)")
+    return tuple(found)
+
+
+def study_deviations(data: StudyData) -> tuple[str, ...]:
+    """Return how the study as a whole deviated from what was frozen."""
+    found = []
+    if protocol_hash(data.protocol) != data.protocol_hash:
+        found.append("The protocol in the database is not the one whose hash was frozen.")
+    if data.secret and commitment(bytes.fromhex(data.secret)) != data.commitment:
+        found.append("The revealed secret is not the one that was committed to.")
+    signature = data.beacon_signature
+    if data.beacon and not (signature and data.beacon.has_signed(signature)):
+        which = "of the round that was named when the study was frozen"
+        found.append(f"The beacon's signature is not {which}.")
+    version = data.protocol.rules.version
+    if data.protocol.core_version != version:
+        found.append(
+            f"The protocol is for core version {data.protocol.core_version}; this report was made by version {version}."
+        )
+    early = [person for person in data.people if person.joined_ms < data.frozen_ms]
+    if early:
+        found.append(f"{counted(len(early), 'participant')} joined before the protocol was frozen.")
+    finished = sum(each.kind == "human" and each.completed_ms is not None for each in data.people)
+    if data.closed_ms is not None and finished != data.protocol.players:
+        found.append(
+            f"{counted(finished, 'person', 'people')} finished, {counted(data.protocol.players, 'was', 'were')} planned."
+        )
+    return tuple(found)

@@ -1,0 +1,381 @@
+"""The report's charts: drawn by matplotlib as SVG text that needs nothing from outside the page."""
+
+from __future__ import annotations
+
+import io
+import re
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+from itertools import zip_longest
+from textwrap import wrap
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from humanplay.report.model import GroupReport, Report
+from humanplay.report.statistics.formatting import counted
+from humanplay.report.statistics.intervals import Interval
+from humanplay.series.flow import BEGAN, EARLY, ENDED, STATUS_IN_WORDS, ParticipantFlow, Status
+
+PEOPLE_COLOUR = "#1b2733"
+POLICY_COLOURS = ("#c1440e", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""Okabe and Ito's colours, which colour-blind readers can distinguish, after the colour of Mars. People are drawn in ink."""
+DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
+MATPLOTLIB_STYLE: Any = {
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.edgecolor": "#5a6672",
+    "axes.linewidth": 0.7,
+    "xtick.color": "#3a4651",
+    "ytick.color": "#3a4651",
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+}
+_STYLE_LOCK = threading.Lock()
+"""matplotlib's style belongs to the process, so only one chart is drawn at a time."""
+
+GREY = "#7b8794"
+MAX_NAME = 18
+"""Characters of a policy's name in a chart; tables have it whole."""
+WIDTH = 5.6
+"""Inches: a phone's width still shows the letters."""
+
+
+def draw_svg(
+    name: str, height: float, draw: Callable[[Canvas], None], is_synthetic: bool, alt: str
+) -> str:
+    """Return a chart as an SVG element with its description; its ids begin with `name`, so that no two charts share one."""
+    with _STYLE_LOCK, matplotlib.rc_context({**MATPLOTLIB_STYLE, "svg.hashsalt": name}):
+        canvas = Canvas(figsize=(WIDTH, height))
+        draw(canvas)
+        if is_synthetic:
+            look: Any = {"fontsize": 46, "color": "#b00020", "alpha": 0.16, "rotation": 24}
+            canvas.text(0.5, 0.5, "SYNTHETIC", ha="center", va="center", **look)
+        # once: as the canvas's own engine it would do so in each of two passes of `savefig`, which then draws twice
+        ConstrainedLayoutEngine().execute(canvas)
+        written = io.StringIO()
+        nothing = {"Date": None, "Creator": None}
+        canvas.savefig(written, format="svg", transparent=True, metadata=nothing)
+    svg = written.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.S)
+    size = r' width="[\d.]+pt" height="[\d.]+pt"'
+    svg = re.sub(size, "", svg, count=1)
+    for element in set(re.findall(r'id="([^"]+)"', svg)):  # ids are one name space in a page
+        svg = re.sub(rf'(id="|#){re.escape(element)}(?=["\)])', rf"\g<1>{name}-{element}", svg)
+    return svg.replace("<svg", f'<svg role="img" aria-label="{escape(alt)}"', 1)
+
+
+def charts(report: Report, group: GroupReport) -> dict[str, str]:
+    """Return the group's charts as SVG by name; what has nothing to show is left out."""
+    found: dict[str, tuple[float, Callable[[Canvas], None], str]] = {}
+    if group.flow is not None and group.joined:
+        steps = flow_steps(group.flow)
+        alt = "; ".join(
+            " ".join([f"{each.label}: {each.count}", *(f"({why}: {n})" for why, n in each.lost)])
+            for each in steps
+        )
+        found["flow"] = 0.56 * flow_height(steps), partial(draw_flow, steps=steps), alt
+    if group.players:
+        alt = "Each player's mean score and mean steps, with both estimates and their intervals"
+        found["players"] = 3.4, partial(_players, group=group), alt
+    if group.metrics:
+        alt = "Mean score and steps of first attempts by ranked trial, with intervals"
+        found["learning"] = 3.6, partial(_learning, group=group), alt
+    if group.comparisons:
+        rows = len({each.policy for each in group.comparisons})
+        alt = "Policies over people: ratio of scores, human-normalized score, difference in steps"
+        forest = partial(_forest, group=group, called=report.called)
+        found["forest"] = (1.6 + 0.32 * rows, forest, alt)
+    policies = [(report.called(policy.name), policy.pictures) for policy in report.policies]
+    shown = [(group.name, group.pictures), *policies]
+    if group.pictures.get("curve") or any(pictures for _, pictures in policies):
+        curves = partial(_curves, curves=[(name, own.get("curve")) for name, own in shown])
+        found["curves"] = 3.0, curves, "Mean coverage against steps"
+        maps = [(name, own["visits"]) for name, own in shown if own.get("visits")]
+        alt = "How often the rover stands on each cell of the grid"
+        height = 2.05 * -(-len(maps) // 3) + 0.3
+        found["visits"] = height, partial(_visits, maps=maps), alt
+    return {
+        name: draw_svg(
+            f"{group.name}-{name}".replace(" ", "-"), height, draw, report.synthetic, alt
+        )
+        for name, (height, draw, alt) in found.items()
+    }
+
+
+def _players(canvas: Canvas, group: GroupReport) -> None:
+    titles = {"score": "Score", "steps": group.words.steps.capitalize()}
+    finished = Status.FINISHED.value
+    lists = {
+        name: sorted(
+            (getattr(player, name), player.status == finished)
+            for player in group.players
+            if np.isfinite(getattr(player, name))
+        )
+        for name in titles
+    }
+    tallest = max(max(_stacked([mean for mean, _ in players])) for players in lists.values())
+    for axes, (name, title) in zip(canvas.subplots(1, 2), titles.items(), strict=True):
+        players = lists[name]
+        heights = _stacked([mean for mean, _ in players])
+        for (mean, is_finished), height in zip(players, heights, strict=False):
+            fill = PEOPLE_COLOUR if is_finished else "none"
+            look: Any = {"markersize": 5, "alpha": 0.75, "markerfacecolor": fill}
+            axes.plot([mean], [height], "o", color=PEOPLE_COLOUR, **look)
+        estimates = [
+            ("per protocol", getattr(group.figure, name), POLICY_COLOURS[0]),
+            ("everybody", getattr(group.everybody, name), POLICY_COLOURS[1]),
+        ]
+        labels = []
+        for row, (label, estimate, colour) in enumerate(estimates):
+            labels.append(label if estimate is not None else f"{label} (none)")
+            y = -1.2 - row
+            if estimate is not None:
+                axes.plot([estimate.mean], [y], "D", color=colour, markersize=4)
+            if estimate is not None and estimate.interval is not None:
+                axes.plot(estimate.interval, [y, y], color=colour, linewidth=2.6)
+        places = [-1.2 - row for row in range(len(labels))]
+        axes.set_yticks(places, labels if name == "score" else [])
+        axes.set_ylim(-1.2 - len(labels) + 0.3, tallest + 1)
+        axes.axhline(-0.6, color="#c5ccd3", linewidth=0.6)
+        axes.set_title(title)
+        axes.set_xlabel(
+            f"mean of a player ({counted(len(players), 'player')}; hollow: not finished)"
+        )
+        axes.spines["left"].set_visible(False)
+        axes.tick_params(left=False)
+
+
+def _stacked(values: Sequence[float]) -> list[float]:
+    """Return heights that keep dots of sorted values apart."""
+    if not values:
+        return [0.0]
+    near = (values[-1] - values[0]) / 24 or 1.0
+    last: list[float] = []
+    heights = []
+    for value in values:
+        row = next((row for row, at in enumerate(last) if value - at > near), len(last))
+        last[row : row + 1] = [value]
+        heights.append(0.6 * row)
+    return heights
+
+
+def _learning(canvas: Canvas, group: GroupReport) -> None:
+    titles = {"score": "Score", "steps": group.words.steps.capitalize()}
+    line = {"marker": "o", "markersize": 3}
+    for axes, metric in zip(canvas.subplots(2, 1, sharex=True), group.metrics, strict=True):
+        trials = len(metric.learning.by_trial)
+        third = trials // 3
+        for low in (0.5, trials - third + 0.5):
+            axes.axvspan(low, low + third, color="#eceff2", zorder=0)
+        numbered = enumerate(metric.learning.by_trial, 1)
+        rows = [(number, *means) for number, (players, *means) in numbered if players]
+        banded = np.array([row for row in rows if row[2] is not None], np.float64).T
+        if banded.size:
+            bounds = (-np.inf, 1.0) if metric.name == "score" else (0.0, np.inf)
+            band = np.clip(banded[2:], *bounds)
+            axes.fill_between(banded[0], *band, color=POLICY_COLOURS[0], alpha=0.18, linewidth=0)
+        means = [row[0] for row in rows], [row[1] for row in rows]
+        axes.plot(*means, color=POLICY_COLOURS[0], linewidth=1.2, **line)
+        first = 1 - len(metric.warm_up)
+        practice = [(number, row[1]) for number, row in enumerate(metric.warm_up, first) if row[0]]
+        if practice:
+            hollow = {"color": GREY, "linewidth": 0.8, "markerfacecolor": "none"}
+            axes.plot(*zip(*practice, strict=True), **hollow, **line)
+        axes.set_title(titles[metric.name])
+    grey = "grey bands: first and last third; hollow: warm-up"
+    axes.set_xlabel(f"ranked trial, in the order played ({grey})")
+
+
+def _curves(canvas: Canvas, curves: Sequence[tuple[str, dict[str, Any] | None]]) -> None:
+    """Draw the coverage of people, who come first, and of policies."""
+    axes = canvas.subplots()
+    styles = (*zip(POLICY_COLOURS, DASHES, strict=True),)
+    for number, (name, curve) in enumerate(curves, -1):
+        colour, dash = styles[number % len(styles)] if number >= 0 else (PEOPLE_COLOUR, "-")
+        if curve:
+            width = 1.4 if number >= 0 else 2.2
+            look: Any = {"color": colour, "linestyle": dash, "linewidth": width}
+            axes.plot(curve["steps"], curve["mean"], label=_short(name), **look)
+            if curve["low"]:
+                low, high = np.clip(curve["low"], 0, 1), np.clip(curve["high"], 0, 1)
+                axes.fill_between(curve["steps"], low, high, color=colour, alpha=0.13, linewidth=0)
+    axes.axhline(0.99, color=GREY, linewidth=0.7, linestyle=":")
+    axes.set_ylim(0, 1.02)
+    axes.set_xlim(0)
+    axes.set_xlabel("moves")
+    axes.set_ylabel("coverage (dotted: 99 %)")
+    axes.legend(loc="lower right")
+
+
+def _visits(canvas: Canvas, maps: Sequence[tuple[str, list[list[float]]]]) -> None:
+    shares = [(name, 100 * np.array(visits) / (np.sum(visits) or 1)) for name, visits in maps]
+    most = max(float(np.quantile(share, 0.98)) for _, share in shares)
+    columns = min(3, len(maps))
+    grid = canvas.subplots(-(-len(maps) // columns), columns, squeeze=False).flat
+    image = None
+    for (name, share), axes in zip(shares, grid, strict=False):
+        image = axes.imshow(share, cmap="Blues", vmin=0, vmax=most or 1, interpolation="nearest")
+        axes.set_title(_short(name))
+        axes.set_xticks([])
+        axes.set_yticks([])
+        for spine in axes.spines.values():
+            spine.set_visible(True)
+    for axes in list(grid):
+        axes.set_visible(False)
+    if image is not None:
+        canvas.colorbar(image, ax=canvas.axes, shrink=0.7, label="% of moves", fraction=0.04)
+
+
+def _forest(canvas: Canvas, group: GroupReport, called: Callable[[str], str]) -> None:
+    score = [each for each in group.comparisons if each.metric == "score"]
+    steps = [each for each in group.comparisons if each.metric == "steps"]
+    who = group.name if group.kind == "human" else "players"
+    ratios = [(each.ratio, each.ratio_interval) for each in score]
+    normalized = [(each.normalized, each.normalized_interval) for each in score]
+    differences = [(each.difference, each.interval) for each in steps]
+    left, middle, right = canvas.subplots(1, 3, sharey=True)
+    _rows(left, ratios, f"policy / {who}", 1.0, "Score, ratio")
+    _rows(middle, normalized, f"0 random, 1 {who}", 1.0, "Score, normalized")
+    _rows(right, differences, f"policy − {who}", 0.0, "Steps, difference")
+    left.set_yticks(range(len(score)), [_short(called(row.policy)) for row in score])
+
+
+def _short(name: str) -> str:
+    """Return a policy's name as a chart has room for it: words on lines, and the end of what is long, such as a file's path."""
+    if " " in name:
+        return "\n".join(wrap(name, MAX_NAME))
+    return name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}"
+
+
+def _rows(
+    axes: Axes,
+    rows: Sequence[tuple[float | None, Interval | None]],
+    label: str,
+    none: float,
+    title: str,
+) -> None:
+    for y, (at, ends) in enumerate(rows):
+        if at is None:
+            continue
+        if ends is not None:
+            axes.plot(ends, [y, y], color=PEOPLE_COLOUR, linewidth=1.5)
+        axes.plot([at], [y], "s", color=POLICY_COLOURS[0], markersize=5)
+    axes.axvline(none, color=GREY, linewidth=0.8, linestyle=":")
+    axes.set_title(title)
+    axes.set_xlabel(label)
+    axes.tick_params(left=False)
+    axes.spines["left"].set_visible(False)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+
+
+BOX, INK, ARROW = "#f4ede6", "#1b2733", "#5a6672"
+MAIN_X, MAIN_WIDTH, ASIDE_X, ASIDE_WIDTH = 0.0, 4.6, 5.4, 4.6
+LINE, PADDING, GAP = 0.34, 0.26, 0.5
+"""Heights in the chart's units, of which ten are its width."""
+
+
+@dataclass(frozen=True)
+class FlowStep:
+    """A stage of the flow: how many reached it, and those who went no further, by reason.
+
+    detail  a second line, "" for none
+    """
+
+    label: str
+    count: int
+    detail: str = ""
+    lost: tuple[tuple[str, int], ...] = ()
+
+
+def flow_steps(flow: ParticipantFlow) -> list[FlowStep]:
+    """Return the stages of a study's flow."""
+    arrivals = flow.arrivals
+    steps = []
+    if arrivals.issued is not None:
+        lost = [("revoked", arrivals.revoked or 0), ("never opened", arrivals.unopened or 0)]
+        steps.append(_step("Invitations issued", arrivals.issued, lost))
+    without = _lost(flow, Status.DECLINED, Status.UNDECIDED, Status.ERASED)
+    steps.append(_step("Opened the study", flow.joined, without))
+    steps.append(_step("Agreed to take part", flow.agreed, _lost(flow, *EARLY)))
+    left = (status for status in (Status.BOT, *BEGAN) if status not in ENDED)
+    steps.append(_step("Began the ranked episodes", flow.began, _lost(flow, *left)))
+    not_counted = _lost(flow, *ENDED[1:])
+    steps.append(_step("Ended all ranked episodes", flow.count(*ENDED), not_counted))
+    return [*steps, FlowStep("Per protocol", flow.count(Status.FINISHED))]
+
+
+def _lost(flow: ParticipantFlow, *statuses: Status) -> list[tuple[str, int]]:
+    return [(STATUS_IN_WORDS[status], flow.count(status)) for status in statuses]
+
+
+def _step(label: str, count: int, lost: Sequence[tuple[str, int]]) -> FlowStep:
+    return FlowStep(label, count, lost=tuple((reason, number) for reason, number in lost if number))
+
+
+def flow_height(steps: Sequence[FlowStep]) -> float:
+    """Return the height of the drawing in its own units."""
+    return sum(map(_height, steps)) + GAP * (len(steps) - 1)
+
+
+def draw_flow(canvas: Canvas, steps: Sequence[FlowStep]) -> None:
+    """Draw the stages one below the other, with those who were lost beside the arrow that leads on."""
+    axes = canvas.subplots()
+    axes.set_axis_off()
+    axes.set_xlim(-0.05, 10.05)
+    axes.set_ylim(-flow_height(steps) - 0.05, 0.05)
+    top, centre = 0.0, MAIN_X + MAIN_WIDTH / 2
+    for step, below in zip_longest(steps, steps[1:]):
+        lines = [f"{step.label}: {step.count}", *([step.detail] if step.detail else [])]
+        middle = top - _height(step) / 2
+        _box(axes, MAIN_X, MAIN_WIDTH, middle, lines, is_bold=True)
+        if step.lost:
+            _arrow(axes, (MAIN_X + MAIN_WIDTH, middle), (ASIDE_X, middle))
+            lost = [f"{reason}: {count}" for reason, count in step.lost]
+            _box(axes, ASIDE_X, ASIDE_WIDTH, middle, lost)
+        top -= _height(step) + GAP
+        if below is not None:
+            next_top = top - (_height(below) - _box_height(1 + bool(below.detail))) / 2
+            _arrow(axes, (centre, middle - _box_height(len(lines)) / 2), (centre, next_top))
+
+
+def _height(step: FlowStep) -> float:
+    return max(_box_height(1 + bool(step.detail)), _box_height(len(step.lost)))
+
+
+def _box_height(lines: int) -> float:
+    return lines * LINE + 2 * PADDING if lines else 0.0
+
+
+def _box(
+    axes: Axes, x: float, width: float, middle: float, lines: Sequence[str], is_bold: bool = False
+) -> None:
+    from matplotlib.patches import Rectangle
+
+    height = _box_height(len(lines))
+    look: Any = {"facecolor": BOX if is_bold else "white", "edgecolor": ARROW, "linewidth": 0.8}
+    axes.add_patch(Rectangle((x, middle - height / 2), width, height, **look))
+    for number, line in enumerate(lines):
+        y = middle + height / 2 - PADDING - (number + 0.5) * LINE
+        weight = "bold" if is_bold and number == 0 else "normal"
+        look = {"fontsize": 8, "color": INK, "fontweight": weight}
+        axes.text(x + 0.2, y, line, va="center", ha="left", **look)
+
+
+def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
+    look = {"arrowstyle": "-|>", "color": ARROW, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", end, start, arrowprops=look)

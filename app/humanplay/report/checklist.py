@@ -1,0 +1,155 @@
+"""The human-baseline reporting checklist of Wei et al. 2025, filled from the study's database as far as possible.
+
+Items and numbers are those of the checklist in appendix B of "Recommendations and Reporting Checklist for Rigorous &
+Transparent Human Baselines in Model Evaluations" (arXiv 2506.13776); `checklist.txt` has their answers. What only the authors
+know is said to be missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from statistics import geometric_mean
+from typing import Any
+
+from humanplay.report.model import GroupReport, Item
+from humanplay.report.statistics.exclusion_sets import ended_ranked, people_of
+from humanplay.report.statistics.formatting import counted, utc
+from humanplay.report.statistics.planning import (
+    assumptions_in_words,
+    metric_in_words,
+    power_in_words,
+)
+from humanplay.report.statistics.study_figures import figure_sentence
+from humanplay.series.data import StudyData
+
+CITATION = "Wei et al. 2025, arXiv 2506.13776, appendix B"
+RECRUITMENT = {
+    "invitation": "By single-use invitations that the operator gave out.",
+    "panel": "Through a panel whose link names each participant.",
+    "open": "By a link that anybody could open.",
+}
+"""What the software knows of how participants came, by the protocol's `recruitment`."""
+UNSAID = "What people and agents see is not said in the environment's description."
+TEST = "Test of the paired differences over players and terrains, the inverse of the interval, adjusted by Holm's method."
+
+
+def checklist(data: StudyData, people: GroupReport, policies: Sequence[str]) -> tuple[Item, ...]:
+    """Return every item in order, from a study, the report of its people and the policies they are compared with."""
+    given = _given(data, people, policies)
+    text = Path(__file__).with_name("checklist.txt").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
+    items = (_item(line, given) for line in lines)
+    if not data.protocol.declarations.unanswered():
+        return tuple(items)
+    detail = "The protocol leaves declarations empty; the authors must state it."
+    undeclared = {"answer": "Missing", "detail": detail, "source": "missing"}
+    return tuple(
+        replace(each, **undeclared) if each.answer == "Declared" else each  # type: ignore[arg-type]
+        for each in items
+    )
+
+
+def _item(line: str, given: dict[str, Any]) -> Item:
+    number, source, *rest = (part.strip().format_map(given) for part in line.split("|"))
+    return Item(number, *rest, source)  # type: ignore[arg-type, call-arg]
+
+
+def exposure(data: StudyData) -> str:
+    """What is known of who met which ranked terrains when, and so may have told others."""
+    ranked = [trial for trial in data.trials if (trial.phase, trial.kind) == ("ranked", "human")]
+    if not ranked:
+        return "Nobody has begun a ranked episode."
+    terrains = data.protocol.ranked
+    met = "the same ranked terrain"
+    if terrains > 1:
+        met = f"the same {counted(terrains, 'ranked terrain')}, in orders that follow from the study's secret"
+    dates = f"the first began {utc(min(trial.started_ms for trial in ranked))}"
+    if ended := [trial.ended_ms for trial in ranked if trial.ended_ms is not None]:
+        dates += f", the last ended {utc(max(ended))}"
+    return f"Everybody met {met}; {dates}. Whether anybody told others of a terrain is not known."
+
+
+def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dict[str, Any]:
+    """Return what `checklist.txt` has in braces."""
+    protocol, words, players = data.protocol, people.words, people.figure.players
+    ranked = ended_ranked(data, [person for person in data.people if person.kind == "human"])
+    labelled = sum(bool(trial.labels) for trial in ranked)
+    played = [each for each in people.figures if each.players]
+    sets = [f"{each.name}: {figure_sentence(each, protocol)}" for each in played]
+    erased, finishers = data.arrivals.erased, data.arrivals.erased_finishers
+    lost = f" {counted(erased, 'more was', 'more were')} erased, {finishers} of whom had ended all ranked episodes."
+    is_compared, nobody = bool(policies and players), "Nobody has played."
+    return {
+        "protocol": protocol,
+        "people": people,
+        "title": protocol.rules.title,
+        "where": protocol.rules.where(protocol.env_config),
+        "seen": protocol.rules.sees(protocol.env_config) or UNSAID,
+        "played": counted(len(ranked), "episode"),
+        "terrains": counted(protocol.ranked, "terrain"),
+        "limit": counted(protocol.env_config.limit, "move"),
+        "break_every": counted(protocol.break_every, "ranked episode"),
+        "finished": counted(len(ranked), "finished ranked episode"),
+        "samples": len(ranked) / protocol.ranked,
+        **_power(data),
+        "frozen_at": utc(data.frozen_ms),
+        "hash": data.protocol_hash[:16],
+        "recruitment": RECRUITMENT[protocol.recruitment],
+        "questions": counted(len(protocol.questions), "question"),
+        "warm_up": counted(protocol.warm_up, "warm-up episode"),
+        "exposure": people.exposure,
+        "length": protocol.warm_up + protocol.ranked,
+        "excluded": people.started - players,
+        "erased": lost if erased else "",
+        "labelled": counted(labelled, "carries a label", "carry a label"),
+        "compared": "Yes" if is_compared else "No",
+        "policies": ", ".join(policies) or "none played",
+        "test": TEST if is_compared else "None.",
+        "metrics": f"{words.score[0].upper()}{words.score[1:]} and {words.steps}",
+        "sets": "; ".join(sets) or nobody,
+        "time": _human_time(data),
+        "unfinished": people.joined - people.finished,
+        "secret": "revealed when the study closes" if data.closed_ms is None else "revealed",
+        "software": version("humanplay"),
+    }
+
+
+def _human_time(data: StudyData) -> str:
+    """Say how long a ranked episode took, as METR rates tasks: by its successes, in geometric mean."""
+    ranked = [trial for own in people_of(data).ranked.values() for trial in own]
+    times_s = [max(trial.active_ms, 1.0) / 1000 for trial in ranked if trial.succeeded]
+    if not times_s:
+        return "No ranked episode succeeded." if ranked else "Nobody has played."
+    mean_s = geometric_mean(times_s)
+    shown = f"{mean_s:.1f} seconds" if mean_s < 120 else f"{mean_s / 60:.1f} minutes"
+    return (
+        f"Geometric mean {shown} of the {len(times_s)} of {counted(len(ranked), 'ranked episode')} that succeeded, without "
+        "pauses and time out of sight; arXiv 2503.14499 (C.1.4) rates tasks so. Failures are left out, so it is short where "
+        "many failed."
+    )
+
+
+def _power(data: StudyData) -> dict[str, str]:
+    """Whether the number of players was planned, as the protocol says."""
+    protocol, planned = data.protocol, data.protocol.power
+    if planned is None:
+        missing = "The protocol holds no power: it was not computed when the study was frozen."
+        return {
+            "power": "Missing",
+            "power_source": "missing",
+            "power_details": missing,
+            "effect": "None",
+            "effect_details": "Nothing was planned to be seen.",
+        }
+    return {
+        "power": "Yes",
+        "power_source": "protocol",
+        "power_details": f"{counted(protocol.players, 'player')}. {power_in_words(protocol)} {assumptions_in_words(protocol)}",
+        "effect": "None" if planned.lower is None else "Named",
+        "effect_details": "No policy is tested."
+        if protocol.policy_difference is None
+        else f"{protocol.policy_difference:g} {metric_in_words(protocol)}, named before the study.",
+    }

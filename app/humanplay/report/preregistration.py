@@ -1,0 +1,68 @@
+"""A study's preregistration as Markdown, from its protocol: what is fixed before anybody plays, and what is not.
+
+The sections are those of OSF's template for a preregistration (Bowman et al. 2016, OSF Prereg).
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from pathlib import Path
+
+from humanplay.report.build import ESTIMAND
+from humanplay.report.statistics.exclusion_sets import rule_in_words
+from humanplay.report.statistics.formatting import templates, utc
+from humanplay.report.statistics.intervals import INTERVAL_IN_WORDS
+from humanplay.report.statistics.planning import assumptions_in_words, power_in_words
+from humanplay.report.statistics.study_figures import EVERYBODY_RULE
+from humanplay.series.folder import Study
+from humanplay.series.plausibility import labels_of
+from humanplay.series.policy_episodes import tested_policies
+from humanplay.series.protocol import PER_PROTOCOL, Protocol
+
+RECRUITMENT = {
+    "open": "Anybody who has the link may take part.",
+    "invitation": "By single-use invitations: a link is used up when somebody agrees to the consent text.",
+    "panel": "Through a recruiting panel: its link names each participant, and each may take part once.",
+}
+ATTESTATION = {
+    "unattested": "no attestation is asked for",
+    "attested": "the server found an input event of its own for every move",
+    "supervised": "the server found an input event of its own for every move, and the operator was present",
+}
+
+
+def preregistration(protocol: Protocol, study: Study | None) -> str:
+    """Return the document.
+
+    protocol  with its texts filled in
+    study     the frozen study; None for a draft, of which a preview is made
+    """
+    words, is_score = protocol.rules.words, protocol.primary_metric == "score"
+    environment = templates(Path(__file__).parent / "templates", is_html=False)
+    environment.filters["utc"] = utc
+    return environment.get_template("preregistration.md.j2").render(
+        protocol=protocol,
+        declared={name: text or "TO BE STATED" for name, text in protocol.declarations},
+        config=protocol.env_config,
+        study=study,
+        words=words,
+        design=protocol.rules.design(protocol.env_config),
+        estimand=ESTIMAND,
+        recruitment=RECRUITMENT[protocol.recruitment],
+        attestation=ATTESTATION[protocol.required_attestation],
+        per_protocol=rule_in_words(protocol.per_protocol),
+        everybody=EVERYBODY_RULE,
+        sets={
+            name: rule_in_words(rules)
+            for name, rules in protocol.exclusion.items()
+            if name != PER_PROTOCOL
+        },
+        labels={**labels_of(protocol), **protocol.rules.own_labels},
+        rule=INTERVAL_IN_WORDS,
+        policies=tested_policies(protocol),
+        metric=words.score if is_score else words.steps,
+        other_metric=words.steps if is_score else words.score,
+        power=None if protocol.power is None else power_in_words(protocol),
+        assumptions=None if protocol.power is None else assumptions_in_words(protocol),
+        software=version("humanplay"),
+    )

@@ -1,0 +1,376 @@
+"""Who enters an estimate, and the tables players x terrains and players x trials that they give.
+
+Per protocol: an episode enters as it was played when its attestation reaches the level that the protocol requires and no move
+was a script's; one that was spoilt enters as abandoned. Everybody: each terrain of each person who began a ranked episode
+enters, as it was played or at the lowest score and the limit. Scripts' tables are made by the same rules, their moves allowed.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import partial
+from operator import attrgetter
+from typing import Any, Literal
+
+import numpy as np
+
+from humanplay.board.attestation import level_reaches, shows_program
+from humanplay.db.trial import LEFT, Required, Trial
+from humanplay.report.statistics.formatting import percent
+from humanplay.series.data import Person, StudyData
+from humanplay.series.flow import BEGAN, INTERRUPTED, STOPPED, Status
+from marsexplorer.intervals import Floats
+
+MetricName = Literal["score", "steps"]
+METRICS: tuple[MetricName, ...] = ("score", "steps")
+EVERYBODY = "everybody"
+
+
+class Lowest(StrEnum):
+    """Why a terrain enters the estimate for everybody at the lowest score."""
+
+    GIVEN_UP = "given_up"
+    NOT_ENDED = "not_ended"
+    BOT = "by_a_bot"
+    FAILED = "failed"
+    STOPPED = "stopped_by_rule"
+
+
+LOWEST_IN_WORDS: dict[Lowest, str] = {
+    Lowest.GIVEN_UP: "given up",
+    Lowest.NOT_ENDED: "not ended",
+    Lowest.BOT: "by a bot",
+    Lowest.FAILED: "failure of environment or server",
+    Lowest.STOPPED: "stopped by a rule",
+}
+
+
+@dataclass(frozen=True)
+class Cohort:
+    """The participants of one kind, and their finished ranked and warm-up episodes by participant, in the order played.
+
+    lowest  the score that an episode which was left counts with, minus infinity where none is known
+    """
+
+    name: str
+    kind: str
+    people: tuple[Person, ...]
+    ranked: Mapping[str, tuple[Trial, ...]]
+    warm_up: Mapping[str, tuple[Trial, ...]]
+    terrains: int
+    practice: int
+    lowest: float
+
+    def table(
+        self,
+        ids: Sequence[str],
+        metric: MetricName | Literal["completed"],
+        by: Literal["terrain", "trial"] = "terrain",
+    ) -> Floats:
+        """Return float64[players, ranked terrains or trials], NaN where not finished; completed is 0 or 1."""
+        column = "terrain_index" if by == "terrain" else "trial"
+        own = [self.ranked[person] for person in ids]
+        return _filled(own, self.terrains, attrgetter(column), partial(metric_value, metric=metric))
+
+    def warm_up_table(self, ids: Sequence[str], metric: MetricName) -> Floats:
+        """Return float64[players, warm-up trials], NaN where not finished."""
+        own = [self.warm_up[person] for person in ids]
+        value = partial(metric_value, metric=metric)
+        return _filled(own, self.practice, attrgetter("trial"), value)
+
+
+def _filled(
+    trials: Sequence[Sequence[Trial]],
+    columns: int,
+    column: Callable[[Trial], int],
+    value: Callable[[Trial], float],
+) -> Floats:
+    """Return a table with a row for each player's trials, NaN where there is none."""
+    found = np.full((len(trials), columns), np.nan)
+    for row, own in zip(found, trials, strict=True):
+        for each in own:
+            if 0 <= column(each) < columns:
+                row[column(each)] = value(each)
+    return found
+
+
+def metric_value(trial: Trial, metric: MetricName | Literal["completed"]) -> float:
+    """Return a finished trial's normalized score, its steps to 99 %, or whether it succeeded."""
+    if metric == "completed":
+        return float(trial.succeeded)
+    found = trial.score if metric == "score" else trial.steps_to_target
+    assert found is not None
+    return float(found)
+
+
+def ended_ranked(data: StudyData, people: Iterable[Person]) -> list[Trial]:
+    """Return the ranked episodes that some participants ended, whoever drove them."""
+    ids = {person.id for person in people}
+    ended = [each for each in data.trials if each.phase == "ranked" and each.ended_ms is not None]
+    return [each for each in ended if each.participant in ids]
+
+
+def people_of(data: StudyData) -> Cohort:
+    """Return the people of a study, with the episodes that may be seen of it now."""
+    shown = data.shown()
+    people = [person for person in shown.people if person.kind == "human"]
+    return _cohort(shown, "people", "human", people)
+
+
+def scripts_of(data: StudyData) -> list[Cohort]:
+    """Return a study's scripts, one cohort for each kind of script."""
+    scripts: dict[str, list[Person]] = {}
+    for person in data.people:
+        if person.kind == "script":
+            scripts.setdefault(person.script or "script", []).append(person)
+    return [_cohort(data, name, "script", own) for name, own in sorted(scripts.items())]
+
+
+def _cohort(data: StudyData, name: str, kind: str, people: list[Person]) -> Cohort:
+    protocol = data.protocol
+    ranked, warm_up = (_finished(data, people, kind, phase) for phase in ("ranked", "warm_up"))
+    lowest, _ = protocol.rules.bounds(protocol.env_config)
+    return Cohort(
+        name, kind, tuple(people), ranked, warm_up, protocol.ranked, protocol.warm_up, lowest
+    )
+
+
+def _finished(
+    data: StudyData, people: list[Person], kind: str, phase: str
+) -> dict[str, tuple[Trial, ...]]:
+    """Return each one's finished episodes of a phase that they drove themselves, a person's at the required level or spoilt."""
+    found: dict[str, list[Trial]] = {person.id: [] for person in people}
+    required = data.protocol.required_attestation
+    for trial in data.trials:
+        if trial.participant not in found or trial.phase != phase or trial.ended_ms is None:
+            continue
+        if _is_own(trial, required):
+            found[trial.participant].append(trial.as_left())
+        elif trial.attestation == "spoilt":
+            found[trial.participant].append(trial.forfeited())
+    return {id: tuple(sorted(own, key=attrgetter("trial"))) for id, own in found.items()}
+
+
+def _is_own(trial: Trial, required: Required) -> bool:
+    """Tell whether a participant made every move, a person at the required level."""
+    if trial.driver != trial.kind:
+        return False
+    return trial.kind != "human" or level_reaches(trial.attestation, required)
+
+
+def _is_by_bot(trial: Trial, required: Required) -> bool:
+    """Tell whether an ended episode shows that a program made some of its moves."""
+    if _is_own(trial, required):
+        return False
+    return trial.driver != trial.kind or shows_program(trial.attestation_reason)
+
+
+def statuses(data: StudyData, cohort: Cohort) -> dict[str, Status]:
+    """Return where everybody is who agreed, by participant.
+
+    Nobody sees an outcome of an open study: whoever has ended all is finished there.
+    """
+    inside = set(members(cohort, data.protocol.per_protocol))
+    own = _ranked(data, cohort)
+    return {
+        person.id: _status(data, cohort, person, own[person.id], person.id in inside)
+        for person in cohort.people
+        if person.consent_version is not None
+    }
+
+
+def _ranked(data: StudyData, cohort: Cohort) -> Mapping[str, list[Trial]]:
+    """Return each one's ranked episodes in the order begun, whoever drove them."""
+    found = defaultdict[str, list[Trial]](list)
+    for trial in data.trials:
+        if trial.phase == "ranked" and trial.kind == cohort.kind:
+            found[trial.participant].append(trial)
+    return found
+
+
+def _status(
+    data: StudyData, cohort: Cohort, person: Person, own: Sequence[Trial], is_inside: bool
+) -> Status:
+    """Return one person's status.
+
+    own        their ranked episodes in the order begun
+    is_inside  whether they are in the per-protocol estimate
+    """
+    required = data.protocol.required_attestation
+    is_interrupted = any(kind == INTERRUPTED for _, kind, _ in person.events)
+    has_withdrawn = person.stage == "withdrawn" and not is_interrupted
+    if not own:
+        if is_interrupted:
+            return Status.INTERRUPTED_EARLY
+        return Status.WITHDREW_EARLY if has_withdrawn else Status.NEVER_BEGAN
+    ended = [trial for trial in own if trial.ended_ms is not None]
+    # whoever made one first move is a person: bad episodes cannot be made to leave both estimates
+    if ended and all(_is_by_bot(each, required) and each.attestation != "spoilt" for each in ended):
+        return Status.BOT
+    if person.completed_ms is None:
+        if is_interrupted:
+            return Status.INTERRUPTED
+        if has_withdrawn:
+            return Status.WITHDREW
+        if data.closed_ms is None:
+            return Status.PLAYING
+        last = lowest_reason(data, person, own[-1])
+        by_last = {Lowest.FAILED: Status.FAILED, Lowest.STOPPED: Status.STOPPED}
+        return by_last.get(last, Status.LEFT) if last is not None else Status.LEFT
+    if is_inside or data.closed_ms is None:
+        return Status.FINISHED
+    if any(_is_by_bot(trial, required) for trial in own):
+        return Status.PARTLY_BOT
+    if len(cohort.ranked[person.id]) < cohort.terrains:
+        return Status.NOT_ATTESTED
+    most = data.protocol.per_protocol.get("most_given_up", 1.0)
+    is_over = given_up(cohort, person.id) > most
+    return Status.GAVE_UP if is_over or _lacks_score(cohort, person.id) else Status.EXCLUDED
+
+
+def lowest_reason(data: StudyData, person: Person, trial: Trial) -> Lowest | None:
+    """Return why a ranked episode counts at the lowest score; None where it counts as played."""
+    stopped = {detail.get("episode") for _, kind, detail in person.events if kind == STOPPED}
+    if trial.id in stopped:
+        return Lowest.STOPPED
+    if trial.outcome == "environment_failed":
+        return Lowest.FAILED
+    if trial.ended_ms is None:
+        return Lowest.NOT_ENDED
+    if _is_by_bot(trial, data.protocol.required_attestation):
+        return Lowest.BOT
+    if trial.outcome not in LEFT:
+        return None
+    is_cut_off = data.closed_ms is not None and trial.ended_ms >= data.closed_ms
+    return Lowest.NOT_ENDED if is_cut_off else Lowest.GIVEN_UP
+
+
+@dataclass(frozen=True)
+class Everybody:
+    """The cohort for the estimate over everybody who began a ranked episode.
+
+    reasons  by participant, why each terrain of theirs counts at the lowest score; None: as played
+    """
+
+    cohort: Cohort
+    reasons: Mapping[str, tuple[Lowest | None, ...]]
+
+
+def everybody_of(data: StudyData, cohort: Cohort) -> Everybody:
+    """Return everybody who began a ranked episode and is no bot, with all ranked terrains; nobody of an open study's people."""
+    people = {person.id: person for person in cohort.people}
+    is_shown = data.closed_ms is not None or cohort.kind != "human"
+    own = _ranked(data, cohort)
+    ranked: dict[str, tuple[Trial, ...]] = dict.fromkeys(cohort.ranked, ())
+    reasons: dict[str, tuple[Lowest | None, ...]] = {}
+    for ident, status in statuses(data, cohort).items():
+        if status not in BEGAN or not is_shown:
+            continue
+        by_terrain = {trial.terrain_index: trial for trial in own[ident]}
+        why = [
+            lowest_reason(data, people[ident], by_terrain[at])
+            if at in by_terrain
+            else Lowest.NOT_ENDED
+            for at in range(cohort.terrains)
+        ]
+        reasons[ident] = tuple(why)
+        ranked[ident] = tuple(
+            by_terrain[at] if reason is None else _at_lowest(own[ident][0], at, cohort)
+            for at, reason in enumerate(why)
+        )
+    return Everybody(replace(cohort, ranked=ranked), reasons)
+
+
+def _at_lowest(trial: Trial, terrain: int, cohort: Cohort) -> Trial:
+    """Return an episode of somebody on a terrain, given up before a move, at the lowest score."""
+    return replace(
+        trial,
+        terrain_index=terrain,
+        trial=cohort.terrains + terrain,
+        outcome="abandoned",
+        steps=0,
+        total=0.0,
+        score=cohort.lowest,
+        trajectory_hash=None,
+        labels=(),
+    )
+
+
+def unspoilt(trials: Iterable[Trial]) -> list[Trial]:
+    """Return those that were not spoilt, for what follows from moves: in the others some may be a script's."""
+    return [trial for trial in trials if trial.attestation != "spoilt"]
+
+
+def members(cohort: Cohort, rules: Mapping[Any, Any]) -> list[str]:
+    """Return the ids of those whom a set's rules let in, in the order of what they played.
+
+    That order says nothing of who joined when, and it is the same under other ids: sums, draws and the report's own pseudonyms
+    come out the same from an imported release, whose ids are pseudonyms.
+    """
+    people = [person for person in cohort.people if cohort.ranked[person.id]]
+    inside = [person.id for person in people if _enters(cohort, person, rules)]
+    return sorted(inside, key=lambda id: (_played(cohort.ranked[id]), _played(cohort.warm_up[id])))
+
+
+def _played(trials: Sequence[Trial]) -> list[tuple[int, int, float, float, str]]:
+    """Return terrain, trial, score, steps to 99 % and the hash of the trajectory of some trials, terrain by terrain."""
+    return sorted(
+        (
+            each.terrain_index,
+            each.trial,
+            metric_value(each, "score"),
+            metric_value(each, "steps"),
+            each.trajectory_hash or "",
+        )
+        for each in trials
+    )
+
+
+def _enters(cohort: Cohort, person: Person, rules: Mapping[Any, Any]) -> bool:
+    trials = cohort.ranked[person.id]
+    # trials that a script touched or below the required level are not among them: a person with one does not have all
+    whole = len({trial.terrain_index for trial in trials}) == cohort.terrains
+    if rules.get("completed") and (
+        person.completed_ms is None or not whole or _lacks_score(cohort, person.id)
+    ):
+        return False
+    if rules.get("all_ranked_driver_human") and not whole:
+        return False
+    if given_up(cohort, person.id) > rules.get("most_given_up", 1.0):
+        return False
+    if rules.get("no_labels") and any(trial.labels for trial in trials):
+        return False
+    most = rules.get("max_pause_share")
+    return most is None or all(trial.pause_share <= float(most) for trial in trials)
+
+
+def given_up(cohort: Cohort, participant: str) -> float:
+    """Return the share (0..1) of the ranked terrains that somebody gave up."""
+    trials = cohort.ranked[participant]
+    return sum(trial.outcome == "abandoned" for trial in trials) / cohort.terrains
+
+
+def _lacks_score(cohort: Cohort, participant: str) -> bool:
+    """Tell whether somebody left an episode that no lowest score is declared for: giving up would pay."""
+    return np.isinf(cohort.lowest) and any(
+        trial.outcome in LEFT for trial in cohort.ranked[participant]
+    )
+
+
+def rule_in_words(rules: Mapping[Any, Any]) -> str:
+    """Return who enters under a set's rules."""
+    words = []
+    if rules.get("completed"):
+        words.append("ended every ranked episode")
+    if rules.get("all_ranked_driver_human"):
+        words.append("made every move of them")
+    if (most := rules.get("most_given_up")) is not None:
+        words.append(f"gave up at most {percent(float(most))} of them")
+    if rules.get("no_labels"):
+        words.append("no ranked episode carries a label")
+    if (most := rules.get("max_pause_share")) is not None:
+        words.append(f"none was paused for more than {percent(float(most))} of its time")
+    return "; ".join(words) or "everybody who finished a ranked episode"

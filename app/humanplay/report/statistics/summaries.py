@@ -1,0 +1,178 @@
+"""Summaries of many episodes, of people and of policies alike: means with intervals, coverage against steps, visits, trials.
+
+An `EpisodeGroup` weighs once in a mean: a person with all their episodes, or one terrain of a policy. Intervals are 95 % t
+intervals over groups, as in `humanplay.report.statistics.human_level`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from humanplay.db.reader import Reader
+from humanplay.jobs import Progress
+from humanplay.report.statistics.exclusion_sets import (
+    Cohort,
+    members,
+    people_of,
+    scripts_of,
+    unspoilt,
+)
+from humanplay.report.statistics.human_level import mean_interval
+from humanplay.series.data import StudyData, trial_records
+from humanplay.task import Configuration, Record, Rules
+from marsexplorer.intervals import Floats, t_interval
+
+POINTS = 120
+"""Points of a drawn curve, at most."""
+
+
+@dataclass(frozen=True)
+class EpisodeSummary:
+    """One finished episode, as far as figures need it.
+
+    score        normalized
+    steps        to 99 %, `max_steps` where it was not reached
+    discoveries  discovered cells after 0, 1, ... moves, of `cells` that coverage refers to
+    path         (row, col) after 0, 1, ... moves
+    cells        that coverage refers to; None: all
+    """
+
+    outcome: str
+    score: float
+    steps: int
+    discoveries: Sequence[int] | NDArray[np.int32]
+    path: Sequence[tuple[int, int]] | NDArray[np.int16]
+    cells: int | None = None
+
+
+def summary_of(rules: Rules, run: Any) -> EpisodeSummary:
+    """Return what figures need of an ended run of a task with courses, in 8 bytes a move."""
+    record = run.record()
+    return EpisodeSummary(
+        outcome=record.outcome,
+        score=record.score,
+        steps=record.steps if record.outcome in rules.successes else record.config.limit,
+        discoveries=np.array(run.counts(), np.int32),
+        path=np.array(run.path, np.int16),
+        cells=run.cells,
+    )
+
+
+def summary_of_record(rules: Rules, record: Record) -> EpisodeSummary:
+    """Return what figures need of a record, replayed; ValueError where it is another version's."""
+    return summary_of(rules, rules.replay_record(record))
+
+
+EpisodeGroup = Sequence[EpisodeSummary]
+
+
+def summarize_episodes(config: Configuration, groups: Sequence[EpisodeGroup]) -> dict[str, Any]:
+    """Return everything that is shown of some groups (at least one, none of them empty)."""
+    return {
+        "groups": len(groups),
+        "episodes": sum(map(len, groups)),
+        "score": mean_interval([_mean(each.score for each in group) for group in groups]),
+        "steps": mean_interval([_mean(each.steps for each in group) for group in groups]),
+        "completed": _mean(_mean(each.outcome == "explored" for each in own) for own in groups),
+        **curve_and_visits(config, groups),
+    }
+
+
+def curve_and_visits(config: Configuration, groups: Sequence[EpisodeGroup]) -> dict[str, Any]:
+    """Return {"curve": `coverage_curve`, "visits": `visit_counts`} of some groups; nothing for none."""
+    if not groups:
+        return {}
+    return {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)}
+
+
+def _mean(values: Iterable[float]) -> float:
+    return float(np.mean(list(values)))
+
+
+def coverage_curve(config: Configuration, groups: Sequence[EpisodeGroup]) -> dict[str, list[Any]]:
+    """Return mean coverage (0..1) with its interval at some step counts; an episode that has ended keeps what it had."""
+    longest = max(len(each.discoveries) for group in groups for each in group) - 1
+    steps = np.unique(np.linspace(0, longest, min(POINTS, longest + 1)).astype(np.int64))
+    held = [
+        [_held(each.discoveries, steps) * (config.n / (each.cells or config.n)) for each in group]
+        for group in groups
+    ]
+    means = np.array([np.mean(group, axis=0) for group in held]) / config.n
+    low, high = map(_short, t_interval(means.T)) if len(means) > 1 else ([], [])
+    return {"steps": steps.tolist(), "mean": _short(means.mean(axis=0)), "low": low, "high": high}
+
+
+def visit_counts(config: Configuration, groups: Sequence[EpisodeGroup]) -> list[list[float]]:
+    """Return how often the rover is on each cell in a mean episode, [rows][cols]; the start counts."""
+    total = np.zeros((config.rows, config.cols))
+    for group in groups:
+        for each in group:
+            cells = np.array(each.path)
+            inside = ((cells >= 0) & (cells < total.shape)).all(axis=1)  # a last move may lead out
+            np.add.at(total, tuple(cells[inside].T), 1 / len(group))
+    return [_short(row, 3) for row in total / len(groups)]
+
+
+def trial_summaries(groups: Sequence[EpisodeGroup], most: int = 60) -> list[dict[str, Any]]:
+    """Return per trial (each person's first, second, ... episode) how many made it, and their mean score and steps."""
+    found = []
+    for number in range(min(most, max(map(len, groups)))):
+        there = [group[number] for group in groups if len(group) > number]
+        score = mean_interval([each.score for each in there])
+        steps = mean_interval([float(each.steps) for each in there])
+        found.append({"trial": number + 1, "players": len(there), "score": score, "steps": steps})
+    return found
+
+
+def _held(discoveries: Sequence[int] | NDArray[np.int32], steps: NDArray[np.int64]) -> Floats:
+    """Return the discovered cells at `steps`, the last ones after the end."""
+    known = np.array(discoveries, np.float64)
+    return known[np.minimum(steps, len(known) - 1)]
+
+
+def _short(values: Floats, digits: int = 4) -> list[float]:
+    return [round(float(value), digits) for value in values]
+
+
+def summarize_groups(
+    reader: Reader, data: StudyData, synthetic: bool, progress: Progress | None = None
+) -> dict[str, dict[str, Any]]:
+    """Return {"curve", "visits"} by group's name, over the ranked episodes of everybody (a player weighs once).
+
+    Nothing where episodes have no courses. Those of another core version cannot be replayed, and spoilt ones are not their
+    player's: both are left out.
+    progress: (episodes replayed, in all)
+    """
+    if data.protocol.rules.courses is None:
+        return {}
+    cohorts = scripts_of(data) if synthetic else [people_of(data)]
+    total = sum(len(unspoilt(own)) for cohort in cohorts for own in cohort.ranked.values())
+    done = 0
+
+    def advance() -> None:
+        nonlocal done
+        done += 1
+        if progress:
+            progress(done, total)
+
+    return {cohort.name: _pictures(reader, data, cohort, advance) for cohort in cohorts}
+
+
+def _pictures(
+    reader: Reader, data: StudyData, cohort: Cohort, advance: Callable[[], None]
+) -> dict[str, Any]:
+    groups: list[Sequence[EpisodeSummary]] = []
+    for person in members(cohort, {}):
+        own = []
+        for trial, record in trial_records(reader, unspoilt(cohort.ranked[person])):
+            if trial.core_version == trial.rules.version:
+                own.append(summary_of_record(trial.rules, record))
+            advance()
+        if own:
+            groups.append(own)
+    return curve_and_visits(data.protocol.env_config, groups)

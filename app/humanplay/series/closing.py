@@ -1,0 +1,148 @@
+"""The end of a study: what is open is abandoned then, and who was at it is counted apart from who had left."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from humanplay.board.attestation import Conditions, attest_stored, key_map_of
+from humanplay.board.clock import controls_of
+from humanplay.db.reader import Reader
+from humanplay.db.series import StudyStore, find_study, participants, study_trials, trial_activity
+from humanplay.db.store import Closing, Store, StoreError
+from humanplay.db.study_rows import SeriesRow, is_same_study
+from humanplay.db.trial import Trial
+from humanplay.series.flow import INTERRUPTED
+from humanplay.series.folder import Folder, Study
+from humanplay.series.protocol import StudyError
+from humanplay.task import Record, Rules, counted
+
+_log = logging.getLogger(__name__)
+UNNOTED = (
+    "the study {!r} is closed, but {} has not taken note, and holds episodes of it that are open: they count as abandoned "
+    "then. Wait until its server has, or start one on it"
+)
+ACTIVE_MS = 10 * 60_000
+"""Who has moved within this time before the end is interrupted by it; who has not had left."""
+
+
+def close_study(
+    folder: Folder, reader: Reader | None, name: str, now_ms: int, now: bool, seals: bool = False
+) -> Study:
+    """Close a study and return it; StudyError while somebody is at it, unless `now`.
+
+    reader  of the database in which it is played; None where there is none
+    seals   keep its terrains secret (`Folder.close`)
+    """
+    if not now:
+        check_nobody_is_at_it(folder, reader, name, now_ms)
+    return folder.close(name, seals)
+
+
+def check_nobody_is_at_it(folder: Folder, reader: Reader | None, name: str, now_ms: int) -> None:
+    """StudyError where somebody has moved in a running study within the last ten minutes."""
+    active = 0 if reader is None else len(_active(reader, name, now_ms))
+    if not active or not folder.study(name).is_running:
+        return
+    is_of_agents = folder.study(name).protocol.agents is not None
+    words = ("agent has", "agents have") if is_of_agents else ("person has", "people have")
+    raise StudyError(
+        f"{counted(active, *words)} moved in {name!r} within the last ten minutes: nothing was closed; wait until they have "
+        "finished, or close it now (--now), which abandons their episodes and counts them as interrupted"
+    )
+
+
+def note_closed(store: Store, study: Study, left: Mapping[str, Record] | None = None) -> list[str]:
+    """Write the end of a closed or sealed study into the database, if anybody had joined it, and abandon what is open in it.
+
+    Return the sessions whose episodes were abandoned. A running study, or one whose end is written already, changes nothing.
+
+    left  `left_record` of each of `left_open`; None: they are replayed here, where an environment is not guarded
+    """
+    known, row = StudyStore(store), find_study(store, study.name)
+    ended_ms = _unnoted_ms(study, row)
+    if ended_ms is None or row is None:
+        return []
+    with store.transaction():
+        for participant_id in _active(store, study.name, ended_ms) if row.sealed_ms is None else ():
+            known.add_stage_event(participant_id, ended_ms, INTERRUPTED, {})
+        opened = left_open(store, study)
+        for trial, steps in opened:
+            record = left_record(trial, steps, trial.rules) if left is None else left.get(trial.id)
+            if record is None:
+                raise StoreError(f"an episode of {study.name!r} has begun just now: try again")
+            store.next_episode([_abandoned(store, known, trial, steps, record, ended_ms)], ())
+        known.note_closed(study.row())
+    return [trial.session_id for trial, _ in opened]
+
+
+def _unnoted_ms(study: Study, row: SeriesRow | None) -> int | None:
+    """Return when a study ended whose end is still to be written; None where nothing is."""
+    ended_ms = study.closed_ms if study.sealed_ms is None else study.sealed_ms
+    if row is None or row.closed_ms is not None or not is_same_study(row, study):
+        return None
+    return None if study.is_open and row.sealed_ms is not None else ended_ms
+
+
+def left_open(reader: Reader, study: Study) -> list[tuple[Trial, list[dict[str, Any]]]]:
+    """Return the open episodes, with their moves, of a study whose end is still to be written; else nothing."""
+    if _unnoted_ms(study, find_study(reader, study.name)) is None:
+        return []
+    running = [trial for trial in study_trials(reader, study.name) if trial.ended_ms is None]
+    return [(trial, reader.steps(trial.id)) for trial in running]
+
+
+def left_record(trial: Trial, steps: Sequence[Mapping[str, Any]], rules: Rules) -> Record:
+    """Return what an open episode comes to, given up after its moves: by these alone where it cannot be replayed."""
+    actions = bytes(step["action"] for step in steps)
+    try:
+        return rules.replay(trial, actions, True).record()
+    except Exception as error:  # an environment may raise anything
+        _log.warning("episode %s cannot be replayed and is closed as stored: %r", trial.id, error)
+    total = sum(step["reward"] for step in steps)
+    came_to = {
+        "outcome": "abandoned",
+        "total": total,
+        "score": trial.rules.forfeited_score(trial, "timed_out", total, total),
+        "steps": len(steps),
+        "discovered": steps[-1]["discovered"] if steps else 0,
+        "trajectory_hash": "",
+        "core_version": trial.core_version,
+    }
+    return trial.rules.record(trial, actions, came_to)
+
+
+def _active(reader: Reader, name: str, now_ms: int) -> list[str]:
+    """Return the people, and agents with cards, who have moved shortly before a time, and have not come to their end."""
+    unfinished = {
+        person.id
+        for person in participants(reader, name)
+        if (person.kind == "human" or person.invitation is not None)
+        and person.completed_ms is None
+        and person.stage not in ("withdrawn", "complete")
+    }
+    acts = [each for each in trial_activity(reader, name) if each.moved_ms is not None]
+    moved = {each.participant for each in acts if now_ms - (each.moved_ms or 0) < ACTIVE_MS}
+    return sorted(unfinished & moved)
+
+
+def _abandoned(
+    store: Store,
+    known: StudyStore,
+    trial: Trial,
+    steps: Sequence[Mapping[str, Any]],
+    record: Record,
+    at_ms: int,
+) -> Closing:
+    """Return what closes a running episode: given up where it stands."""
+    at_ms = max(at_ms, trial.started_ms, *(step["server_ms"] for step in steps))
+    if trial.kind != "human":
+        return Closing(trial.id, record, at_ms)
+    settings = known.settings(trial.participant)
+    supervised_ms = known.supervised_ms(trial.participant)
+    keys = key_map_of(trial.rules.keys, settings)
+    controls = controls_of(trial.rules, settings) if trial.rules.clock else ()
+    conditions = Conditions(trial.started_ms, keys, supervised_ms, controls=controls)
+    attested = attest_stored(store, trial.id, conditions)
+    return Closing(trial.id, record, at_ms, attested.level, attested.reason)

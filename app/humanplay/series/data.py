@@ -1,0 +1,227 @@
+"""A study as the database holds it: its protocol, its people, their trials. What report, release and admin begin with.
+
+Nothing here comes from the table of identities.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from humanplay.db.input_events import input_events
+from humanplay.db.reader import Reader
+from humanplay.db.series import (
+    count_freezings,
+    erased_people,
+    exports_while_open,
+    find_study,
+    move_inputs,
+    noted_arrivals,
+    of_same_configuration,
+    participants,
+    stage_events,
+    study_names,
+    study_trials,
+)
+from humanplay.db.trial import ParticipantKind, Trial
+from humanplay.series.active_time import active_ms, pause_share
+from humanplay.series.beacon import Beacon
+from humanplay.series.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
+from humanplay.series.plausibility import plausibility_labels
+from humanplay.series.policy_files import PolicyFiles
+from humanplay.series.protocol import Protocol, StudyError, parse_protocol
+from humanplay.task import Record
+
+
+@dataclass(frozen=True)
+class Person:
+    """A participant, or a script that took part.
+
+    script        what plays, for kind `script`
+    joined_ms     milliseconds since 1970, as all times
+    completed_ms  when the last ranked episode ended; None before
+    settings      modality, palette, keys
+    events        stage events: (at_ms, kind, detail), in order
+    invitation    whether an invitation brought them
+    supervised    whether the operator's code was typed at least once
+    repeated      signs that they take part more than once, in words (`humanplay.series.flow`); none is no proof
+    """
+
+    id: str
+    kind: ParticipantKind
+    script: str | None
+    stage: str
+    joined_ms: int
+    consent_version: str | None
+    completed_ms: int | None
+    settings: dict[str, Any]
+    events: tuple[tuple[int, str, dict[str, Any]], ...] = field(default=(), repr=False)
+    invitation: bool = False
+    supervised: bool = False
+    repeated: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class StudyData:
+    """Everything figures are made from. `secret` is hex, known here once the study is closed.
+
+    beacon    whose round was named at freezing, and its signature (hex); None without one
+    freezings how often a study of this name was frozen, as the chain of its database says; 0 where none is known
+    same_configuration  (name, frozen_ms) of all other studies of its configuration, as the chain says
+    exports_ms  when its episodes were exported while it was open, as the chain says
+    arrivals  people before they agreed; a release's holds nobody who did not, and counts them
+    policy_files  of the policies that it is compared with
+    """
+
+    protocol: Protocol
+    protocol_hash: str
+    commitment: str
+    frozen_ms: int
+    closed_ms: int | None
+    secret: str | None = field(repr=False)
+    people: tuple[Person, ...]
+    trials: tuple[Trial, ...] = field(repr=False)
+    beacon: Beacon | None = None
+    beacon_signature: str | None = None
+    freezings: int = 0
+    same_configuration: tuple[tuple[str, int], ...] = ()
+    exports_ms: tuple[int, ...] = ()
+    arrivals: Arrivals = field(default_factory=Arrivals)
+    policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False)
+
+    def shown(self) -> StudyData:
+        """Return the data as they may be seen: people's episodes of an open study look unfinished.
+
+        A figure that moves while people play tempts to stop where it pleases, and ten looks miss the
+        truth in 19 % of studies instead of 5 % (Armitage, McPherson and Rowe 1969). So nobody sees a
+        figure of people before the study is closed. Scripts are no people: theirs are always shown.
+        """
+        if self.closed_ms is not None:
+            return self
+        people = {person.id for person in self.people if person.kind == "human"}
+        trials = tuple(_unfinished(t) if t.participant in people else t for t in self.trials)
+        return replace(self, trials=trials)
+
+    def progress_sentence(self) -> str:
+        """Return what stands in the place of an open study's figure: how many have finished."""
+        ended = (each for each in self.people if each.completed_ms is not None)
+        finished = sum(each.kind == "human" for each in ended)
+        told = f"{finished} of {self.protocol.players} have finished."
+        return f"No figure is shown until the study is closed: {told}"
+
+    def with_policies_in(self, folder: Path) -> StudyData:
+        """Return the same data with the policies' files kept in a folder."""
+        return replace(self, policy_files=self.policy_files.at(folder))
+
+    def seeds(self) -> dict[int, int]:
+        """Return the seeds of the ranked terrains that somebody has begun, by index; secret while the study is open."""
+        ranked = (each for each in self.trials if each.phase == "ranked")
+        return {each.terrain_index: each.seed for each in ranked if each.seed is not None}
+
+
+def _unfinished(trial: Trial) -> Trial:
+    """Return an episode without anything that its end would tell; the tutorial's tells nothing."""
+    if trial.phase == "tutorial":
+        return trial
+    ends = ("outcome", "steps", "score", "total", "discovered", "ended_ms", "trajectory_hash")
+    unknown: Any = dict.fromkeys(ends)
+    return replace(trial, **unknown, pause_share=0.0, active_ms=0.0, labels=())
+
+
+def load(source: Reader | Path | str, study: str) -> StudyData:
+    """Return a study's data as of one moment; StudyError when the database has no such study, StoreError when it is not ours.
+
+    source  an open reader, or the path of a database
+    """
+    if isinstance(source, Reader):
+        return _load(source, study)
+    reader = Reader.open(source)
+    try:
+        with reader.snapshot():
+            return _load(reader, study)
+    finally:
+        reader.close()
+
+
+def trial_records(reader: Reader, trials: Iterable[Trial]) -> Iterator[tuple[Trial, Record]]:
+    """Yield each finished trial with its cause, ready to be replayed."""
+    for trial in trials:
+        if trial.ended_ms is not None:
+            yield trial, reader.load_record(trial.id)
+
+
+def _load(reader: Reader, study: str) -> StudyData:
+    row = find_study(reader, study)
+    if row is None:
+        known = ", ".join(study_names(reader)) or "none"
+        where = f"{study!r} in {reader.path}"
+        raise StudyError(f"nobody has joined a study {where}; studies in it: {known}")
+    people = _people(reader, study)
+    protocol = parse_protocol(json.loads(row.protocol))
+    return StudyData(
+        protocol=protocol,
+        protocol_hash=row.protocol_hash,
+        commitment=row.commitment,
+        frozen_ms=row.frozen_ms,
+        closed_ms=row.closed_ms,
+        secret=row.secret,
+        people=people,
+        trials=tuple(_with_input(reader, each, protocol) for each in study_trials(reader, study)),
+        beacon=Beacon.parse(row.beacon),
+        beacon_signature=row.beacon_signature,
+        freezings=count_freezings(reader, study),
+        same_configuration=tuple(of_same_configuration(reader, row)),
+        exports_ms=tuple(exports_while_open(reader, study, row.commitment)),
+        arrivals=with_noted(_arrivals(reader, study, people), noted_arrivals(reader, study)),
+        policy_files=PolicyFiles.of(protocol),
+    )
+
+
+def _arrivals(reader: Reader, study: str, people: Sequence[Person]) -> Arrivals:
+    """Return the counts of people before they agreed, and of the erased."""
+    undecided = [each for each in people if each.kind == "human" and each.consent_version is None]
+    declined = sum(person.stage == "withdrawn" for person in undecided)
+    return arrivals_of(declined, len(undecided) - declined, erased_people(reader, study))
+
+
+def _people(reader: Reader, study: str) -> tuple[Person, ...]:
+    events = defaultdict(list)
+    for event in stage_events(reader, study):
+        events[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
+    names = ("id", "kind", "script", "stage", "joined_ms", "consent_version", "completed_ms")
+    found = participants(reader, study)
+    agreed = (row.invitation for row in found if row.consent_ms is not None)
+    used = Counter(each for each in agreed if each is not None)
+    return tuple(
+        Person(
+            **{name: getattr(row, name) for name in names},
+            settings=json.loads(row.settings),
+            events=tuple(events[row.id]),
+            invitation=row.invitation is not None,
+            supervised=row.supervised_ms is not None,
+            repeated=repeated_reasons(
+                events[row.id], shares_invitation=used[row.invitation or ""] > 1
+            ),
+        )
+        for row in found
+    )
+
+
+def _with_input(reader: Reader, trial: Trial, protocol: Protocol) -> Trial:
+    """Return an episode with what its input says, which is read and dropped: a study's may be larger than memory."""
+    moves, inputs = move_inputs(reader, trial.id), input_events(reader, trial.id)
+    clock = trial.rules.clock
+    labels = plausibility_labels(moves, inputs, clock, protocol.max_late, trial.outcome)
+    if trial.ended_ms is not None:
+        labels += trial.rules.labels(trial, [row["discovered"] for row in moves])
+    quiet_ms = 1000 * protocol.pause_after_s
+    return replace(
+        trial,
+        pause_share=pause_share(moves, inputs, quiet_ms, clock),
+        active_ms=active_ms(moves, inputs, trial.started_ms, quiet_ms, clock),
+        labels=labels,
+    )

@@ -1,0 +1,233 @@
+"""Where everybody is who came to a study: one status a person, and how many people have each.
+
+So that one person does not count as two, signs that somebody takes part more than once are noted, as far as they can be known
+without observing people's devices: refused joins with the participant who was there before, and with a new participant whether
+their outside id is missing or known. An open link cannot stop anybody from joining twice with another browser.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from humanplay.series.invitations import Invitation
+
+
+REPEATED_JOIN = "repeated_join"
+"""Kind of the stage event of a further join; its detail is {"reason": one of Reason}."""
+
+INTERRUPTED = "interrupted"
+"""Kind of the stage event of somebody who was at an episode when the study was closed."""
+
+STOPPED = "stopped"
+"""Kind of the stage event of an episode that a rule of the protocol ended; its detail is {"episode": id}."""
+
+MAX_NOTED = 100
+"""Further joins that are noted of one participant."""
+
+Reason = Literal[
+    "invitation", "outside id", "another invitation", "another outside id", "after leaving"
+]
+SIGNS_IN_WORDS: dict[str, str] = {
+    "invitation": "their invitation was opened again elsewhere",
+    "shared": "somebody else agreed with their invitation on another server",
+    "outside id": "their outside id came again elsewhere",
+    "another invitation": "another invitation was opened in their browser",
+    "another outside id": "another outside id came in their browser",
+    "after leaving": "the study was opened again after leaving it",
+    "missing": "no outside id",
+    "repeated": "an outside id that somebody had before",
+}
+"""Each reason in words."""
+
+
+class Status(StrEnum):
+    """Where somebody is who came to a study. Everybody has exactly one."""
+
+    FINISHED = "finished"
+    GAVE_UP = "gave_up"
+    EXCLUDED = "excluded"
+    NOT_ATTESTED = "not_attested"
+    PARTLY_BOT = "partly_bot"
+    STOPPED = "stopped_by_rule"
+    FAILED = "failed"
+    WITHDREW = "withdrew"
+    INTERRUPTED = "interrupted"
+    LEFT = "left"
+    PLAYING = "playing"
+    BOT = "bot"
+    WITHDREW_EARLY = "withdrew_early"
+    INTERRUPTED_EARLY = "interrupted_early"
+    NEVER_BEGAN = "never_began"
+    DECLINED = "declined"
+    UNDECIDED = "undecided"
+    ERASED = "erased"
+
+
+STATUS_IN_WORDS: dict[Status, str] = {
+    Status.FINISHED: "finished as the protocol asks",
+    Status.GAVE_UP: "ended all, but gave up too many",
+    Status.EXCLUDED: "ended all, but another rule excludes them",
+    Status.NOT_ATTESTED: "ended all, but not all attested",
+    Status.PARTLY_BOT: "ended all, but some by a bot",
+    Status.STOPPED: "stopped by a rule of the protocol",
+    Status.FAILED: "left after a failure of environment or server",
+    Status.WITHDREW: "withdrew",
+    Status.INTERRUPTED: "interrupted by the closing",
+    Status.LEFT: "left",
+    Status.PLAYING: "still playing",
+    Status.BOT: "bot from the first move of every episode",
+    Status.WITHDREW_EARLY: "withdrew before a ranked episode",
+    Status.INTERRUPTED_EARLY: "interrupted before a ranked episode",
+    Status.NEVER_BEGAN: "never began a ranked episode",
+    Status.DECLINED: "declined",
+    Status.UNDECIDED: "did not answer",
+    Status.ERASED: "erased",
+}
+ENDED = (
+    Status.FINISHED,
+    Status.GAVE_UP,
+    Status.EXCLUDED,
+    Status.NOT_ATTESTED,
+    Status.PARTLY_BOT,
+)
+"""Ended all ranked episodes."""
+BEGAN = (
+    *ENDED,
+    Status.STOPPED,
+    Status.FAILED,
+    Status.WITHDREW,
+    Status.INTERRUPTED,
+    Status.LEFT,
+    Status.PLAYING,
+)
+"""Began a ranked episode, bots left out: whom the estimate for everybody is of."""
+EARLY = (Status.WITHDREW_EARLY, Status.INTERRUPTED_EARLY, Status.NEVER_BEGAN)
+"""Agreed and began no ranked episode."""
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """People of whom nothing but counts is kept. A release leaves out who did not agree, and keeps these counts.
+
+    declined   did not agree
+    undecided  opened the study and did not answer
+    erased     had everything erased, whenever that was
+    erased_after_closing  of them, when the estimates were known
+    erased_began      of the erased, those who had begun a ranked episode
+    erased_finishers  of these, those who had ended all ranked episodes
+    erased_asked_by   the erased by who asked for it, where that was said
+    issued     invitations; None where the study has none or its folder is not at hand, and so for the next two
+    revoked    of them, before anybody agreed with one
+    unopened   of the others, with which nobody has joined
+    """
+
+    declined: int = 0
+    undecided: int = 0
+    erased: int = 0
+    erased_after_closing: int = 0
+    erased_began: int = 0
+    erased_finishers: int = 0
+    erased_asked_by: dict[str, int] = field(default_factory=dict)
+    issued: int | None = None
+    revoked: int | None = None
+    unopened: int | None = None
+
+
+@dataclass(frozen=True)
+class ParticipantFlow:
+    """Everybody who came to a study, scripts left out.
+
+    people  how many have each status
+    """
+
+    arrivals: Arrivals
+    people: dict[Status, int]
+
+    def count(self, *statuses: Status) -> int:
+        """How many people have one of these statuses."""
+        return sum(self.people.get(status, 0) for status in statuses)
+
+    @property
+    def agreed(self) -> int:
+        """How many agreed to take part, the erased left out."""
+        return self.count(*BEGAN, Status.BOT, *EARLY)
+
+    @property
+    def began(self) -> int:
+        """How many began a ranked episode, bots too, the erased left out."""
+        return self.count(*BEGAN, Status.BOT)
+
+    @property
+    def joined(self) -> int:
+        """How many opened the study, the erased among them."""
+        return sum(self.people.values())
+
+
+def arrivals_of(declined: int, undecided: int, erased: Sequence[Mapping[str, Any]]) -> Arrivals:
+    """Count people as the database knows them; `erased` of `humanplay.db.series.erased_people`."""
+    asked = Counter(person["asked_by"] for person in erased if person["asked_by"] is not None)
+    return Arrivals(
+        declined,
+        undecided,
+        erased=len(erased),
+        erased_after_closing=sum(person["after_closing"] for person in erased),
+        erased_began=sum(person["ranked_begun"] > 0 for person in erased),
+        erased_finishers=sum(person["completed"] for person in erased),
+        erased_asked_by=dict(sorted(asked.items())),
+    )
+
+
+def participant_flow(arrivals: Arrivals, statuses: Iterable[Status]) -> ParticipantFlow:
+    """Count the statuses of the people who agreed, and those of whom only counts are kept."""
+    people = Counter(statuses)
+    people[Status.DECLINED] = arrivals.declined
+    people[Status.UNDECIDED] = arrivals.undecided
+    people[Status.ERASED] = arrivals.erased
+    return ParticipantFlow(
+        arrivals, {status: people[status] for status in Status if people[status]}
+    )
+
+
+def with_noted(arrivals: Arrivals, noted: Mapping[str, Any]) -> Arrivals:
+    """Return the arrivals with the counts that a release kept of those whom it left out; none noted: as they are."""
+    changed: dict[str, Any] = {name: noted.get(name) for name in ("issued", "revoked", "unopened")}
+    for name in ("declined", "undecided"):
+        changed[name] = getattr(arrivals, name) + noted.get(name, 0)
+    return replace(arrivals, **changed)
+
+
+def with_invitations(
+    arrivals: Arrivals, invitations: Mapping[str, Invitation], opened: Iterable[str]
+) -> Arrivals:
+    """Return the arrivals with the counts of a study's invitations. The erased had one each, though it is not known which.
+
+    opened  ids of those with which somebody has joined
+    """
+    used = set(opened)
+    unused = [each for each in invitations.values() if each.id not in used]
+    revoked = sum(each.revoked_ms is not None for each in unused)
+    left = max(0, len(unused) - revoked - arrivals.erased)
+    return replace(arrivals, issued=len(invitations), revoked=revoked, unopened=left)
+
+
+def repeated_reasons(
+    events: Iterable[tuple[int, str, dict[str, Any]]], shares_invitation: bool = False
+) -> tuple[str, ...]:
+    """Return the signs of repetition in a participant's stage events (at_ms, kind, detail), each once, in words.
+
+    shares_invitation  whether somebody else has agreed with the same one: two servers do not know of each other
+
+    The order is that of SIGNS_IN_WORDS. No sign is no proof: another browser, another device and another id leave none.
+    """
+    found: set[str | None] = {"shared"} if shares_invitation else set()
+    for _, kind, detail in events:
+        if kind == REPEATED_JOIN:
+            found.add(detail.get("reason"))
+        elif kind == "joined":
+            found.add(detail.get("outside_id"))
+    return tuple(sentence for reason, sentence in SIGNS_IN_WORDS.items() if reason in found)

@@ -1,0 +1,526 @@
+"""The folder of studies, DATABASE-studies beside a database: a draft that can be edited, frozen for good, closed at the end.
+
+    NAME/protocol.json   the protocol; what freezing fixed may not change any more
+    NAME/draft.json      the protocol as it was before freezing filled its texts in
+    NAME/frozen.json     its hash, the commitment to the secret, the beacon's round, when and by what it was frozen
+    NAME/opened.json     the beacon's signature, and when it was entered; only where a round was named
+    NAME/secret          the study's secret (hex): whoever reads it knows every terrain
+    NAME/sealed.json     when nobody could take part any more, while the secret is kept for agents; only where it was sealed
+    NAME/closed.json     the secret revealed, and when
+    NAME/policies/       see `humanplay.series.policy_files`
+    NAME/invitations.json   see `humanplay.series.invitations`
+    NAME/cards.json      of an evaluation of agents, see `humanplay.series.evaluation`
+    played/              see `humanplay.series.terrain_spread`
+
+`frozen.json` is written last, so a freeze cut short leaves a draft. A server sees a freeze or a close at the next use.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import secrets
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from types import MappingProxyType, SimpleNamespace
+from typing import Any, Literal
+
+from humanplay.db.file import studies_beside
+from humanplay.db.study_rows import SeriesRow, is_same_study
+from humanplay.series.beacon import Beacon
+from humanplay.series.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
+from humanplay.series.policy_files import EXPERT, FOLDER, PolicyFiles, record_files
+from humanplay.series.protocol import (
+    NAME,
+    PLANNED,
+    DraftStudyError,
+    Protocol,
+    StudyError,
+    UnknownStudyError,
+    canonical,
+    canonical_json,
+    parse_protocol,
+    protocol_hash,
+)
+from humanplay.series.seeds import (
+    TUTORIAL_SEED,
+    SeedLabel,
+    balanced_order,
+    commitment,
+    key_of,
+    seed,
+)
+from humanplay.series.templates import fill
+from humanplay.task import PolicyError
+
+__all__ = ["Folder", "Study", "StudyError"]
+
+Status = Literal["draft", "frozen", "open", "sealed", "closed"]
+"""A study that names a beacon is `frozen` until it is opened; others are open once they are frozen. Of a sealed one nobody can
+take part any more, and its terrains stay secret until agents have been evaluated on them."""
+Advance = Callable[[int, int], None]
+
+
+SEALED = (
+    "{!r} is sealed: nothing of its terrains is shown, released or exported before the evaluation of agents on them closes, by "
+    "`marsexplorer evaluation close`"
+)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A frozen study.
+
+    closed_ms   milliseconds since 1970; None while it is open
+    secret      32 bytes; the operator alone may see it until the study is closed
+    beacon      whose round was named at freezing; None for none
+    beacon_signature  hex, entered at opening
+    policy_files  of the policies that it compares with
+    sealed_ms   since when nobody can take part while the secret is kept; None where it was not sealed
+    paired      the study whose ranked terrains an evaluation of agents plays; None for any other
+    """
+
+    name: str
+    protocol: Protocol
+    protocol_hash: str
+    commitment: str
+    frozen_ms: int
+    closed_ms: int | None
+    secret: bytes = field(repr=False)
+    beacon: Beacon | None = None
+    beacon_signature: str | None = None
+    policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False, compare=False)
+    sealed_ms: int | None = None
+    paired: Study | None = field(default=None, repr=False)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the study is not closed: its terrains are secret."""
+        return self.closed_ms is None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether people, or cards of an evaluation, can go on: it is neither sealed nor closed."""
+        return self.closed_ms is None and self.sealed_ms is None
+
+    @property
+    def is_sealed(self) -> bool:
+        """Whether its terrains are secret while agents play them, or until they do."""
+        return self.is_open and (self.sealed_ms is not None or self.protocol.agents is not None)
+
+    @property
+    def status(self) -> Status:
+        """How far it is: `frozen` (it waits for its beacon), `open`, `sealed` or `closed`."""
+        if self.is_running:
+            return "frozen" if self.waits_for_beacon else "open"
+        return "sealed" if self.is_open else "closed"
+
+    @property
+    def waits_for_beacon(self) -> bool:
+        """Whether nobody can take part yet, since the terrains are not fixed before the beacon's signature is entered."""
+        return self.beacon is not None and self.beacon_signature is None
+
+    def row(self) -> SeriesRow:
+        """Return what the database keeps of the study."""
+        secret = None if self.is_open else self.secret.hex()
+        protocol = canonical(self.protocol).decode()
+        return SeriesRow(
+            self.name,
+            protocol,
+            self.protocol_hash,
+            self.commitment,
+            self.frozen_ms,
+            closed_ms=self.closed_ms,
+            secret=secret,
+            beacon=self.beacon.to_json() if self.beacon else None,
+            beacon_signature=self.beacon_signature,
+            sealed_ms=self.sealed_ms if self.protocol.agents is None else self.frozen_ms,
+        )
+
+    @property
+    def key(self) -> bytes:
+        """What seeds and orders follow from; StudyError before the beacon's signature is entered."""
+        if self.waits_for_beacon:
+            raise StudyError(
+                f"the study {self.name!r} is not open yet: `marsexplorer study open {self.name}` enters the beacon's round"
+            )
+        return key_of(self.secret, self.beacon_signature)
+
+    def seed(self, label: SeedLabel, i: int) -> int:
+        """Return the seed of a terrain of this study, which is that of the study whose terrains are played."""
+        if self.paired is not None:
+            return self.paired.seed(label, i)
+        return seed(self.key, self.protocol_hash, label, i)
+
+    def balanced_order(self, group: str, number: int) -> list[int]:
+        """Return the order of the ranked terrains for participant `number` of a group."""
+        return balanced_order(self.key, self.protocol_hash, group, number, self.protocol.ranked)
+
+    def seeds(self) -> list[int]:
+        """Return the seeds of all ranked terrains, then of all warm-up terrains."""
+        ranked = [self.seed("ranked", i) for i in range(self.protocol.ranked)]
+        return ranked + [self.seed("warm-up", i) for i in range(self.protocol.warm_up)]
+
+
+BEGINNINGS = 20
+"""Seeds whose beginnings are compared when a study is frozen."""
+
+
+def beginnings(protocol: Protocol) -> int:
+    """Return how many different first frames BEGINNINGS seeds have: few, where who knows one instance knows others."""
+    rules, config = protocol.rules, protocol.env_config
+    found = set()
+    for drawn in range(BEGINNINGS):
+        terrain, start = rules.drawn(config, drawn)
+        cause = SimpleNamespace(config=config, seed=drawn, terrain=terrain, start=start)
+        found.add(rules.replay(cause).view().frame(""))
+    return len(found)
+
+
+class Folder:
+    """All studies under one root; the root need not exist."""
+
+    def __init__(self, root: Path | str) -> None:
+        self.root = Path(root)
+        self._known: dict[str, tuple[object, Study]] = {}
+
+    @classmethod
+    def beside(cls, database: Path) -> Folder:
+        """The studies that are played in a database."""
+        return cls(studies_beside(database))
+
+    def path(self, name: str) -> Path:
+        """Return where a study lies; StudyError when no study can be called so."""
+        if not re.fullmatch(NAME, name):
+            raise UnknownStudyError(
+                f"a study's name is 1 to 40 small letters, digits and dashes, beginning with a letter or digit; got {name!r}"
+            )
+        return self.root / name
+
+    def names(self) -> list[str]:
+        """Return the names of all studies, drafts too."""
+        if not self.root.is_dir():
+            return []
+        found = (path.name for path in self.root.iterdir() if (path / "protocol.json").is_file())
+        return sorted(name for name in found if re.fullmatch(NAME, name))
+
+    def status(self, name: str) -> Status:
+        """Return how far a study is; StudyError when there is none."""
+        path = self._existing(name)
+        if not (path / "frozen.json").exists():
+            return "draft"
+        ended: tuple[Status, ...] = ("closed", "sealed")
+        for status in ended:
+            if (path / f"{status}.json").exists():
+                return status
+        named = read_object(path / "frozen.json").get("beacon") is not None
+        return "frozen" if named and not (path / "opened.json").exists() else "open"
+
+    def draft(self, name: str) -> Protocol:
+        """Return a study's protocol as its file stands, frozen or not; StudyError when it does not hold."""
+        raw = read_object(self._existing(name) / "protocol.json")
+        protocol = parse_protocol(raw)
+        if protocol.name != name:
+            what = f"the protocol in {self.path(name)} names the study {protocol.name!r}"
+            raise StudyError(f"{what}: rename one of the two")
+        return protocol
+
+    def study(self, name: str) -> Study:
+        """Return a frozen study, read again when its files have changed; StudyError for a draft or a thawed protocol."""
+        path = self._existing(name)
+        files = [f"{each}.json" for each in ("protocol", "frozen", "opened", "sealed", "closed")]
+        stamp = tuple(stamp_of(path / each) for each in (*files, "secret"))
+        known = self._known.get(name)
+        if known is not None and known[0] == stamp:
+            of = known[1].paired
+            return known[1] if of is None else replace(known[1], paired=self.study(of.name))
+        study = self._load(name, path)
+        self._known[name] = (stamp, study)
+        return study
+
+    def create(self, protocol: Protocol) -> Path:
+        """Write a new draft and return the path of its protocol.json; StudyError when there is a study of that name."""
+        path = self.path(protocol.name)
+        if (path / "protocol.json").exists():
+            raise StudyError(
+                f"there is a study {protocol.name!r} already: edit {path / 'protocol.json'} or choose another name"
+            )
+        write_object(path / "protocol.json", protocol.model_dump(mode="json"))
+        return path / "protocol.json"
+
+    def freeze(
+        self,
+        name: str,
+        advance: Advance = lambda done, total: None,
+        beacon: Beacon | None = None,
+        draw: Callable[[int], bytes] = secrets.token_bytes,
+        planned: Mapping[str, Any] = MappingProxyType({}),
+    ) -> Study:
+        """Freeze a study and return it: fill its texts, hash the protocol, draw the secret, check that terrains are solvable.
+
+        advance  called with (terrains drawn, of how many)
+        beacon   whose round the terrains shall follow from, too; StudyError for one that is out. None: none is named
+        draw     gives so many random bytes for the secret
+        planned  assumptions and power, by the protocol's fields (PLANNED)
+        """
+        path, template = self.path(name), self._template(name)
+        protocol = self.filled(name).model_copy(update=dict(planned))
+        protocol = parse_protocol(protocol.model_dump(mode="json"))  # every field set
+        rules = protocol.rules
+        try:
+            rules.examine(protocol.env_config)
+        except ValueError as error:
+            raise StudyError(f"the study {name!r} cannot be frozen: {error}") from error
+        hashes = _record_policies(protocol, path / FOLDER)
+        protocol = protocol.model_copy(update={"policy_hashes": hashes, "lock": rules.lock()})
+        secret, now = draw(32), now_ms()
+        paired = self._paired(protocol)
+        if paired is not None and not paired.is_open:
+            raise StudyError(
+                f"the study {paired.name!r} was closed meanwhile, and its terrains are known: begin another evaluation of it, "
+                "which draws its own"
+            )
+        if paired is not None and (other := self.evaluation_of(paired.name)) is not None:
+            what = f"the terrains of {paired.name!r} already: close that first"
+            raise StudyError(f"the evaluation {other!r} plays {what}")
+        fixed = protocol_hash(protocol), commitment(secret), now, None, secret
+        study = Study(name, protocol, *fixed, paired=paired)
+        # of a study with a beacon: terrains like those that it will have
+        _check_terrains(study, advance)
+        if beacon is not None and beacon.round_ms <= now:
+            raise StudyError(
+                f"round {beacon.round} of the beacon came out at {iso(beacon.round_ms)}: name a later one, which nobody knows"
+            )
+        write_object(path / "secret", secret.hex(), private=True)
+        write_object(path / "draft.json", template.model_dump(mode="json", exclude_unset=True))
+        write_object(path / "protocol.json", protocol.model_dump(mode="json"))
+        frozen = {
+            "protocol_hash": study.protocol_hash, "commitment": study.commitment, "frozen_at": iso(now),
+            "core_version": rules.version, "software_version": version("humanplay"),
+            "beacon": None if beacon is None else asdict(beacon),
+        }  # fmt: skip
+        write_object(path / "frozen.json", frozen)
+        return self.study(name)
+
+    def filled(self, name: str) -> Protocol:
+        """The draft as freezing would fix it, before it is planned; StudyError where something is missing."""
+        if self.status(name) != "draft":
+            raise StudyError(f"the study {name!r} is frozen already; begin another one for another")
+        path = self.path(name)
+        protocol = fill(self._template(name))  # every field set from now on
+        unanswered = protocol.declarations.unanswered()
+        if unanswered and protocol.agents is None:
+            raise StudyError(
+                f"the study {name!r} declares nothing as {', '.join(unanswered)}: write each into declarations of "
+                f'{path / "protocol.json"} (an honest "none" is an answer, TODO is not), or begin the study with '
+                "`marsexplorer study new --declarations FILE`"
+            )
+        rules = protocol.rules
+        if protocol.core_version != rules.version:
+            raise StudyError(
+                f"the protocol is for core version {protocol.core_version}, this is version {rules.version}: "
+                "write the new one into protocol.json, or install the release that has the old one"
+            )
+        return protocol
+
+    def open(self, name: str, signature: str, advance: Advance = lambda done, total: None) -> Study:
+        """Open a study that names a beacon and return it: its terrains follow from the round's signature (hex) from now on.
+
+        advance  as of `freeze`
+        """
+        study, signature = self.study(name), signature.strip().lower()
+        if study.beacon is None or not study.waits_for_beacon:
+            why = "names no beacon and is open" if study.beacon is None else "is open"
+            raise StudyError(f"the study {name!r} {why} already: there is nothing to enter")
+        if not study.beacon.has_signed(signature):
+            raise StudyError(
+                f"expected the beacon's signature of round {study.beacon.round}, 96 hexadecimal digits; "
+                f"got {signature[:100]!r}, which the beacon's key did not sign"
+            )
+        _check_terrains(replace(study, beacon_signature=signature), advance)
+        opened = {"beacon_signature": signature, "opened_at": iso(now_ms())}
+        write_object(self.path(name) / "opened.json", opened)
+        return self.study(name)
+
+    def close(self, name: str, seals: bool = False) -> Study:
+        """Close a study and return it: nobody can join or go on, and its secret is revealed.
+
+        seals  keep the secret until an evaluation of agents on its terrains closes
+
+        Closing an evaluation reveals the secret of the study whose terrains it played too.
+        """
+        study = self.check_closable(name, seals)
+        closed_at = iso(now_ms())
+        if seals:
+            write_object(self.path(name) / "sealed.json", {"sealed_at": closed_at})
+            return self.study(name)
+        if (paired := study.paired) is not None and paired.is_open:
+            self._reveal(paired, closed_at)
+        self._reveal(study, closed_at)
+        return self.study(name)
+
+    def check_closable(self, name: str, seals: bool = False) -> Study:
+        """Return a study that `close` would close; StudyError for any other."""
+        study = self.study(name)
+        _ = study.key  # nobody can have taken part before
+        if not study.is_open:
+            why = ": its terrains are known, and it cannot be sealed" if seals else ""
+            since = iso(study.closed_ms or 0)
+            raise StudyError(f"the study {name!r} is closed already, since {since}{why}")
+        if seals:
+            if study.protocol.agents is not None or not study.is_running:
+                what = "an evaluation" if study.protocol.agents is not None else "sealed already"
+                raise StudyError(f"{name!r} is {what}: there is nothing to seal")
+            return study
+        if (evaluation := self.evaluation_of(name)) is not None:
+            raise StudyError(
+                f"agents are evaluated on the terrains of the study {name!r} (`{evaluation}`): close it with --sealed, and "
+                f"`marsexplorer evaluation close {evaluation}` reveals them"
+            )
+        if (paired := study.paired) is not None and paired.is_running:
+            raise StudyError(
+                f"people still play these terrains in the study {paired.name!r}: close that first, with --sealed"
+            )
+        return study
+
+    def _reveal(self, study: Study, closed_at: str) -> None:
+        told = {"secret": study.secret.hex(), "closed_at": closed_at}
+        write_object(self.path(study.name) / "closed.json", told)
+
+    def evaluations(self) -> list[Study]:
+        """Return the frozen evaluations of agents, those with damaged files left out."""
+        found = []
+        for name in self.names():
+            with suppress(StudyError):  # a draft, or `evaluation show` says what is wrong with it
+                study = self.study(name)
+                found += [study] if study.protocol.agents is not None else []
+        return found
+
+    def evaluation_of(self, name: str) -> str | None:
+        """Return the evaluation that plays the terrains of a study and is not closed; None for none."""
+        open_ones = (each for each in self.evaluations() if each.is_open)
+        found = (each.name for each in open_ones if each.paired and each.paired.name == name)
+        return next(found, None)
+
+    def known_secrets(self) -> dict[str, tuple[int | None, bytes]]:
+        """Return (closed_ms or None while open, secret) by study; drafts and damaged studies are left out."""
+        found: dict[str, tuple[int | None, bytes]] = {}
+        for name in self.names():
+            try:
+                study = self.study(name)
+            except StudyError:  # `study show` says what is wrong with it
+                continue
+            found[name] = (study.closed_ms, study.secret)
+        return found
+
+    def _template(self, name: str) -> Protocol:
+        """Return a draft with its placeholders, also where a freeze was cut short after it had filled them in."""
+        draft, kept = self.draft(name), self.path(name) / "draft.json"
+        if kept.is_file():
+            template = parse_protocol(read_object(kept))
+            written = {field: getattr(template, field) for field in ("policy_hashes", *PLANNED)}
+            if fill(template) == draft.model_copy(update=written):
+                return template
+        return draft
+
+    def _existing(self, name: str) -> Path:
+        path = self.path(name)
+        if not (path / "protocol.json").is_file():
+            known = ", ".join(self.names()) or "none"
+            raise UnknownStudyError(
+                f"no study {name!r} in {self.root}; there are: {known} (`marsexplorer study new` begins one)"
+            )
+        return path
+
+    def _load(self, name: str, path: Path) -> Study:
+        if not (path / "frozen.json").exists():
+            way_out = f"freeze it first with `marsexplorer study freeze {name}`"
+            raise DraftStudyError(f"the study {name!r} is a draft: {way_out}")
+        frozen, raw = read_object(path / "frozen.json"), read_object(path / "protocol.json")
+        if hashlib.sha256(canonical_json(raw)).hexdigest() != frozen.get("protocol_hash"):
+            raise StudyError(
+                f"thawed protocol: {path / 'protocol.json'} is not what was frozen at {frozen.get('frozen_at')}; "
+                "put the frozen text back, or begin another study"
+            )
+        closed = read_object(path / "closed.json") if (path / "closed.json").exists() else None
+        opened = read_object(path / "opened.json") if (path / "opened.json").exists() else {}
+        sealed = read_object(path / "sealed.json") if (path / "sealed.json").exists() else None
+        try:
+            told = closed["secret"] if closed else (path / "secret").read_text().strip()
+            secret = bytes.fromhex(told)
+            closed_ms = ms_of(closed["closed_at"]) if closed else None
+            frozen_ms = ms_of(frozen["frozen_at"])
+            fixed = {
+                "protocol_hash": frozen["protocol_hash"],
+                "commitment": frozen["commitment"],
+                "frozen_ms": frozen_ms,
+                "beacon": Beacon(**frozen["beacon"]) if frozen.get("beacon") else None,
+                "beacon_signature": opened.get("beacon_signature"),
+                "sealed_ms": ms_of(sealed["sealed_at"]) if sealed else None,
+            }
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            raise StudyError(
+                f"the files of the study {name!r} are damaged: {error}; restore {path} from a backup"
+            ) from error
+        if commitment(secret) != fixed["commitment"]:
+            what = f"the secret of the study {name!r} is not the one committed to"
+            raise StudyError(f"{what}: restore {path} from a backup")
+        protocol = parse_protocol(raw)
+        files = PolicyFiles.of(protocol, path / FOLDER)
+        return Study(
+            name, protocol, **fixed, closed_ms=closed_ms, secret=secret, policy_files=files,
+            paired=self._paired(protocol),
+        )  # fmt: skip
+
+    def _paired(self, protocol: Protocol) -> Study | None:
+        """Return the study whose terrains an evaluation plays, None for none; StudyError where it is not what was frozen."""
+        of = None if protocol.agents is None else protocol.agents.study
+        if of is None or (protocol.agents is not None and protocol.agents.unpaired):
+            return None
+        study = self.study(of.name)
+        if not is_same_study(study, of):
+            raise StudyError(
+                f"the evaluation {protocol.name!r} is of another study {of.name!r} than the one in {self.root}: put that back"
+            )
+        return study
+
+
+def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
+    """Keep the files of a protocol's policies in a folder and return their hashes; StudyError when one cannot be played.
+
+    A hash that the draft gives already must be that of the file.
+    """
+    shown, players = protocol.debrief_policy, protocol.rules.players
+    if players is None:
+        return {}
+    named = {*protocol.policies, *([shown] if shown is not None else [])}
+    for policy in named:
+        try:
+            players.load(policy, protocol.env_config)
+        except PolicyError as error:
+            raise StudyError(f"the policy {policy!r} cannot be loaded: {error}") from error
+    kept = {*named, EXPERT} if players.judges_moves() else named
+    found = record_files(kept, folder, players)
+    for policy, given in protocol.policy_hashes.items():
+        if found.get(policy) != given:
+            raise StudyError(
+                f"policy_hashes gives {policy!r} the SHA-256 {given}, its file has {found.get(policy, 'none')}: "
+                "put that file there, or leave the field empty, and freezing writes it"
+            )
+    return found
+
+
+def _check_terrains(study: Study, advance: Advance) -> None:
+    """Draw every terrain; StudyError when one cannot be solved."""
+    seeds = [TUTORIAL_SEED, *study.seeds()]
+    for number, each in enumerate(seeds, 1):
+        try:
+            study.protocol.rules.drawn(study.protocol.env_config, each)
+        except ValueError as error:
+            raise StudyError(
+                "the level and size have terrains that cannot be solved: choose another level or size"
+            ) from error
+        advance(number, len(seeds))

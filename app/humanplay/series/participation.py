@@ -1,0 +1,133 @@
+"""What a study asks of every move of its participants (see `humanplay.board.session.Participation`)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+from humanplay.board.clock import Allowed
+from humanplay.board.session import RefusedError, StudyUnavailableError
+from humanplay.board.sources import Sources
+from humanplay.db.series import StudyStore
+from humanplay.db.study_rows import Participant
+from humanplay.series.flow import STOPPED
+from humanplay.series.folder import Folder, Study, StudyError
+
+CLOSED_MESSAGE = "the study {!r} is closed: nobody can take part or go on any more"
+
+
+class StageError(Exception):
+    """What was asked for does not fit where the participant or the study stands; nothing has changed."""
+
+
+class StudyParticipation:
+    """The participation of one participant; the study is looked up at every move, so that closing it shows at once."""
+
+    def __init__(
+        self, participant: Participant, folder: Folder, study_store: StudyStore, sources: Sources
+    ) -> None:
+        self._participant, self._folder, self._study_store = participant, folder, study_store
+        self._clock, self._completion_code = sources.clock_ms, sources.completion_code
+        self.driver, self.study = participant.kind, participant.study
+
+    def hides_scores(self, episode_id: str) -> bool:
+        """Return whether the episode is ranked and the participant has not come to the debrief."""
+        found = self._study_store.phase_and_stage(episode_id)
+        phase, stage = found or ("", "")
+        return phase == "ranked" and stage not in ("debrief", "complete")
+
+    def is_secret(self, episode_id: str) -> bool:
+        """Whether the episode is a ranked one of a study that is not closed."""
+        found = self._study_store.phase_and_stage(episode_id)
+        return found is not None and found[0] == "ranked" and self._study().is_open
+
+    def check_open(self) -> None:
+        """Check that the study is open; RefusedError when it is not."""
+        if not self._study().is_running:
+            raise RefusedError(CLOSED_MESSAGE.format(self._participant.study))
+
+    @property
+    def allowed(self) -> Allowed:
+        """Return what the protocol allows an episode in time, where a clock runs."""
+        return self._study().protocol.allowed
+
+    def note_script(self, episode_id: str) -> None:
+        """Note the deviation: a script moved where a person was at the controls."""
+        sentence = "A program moved in an episode that a person had begun."
+        detail = {"sentence": sentence, "episode": episode_id}
+        self._study_store.add_stage_event(self._participant.id, self._clock(), "deviation", detail)
+
+    def note_stopped(self, episode_id: str) -> None:
+        """Note that the board stood still for longer than the protocol allows."""
+        detail = {"episode": episode_id}
+        self._study_store.add_stage_event(self._participant.id, self._clock(), STOPPED, detail)
+
+    def note_end(self) -> None:
+        """Move the participant on when the last episode of the stage has ended: warm-up to ranked, ranked to debrief."""
+        protocol = self._study().protocol
+        participant = self._study_store.participant(self._participant.id)
+        now, trials = self._clock(), self._study_store.trials(participant.id)
+        ended = Counter(trial.phase for trial in trials if trial.ended_ms is not None)
+        if participant.stage == "warm_up" and ended["warm_up"] >= protocol.warm_up:
+            self._study_store.set_stage(participant.id, now, "ranked")
+        elif participant.stage == "ranked" and ended["ranked"] >= protocol.ranked:
+            code = protocol.completion_code or self._completion_code()
+            columns = {"completed_ms": now, "completion_code": code}
+            self._study_store.set_stage(participant.id, now, "debrief", **columns)
+
+    def check_events(self, episode_id: str) -> None:
+        """Check that input events of an episode are to be kept; RefusedError for any that is none of the participant's."""
+        self.check_open()
+        if not self._study_store.has_trial(self._participant.id, episode_id):
+            what = f"episode {episode_id!r} is none of this participant's"
+            raise RefusedError(f"{what}: no input events were kept")
+
+    def settings(self) -> list[dict[str, Any]]:
+        """Return what the participant has chosen, every version so far."""
+        return self._study_store.settings(self._participant.id)
+
+    def supervised_ms(self) -> tuple[int, ...]:
+        """Return when the operator's code was typed for the participant; empty when it never was."""
+        return self._study_store.supervised_ms(self._participant.id)
+
+    def _study(self) -> Study:
+        try:
+            return self._folder.study(self._participant.study)
+        except StudyError as error:
+            raise StudyUnavailableError(
+                f"the study {self._participant.study!r} cannot go on now; tell whoever invited you"
+            ) from error
+
+
+class CardParticipation(StudyParticipation):
+    """The participation of an agent with a card (`humanplay.series.cards`): nobody sees a score before the evaluation
+    closes."""
+
+    def hides_scores(self, episode_id: str) -> bool:
+        """Return whether the evaluation is open."""
+        return self._study().is_open
+
+    def note_end(self) -> None:
+        """Note when the last attempt of all has ended."""
+        trials = self._study_store.trials(self._participant.id)
+        if sum(each.ended_ms is not None for each in trials) >= self._study().protocol.ranked:
+            now, stage = self._clock(), self._study_store.participant(self._participant.id).stage
+            self._study_store.set_stage(self._participant.id, now, stage, completed_ms=now)
+
+
+class Participations:
+    """Finds the participation that a session belongs to; a lobby asks it when it resumes a session."""
+
+    def __init__(self, folder: Folder, study_store: StudyStore, sources: Sources) -> None:
+        self._folder, self._study_store, self._sources = folder, study_store, sources
+
+    def of_session(self, session_id: str) -> StudyParticipation | None:
+        """Return the participation at a session; None when it is no participant's board."""
+        participant = self._study_store.participant_of_session(session_id)
+        return None if participant is None else self.of(participant)
+
+    def of(self, participant: Participant) -> StudyParticipation:
+        """Return the participation of a participant."""
+        has_card = participant.kind == "script" and participant.invitation is not None
+        made = CardParticipation if has_card else StudyParticipation
+        return made(participant, self._folder, self._study_store, self._sources)

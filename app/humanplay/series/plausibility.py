@@ -1,0 +1,118 @@
+"""Labels on episodes whose input looks implausible for a person. They are never deletions: the report counts them, and its
+strict figure leaves labelled participants out; the other figures keep them.
+
+Rows are those of the tables `steps` and `input_events`, as dictionaries, in order. Times are those of the page load's own
+clock (ms): an interval from one load to another is not counted.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from statistics import quantiles
+
+from humanplay.board.clock import late_share
+from humanplay.series.active_time import PRESSES, Rows
+from humanplay.series.protocol import Protocol
+
+FEWEST_PRESSES = 5
+"""Fewer presses than this say nothing about key-ups or speed, and fewer moves are no attempt."""
+FASTEST_MS = 80.0
+"""Two moves closer than this are faster than seeing and deciding."""
+FAST_SHARE = 0.1
+RELEASED_SHARE = 0.5
+FEWEST_INTERVALS = 20
+STEADY = 0.1
+"""Interquartile range over median of the intervals between presses, below which they are those of a clock."""
+
+LABELS = {
+    "robotic timing": f"of {FEWEST_INTERVALS} or more intervals between presses, the middle half lies within {STEADY:.0%}",
+    "no key-up": f"fewer than {RELEASED_SHARE:.0%} of {FEWEST_PRESSES} or more presses were released",
+    "under 80 ms": f"more than {FAST_SHARE:.0%} of {FEWEST_PRESSES} or more presses came within {FASTEST_MS:.0f} ms of another",
+    "untrusted": "a press that the browser does not vouch for (isTrusted is false)",
+    "unfocused": "a press in a page that was hidden",
+    "no telemetry": f"at least {FEWEST_PRESSES} moves by key or touch and not one input event of a press",
+    "no attempt": f"abandoned after fewer than {FEWEST_PRESSES} moves",
+}
+"""Every label with what it means; a task has labels of its own (`Rules.own_labels`)."""
+
+LATE = "late frames"
+"""The label of an episode of which more frames came late than its protocol allows (`max_late`), where time runs."""
+
+RELEASES = ("keyup", "touchup")
+
+
+def labels_of(protocol: Protocol) -> dict[str, str]:
+    """Return every label that a study's episodes can have from their input, with what it means."""
+    if not protocol.rules.clock:
+        return LABELS
+    seeing = {name: what for name, what in LABELS.items() if name != "under 80 ms"}
+    late = f"more than {protocol.max_late:.0%} of the frames came more than a frame late"
+    return {**seeing, LATE: late}
+
+
+def plausibility_labels(
+    moves: Rows,
+    inputs: Rows,
+    clock: int | None = None,
+    most_late: float = 1.0,
+    outcome: str | None = None,
+) -> tuple[str, ...]:
+    """Return an episode's labels, in the order of `labels_of`.
+
+    clock      of the task; where time runs, two keys are often pressed as one
+    most_late  share (0..1) of frames that may come late
+    outcome    None while it runs
+    """
+    presses = [row for row in inputs if row["kind"] in PRESSES and not row["repeat"]]
+    found = {
+        "robotic timing": _is_steady(presses),
+        "no key-up": _lacks_releases(presses, inputs),
+        "under 80 ms": clock is None and _is_fast(presses),
+        "untrusted": any(row["trusted"] == 0 for row in presses),
+        "unfocused": _pressed_hidden(inputs),
+        "no telemetry": not presses
+        and sum(row["input"] is not None for row in moves) >= FEWEST_PRESSES,
+        "no attempt": outcome == "abandoned" and len(moves) < FEWEST_PRESSES,
+    }
+    is_late = clock and late_share([row["server_ms"] for row in moves], clock) > most_late
+    return (*(name for name in LABELS if found.get(name)), *((LATE,) if is_late else ()))
+
+
+def _gaps_ms(presses: Rows) -> list[float]:
+    """Measure the times between presses that follow each other in one load of the page."""
+    return [
+        after["client_ms"] - before["client_ms"]
+        for before, after in pairwise(presses)
+        if before["page_load"] == after["page_load"] and before["client_ms"] <= after["client_ms"]
+    ]
+
+
+def _is_steady(presses: Rows) -> bool:
+    gaps = _gaps_ms(presses)
+    if len(gaps) < FEWEST_INTERVALS:
+        return False
+    low, median, high = quantiles(gaps, n=4)
+    return high - low < STEADY * median
+
+
+def _is_fast(presses: Rows) -> bool:
+    gaps = _gaps_ms(presses)
+    fast = sum(gap < FASTEST_MS for gap in gaps)
+    return len(gaps) >= FEWEST_PRESSES and fast > FAST_SHARE * len(gaps)
+
+
+def _lacks_releases(presses: Rows, inputs: Rows) -> bool:
+    releases = sum(row["kind"] in RELEASES for row in inputs)
+    return len(presses) >= FEWEST_PRESSES and releases < RELEASED_SHARE * len(presses)
+
+
+def _pressed_hidden(inputs: Rows) -> bool:
+    hidden = set[int]()
+    for row in inputs:
+        if row["kind"] == "hidden":
+            hidden.add(row["page_load"])
+        elif row["kind"] == "visible":
+            hidden.discard(row["page_load"])
+        elif row["kind"] in PRESSES and row["page_load"] in hidden:
+            return True
+    return False

@@ -1,0 +1,113 @@
+"""A policy's episodes on a study's ranked terrains: played, or replayed from their recorded moves.
+
+An episode is its cause: the terrain's seed and the moves. The report's figures of policies are made from these, and a release
+holds them, so that they can be derived again where the policy's file is not at hand.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from humanplay.series.data import StudyData
+from humanplay.series.policy_files import PolicyFiles
+from humanplay.series.protocol import Protocol
+from humanplay.series.seeds import key_of, seed
+from humanplay.task import Configuration, Rules
+
+
+@dataclass(frozen=True)
+class PolicyEpisode:
+    """One episode of a policy.
+
+    policy           its name or path, as the protocol has it
+    policy_hash      SHA-256 (hex) of its file; None for a rule that is code
+    terrain          index of the ranked terrain, and its seed
+    actions          one byte a move, codes 0..3
+    trajectory_hash  of the episode as it was played
+    """
+
+    policy: str
+    policy_hash: str | None
+    terrain: int
+    seed: int
+    actions: bytes
+    trajectory_hash: str
+
+    def replay(self, rules: Rules, config: Configuration) -> Any:
+        """Return the run that the seed and the moves give, to its end; `replayed_hash` says whether moves go on after it."""
+        players: Any = rules.players
+        run = players.begin(config, self.seed)
+        for action in self.actions:
+            if run.ended:
+                break
+            run.step(action)
+        return run
+
+    def replayed_hash(self, rules: Rules, config: Configuration) -> str:
+        """Return the hash of the trajectory that the seed and the moves give, or that moves go on after the end."""
+        if replace(self, actions=self.actions[:-1]).replay(rules, config).ended:
+            return "the recorded moves go on after the end"
+        return str(self.replay(rules, config).record().trajectory_hash)
+
+
+def closed_seeds(data: StudyData) -> dict[int, int]:
+    """Return the seeds of the ranked terrains of a closed study by index, from its secret; none where that is not known."""
+    if data.secret is None:
+        return {}
+    key = key_of(bytes.fromhex(data.secret), data.beacon_signature)
+    ranked = range(data.protocol.ranked)
+    return {i: seed(key, data.protocol_hash, "ranked", i) for i in ranked}
+
+
+def compared_policies(protocol: Protocol) -> list[str]:
+    """Return the policies of the report: those of the protocol, and `random` as the zero; none where a task has none."""
+    if protocol.rules.players is None:
+        return list(protocol.policies)
+    return list(dict.fromkeys((*protocol.policies, "random")))
+
+
+def tested_policies(protocol: Protocol) -> list[str]:
+    """The policies whose difference from the people is tested: the protocol's, without `random`.
+
+    None in a score without a lowest value: those who leave have none, so only finishers could claim it.
+    """
+    lowest, _ = protocol.rules.bounds(protocol.env_config)
+    if protocol.primary_metric == "score" and not math.isfinite(lowest):
+        return []
+    return [name for name in dict.fromkeys(protocol.policies) if name != "random"]
+
+
+def play_policies(
+    names: Sequence[str],
+    rules: Rules,
+    config: Configuration,
+    seeds: Mapping[int, int],
+    progress: Callable[[int, int], None] | None = None,
+    files: PolicyFiles | None = None,
+) -> tuple[PolicyEpisode, ...]:
+    """Play each policy (a name or path) on every terrain, and return the episodes by policy and terrain.
+
+    seeds     by terrain index; progress is called with (episodes played, episodes in all)
+    files     of the study's policies; None takes the files that are there today
+
+    PolicyError when a policy cannot be played; nothing is played then.
+    """
+    if not names:
+        return ()
+    players: Any = rules.players
+    sources = {name: (files or PolicyFiles()).source(name) for name in names}
+    chosen = list(dict.fromkeys(sources.values()))
+    hashes = {source: players.hash_of(source) for source in chosen}
+    index_of = {number: index for index, number in seeds.items()}
+    found: dict[tuple[str, int], PolicyEpisode] = {}
+    for source, number, moves, trajectory in players.play_all(chosen, config, list(seeds.values())):
+        terrain = index_of[number]
+        for name in (name for name, own in sources.items() if own == source):
+            played = (name, hashes[source], terrain, number, moves, trajectory)
+            found[name, terrain] = PolicyEpisode(*played)
+        if progress:
+            progress(len(found), len(sources) * len(seeds))
+    return tuple(found[name, index] for name in sources for index in sorted(seeds))

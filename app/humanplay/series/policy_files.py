@@ -1,0 +1,129 @@
+"""The files of the policies that a study compares with: recorded by SHA-256 when it is frozen, and kept.
+
+    NAME/policies/SHA256.onnx   in the folder of studies; a release has such a folder too
+
+A name may stand for another file in a later version, and a path for another one or for none. So whatever plays a policy of a
+frozen study asks here for the file of the recorded hash, and no other file takes its place.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from humanplay.series.files import write_bytes
+from humanplay.series.protocol import Protocol, StudyError
+from humanplay.task import PolicyError, rules_of
+
+FOLDER = "policies"
+"""The folder of the kept files, in a study's folder and in a release."""
+
+EXPERT = "ppo"
+"""The policy that moves are judged by, whether the protocol compares with it or not."""
+
+
+@dataclass(frozen=True)
+class PolicyFiles:
+    """The files of a study's policies.
+
+    hashes  SHA-256 (hex) by policy, as the protocol names it; a rule has none, and where none was recorded, today's file plays
+    folder  where the files are kept; None where that is not at hand
+    task    whose policies they are
+    """
+
+    hashes: Mapping[str, str] = field(default_factory=dict)
+    folder: Path | None = None
+    task: str = "mars"
+
+    @classmethod
+    def of(cls, protocol: Protocol, folder: Path | None = None) -> PolicyFiles:
+        """Return the files that a frozen protocol means."""
+        return cls(protocol.policy_hashes, folder, protocol.task)
+
+    def at(self, folder: Path) -> PolicyFiles:
+        """Return the same with the files kept in this folder."""
+        return replace(self, folder=folder)
+
+    def source(self, policy: str) -> str:
+        """Return what `players.load` takes for a policy: its name where that still stands for its file, else a path.
+
+        PolicyError when the file of the recorded hash is neither there, nor kept, nor shipped under another name.
+        """
+        expected = self.hashes.get(policy)
+        if expected is None or self._hash_of(policy) == expected:
+            return policy
+        for path in (*self._kept(expected), self._players.find_shipped(expected)):
+            if path is not None and self._hash_of(str(path)) == expected:
+                return str(path)
+        raise PolicyError(
+            f"the study compares with the policy {policy!r} of SHA-256 {expected}, and that file is not here; no other one is "
+            f"played in its place. Copy it from the study's folder or from a release to {self.place(policy)}"
+        )
+
+    def expert(self) -> str:
+        """Return the source of the file that the study's moves are judged by.
+
+        PolicyError where none was recorded when the study was frozen, and as `source`.
+        """
+        if EXPERT not in self.hashes:
+            raise PolicyError(
+                f"no file of {EXPERT} was kept when the study was frozen, so none of its moves is judged"
+            )
+        return self.source(EXPERT)
+
+    def place(self, policy: str) -> Path:
+        """Return where the file of a policy with a recorded hash is kept, or would be."""
+        kept = next(self._kept(self.hashes[policy]), None)
+        name = f"{self.hashes[policy]}{Path(policy).suffix or '.onnx'}"
+        return kept or (self.folder or Path(FOLDER)) / name
+
+    def copy_to(self, folder: Path, policies: Iterable[str]) -> None:
+        """Copy the files of some policies into a folder; those without a recorded hash are left out. Errors as `source`."""
+        for policy in (policy for policy in dict.fromkeys(policies) if policy in self.hashes):
+            _keep(self._players.file_of(self.source(policy)), folder)
+
+    def damaged(self) -> Iterator[tuple[Path, str | None, str]]:
+        """Yield (file, its hash or None where it is missing, the recorded hash) of each kept file that is not as recorded."""
+        for policy, expected in self.hashes.items():
+            path = self.place(policy)
+            if (found := self._hash_of(str(path))) != expected:
+                yield path, found, expected
+
+    @property
+    def _players(self) -> Any:
+        return rules_of(self.task).players
+
+    def _hash_of(self, policy: str) -> str | None:
+        """Return SHA-256 (hex) of the file that a name or path stands for; None where there is none that can be read."""
+        try:
+            found: str | None = self._players.hash_of(policy)
+        except PolicyError:
+            return None
+        return found
+
+    def _kept(self, digest: str) -> Iterator[Path]:
+        return iter(()) if self.folder is None else self.folder.glob(f"{digest}.*")
+
+
+def record_files(policies: Iterable[str], folder: Path, players: Any) -> dict[str, str]:
+    """Keep the file of each policy (a name or path) in a folder, and return the SHA-256 (hex) by policy; rules have none.
+
+    PolicyError for a policy that is not there; StudyError when a file cannot be read or written. players: `Rules.players`
+    """
+    kept = [each for each in sorted(set(policies)) if not players.is_rule(each)]
+    return {each: _keep(players.file_of(each), folder) for each in kept}
+
+
+def _keep(path: Path, folder: Path) -> str:
+    """Copy a file into a folder under its SHA-256, and return that: the hash is of the very bytes that are kept."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise StudyError(f"cannot read the policy's file {path}: {why}") from error
+    digest = hashlib.sha256(content).hexdigest()
+    write_bytes(folder / f"{digest}{path.suffix}", content)
+    return digest

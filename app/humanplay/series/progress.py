@@ -1,0 +1,404 @@
+"""A participant's progress through a study, from consent to completion code; the server decides what comes next.
+
+What is no coroutine asks or writes the database where it stands: call it in `Store.write`. Everything is in the database
+before it is answered, so a reload, another tab or a killed server goes on exactly there.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from humanplay.board.lobby import Lobby, Locks
+from humanplay.board.session import RefusedError, Session
+from humanplay.db.file import StoreError
+from humanplay.db.series import StudyStore, add_series
+from humanplay.db.study_rows import Participant, Stage, is_same_study
+from humanplay.db.trial import Phase, Trial
+from humanplay.series.closing import left_open, left_record, note_closed
+from humanplay.series.folder import Folder, Study
+from humanplay.series.participation import CLOSED_MESSAGE, Participations, StageError
+from humanplay.series.protocol import DraftStudyError, StudyError, UnknownStudyError
+from humanplay.series.recruitment import Arrival, Recruitment, supervise
+from humanplay.series.seeds import TUTORIAL_SEED
+from humanplay.task import counted, on_threads
+
+__all__ = ["NotJoinedError", "ParticipantProgress", "StageError", "break_due"]
+
+_log = logging.getLogger(__name__)
+NOT_HERE = "the study {!r} cannot be played on this server now; tell whoever invited you"
+_WARM_UP: Stage = "warm_up"
+_SUPERVISED: tuple[Stage, ...] = ("instructions", "tutorial", "questions", "warm_up", "ranked")
+"""Stages at which the operator's code can be typed."""
+_AFTER: dict[str, Stage] = {
+    "instructions": "tutorial",
+    "tutorial": "questions",
+    "debrief": "complete",
+}
+
+
+class NotJoinedError(LookupError):
+    """Nobody with this cookie takes part."""
+
+
+class ParticipantProgress:
+    """The progress of every participant of one server's studies."""
+
+    def __init__(self, lobby: Lobby, folder: Folder, study_store: StudyStore) -> None:
+        self.lobby, self.folder, self.study_store = lobby, folder, study_store
+        self._sources = lobby.sources
+        self.recruitment = Recruitment(folder, study_store)
+        self._participations = Participations(folder, study_store, lobby.sources)
+        self._locks = Locks()
+        self._note_freezings()
+
+    def _note_freezings(self) -> None:
+        for name in self.folder.names():
+            with suppress(StudyError):  # a draft, or `study show` says what is wrong with it
+                self.study_store.note_freezing(self.folder.study(name).row())
+
+    def study(self, name: str) -> Study:
+        """Return a frozen study as the public may see it; or UnknownStudyError, DraftStudyError, StageError."""
+        try:
+            study = self.folder.study(name)
+            if study.protocol.agents is not None:
+                raise UnknownStudyError(f"{name!r} is an evaluation of agents: no people take part")
+        except (UnknownStudyError, DraftStudyError):
+            raise
+        except StudyError as error:
+            _log.warning("%s", error)
+            raise StageError(
+                f"the study {name!r} cannot go on: its files have changed; tell whoever invited you"
+            ) from error
+        return study
+
+    async def note_if_closed(self, study: Study) -> None:
+        """Note in the database that a study is closed or sealed, where it does not know so yet."""
+        store = self.lobby.store
+        if study.is_running:
+            return
+        is_sealed = (await store.read(self.study_store.open_names)).get(study.name)
+        if is_sealed is not None and not (study.is_open and is_sealed):
+            task, left = self.lobby.task, {}
+            for trial, steps in await store.read(partial(left_open, store, study)):
+                rules = task if trial.task == task.name else trial.rules
+                left[trial.id] = await on_threads(task, left_record, trial, steps, rules)
+            await store.write(partial(note_closed, store, study, left), then=self.lobby.forget)
+
+    async def note_all_closed(self) -> None:
+        """Note in the database every study that was closed since."""
+        for name in await self.lobby.store.read(self.study_store.open_names):
+            try:
+                await self.note_if_closed(self.folder.study(name))
+            except StudyError as error:
+                _log.warning("%s", error)
+            except Exception:
+                _log.exception("the end of the study %s could not be noted", name)
+
+    async def watch_closing(self, every_s: float = 2.0) -> None:
+        """Note in the database what was closed by the command, which leaves that to a server, until cancelled."""
+        while True:
+            await asyncio.sleep(every_s)
+            with suppress(StoreError, sqlite3.Error):  # it is tried again
+                for name in await self.lobby.store.read(self.study_store.open_names):
+                    try:
+                        if self.folder.status(name) in ("closed", "sealed"):
+                            await self.note_if_closed(self.folder.study(name))
+                    except (StudyError, StoreError, sqlite3.Error):
+                        pass  # it is named at its next use, or tried again
+                    except Exception:
+                        _log.exception("the end of the study %s could not be noted", name)
+
+    def open_study(self, name: str) -> Study:
+        """Return a study that people may take part in; StageError when it is closed or made for other rules."""
+        return self.check_open(self.study(name))
+
+    def check_open(self, study: Study) -> Study:
+        """Return a study, or an evaluation of agents, that can be played; StageError when it is not open or of other rules."""
+        name = study.name
+        if not study.is_running or self.study_store.is_closed(name):
+            raise StageError(CLOSED_MESSAGE.format(name))
+        if study.waits_for_beacon:
+            raise StageError(
+                f"the study {name!r} is not open yet: its terrains follow from a number that is still to come; come back later"
+            )
+        if study.protocol.task != self.lobby.task.name:
+            raise StageError(
+                f"the study {name!r} is of {study.protocol.rules.title}, and this server plays {self.lobby.task.title}: "
+                "whoever invited you must start it with --env"
+            )
+        rules = study.protocol.rules
+        unlike = rules.unlike(study.protocol.lock)
+        if study.protocol.core_version != rules.version or unlike:
+            what = "study %s is for core version %s, this is %s; here is: %s"
+            other = unlike or "nothing else that differs"
+            _log.warning(what, name, study.protocol.core_version, rules.version, other)
+            raise StageError(NOT_HERE.format(name))
+        return study
+
+    def participant(self, name: str, player_id: str | None) -> Participant:
+        """Return who asks; NotJoinedError before joining."""
+        find = self.study_store.participant_of_player
+        found = None if player_id is None else find(name, player_id)
+        if found is None:
+            raise NotJoinedError(
+                f"you have not joined the study {name!r} in this browser; POST /api/studies/{name}/join does"
+            )
+        return found
+
+    def join(self, name: str, player_id: str, comes: Arrival) -> tuple[Participant, bool]:
+        """Return the participant, and whether it is a new one; joining again resumes."""
+        study = self.open_study(name)
+        found = self.study_store.participant_of_player(name, player_id)
+        came = comes.outside_ids
+        kept = {each: came[each] for each in study.protocol.outside_ids if each in came}
+        script, now, invitation = comes.script, self._now(), None
+        if found is not None and script is not None and found.script != script:
+            who = "a person" if found.script is None else f"the script {found.script!r}"
+            what = f"this browser takes part as {who} already"
+            raise StageError(f"{what}; a script needs a cookie of its own")
+        if script is None and (found is None or found.kind == "human"):
+            with self.recruitment.noting(now):
+                comes = replace(comes, outside_ids=kept)
+                invitation = self.recruitment.admit(study, player_id, comes, found)
+        if found is not None:
+            self._note_return(found, invitation, now)
+            return self.study_store.participant(found.id), False
+        self.add_study(study)
+        new = Participant(
+            id=self._sources.participant_id(), study=name, player_id=player_id, session_id=None,
+            kind="human" if script is None else "script", script=script, stage="consent",
+            consent_version=None, consent_ms=None, joined_ms=now, completed_ms=None, completion_code=None,
+            settings="{}", invitation=invitation,
+        )  # fmt: skip
+        self._add(study, new, kept)
+        return new, True
+
+    def consent(self, name: str, player_id: str | None, version: str, agree: bool) -> None:
+        """Note the answer to the consent text: on to the instructions, or withdrawn."""
+        study, participant = self._at(name, player_id, "consent")
+        if version != study.protocol.consent.version:
+            raise StageError(
+                f"the consent text is version {study.protocol.consent.version!r}, not {version!r}: reload the page"
+            )
+        if not agree:
+            self.study_store.withdraw(participant, self._now())
+            return
+        now = self._now()
+        with self.recruitment.noting(now), self.lobby.store.transaction():
+            if participant.kind == "human":
+                self.recruitment.check_consent(study, participant)
+            agreed = {"consent_version": version, "consent_ms": now}
+            self.study_store.set_stage(participant.id, now, "instructions", **agreed)
+
+    def advance(self, name: str, player_id: str | None, stage: str) -> None:
+        """Go on from instructions, tutorial or debrief."""
+        if stage == "debrief":
+            participant = self.participant(name, player_id)
+        else:
+            _, participant = self._at(name, player_id)
+        if participant.stage != stage:
+            at = f"you are at {_describe(participant.stage)}, not at {_describe(stage)}"
+            raise StageError(f"{at}; nothing has changed")
+        trials = self.study_store.trials(participant.id)
+        if stage == "tutorial" and not any(trial.ended_ms for trial in trials):
+            raise StageError("play the tutorial to its end first, or give it up")
+        self.study_store.set_stage(participant.id, self._now(), _AFTER[stage])
+
+    def answer(self, name: str, player_id: str | None, answers: Sequence[int]) -> list[bool]:
+        """Return which answers were right; all of them: on to the warm-up."""
+        study, participant = self._at(name, player_id, "questions")
+        questions = study.protocol.questions
+        if len(answers) != len(questions):
+            each = f"one choice for each of {counted(len(questions), 'question')}"
+            raise ValueError(f"answers must hold {each}, got {len(answers)}")
+        for number, (choice, question) in enumerate(zip(answers, questions, strict=True)):
+            if choice >= len(question.choices):
+                most = len(question.choices) - 1
+                raise ValueError(f"answer {number} must be 0 to {most}, got {choice}")
+        pairs = zip(answers, questions, strict=True)
+        right = [choice == question.answer for choice, question in pairs]
+        with self.lobby.store.transaction():
+            self.study_store.add_stage_event(
+                participant.id, self._now(), "answers", {"answers": list(answers), "right": right}
+            )
+            if all(right):
+                stage: Stage = _WARM_UP if study.protocol.warm_up else "ranked"
+                self.study_store.set_stage(participant.id, self._now(), stage)
+        return right
+
+    async def begin_next(self, name: str, player_id: str | None) -> None:
+        """Begin the next episode of the stage; nothing changes while one runs."""
+        store = self.lobby.store
+        present = await store.read(partial(self.participant, name, player_id))
+        async with self._locks.of(present.id):
+            planned = await store.write(partial(self._plan, name, player_id))
+            if planned is None:
+                return
+            study, participant, trials, phase, trial, terrain, seed = planned
+            board = await self._board(participant)
+
+            @contextmanager
+            def within(row: Trial) -> Iterator[None]:
+                # withdrawn in another tab, or closed, while the terrain grew
+                self._at(name, player_id, participant.stage)
+                if participant.session_id is None:
+                    store.add_session(board.row)
+                    self.study_store.set_session(participant.id, board.id)
+                self._note_break(study, participant, trials)
+                yield
+                self.study_store.add_trial(participant.id, row.id, phase, trial, terrain)
+
+            await self.lobby.begin(board, study.protocol.env_config, seed, within, study.name)
+
+    async def abandon(self, name: str, player_id: str | None, episode: str, step: int) -> None:
+        """Abandon the running episode; RefusedError when it is not the one on screen."""
+        find = partial(self._at, name, player_id, "tutorial", "warm_up", "ranked")
+        found = await self.lobby.store.write(find)
+        session = await self.session(found[1])
+        if session is None:
+            raise StageError("no episode has begun: there is nothing to give up")
+        await session.abandon(episode, step)
+
+    async def withdraw(self, name: str, player_id: str | None, erase: bool = False) -> None:
+        """Let the participant go: the running episode is abandoned, the rest is kept.
+
+        Args:
+            erase: They ask that it be erased, which `marsexplorer forget` does.
+        """
+        participant = await self.lobby.store.read(partial(self.participant, name, player_id))
+        session = await self.session(participant)
+        note = partial(self._note_withdrawal, participant.id, erase)
+        if session is None or session.shown.ended or not self.study(name).is_running:
+            await self.lobby.store.write(note)
+            return
+        try:
+            await session.abandon(session.current.id, None, note)
+        except RefusedError:  # it has ended meanwhile
+            await self.lobby.store.write(note)
+
+    def supervise(self, name: str, player_id: str | None, code: str) -> None:
+        """Note that the operator typed their code for a participant; StageError for a wrong one."""
+        study, participant = self._at(name, player_id, *_SUPERVISED)
+        supervise(self.study_store, study, participant, code, self._now())
+
+    def set_settings(self, name: str, player_id: str | None, changed: Mapping[str, Any]) -> None:
+        """Keep what a participant chose: modality, palette, keys; what is not given stays."""
+        participant = self.participant(name, player_id)
+        settings = {**json.loads(participant.settings), **changed}
+        self.study_store.set_settings(participant.id, self._now(), settings)
+
+    async def session(self, participant: Participant) -> Session | None:
+        """Return the participant's board; None before the first episode."""
+        ident = participant.session_id
+        return None if ident is None else await self.lobby.get(ident)
+
+    def _plan(
+        self, name: str, player_id: str | None
+    ) -> tuple[Study, Participant, list[Trial], Phase, int, int, int] | None:
+        """Return what the next episode is (study, participant, trials, phase, trial, terrain, seed); None while one runs."""
+        study, participant = self._at(name, player_id, "tutorial", "warm_up", "ranked")
+        trials = self.study_store.trials(participant.id)
+        if any(trial.ended_ms is None for trial in trials):
+            return None
+        phase: Phase = participant.stage  # type: ignore[assignment]  # checked by _at
+        trial = sum(each.phase == phase for each in trials)
+        where = self._terrain(study, participant, phase, trial)
+        return study, participant, trials, phase, trial, *where
+
+    def _note_withdrawal(self, participant_id: str, erase: bool) -> None:
+        """Withdraw a participant as they are now; StageError when they are at the end already."""
+        participant = self.study_store.participant(participant_id)
+        if participant.stage in ("complete", "withdrawn"):
+            at = _describe(participant.stage)
+            raise StageError(f"you are at {at}: there is nothing to withdraw from")
+        self.study_store.withdraw(participant, self._now(), erase)
+
+    def _at(self, name: str, player_id: str | None, *stages: str) -> tuple[Study, Participant]:
+        """Return an open study and who asks; StageError at other stages than those named."""
+        study, participant = self.open_study(name), self.participant(name, player_id)
+        if stages and participant.stage not in stages:
+            wanted = " or ".join(map(_describe, stages))
+            raise StageError(
+                f"you are at {_describe(participant.stage)}; this belongs to {wanted}, and nothing has changed"
+            )
+        return study, participant
+
+    def _note_return(self, found: Participant, invitation: str | None, now: int) -> None:
+        """Note that a participant opened the study again: after leaving it, or before the consent by another invitation."""
+        if found.stage == "withdrawn":
+            self.recruitment.note(found.id, "after leaving", now)
+        elif invitation is not None and invitation != found.invitation:
+            self.study_store.set_invitation(found.id, invitation)
+
+    def _add(self, study: Study, new: Participant, kept: Mapping[str, str]) -> None:
+        """Add a participant, with what is known of their outside id if they are a person."""
+        id_is = self.recruitment.repeats_outside_id(study, kept) if new.kind == "human" else None
+        with self.lobby.store.transaction():
+            if id_is == "repeated":
+                self.recruitment.note_repeated_id(study, kept, new.joined_ms)
+            joined = {} if id_is is None else {"outside_id": id_is}
+            self.study_store.add_participant(new, kept, joined)
+
+    def add_study(self, study: Study) -> None:
+        """Add the study to the database; StageError when another study of its name is there."""
+        known = add_series(self.lobby.store, study.row())
+        if is_same_study(known, study):
+            return
+        _log.warning(
+            "%s holds another study %r (protocol hash %s): serve this one on a database of its own, or give it another name",
+            self.study_store.path, study.name, known.protocol_hash[:12],
+        )  # fmt: skip
+        raise StageError(NOT_HERE.format(study.name))
+
+    async def _board(self, participant: Participant) -> Session:
+        found = await self.session(participant)
+        own = self._participations.of(participant)
+        return found or self.lobby.new_board(participant.player_id, own)
+
+    def _note_break(self, study: Study, participant: Participant, trials: Sequence[Trial]) -> None:
+        if break_due(study, participant, trials):
+            length = self._now() - (trials[-1].ended_ms or 0)
+            done = sum(trial.phase == "ranked" for trial in trials)
+            detail = {"after": done, "length_ms": length}
+            self.study_store.add_stage_event(participant.id, self._now(), "break", detail)
+
+    def _terrain(
+        self, study: Study, participant: Participant, phase: Phase, trial: int
+    ) -> tuple[int, int]:
+        """Return the terrain's index and seed of a participant's trial."""
+        if phase == "tutorial":
+            return 0, TUTORIAL_SEED
+        if phase == "warm_up":
+            return trial, study.seed("warm-up", trial)
+        number = self.study_store.order_number(participant, self._now())
+        terrain = study.balanced_order(participant.kind, number)[trial]
+        return terrain, study.seed("ranked", terrain)
+
+    def _now(self) -> int:
+        return self._sources.clock_ms()
+
+
+def break_due(study: Study, participant: Participant, trials: Sequence[Trial]) -> bool:
+    """Return whether a break is offered now: after every `break_every` ranked episodes, until the next one begins."""
+    ranked = [trial for trial in trials if trial.phase == "ranked"]
+    has_ended = bool(ranked) and ranked[-1].ended_ms is not None
+    is_due = has_ended and len(ranked) % study.protocol.break_every == 0
+    return is_due and participant.stage == "ranked"
+
+
+def _describe(stage: str) -> str:
+    words = {
+        "questions": "the questions",
+        "complete": "the end",
+        "withdrawn": "the end (withdrawn)",
+        "warm_up": "the warm-up",
+    }
+    return words.get(stage, "the ranked episodes" if stage == "ranked" else f"the {stage}")

@@ -1,0 +1,412 @@
+"""The protocol of a study: everything that is fixed before the first participant joins, and the hash that fixes it.
+
+The defaults are those of Koutras et al. 2021, section 3.2: 15 episodes to warm up, then 30 that count, on level `random` 21x21.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    StrictBool,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
+
+from humanplay.board.clock import Allowed
+from humanplay.board.messages import describe_errors
+from humanplay.db.trial import Required
+from humanplay.series.texts import consent
+from humanplay.task import Configuration, Rules, rules_of
+from marsexplorer.intervals import FEWEST
+
+NAME = r"[a-z0-9][a-z0-9-]{0,39}"
+"""What a study may be called."""
+
+Line = Annotated[str, Field(min_length=1, max_length=300)]
+Rule = Literal[
+    "completed", "all_ranked_driver_human", "most_given_up", "no_labels", "max_pause_share"
+]
+ExclusionRules = dict[Rule, StrictBool | float]
+PER_PROTOCOL = "protocol"
+"""The exclusion set of the per-protocol estimate."""
+EXCLUSION: dict[str, ExclusionRules] = {
+    PER_PROTOCOL: {"completed": True, "all_ranked_driver_human": True, "most_given_up": 0.5},
+    "strict": {
+        "completed": True,
+        "all_ranked_driver_human": True,
+        "most_given_up": 0.5,
+        "no_labels": True,
+        "max_pause_share": 0.5,
+    },
+}
+"""Who enters each estimate beside the one for everybody."""
+
+
+PLANNED = (
+    "assumed_mean",
+    "assumed_player_sd",
+    "assumed_terrain_sd",
+    "assumed_episode_sd",
+    "policy_difference",
+    "power",
+)
+"""The fields that planning fills in where a draft leaves them empty."""
+
+
+class StudyError(Exception):
+    """A study cannot be used as asked; the message is one sentence: what was expected, what came, the way out."""
+
+
+class UnknownStudyError(StudyError):
+    """No study goes by this name."""
+
+
+class DraftStudyError(StudyError):
+    """The study has not been frozen yet."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Consent(_Part):
+    """What a participant agrees to: paragraphs are split by blank lines, and a new text is a new version."""
+
+    version: str = Field(default="1", min_length=1, max_length=40)
+    text: str = Field(min_length=1, max_length=20_000)
+
+
+class Question(_Part):
+    """One that shows whether the instructions were understood.
+
+    answer   the index of the right choice
+    why      what a participant who chose another one reads before trying again
+    """
+
+    question: Line
+    choices: tuple[Line, ...] = Field(min_length=2, max_length=8)
+    answer: int = Field(ge=0)
+    why: str = Field(default="", max_length=500)
+
+    @model_validator(mode="after")
+    def _answer_is_a_choice(self) -> Question:
+        if self.answer >= len(self.choices):
+            known = f"the index of a choice, 0 to {len(self.choices) - 1}"
+            raise ValueError(f"answer must be {known}, got {self.answer}")
+        return self
+
+
+class PairedStudy(_Part):
+    """The study on whose ranked terrains agents are evaluated, as it was frozen."""
+
+    name: str = Field(pattern=f"^{NAME}$")
+    protocol_hash: str = Field(pattern=r"^[0-9a-f]{64}$")
+    commitment: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+
+Sees = Literal["picture", "observation", "both"]
+"""What an agent may see: what people see as a picture or text, what the environment gives a policy, or both."""
+
+
+class Agents(_Part):
+    """What makes a series a sealed evaluation of agents: nobody but holders of cards take part in it.
+
+    sees      what they are shown
+    hours     from a card's first attempt until it is closed, with what runs abandoned
+    minutes   from the beginning of an attempt until it is abandoned; None: no limit but that of the moves
+    calls     calls that a card may make for each of its attempts, of whatever kind, since the server's start
+    study     whose ranked terrains are played, or with `unpaired` others of the same distribution; None: of a task alone
+    unpaired  why terrains of their own are played although a study is named; "" otherwise
+    """
+
+    sees: Sees = "both"
+    hours: float = Field(default=168, gt=0, le=8760, allow_inf_nan=False)
+    minutes: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    calls: int = Field(default=20_000, ge=1)
+    study: PairedStudy | None = None
+    unpaired: str = Field(default="", max_length=500)
+
+
+Declared = Annotated[str, Field(max_length=2_000)]
+_NO_ANSWER = re.compile(
+    r"\W*|\W*(to ?do|tb[acdns]|fixme|xxx+|to be (added|announced|confirmed|decided|defined|determined|done|stated))\b.*",
+    re.IGNORECASE | re.DOTALL,
+)
+"""A text that stands for one to be written: blank, marks only, or TODO, TBD and the like at its beginning."""
+
+
+def asked(question: str) -> Any:
+    """Return a text that a draft may leave empty, and the question that it answers."""
+    return Field(default="", description=question)
+
+
+class Declarations(_Part):
+    """What only the authors know of their study, said before anybody plays; a draft may leave texts empty.
+
+    The descriptions are the questions of `study new` and the table of docs/study.md.
+    """
+
+    contact: Declared = asked(
+        "Who is responsible for the data, and at which address do participants reach them?"
+    )
+    retention: Declared = asked("How long are the recorded moves and the platform's ids stored?")
+    population: Declared = asked("Whom do the people stand for, and by which criteria?")
+    sampling_frame: Declared = asked("Where are people found, and how are they picked there?")
+    recruitment_criteria: Declared = asked("Who is admitted, and whom does recruitment turn away?")
+    author_baseliners: Declared = asked("Do members of the team take part?")
+    training_compensation: Declared = asked("What is paid for tutorial, questions and warm-up?")
+    testing_compensation: Declared = asked(
+        "What is paid for the ranked episodes, and by the hour, the piece or the person?"
+    )
+    performance_bonus: Declared = asked("What more is paid for playing well, and by which rule?")
+    ethics_review: Declared = asked(
+        "Which board approved or exempted the study, under which number?"
+    )
+    pilots: Declared = asked("Which pilots came before, and what did they change?")
+    demographics: Declared = asked("What is asked of people about themselves and will be reported?")
+    registration: Declared = asked("Where is the study registered publicly before anybody plays?")
+    data_availability: Declared = asked(
+        "Where and when will the data be published, or why will they not be?"
+    )
+
+    def unanswered(self) -> list[str]:
+        """Return the fields whose text answers nothing."""
+        return [name for name, text in self if _NO_ANSWER.fullmatch(text)]
+
+
+class Power(_Part):
+    """What a study can see, by simulated studies with its assumptions.
+
+    policy_better  share (0..1) of studies that see a policy which is better by `policy_difference`; None: none is tested
+    people_better  share that see one which is worse
+    half_width     of the 95 % interval of the mean of those who finish, on average; None where people or terrains are too few
+    studies        simulated
+    """
+
+    policy_better: float | None = Field(default=None, ge=0, le=1)
+    people_better: float | None = Field(default=None, ge=0, le=1)
+    half_width: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+    studies: int = Field(ge=1)
+
+    @property
+    def lower(self) -> float | None:
+        """The share that decides: the lower of the two."""
+        if self.policy_better is None or self.people_better is None:
+            return None
+        return min(self.policy_better, self.people_better)
+
+
+class Protocol(_Part):
+    """A study's protocol.
+
+    task                 what is played: mars, or gymnasium: with an id or a description as JSON
+    config               of every episode, as the task's configuration says it
+    core_version         of the rules it was made for
+    lock                 what else must be the same where it is served (`Rules.lock`); freezing writes it
+    warm_up, ranked      episodes a participant plays that do not count, and that do
+    players              participants planned
+    break_every          ranked episodes after which a break is offered
+    pause_after_s        seconds without a key after which the page pauses
+    max_pauses           how often an episode on a clock may stand still before it ends as left
+    max_paused_s         for how many seconds in all it may
+    max_late             share (0..1) of its ticks that may come more than a frame late; beyond, it is labelled
+    outside_ids          parameters of the link that are kept; the first one names the person
+    return_url           where a participant goes from the last page; `{code}` becomes the completion code
+    completion_code      the same for all; None: one drawn for each participant
+    policies             compared in the report, on exactly the ranked terrains
+    debrief_policy       compared with the participant on the warm-up terrains; None: nothing is
+    policy_hashes        SHA-256 (hex) of the policies' files, by name or path; freezing writes them
+    exclusion            estimates by name with who enters them; `protocol`, the per-protocol one, is there in any case
+    primary_metric       in which policies are tested against people, and the study is planned; the other one is descriptive
+    fixed_terrains       whether the claim is about exactly these terrains, and not about others of their kind
+    equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat;
+                         None: it is never called flat
+    recruitment          how participants come: by single-use invitations, from a panel's link, or by a link that is open to all
+    panel_links          of recruitment by a panel: signed when only ids that the operator has signed are let in
+    required_attestation the lowest level at which an episode enters a human figure
+    assumed_mean         of people's episodes that do not fail, in the primary metric; the power follows from this and the next
+    assumed_player_sd    between people's true means
+    assumed_terrain_sd   between terrains, of policy minus people; None: from playing the policies
+    assumed_episode_sd   of an episode beside its player and its terrain
+    assumed_failed_share of episodes that fail, 0..1
+    assumed_leaver_share of the people who begin a ranked episode and leave, 0..1
+    policy_difference    between a policy and the people, in the primary metric: what the study is planned to see
+    power                what freezing found the study to see
+    declarations         what only the authors know; freezing asks for all of them
+    agents               of a sealed evaluation of agents: nobody else takes part; None: a study of people
+    """
+
+    format: Literal["marsexplorer-study-1"] = "marsexplorer-study-1"
+    name: str = Field(pattern=f"^{NAME}$")
+    title: Line
+    task: str = "mars"
+    config: dict[str, Any]
+    core_version: str = Field(default_factory=lambda known: rules_of(known["task"]).version)
+    lock: dict[str, Any] = Field(default_factory=dict)
+    warm_up: int = Field(default=15, ge=0, le=500)
+    ranked: int = Field(default=30, ge=1, le=500)
+    players: int = Field(default=10, ge=1, le=100_000)
+    break_every: int = Field(default=10, ge=1)
+    pause_after_s: float = Field(default=60, gt=0, le=3600, allow_inf_nan=False)
+    max_pauses: int = Field(default=Allowed.pauses, ge=0, le=1000)
+    max_paused_s: float = Field(default=Allowed.paused_s, ge=0, le=86_400, allow_inf_nan=False)
+    max_late: float = Field(default=Allowed.late, ge=0, le=1, allow_inf_nan=False)
+    consent: Consent
+    questions: tuple[Question, ...] = Field(max_length=20)
+    outside_ids: tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")], ...] = Field(
+        default=("PROLIFIC_PID", "STUDY_ID", "SESSION_ID"), max_length=10
+    )
+    return_url: str | None = Field(default=None, max_length=2000, pattern=r"^https?://")
+    completion_code: str | None = Field(default=None, min_length=1, max_length=100)
+    policies: tuple[Line, ...] = ("ppo", "frontier-cost", "frontier-utility", "planner", "random")
+    debrief_policy: Line | None = "ppo"
+    policy_hashes: dict[str, str] = Field(default_factory=dict)
+    exclusion: dict[str, ExclusionRules] = Field(default_factory=lambda: dict(EXCLUSION))
+    primary_metric: Literal["steps", "score"] = "steps"
+    fixed_terrains: bool = False
+    equivalence_margin: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    keep_episodes_when_forgotten: bool = False
+    data_licence: Line = "CC-BY-4.0"
+    recruitment: Literal["open", "invitation", "panel"] = "open"
+    panel_links: Literal["unsigned", "signed"] = "unsigned"
+    required_attestation: Required = "attested"
+    assumed_mean: float | None = Field(default=None, allow_inf_nan=False)
+    assumed_player_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    assumed_terrain_sd: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+    assumed_episode_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    assumed_failed_share: float = Field(default=0.01, ge=0, le=0.5, allow_inf_nan=False)
+    assumed_leaver_share: float = Field(default=0.05, ge=0, le=0.5, allow_inf_nan=False)
+    policy_difference: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    power: Power | None = None
+    declarations: Declarations = Declarations()
+    agents: Agents | None = None
+
+    @field_validator("task")
+    @classmethod
+    def _task_is_ours(cls, given: str) -> str:
+        return rules_of(given).name
+
+    @field_validator("config")
+    @classmethod
+    def _config_is_one(cls, given: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        if "task" not in info.data:
+            return given  # what is wrong with the task has been said
+        rules = rules_of(info.data["task"])
+        try:
+            config = rules.configuration(given)
+        except TypeError as error:
+            raise ValueError(f"config: {error}") from error
+        rules.check_study(config)
+        values: dict[str, Any] = config.to_dict()
+        return values
+
+    @field_validator("policy_hashes")
+    @classmethod
+    def _hashes_are_sha256(cls, given: dict[str, str]) -> dict[str, str]:
+        for policy, digest in given.items():
+            if not re.fullmatch(r"[0-9a-f]{64}", digest):
+                raise ValueError(
+                    f"policy_hashes holds 64 hexadecimal digits for each policy, got {digest!r} for {policy!r}"
+                )
+        return given
+
+    @field_validator("outside_ids")
+    @classmethod
+    def _no_id_twice(cls, given: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(given)) < len(given):
+            raise ValueError(f"outside_ids must differ from each other, got {', '.join(given)}")
+        return given
+
+    @model_validator(mode="after")
+    def _panel_names_people(self) -> Protocol:
+        if self.recruitment == "panel" and not self.outside_ids:
+            why = "the first one names the person, got none"
+            raise ValueError(f"recruitment by a panel needs outside_ids: {why}")
+        if self.panel_links == "signed" and self.recruitment != "panel":
+            got = f"got recruitment {self.recruitment}"
+            raise ValueError(f"panel_links signed is for recruitment panel, {got}")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_an_empty_lock(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Return the fields: a task that locks nothing has no field for it."""
+        found: dict[str, Any] = dump(self)
+        return found if found.get("lock") else {n: v for n, v in found.items() if n != "lock"}
+
+    @property
+    def per_protocol(self) -> ExclusionRules:
+        """Who enters the per-protocol estimate."""
+        return self.exclusion.get(PER_PROTOCOL, EXCLUSION[PER_PROTOCOL])
+
+    @property
+    def rules(self) -> Rules:
+        """The rules of the task."""
+        return rules_of(self.task)
+
+    @property
+    def terrains_drawn(self) -> bool:
+        """Whether figures are for other terrains too: enough are played, and none is fixed."""
+        return self.ranked >= FEWEST and not self.fixed_terrains
+
+    @property
+    def allowed(self) -> Allowed:
+        """What an episode may have in time, where a clock runs."""
+        return Allowed(self.max_pauses, self.max_paused_s, self.max_late)
+
+    @property
+    def env_config(self) -> Configuration:
+        """The configuration of every episode."""
+        return self.rules.configuration(self.config)
+
+
+def default_protocol(name: str, config: Configuration, task: str = "mars", **rest: Any) -> Protocol:
+    """Return a protocol with the paper's defaults, `rest` in their place where given; StudyError when one cannot be.
+
+    Its texts are templates: `humanplay.series.templates.fill` gives what participants read.
+    """
+    known = dict(rules_of(task).study(config))
+    text = consent(known.pop("opening"), bool(known["questions"]), known.pop("things"))
+    title = str(known["title"]).replace("{name}", name)
+    named = {} if task == "mars" else {"task": task}
+    parts = {"name": name, **named, "config": config.to_dict(), **known}
+    parts |= {"title": title, "consent": {"text": text}}
+    return parse_protocol({**parts, **rest})
+
+
+def parse_protocol(data: Mapping[str, Any]) -> Protocol:
+    """Return the protocol of plain values; StudyError with one sentence when they make none."""
+    try:
+        return Protocol.model_validate(data)
+    except ValidationError as error:
+        found = error.errors(include_url=False)
+        # said of a default that follows from a field which is wrong, and said itself
+        found = [each for each in found if each["type"] != "default_factory_not_called"]
+        raise StudyError(f"the protocol does not hold: {describe_errors(found)}") from error
+
+
+def canonical_json(value: Any) -> bytes:
+    """Return JSON in its one canonical form: keys sorted, no spaces, UTF-8."""
+    form: Any = {"sort_keys": True, "separators": (",", ":"), "ensure_ascii": False}
+    return json.dumps(value, allow_nan=False, **form).encode()
+
+
+def canonical(protocol: Protocol) -> bytes:
+    """Return the protocol's canonical JSON, without what it was made without: a later version's new fields change no hash."""
+    return canonical_json(protocol.model_dump(mode="json", exclude_unset=True))
+
+
+def protocol_hash(protocol: Protocol) -> str:
+    """Return SHA-256 (hex) of the canonical JSON."""
+    return hashlib.sha256(canonical(protocol)).hexdigest()

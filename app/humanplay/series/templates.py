@@ -1,0 +1,159 @@
+"""Texts of a draft are templates: `{ranked}` stands for the protocol's own number, so a text cannot promise another study.
+
+Freezing fills them in and writes the filled texts, which are what participants read; a frozen text is never filled again.
+A number written by hand beside a word for episodes is refused, because editing the protocol would leave it behind.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterator
+from string import Formatter
+from typing import Any
+
+from humanplay.series.protocol import Protocol, StudyError, parse_protocol
+
+PLACEHOLDERS = {
+    "name": "the study's name",
+    "warm_up": "episodes that do not count",
+    "ranked": "episodes that count",
+    "episodes": "warm_up and ranked together",
+    "break_every": "ranked episodes after which a break is offered",
+    "pause_after": "seconds without a key after which the page pauses",
+    "minutes": "how long it takes: 5 minutes, and three quarters of a minute an episode on 441 cells, in fives",
+    "questions": "understanding questions",
+    "players": "participants planned",
+    "licence": "licence of the published data",
+    "contact": "who is responsible for the data, as declared",
+    "retention": "how long the data are stored, as declared",
+    "coverage": "share of the cells that completes a terrain, as in 99 %",
+    "lidar_radius": "how far the lidar reaches, in cells",
+    "rows": "cells of a terrain from north to south",
+    "cols": "cells of a terrain from west to east",
+    "max_steps": "moves after which an episode ends",
+}
+"""What a text may name in braces, and what it stands for. `{{` and `}}` are braces themselves."""
+
+_SMALL = (
+    "two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen eighteen "
+    "nineteen"
+)
+_TENS = "twenty thirty forty fifty sixty seventy eighty ninety"
+_WORDS = "|".join(
+    (
+        *_SMALL.split(),
+        *(f"{tens}(?:[- ](?:one|{'|'.join(_SMALL.split()[:8])}))?" for tens in _TENS.split()),
+    )
+)
+_KINDS = r"practice|practise|training|warm-?\s?up|ranked|scored|counted|counting|test|further|more|other|real"
+_THINGS = r"rounds?|episodes?|terrains?|trials?"
+_BY_HAND = re.compile(
+    rf"(?<![\w.])(?<![a-z]-)(?P<number>\d+|(?<!of )(?:{_WORDS}|(?:a |one )?hundred))"
+    rf"(?:[\s\u00a0-]+(?:{_KINDS}))*[\s\u00a0-]+(?:{_THINGS})\b",
+    re.IGNORECASE,
+)
+"""A number of 2 or more directly before a word for episodes; "which of two rounds" compares and counts none."""
+_ONE_OF_MANY = re.compile(
+    rf"(?<![\w.,-])(1(?:[\s\u00a0-]+(?:{_KINDS}))*[\s\u00a0-]+(?:round|episode|terrain|trial|question|participant))s\b",
+    re.IGNORECASE,
+)
+"""What a filled-in 1 leaves in the plural."""
+
+
+def fill(protocol: Protocol) -> Protocol:
+    """Return the protocol with every text filled in; StudyError where a text names what there is not, or a number by hand."""
+    for where, text in _texts(protocol):
+        _check_numbers(where, text)
+    values = placeholder_values(protocol)
+    data = protocol.model_dump(mode="json")
+    data["title"] = _filled("title", protocol.title, values)
+    data["consent"]["text"] = _filled("consent.text", protocol.consent.text, values)
+    for number, question in enumerate(data["questions"]):
+        where = f"questions[{number}]"
+        question["question"] = _filled(f"{where}.question", question["question"], values)
+        question["why"] = _filled(f"{where}.why", question["why"], values)
+        where, choices = f"{where}.choices", question["choices"]
+        question["choices"] = [_filled(where, choice, values) for choice in choices]
+    return parse_protocol(data)
+
+
+def filled(text: str, protocol: Protocol) -> str:
+    """Return a text that goes with a study, its placeholders filled in; `{title}` is the study's title."""
+    values = placeholder_values(protocol)
+    title = _filled("title", protocol.title, values)
+    return _filled("the text", text, {**values, "title": title})
+
+
+def placeholder_values(protocol: Protocol) -> dict[str, str]:
+    """Return what each placeholder becomes in this protocol."""
+    config = protocol.env_config
+    minutes = protocol.rules.minutes(config) * (protocol.warm_up + protocol.ranked)
+    values: dict[str, Any] = {
+        "name": protocol.name,
+        "warm_up": protocol.warm_up,
+        "ranked": protocol.ranked,
+        "episodes": protocol.warm_up + protocol.ranked,
+        "break_every": protocol.break_every,
+        "pause_after": f"{protocol.pause_after_s:g}",
+        "minutes": 5 + 5 * max(1, round(minutes / 5)),
+        "questions": len(protocol.questions),
+        "players": protocol.players,
+        "licence": protocol.data_licence,
+        "contact": protocol.declarations.contact or "TODO",
+        "retention": protocol.declarations.retention or "TODO",
+        **protocol.rules.placeholders(config),
+        "max_steps": config.limit,
+    }
+    return {name: str(value) for name, value in values.items()}
+
+
+def _texts(protocol: Protocol) -> Iterator[tuple[str, str]]:
+    """Yield the place and the text of everything that participants read."""
+    yield "title", protocol.title
+    yield "consent.text", protocol.consent.text
+    for number, question in enumerate(protocol.questions):
+        yield f"questions[{number}].question", question.question
+        yield f"questions[{number}].why", question.why
+        for choice in question.choices:
+            yield f"questions[{number}].choices", choice
+
+
+def _filled(where: str, text: str, values: dict[str, str]) -> str:
+    """Return a text with its placeholders filled in."""
+    found = []
+    try:
+        for literal, name, form, conversion in Formatter().parse(text):
+            found.append(literal)
+            if name is not None:
+                rest = (f"!{conversion}" if conversion else "") + (f":{form}" if form else "")
+                found.append(_value(where, name + rest, values))
+    except ValueError as error:
+        raise StudyError(
+            f"{where} has a brace without its pair: write {{{{ and }}}} for braces that stand for themselves"
+        ) from error
+    return _ONE_OF_MANY.sub(r"\1", "".join(found))
+
+
+def _value(where: str, name: str, values: dict[str, str]) -> str:
+    if name in values:
+        return values[name]
+    near = difflib.get_close_matches(name.lower(), values, n=1, cutoff=0.5)
+    guess = f"did you mean {{{near[0]}}}? " if near else ""
+    known = ", ".join(f"{{{each}}}" for each in values)
+    raise StudyError(
+        f"{where} has the unknown placeholder {{{name}}}: {guess}there are {known}; {{{{ and }}}} write braces"
+    )
+
+
+def _check_numbers(where: str, text: str) -> None:
+    """Check that no number of episodes is written by hand; StudyError otherwise."""
+    for found in _BY_HAND.finditer(text):
+        number = found["number"]
+        if number.isdigit() and int(number) < 2:
+            continue
+        raise StudyError(
+            f"{where} counts by hand: {' '.join(found[0].split())!r}. A text must name the protocol's own numbers, which stay "
+            "right when the protocol changes: write {warm_up}, {ranked}, {episodes} or {break_every} in place of "
+            f"{number!r}, or say it without a number"
+        )

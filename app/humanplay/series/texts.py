@@ -1,0 +1,82 @@
+"""The words a new study begins with: templates (`humanplay.series.templates`) that a researcher edits before freezing."""
+
+from __future__ import annotations
+
+PAPER_STUDY = "koutras2021"
+"""The study with the paper's own settings: its people are counted on the pages, as so many of those planned."""
+PAPER_PLAYERS = 10
+"""People whose figure Koutras et al. 2021 (section 4) print."""
+
+RECRUITMENT = """\
+{title}
+
+We are looking for {players} people to take part in a study, in a browser, with a keyboard or a touch screen.
+
+- It takes about {minutes} minutes, with breaks whenever you like: practice ({warm_up}), then what counts ({ranked}).
+  Nothing has to be installed.
+- Anybody may take part who: TODO, as under recruitment_criteria in protocol.json
+- You get: TODO, as under testing_compensation
+- We record your moves and keys in the game, under a pseudonym. You may stop at any time and need give no reason.
+- To take part, or to ask: TODO, name and address
+
+Each link is for one person: please do not pass it on.
+"""
+"""What people are asked to take part with."""
+
+CHECKLIST = """\
+# Operator's checklist: {name}
+
+## Before anybody is asked
+- [ ] `protocol.json`: every declaration answered, which puts name and address into the consent text; read by the ethics board
+- [ ] `recruitment.txt`: every TODO replaced
+- [ ] Rehearsal under another name: `marsexplorer study new rehearsal --declarations FILE`, where FILE is the `rehearsal.json`
+      beside this list, `marsexplorer study freeze rehearsal`, `marsexplorer serve`, and beside it
+      `marsexplorer simulate --study rehearsal --participants 3 --speed 200`. It prints the minutes a participant took.
+      The texts promise {minutes}; synthetic players do not stop to think.
+- [ ] Walk through it once yourself, on the screen that people will use
+
+## Fix it
+- [ ] `marsexplorer study freeze {name} --beacon`, ten minutes later `marsexplorer study open {name}`
+- [ ] `marsexplorer study preregister {name} --out {name}.md`, and register it: protocol hash and commitment are in it
+- [ ] A copy of the study's folder in a safe place: whoever reads `secret` knows every terrain
+
+## Let {players} people in
+- [ ] Backups run (docs/deploy.md), and one was restored
+- [ ] `marsexplorer serve --admin --public-url https://...`, then `marsexplorer study invite {name} {players}` for the links
+- [ ] Every day: `/admin` for deviations and for who is quiet; `marsexplorer verify`; `marsexplorer stamp`
+- [ ] Whoever wants to be erased: `marsexplorer forget`
+
+## Close it
+- [ ] `marsexplorer study close {name}`, when the last person is through
+- [ ] `marsexplorer report --study {name} --html {name}.html`
+- [ ] `marsexplorer release`, and another machine derives it again with `marsexplorer reproduce`
+"""
+"""What an operator does from the draft to the figure, on one page."""
+
+_DURATION = (
+    "It takes about {{minutes}} minutes: a short tutorial, {questions}{{warm_up}} practice {things} and {{ranked}} {things} "
+    "that count, with breaks whenever you like."
+)
+_REST = (
+    "We record every move and every key press in the game with its time, whether the page was in view, and your answers to "
+    "the questions. We do not record your name, your screen, sound or anything outside this page. If a recruiting site sent "
+    "you, the number it gave you is kept apart from your moves and is never published.",
+    "The recorded moves will be published under a pseudonym, so that others can check and reuse the results (licence "
+    "{licence}). What is published cannot be called back. How long the rest is stored: {retention}",
+    "Responsible for the data, and whom to write to: {contact}",
+    "Taking part is voluntary. You can stop at any moment without giving a reason, by the button Leave the study. You then "
+    "choose: what you have played is kept without your name, or it is erased, with the moves, the keys, your answers and the "
+    "number from a recruiting site; that somebody was erased stays noted. You can ask for that later too: write to the address "
+    "above, and give the name by which this page calls you. There are no known risks beyond those of looking at a screen.",
+)
+
+
+def consent(opening: str, with_questions: bool, things: str) -> str:
+    """Return what a participant agrees to, paragraphs split by blank lines.
+
+    opening  what is played, in the task's words
+    things   what is counted: terrains, rounds
+    """
+    questions = "{questions} questions, " if with_questions else ""
+    duration = _DURATION.format(questions=questions, things=things)
+    return "\n\n".join((opening, duration, *_REST))

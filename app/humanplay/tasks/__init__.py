@@ -1,0 +1,1 @@
+"""The environments that are played: one package each, behind `humanplay.task`."""

@@ -1,0 +1,107 @@
+"""Environments and wrappers that make others playable and exact; they are named in a description.
+
+`humanplay.tasks.gymnasium.adapters:Crafter-v0` is Crafter, and a wrapper is `"humanplay.tasks.gymnasium.adapters:Fresh"`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from typing import Any, cast
+
+import gymnasium
+import numpy as np
+
+
+class Fresh(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Makes the environment anew for each episode: what `reset` leaves of the last one (BipedalWalker's) has no effect."""
+
+    _used = False
+
+    def reset(self, **given: Any) -> Any:
+        """Return what the reset of a new environment returns, or of the first one where it is unused."""
+        if self._used:
+            self.env.close()
+            assert self.env.spec is not None
+            self.env = gymnasium.make(self.env.spec)
+        self._used = True
+        return self.env.reset(**given)
+
+
+class OneAtATime(gymnasium.ActionWrapper[Any, Any, Any]):
+    """Of an action of n numbers, one at its lowest or its highest and the others 0: 0 is none, 1 and 2 the first, and so on."""
+
+    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self._box = cast("gymnasium.spaces.Box", env.action_space)
+        self.action_space = gymnasium.spaces.Discrete(2 * self._box.low.size + 1)
+
+    def action(self, action: int) -> Any:
+        """Return the numbers."""
+        numbers = np.zeros(self._box.shape, self._box.dtype)
+        if action:
+            which, is_high = divmod(int(action) - 1, 2)
+            numbers[which] = (self._box.high if is_high else self._box.low)[which]
+        return numbers
+
+
+class _InOrder(dict[Any, None]):
+    """A set in the order of insertion; Crafter's own are iterated by address in memory."""
+
+    remove = dict.__delitem__
+
+    def add(self, item: Any) -> None:
+        self[item] = None
+
+
+class Crafter(gymnasium.Env[Any, int]):
+    """Crafter (Hafner 2021, arXiv 2109.06780; of Gym 0.21) made exact: as shipped, a seed and actions give different worlds.
+
+    Its sets are kept in order. Its `render` draws random numbers, so that its picture is that of the last step; its `reset`
+    counts episodes, so that each is made anew. `info` tells `unlocked`, the achievements so far.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
+
+    def __init__(self, seed: int = 0, size: int = 450, render_mode: str | None = None) -> None:
+        import crafter
+
+        self.render_mode = render_mode
+        self._inner = crafter.Env(seed=seed % (2**31 - 1), size=(size, size))
+        self._seed, self._size = seed, size
+        self.action_space: Any = gymnasium.spaces.Discrete(len(self._inner.action_names))
+        self.observation_space: Any = gymnasium.spaces.Box(0, 255, (size, size, 3), np.uint8)
+
+    def get_action_meanings(self) -> list[str]:
+        """Return the names of the actions."""
+        return list(self._inner.action_names)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        """Return the first picture of the world of a seed, that of the last one where none is given."""
+        self.__init__(self._seed if seed is None else seed, self._size, self.render_mode)  # type: ignore[misc]
+        world, reset = self._inner._world, self._inner._world.reset
+
+        def reset_in_order(seed: int | None = None) -> None:
+            reset(seed)
+            world._chunks = defaultdict(_InOrder)
+
+        world.reset = reset_in_order
+        self._frame = self._inner.reset()
+        return self._frame, {"unlocked": 0}
+
+    def step(self, action: int) -> Any:
+        """Return the next picture, reward and ends; the player's death terminates."""
+        self._frame, reward, ended, info = self._inner.step(int(action))
+        counts: Iterable[int] = info["achievements"].values()
+        told = {"unlocked": sum(count > 0 for count in counts)}
+        died = info["discount"] == 0
+        return self._frame, float(reward), died, bool(ended and not died), told
+
+    def render(self) -> Any:
+        """Return the picture of the last step."""
+        return self._frame
+
+
+gymnasium.register(
+    "Crafter-v0", "humanplay.tasks.gymnasium.adapters:Crafter", max_episode_steps=10_000
+)

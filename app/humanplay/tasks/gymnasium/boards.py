@@ -1,0 +1,202 @@
+"""Boards of an environment in processes of their own, so that one that fails ends itself alone."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from threading import Lock
+from typing import Any
+from weakref import WeakSet
+
+from humanplay.task import RunEndedError, TaskFullError, rules_of
+from humanplay.tasks.gymnasium.description import described
+from humanplay.tasks.gymnasium.rules import FAILED, GymnasiumConfig, GymnasiumRun, GymnasiumView
+from humanplay.tasks.processes import LostError, Preparer, Work, Worker
+
+ALL_OF_MEMORY = 0.5
+"""Share of the machine's memory that all boards may take before no further one begins."""
+THREADS = 64
+"""Steps that can be waited for at once."""
+
+
+class Boards:
+    """The processes of one task's boards.
+
+    steps_on  threads to wait for their answers on
+    hidden    files and folders that no board may read
+    """
+
+    _open, _listing = WeakSet[Worker](), Lock()  # of all tasks that this process serves
+
+    def __init__(self, task: str, hidden: Sequence[Path] = ()) -> None:
+        self.steps_on = ThreadPoolExecutor(THREADS, "boards")
+        memory_mb = described(task.partition(":")[2]).memory_mb
+        self.task, self.preparer = task, Preparer(__name__, task, memory_mb, hidden=hidden)
+        self._most = int(ALL_OF_MEMORY * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+
+    def check_room(self) -> None:
+        """Check that an episode may begin; TaskFullError where all boards take too much memory."""
+        with self._listing:
+            boards = list(self._open)
+        if (taken := sum(map(Worker.resident, boards))) > self._most:
+            raise TaskFullError(
+                f"the boards take {taken >> 20} MB of memory, of at most {self._most >> 20} MB: try again in a minute"
+            )
+
+    def begin(self, request: Mapping[str, Any]) -> Worker:
+        """Return a new process that plays what is requested; ValueError, saying why, where there is none."""
+        board = self.preparer.begin(request)
+        with self._listing:
+            self._open.add(board)
+        return board
+
+    def close(self) -> None:
+        """End the process, and with it those of all boards."""
+        self.steps_on.shutdown(wait=False)
+        self.preparer.close()
+
+
+class BoardRun(GymnasiumRun):
+    """A run whose environment is in a process of its own, made again by replay once where that process is lost.
+
+    ValueError where it cannot be made.
+    """
+
+    def __init__(self, boards: Boards, config: GymnasiumConfig, seed: int, actions: bytes) -> None:
+        self.config, self.seed, self._boards = config, seed, boards
+        self._described = config.description
+        self.actions, self._rewards, self._scores = bytearray(), list[float](), list[float]()
+        self.outcome, self.total = "running", 0.0
+        self._asked: int | None = None
+        self.tell: Callable[[int, int], object] = lambda done, of: None
+        try:
+            self._board = self._begun(actions)
+        except LostError as error:
+            raise ValueError(f"{config.level} could not be begun: {error}") from error
+        self.actions += actions
+        if self.outcome != "running":
+            self._board.close()
+
+    def _begun(self, actions: bytes) -> Worker:
+        request = {"config": self.config.to_dict(), "seed": self.seed, "actions": list(actions)}
+        board = self._boards.begin(request)
+        told = board.answer(lambda done: self.tell(done, len(actions)))
+        self._rewards, self._scores = [], []
+        self._take(told)
+        return board
+
+    def _take(self, told: Mapping[str, Any]) -> None:
+        self._rewards += told["rewards"]
+        self._scores += told["scores"]
+        self.outcome, self.total, self._digest = told["outcome"], told["total"], told["digest"]
+        self._picture, self._text, self._last = told["picture"], told["text"], told["observation"]
+
+    async def ask(self, action: int) -> bool:
+        """Ask its process for a move and return whether `step` can make it at once, without waiting on a thread."""
+        if self.outcome != "running" or not self._is_action(action):
+            return True  # `step` says so
+        self._asked = action
+        try:
+            return await self._board.asked(action)
+        except LostError:
+            self._asked = None
+            return False
+
+    def _answer(self, question: int | None, is_asked: bool = False) -> Any:
+        """Return what its process answers, made again where it is lost; LostError or ValueError where that fails too."""
+        try:
+            return self._board.answer() if is_asked else self._board.ask(question)
+        except LostError:
+            self._board = self._begun(bytes(self.actions))
+            return self._board.ask(question)
+
+    def _is_action(self, action: int) -> bool:
+        return 0 <= action < len(rules_of(self._boards.task).actions)
+
+    def step(self, action: int) -> float:
+        """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action.
+
+        RunEndedError where the environment fails at this move twice: the run has ended with the moves before it.
+        """
+        if self.outcome != "running":
+            raise RuntimeError(f"the episode has ended ({self.outcome}); begin another one")
+        if not self._is_action(action):
+            raise ValueError(f"expected an action of {self.config.level}, got {action}")
+        asked, self._asked = self._asked, None
+        try:
+            told = self._answer(action, is_asked=asked is not None)
+        except (LostError, ValueError) as error:
+            self._board.close()
+            self.outcome = FAILED
+            raise RunEndedError(
+                f"{self.config.level} failed at this move, and again after it was made anew: {error}; the episode is over"
+            ) from error
+        self.actions.append(action)
+        self._take(told)
+        if self.outcome != "running":
+            self._board.close()
+        return self._rewards[-1]
+
+    def abandon(self) -> None:
+        """Give up: the episode ends as one that was left, with the score so far."""
+        super().abandon()
+        self._board.close()
+
+    def view(self) -> GymnasiumView:
+        """Return what may be seen of the run as it stands."""
+        return GymnasiumView(self, self._picture, self._text)
+
+    def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
+        """Return picture or text, and the observation, which is asked of the process; ValueError where it is lost twice."""
+        given = self._last if observation else None
+        if observation and self.outcome == "running":
+            try:
+                given = self._answer(None)["observation"]
+            except LostError as error:
+                raise ValueError(f"{self.config.level} cannot be shown: {error}") from error
+        shown = (self._picture, self._text) if picture else (None, None)
+        return {"picture": shown[0], "text": shown[1], "observation": given}
+
+    def observation(self) -> Any:
+        """Return what a policy's process is told: what the environment shows it does not leave its own."""
+        return self.view().observation()
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 (hex) over configuration, seed, moves, rewards and observations."""
+        return str(self._digest)
+
+
+def prepare(task: str) -> None:
+    """Import the environment and draw it once (`humanplay.tasks.processes`)."""
+    rules_of(task).prepare()
+
+
+def work(task: str, request: Mapping[str, Any]) -> Work:
+    """Play one board: yield what its moves so far came to, then what each action that is sent leads to."""
+    run = GymnasiumRun(rules_of(task).configuration(request["config"]), request["seed"])
+    run.is_live = True
+    for step, action in enumerate(request["actions"], 1):
+        run.step(action)
+        yield step
+    since = -1
+    while True:
+        action = yield _told(run, since)
+        while action is None:  # an agent that is shown the observation asks for it
+            action = yield run.seen(picture=False, observation=True)
+        since = len(run.actions)
+        run.step(action)
+
+
+def _told(run: GymnasiumRun, since: int) -> dict[str, Any]:
+    """Return what is told of a run: its figures, those since so many moves (-1: all), and its picture."""
+    return {
+        "rewards": list(run.rewards()[max(since, 0) :]),
+        "scores": list(run.scores()[since + 1 :]),
+        "outcome": run.outcome,
+        "total": run.total,
+        "digest": run.digest,
+        **run.seen(picture=True, observation=run.ended),
+    }

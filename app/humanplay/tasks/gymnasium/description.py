@@ -1,0 +1,322 @@
+"""What a researcher says of an environment: an id, or a TOML file; and what is known or derived where it says nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from functools import cache, lru_cache
+from importlib import import_module
+from importlib.metadata import entry_points, packages_distributions
+from importlib.metadata import version as version_of
+from pathlib import Path
+from typing import Annotated, Any, Literal, cast
+
+import gymnasium
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from humanplay.board.messages import KEY_CODES
+
+DEFAULT_LIMIT = 1000
+"""Moves after which an episode times out where neither the environment nor its description sets a limit."""
+MAX_LIMIT = 100_000
+MAX_ACTIONS = 64
+"""Most actions: each has a button on a phone."""
+SPECIAL = {
+    32: "Space", 273: "ArrowUp", 274: "ArrowDown", 275: "ArrowRight", 276: "ArrowLeft", 1073741906: "ArrowUp",
+    1073741905: "ArrowDown", 1073741903: "ArrowRight", 1073741904: "ArrowLeft",
+}  # fmt: skip
+"""pygame's codes (before and since 2.0) of the keys that print no letter."""
+PACKAGES = {
+    "gymnasium.envs.box2d": "Box2D", "gymnasium.envs.mujoco": "mujoco", "humanplay.tasks.gymnasium.adapters:Crafter": "crafter",
+}  # fmt: skip
+"""Beginnings of entry points -> the package whose code an environment is, where another one brings it."""
+PRINTED = "printed in preregistration, report and datasheet"
+
+
+class Description(BaseModel):
+    """An environment as people are to play it; nothing but `id` is needed.
+
+    Rules: a success is `return > NUMBER`, `return >= NUMBER` or `info.NAME` (true in the last step's info). Without one nothing
+    is guessed: an episode that ends by itself has ended, no more.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    id: str = Field(
+        pattern=r"^(\w[\w.]*:)?[\w./-]{1,100}$",
+        description="Gymnasium's id; before a colon the module that registers it",
+    )
+    kwargs: dict[str, Any] = Field({}, description="what gymnasium.make is given besides")
+    wrappers: tuple[str, ...] = Field(
+        (), description='put around it, the innermost first: "module:Class", called with the environment alone'
+    )  # fmt: skip
+    title: str = Field("", max_length=100, description="what pages call it; else a part of the id")
+    instructions: str = Field("", max_length=2000, description="what players are told to do")
+    actions: tuple[str, ...] = Field((), description="names of the actions, by their codes")
+    keys: dict[str, str | int] = Field(
+        {}, description="event.code -> an action's name or code, with a clock also KeyA+KeyD; "
+        "an action without a key cannot be chosen"
+    )  # fmt: skip
+    clock: Literal["turns"] | Annotated[int, Field(ge=1, le=60)] = Field(
+        "turns", description="frames a second; turns: each move is waited for"
+    )
+    noop: str = Field("", description="the action of no key; else noop, else the last one again")
+    max_steps: int | None = Field(None, gt=0, le=MAX_LIMIT, description="moves until it times out")
+    success: str = Field(
+        "", pattern=r"^(return >=? -?\d+(\.\d+)?|info\.\w+)?$", description="which ending is a success"
+    )  # fmt: skip
+    score: str = Field(
+        "return", pattern=r"^(return|info\.\w+)$", description="the headline metric: the return, or the last info.NAME"
+    )  # fmt: skip
+    bounds: tuple[float | None, float | None] = Field(
+        (None, None), description="the lowest and the highest score that there can be, where they are known"
+    )  # fmt: skip
+    seeding: Literal["reset", "kwarg"] = Field(
+        "reset", description="kwarg: it is made with seed= and ignores the seed of reset"
+    )
+    memory_mb: int = Field(512, ge=16, le=2**20, description="MB that a board may take by itself")
+    codec: Literal["png", "jpeg"] = Field("png", description="jpeg: smaller, with loss")
+    people_see: str = Field("", max_length=200, description=f"what the picture shows; {PRINTED}")
+    agents_see: str = Field("", max_length=200, description=f"what agents observe; {PRINTED}")
+
+    @field_validator("actions")
+    @classmethod
+    def _are_names(cls, given: tuple[str, ...]) -> tuple[str, ...]:
+        if bad := [name for name in given if not re.fullmatch(r"\w{1,40}", name)]:
+            raise ValueError(f"expected names of letters, digits and _, got {bad[0]!r}")
+        if len(set(given)) < len(given):
+            raise ValueError("expected names that differ")
+        return given
+
+    @field_validator("keys")
+    @classmethod
+    def _are_codes(cls, given: dict[str, str | int]) -> dict[str, str | int]:
+        if bad := [code for code in given if not KEY_CODES.issuperset(code.split("+"))]:
+            expected = "codes like ArrowUp, KeyA, Digit1 or Space (KeyboardEvent.code)"
+            raise ValueError(f"expected {expected}, got {bad[0]!r}")
+        return given
+
+    @property
+    def told(self) -> str:
+        """What describes it in the name of a task: the id alone, or canonical JSON of what was said."""
+        said = self.model_dump(mode="json", exclude_unset=True)
+        return self.id if said == {"id": self.id} else canonical(said)
+
+    def make(self, kwargs: Mapping[str, Any], limit: int, seed: int | None = None) -> Any:
+        """Return a new environment; ValueError where something it needs is not installed or it refuses its arguments."""
+        for driver in ("SDL_VIDEODRIVER", "SDL_AUDIODRIVER"):
+            os.environ.setdefault(driver, "dummy")  # pygame would look for a screen and for sound
+        given = {**kwargs, **({"seed": seed} if self.seeding == "kwarg" else {})}
+        try:
+            spec_of(self.id)
+            mode = self.render_mode
+            env = gymnasium.make(self.id, limit, True, render_mode=mode, **given)
+            for wrapper in self.wrappers:
+                module, _, name = wrapper.partition(":")
+                env = getattr(import_module(module), name)(env)
+        except (gymnasium.error.Error, TypeError, ImportError, AttributeError) as error:
+            raise ValueError(f"{self.id} cannot be made: {error}") from error
+        return env
+
+    @property
+    def render_mode(self) -> str:
+        """How it is shown: `rgb_array`, else `ansi`; ValueError where it draws neither."""
+        made = spec_of(self.id).entry_point
+        if isinstance(made, str):
+            made = gymnasium.envs.registration.load_env_creator(made)
+        modes = getattr(made, "metadata", {}).get("render_modes", ["rgb_array"])
+        for mode in ("rgb_array", "ansi"):
+            if mode in modes:
+                return mode
+        said = f"no picture (rgb_array) and no text (ansi), only {', '.join(modes) or 'nothing'}"
+        raise ValueError(f"{self.id} draws {said}: name a wrapper that does")
+
+    @property
+    def versions(self) -> str:
+        """What an episode replays with: the versions of its packages."""
+        return ", ".join(f"{name} {version_of(name)}" for name in self.packages)
+
+    @property
+    def packages(self) -> list[str]:
+        """Gymnasium, NumPy and the packages of the environment and its wrappers."""
+        entry = spec_of(self.id).entry_point
+        module = entry if isinstance(entry, str) else getattr(entry, "__module__", "")
+        modules = (re.split("[.:]", module)[0], *(name.split(".")[0] for name in self.wrappers))
+        owners = _owners()
+        owned = [dist for part, dist in PACKAGES.items() if module.startswith(part)]
+        found = (each for name in modules for each in owners.get(name, ()))
+        return sorted({"gymnasium", "numpy", *owned, *found})
+
+
+_owners = cache(packages_distributions)
+CATALOGUE = tomllib.loads(Path(__file__).with_name("catalogue.toml").read_text("utf-8"))
+
+
+def canonical(value: Any) -> str:
+    """Return JSON that is the same for equal values."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"))
+
+
+def spec_of(env_id: str) -> Any:
+    """Return Gymnasium's own description; ValueError, saying why, where there is none."""
+    module, _, name = env_id.rpartition(":")
+    try:
+        if module:
+            import_module(module)
+        return gymnasium.spec(name)
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"Gymnasium knows no environment {env_id!r}: {error}; install its package: pip install {error.name}"
+        ) from error
+    except (gymnasium.error.Error, ImportError) as error:
+        way = "; where a package brings it, write the module's name before it, like minigrid:ID"
+        said = f"Gymnasium knows no environment {env_id!r}: {error}{'' if module else way}"
+        raise ValueError(said) from error
+
+
+@lru_cache(maxsize=64)
+def described(told: str) -> Description:
+    """Return a description as it was told, without what the catalogue knows; ValueError where it is none."""
+    said = json.loads(told) if told.startswith("{") else {"id": told}
+    try:
+        return Description.model_validate(said)
+    except ValidationError as error:
+        raise ValueError(_first(error)) from error
+
+
+def completed(given: Description) -> Description:
+    """Return a description with what the catalogue knows of its environment where it says nothing."""
+    known: dict[str, Any] = {}
+    for beginning, fields in sorted(CATALOGUE["known"].items()):  # the shortest first
+        known |= fields if given.id.startswith(beginning) else {}
+    if given.kwargs or given.wrappers:  # they may change what is seen
+        known = {name: value for name, value in known.items() if not name.endswith("_see")}
+    if "actions" in given.model_fields_set or "keys" in given.model_fields_set:
+        known = {name: value for name, value in known.items() if name != "keys"}
+    return Description.model_validate({**known, **given.model_dump(exclude_unset=True)})
+
+
+def told_of(given: str) -> str:
+    """Return what describes an environment that is named by a TOML file, by what a package offers, or by its id.
+
+    A package offers a dictionary of the fields under the entry-point group `marsexplorer.tasks`. ValueError where what is
+    said is wrong, OSError where a file cannot be read.
+    """
+    if given.endswith(".toml"):
+        return read_description(Path(given)).told
+    for offer in entry_points(group="marsexplorer.tasks", name=given):
+        try:
+            return Description.model_validate(offer.load()).told
+        except ValidationError as error:
+            raise ValueError(f"{given}, which {offer.value} describes: {_first(error)}") from error
+    return given
+
+
+def read_description(path: Path) -> Description:
+    """Return the description in a TOML file; ValueError with the line of what is wrong, OSError where it cannot be read."""
+    text = path.read_text("utf-8")
+    try:
+        return Description.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path}: {error}") from error
+    except ValidationError as error:
+        field = str(error.errors()[0]["loc"][0]) if error.errors()[0]["loc"] else ""
+        found = re.search(rf"^\[?{field}\b", text, re.M) if field else None
+        where = f"{path}, line {text.count(chr(10), 0, found.start()) + 1}" if found else path
+        raise ValueError(f"{where}: {_first(error)}") from error
+
+
+def _first(error: ValidationError) -> str:
+    first = error.errors()[0]
+    field = ".".join(map(str, first["loc"]))
+    if first["type"] == "extra_forbidden":
+        return f"there is no field {field!r}; the fields are {', '.join(Description.model_fields)}"
+    said = first["msg"].removeprefix("Value error, ")
+    return f"{field}: {said}" + ("" if first["type"] == "missing" else f", got {first['input']!r}")
+
+
+def actions_of(described: Description, env: Any) -> tuple[str, ...]:
+    """Return the names of the actions of an environment, by their codes; ValueError where they are not discrete.
+
+    They come from the description, else from `get_action_meanings` or an enumeration `actions`, else they are numbers.
+    """
+    space, inner = env.action_space, env.unwrapped
+    is_discrete = isinstance(space, gymnasium.spaces.Discrete)
+    if not is_discrete or space.start != 0 or space.n > MAX_ACTIONS:
+        way = 'a wrapper can choose some, such as wrappers = ["mypackage:FewActions"] in its file'
+        said = (
+            f"expected up to {MAX_ACTIONS} discrete actions from 0 on, {described.id} has {space}"
+        )
+        raise ValueError(f"{said}; {way}")
+    count = int(space.n)
+    named: Iterable[Any] = described.actions
+    if not described.actions:
+        meanings = getattr(inner, "get_action_meanings", None)
+        named = meanings() if meanings is not None else getattr(inner, "actions", ())
+    try:
+        names = [re.sub(r"\W+", "_", str(getattr(each, "name", each))).lower() for each in named]
+    except TypeError:
+        names = []
+    if described.actions and len(names) != count:
+        raise ValueError(f"actions: {described.id} has {count}, got {len(names)} names")
+    return tuple(names) if len(set(names)) == len(names) == count else tuple(map(str, range(count)))
+
+
+def keys_of(described: Description, env: Any, names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Return the keys (`event.code`) of each action, none for one that cannot be chosen; ValueError where no action has one.
+
+    They come from the description, else from `get_keys_to_action`, else from the words of the names, else they are digits.
+    """
+    found: dict[str, list[str]] = {name: [] for name in names}
+    for code, wanted in described.keys.items():
+        is_code = isinstance(wanted, int) and 0 <= wanted < len(names)
+        name = names[cast("int", wanted)] if is_code else str(wanted)
+        if name not in found:
+            said = f"keys: {code} = {wanted!r} is no action of {described.id}"
+            raise ValueError(f"{said}: {', '.join(names)}")
+        found[name].append(code)
+    if not described.keys:
+        words = {each: codes for said, codes in CATALOGUE["words"].items() for each in said.split()}
+        taken = set[str]()
+        for name in names:
+            whole = [codes for word, codes in words.items() if word in name.split("_")]
+            parts = [codes for word, codes in words.items() if word in name and len(word) > 2]
+            fits = next(iter(whole + parts), ())
+            found[name] = [code for code in fits if code not in taken]
+            taken.update(found[name])
+        for code, action in _own_keys(env.unwrapped):
+            if action < len(names) and not found[names[action]] and code not in taken:
+                found[names[action]].append(code)
+                taken.add(code)
+        free = [f"Digit{each}" for each in "1234567890"]
+        free += [f"Key{letter}" for letter in "QERTYUFGHJKLZXCVBM"]
+        for number, name in enumerate(names if len(names) <= len(free) else ()):
+            if not found[name]:
+                own = [f"Digit{number}"] if name == str(number) else []
+                codes = [each for each in (*own, *free) if each not in taken and each in KEY_CODES]
+                found[name] = codes[:1]
+                taken.update(found[name])
+    if not any(found.values()):
+        raise ValueError(
+            f"no key is known for the {len(names)} actions of {described.id}; name them in its file, such as "
+            "keys = { ArrowLeft = 0, ArrowRight = 1 }"
+        )
+    return {name: tuple(codes) for name, codes in found.items()}
+
+
+def _own_keys(inner: Any) -> list[tuple[str, int]]:
+    """Return the single keys of `get_keys_to_action`, as codes of browsers."""
+    found = []
+    for keys, action in getattr(inner, "get_keys_to_action", dict)().items():
+        held = [keys] if isinstance(keys, str | int) else list(keys)
+        if len(held) == 1 and isinstance(action, int):
+            key = ord(held[0]) if isinstance(held[0], str) and len(held[0]) == 1 else held[0]
+            letter = chr(key).upper() if isinstance(key, int) and key < 128 else ""
+            plain = f"Key{letter}" if letter.isalpha() else f"Digit{letter}"
+            code = SPECIAL.get(cast("int", key), plain)
+            if code in KEY_CODES:
+                found.append((code, action))
+    return found

@@ -1,0 +1,328 @@
+"""Whether an environment follows from its seed and its actions: the same episodes in fresh processes, compared step by step.
+
+`python -m humanplay.tasks.gymnasium.doctor` plays what a JSON request on stdin asks for. It prints a JSON
+line for each episode.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import random
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from humanplay.task import counted, rules_of
+from humanplay.tasks.gymnasium.description import Description
+from humanplay.tasks.gymnasium.rules import GymnasiumRules, bytes_of, finite
+
+Progress = Callable[[int, int], None]
+
+PARTS = ("action", "observation", "reward", "end", "picture")
+"""What is compared at each step, in this order. Actions differ only where a rule does."""
+GLOBAL = "random numbers of Python or numpy that the seed of reset does not reach"
+CAUSES: Mapping[str, str] = {
+    "fresh process": f"{GLOBAL}, the clock, sets of objects ordered by address, files on disk",
+    "hash seed": "sets of strings, iterated in the order of their hashes",
+    "elsewhere": "the clock, the time zone, files of the working folder",
+    "after other episodes": "a counter kept on the class, a state of the module, a cache",
+    "without rendering": "a render that draws random numbers or changes the state",
+    "used environment": "a state that reset leaves as it was",
+}
+"""Variant -> the usual causes of a difference from the first run, in the order in which a difference is blamed on one."""
+TOLERATED = "used environment"
+"""The variant that does not count: the playground makes a fresh environment for each episode."""
+ENVIRON = {"PYTHONHASHSEED": "0", "TZ": "AAA0"}
+CHANGES = {"hash seed": {"PYTHONHASHSEED": "77"}, "elsewhere": {"TZ": "BBB-14"}}
+STICKY = 0.75
+TIMEOUT_S = 1800.0
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where a variant first differs from the first run: at `step` 0 is what reset returned; `part` is one of PARTS."""
+
+    variant: str
+    seed: int
+    episode: int
+    step: int
+    part: str
+
+    def __str__(self) -> str:
+        where = f"seed {self.seed}, episode {self.episode}, step {self.step} ({self.variant})"
+        return f"{self.part} differs at {where}; usual causes: {CAUSES[self.variant]}"
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What was found.
+
+    steps         moves that were compared under each variant, of all seeds
+    differences   the first difference of each variant that has one and counts
+    used          that of a used environment after reset, which does not count
+    step_ms       median processor time of a step; picture_ms that of a picture
+    picture       its rows and columns, in pixels, of text in characters; picture_bytes the median size of its PNG, 0 for text
+    keys          action -> its keys
+    """
+
+    task: str
+    steps: int
+    differences: tuple[Difference, ...]
+    used: Difference | None
+    step_ms: float
+    picture_ms: float
+    picture: tuple[int, int]
+    picture_bytes: int
+    keys: Mapping[str, tuple[str, ...]]
+
+    @property
+    def verdict(self) -> str:
+        """Return the verdict in a sentence."""
+        title = rules_of(self.task).title
+        if self.differences:
+            return f"{title} does not follow from seed and actions: {self.differences[0]}"
+        return f"{title}: no difference in {counted(self.steps, 'step')}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as JSON values."""
+        return {"verdict": self.verdict, "exact": not self.differences, **asdict(self)}
+
+
+def examine(
+    task: str,
+    seeds: int = 5,
+    steps: int = 2000,
+    progress: Progress | None = None,
+    *,
+    config: Mapping[str, Any] | None = None,
+    rule: str | None = None,
+) -> Examination:
+    """Play the same episodes in seven processes and compare hashes; ValueError for what cannot be made, played or drawn.
+
+    steps     moves for each seed; where an episode ends, another begins on the next seed
+    progress  called with (processes done, of how many)
+    config    what `GymnasiumRules.configuration` takes
+    rule      module:function, which returns an action for an observation; uniform and sticky actions take turns with it
+    """
+    rules = rules_of(task)
+    settings = rules.configuration(config or {}).to_dict()
+    advance, variants = progress or (lambda done, total: None), list(CAUSES)
+    total, workers = len(variants) + 1, max(1, min(4, os.cpu_count() or 1))
+    request = {"task": task, "config": settings, "actions": len(rules.actions)}
+    request |= {"seeds": seeds, "rule": rule, "steps": steps}
+    with tempfile.TemporaryDirectory() as here, tempfile.TemporaryDirectory() as there:
+        first = _play({**request, "variant": "first"}, here)
+        advance(1, total)
+        with ThreadPoolExecutor(workers) as threads:
+            others, played = {}, {}
+            for name in variants:
+                folder = there if name == "elsewhere" else here
+                others[threads.submit(_play, {**request, "variant": name}, folder)] = name
+            for done, future in enumerate(as_completed(others), 2):
+                played[others[future]] = future.result()
+                advance(done, total)
+    found = [found for name in variants if (found := _difference(name, first, played[name]))]
+    costs = [episode["costs"] for episode in first]
+    rows, columns = first[0]["picture"]
+    return Examination(
+        task, sum(len(episode["hashes"]) - 1 for episode in first),
+        tuple(each for each in found if each.variant != TOLERATED),
+        next((each for each in found if each.variant == TOLERATED), None),
+        _median(ms for each in costs for ms in each["step"]),
+        _median(ms for each in costs for ms in each["picture"]),
+        (rows, columns), int(_median(size for each in costs for size in each["bytes"])), rules.keys,
+    )  # fmt: skip
+
+
+def description_file(task: str) -> str:
+    """Return all that is known of an environment as a TOML file, with what is derived where nothing is said; ValueError."""
+    rules = GymnasiumRules(task.partition(":")[2])
+    found = rules.description.model_dump(mode="json") | {
+        "title": rules.title,
+        "actions": rules.actions,
+        "keys": {code: name for name, codes in rules.keys.items() for code in codes},
+        "max_steps": rules.limit,
+    }
+    lines = []
+    for name, field in Description.model_fields.items():
+        is_said = found[name] not in ({}, [None, None])
+        said = f"{name} = {_toml(found[name])}" if is_said else f"# {name} ="
+        lines.append(f"{said}  # {field.description}\n")
+    return "".join(lines)
+
+
+def _toml(value: Any) -> str:
+    """Return a value as TOML: JSON but for tables."""
+    if isinstance(value, Mapping):
+        held = ", ".join(f"{json.dumps(name)} = {_toml(each)}" for name, each in value.items())
+        return f"{{ {held} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _median(values: Iterator[float]) -> float:
+    return round(statistics.median([*values] or [0.0]), 4)
+
+
+def _play(request: Mapping[str, Any], folder: str) -> list[dict[str, Any]]:
+    """Return what a fresh process in a folder played; ValueError with what it says where it cannot."""
+    paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
+    environ = {**os.environ, **ENVIRON, **CHANGES.get(request["variant"], {}), "PYTHONPATH": paths}
+    command = [sys.executable, "-m", "humanplay.tasks.gymnasium.doctor"]
+    try:
+        done = subprocess.run(
+            command, input=json.dumps(request), env=environ, cwd=folder, capture_output=True, text=True,
+            timeout=TIMEOUT_S, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired as error:
+        said = f"{request['task']} took over {TIMEOUT_S:.0f} s: ask for fewer steps"
+        raise ValueError(said) from error
+    if done.returncode:
+        said = (done.stderr.strip().splitlines() or [f"it ended with {done.returncode}"])[-1]
+        said = f"{request['task']} cannot be examined: {said}"
+        raise ValueError(f"{said}; play it by its own package first")
+    lines = [line.removeprefix(MARK) for line in done.stdout.splitlines() if line.startswith(MARK)]
+    return [json.loads(line) for line in lines]
+
+
+def _difference(
+    variant: str, first: Sequence[Mapping[str, Any]], other: Sequence[Mapping[str, Any]]
+) -> Difference | None:
+    """Return where the episodes of a variant first differ, in the order of the first run."""
+    again = {(each["seed"], each["episode"]): each["hashes"] for each in other}
+    for each in first:
+        theirs = again.get((each["seed"], each["episode"]), [])
+        for step, mine in enumerate(each["hashes"]):
+            if step >= len(theirs):
+                return Difference(variant, each["seed"], each["episode"], step, "end")
+            for part, one, two in zip(PARTS, mine, theirs[step], strict=True):
+                if one != two and None not in (one, two):
+                    return Difference(variant, each["seed"], each["episode"], step, part)
+    return None
+
+
+MARK = "doctor: "
+"""Begins the lines of the child; an environment may print others."""
+
+
+def _child(request: Mapping[str, Any]) -> None:
+    """Play a request's seeds and print each episode."""
+    rules, variant = rules_of(request["task"]), request["variant"]
+    config = rules.configuration(request["config"])
+    score: str = config.description.score
+    make, seeds = config.make, list(range(request["seeds"]))
+    used = make(0) if variant == TOLERATED else None
+    if variant == "after other episodes" or used is not None:
+        for seed in (10**8, 10**8 + 1):
+            env = used or make(seed)
+            _episode(env, seed, _chooser("uniform", request["actions"], seed), 50, True, score)
+            if used is None:
+                env.close()
+        seeds.reverse()
+    choosers = ["uniform", "sticky", *([request["rule"]] if request["rule"] else [])]
+    for seed in seeds:
+        left, episode = request["steps"], 0
+        while episode == 0 or left > 0:
+            begun = 10_000 * seed + episode
+            env = used or make(begun)
+            chooser = _chooser(choosers[seed % len(choosers)], request["actions"], begun)
+            played = _episode(env, begun, chooser, left, variant != "without rendering", score)
+            if used is None:
+                env.close()
+            print(MARK + json.dumps({"seed": seed, "episode": episode, **played}), flush=True)
+            left, episode = left - max(1, len(played["hashes"]) - 1), episode + 1
+
+
+def _chooser(name: str, actions: int, seed: int) -> Callable[[Any], int]:
+    """Return what chooses an episode's actions from observations, with random numbers of its own."""
+    if name not in ("uniform", "sticky"):
+        module, _, function = name.partition(":")
+        rule: Callable[[Any], int] = getattr(import_module(module), function)
+        return rule
+    dice, last, repeated = random.Random(seed), [-1], STICKY if name == "sticky" else 0.0
+
+    def choose(observation: Any) -> int:
+        if last[0] < 0 or dice.random() >= repeated:
+            last[0] = dice.randrange(actions)
+        return last[0]
+
+    return choose
+
+
+def _episode(
+    env: Any, seed: int, choose: Callable[[Any], int], steps: int, renders: bool, score: str
+) -> dict[str, Any]:
+    """Return an episode of at most so many steps: the hashes of PARTS at each, what they cost, and the picture's size.
+
+    ValueError where a reward, or the score that `info` tells, is not finite.
+    """
+    costs: dict[str, list[float]] = {"step": [], "picture": [], "bytes": []}
+    hashes: list[list[str | None]] = []
+    shape: Sequence[int] = ()
+    observation, action, reward, ends = env.reset(seed=seed)[0], -1, 0.0, (False, False)
+    while True:
+        picture = None
+        if renders:
+            begun = time.process_time()
+            drawn = env.render()
+            costs["picture"].append(1000 * (time.process_time() - begun))
+            if isinstance(drawn, str):
+                rows, picture = drawn.splitlines(), _digest(drawn.encode())
+                shape = (len(rows), max(map(len, rows), default=0))
+            else:
+                picture, shape = _checked_picture(drawn), np.shape(drawn)[:2]
+                if len(hashes) % 100 == 0:
+                    costs["bytes"].append(_png_size(drawn))
+        end = _digest(repr(ends).encode())
+        seen, paid = (
+            _digest(bytes_of(observation)),
+            _digest(repr(finite("reward", reward)).encode()),
+        )
+        hashes.append([str(action), seen, paid, end, picture])
+        if any(ends) or len(hashes) > steps:
+            return {"hashes": hashes, "costs": costs, "picture": shape}
+        action = int(choose(observation))
+        begun = time.process_time()
+        observation, reward, terminated, truncated, info = env.step(action)
+        costs["step"].append(1000 * (time.process_time() - begun))
+        if score != "return":
+            finite(score, info.get(score[5:], 0.0))
+        ends = bool(terminated), bool(truncated)
+
+
+def _checked_picture(drawn: Any) -> str:
+    pixels = np.asarray(drawn)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
+        got = f"{pixels.dtype}{pixels.shape}"
+        raise ValueError(f"render returned no picture (uint8, rows x columns x 3) but {got}")
+    return _digest(bytes_of(pixels))
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.blake2b(content, digest_size=6).hexdigest()
+
+
+def _png_size(pixels: Any) -> int:
+    from PIL import Image
+
+    out = io.BytesIO()
+    Image.fromarray(pixels).save(out, "PNG")
+    return out.tell()
+
+
+if __name__ == "__main__":
+    _child(json.load(sys.stdin))

@@ -1,0 +1,41 @@
+"""A policy's episode of an environment, in a process that has both (`humanplay.tasks.policies`)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from humanplay.task import rules_of
+from humanplay.tasks.gymnasium.rules import GymnasiumRun
+from humanplay.tasks.policies import chooser, prepare_source
+from humanplay.tasks.processes import Work
+
+
+def prepare(argument: str) -> None:
+    """Import the environment and what the policy needs (`humanplay.tasks.processes`)."""
+    task, source = json.loads(argument)
+    rules_of(task).prepare()
+    prepare_source(source)
+
+
+def work(argument: str, request: Mapping[str, Any]) -> Work:
+    """Play one episode: yield an action for the moves that are sent, or, for "play", the whole episode."""
+    task, source = json.loads(argument)
+    run = GymnasiumRun(rules_of(task).configuration(request["config"]), request["seed"])
+    choose = chooser(source, run.action_count, request["policy_seed"])
+    question, decided = (yield "ready"), -1
+    while True:
+        for action in question if question != "play" else ():
+            if decided < len(run.actions):
+                decided, _ = len(run.actions), run.decide(choose)  # it is to remember what it saw
+            run.step(action)
+            yield len(run.actions)
+        while question == "play" and run.outcome == "running":
+            run.step(run.decide(choose))
+            yield len(run.actions)
+        if question == "play":
+            question = yield [list(run.actions), run.digest]
+        else:
+            decided = len(run.actions)
+            question = yield str(run.decide(choose))

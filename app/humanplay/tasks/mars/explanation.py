@@ -1,0 +1,129 @@
+"""What the moves of an episode cost, as a page shows it: worked out as a job, so no move waits for one."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from humanplay.jobs import Jobs
+from humanplay.tasks.mars.run import encode_grid
+from marsexplorer.config import ACTIONS
+from marsexplorer.episode import Record
+from marsexplorer.evaluation.cost import CostEstimator, EpisodeCosts, check_judged, counted_moves
+from marsexplorer.evaluation.missed import Missed
+from marsexplorer.evaluation.mistakes import Mistake
+
+MOST_NAMED = 5
+"""Mistakes that are named, at most."""
+LEAST_COST = 2
+"""Moves that a mistake costs to be named, at least."""
+LIMIT_S = 120.0
+"""Seconds that one episode may take."""
+
+
+async def explanation_of(
+    jobs: Jobs, cache: Path, record: Record, owner: str, expert: str
+) -> dict[str, Any]:
+    """Return what `explain` says of a finished episode.
+
+    Whoever asks has checked that the asker may see the episode; `owner` is whose turn the job has. ValueError for an episode
+    that cannot be replayed; JobError and JobsFullError as `Jobs` raises them.
+    """
+    cause = (record.config.hash, record.terrain, record.trajectory_hash, record.outcome)
+    key = ("costs", expert, *cause)
+    return await jobs.run(explain, cache, record, expert, owner=owner, key=key, limit_s=LIMIT_S)
+
+
+@lru_cache(4)
+def _estimator(expert: str, cache: Path) -> CostEstimator:
+    return CostEstimator(expert, cache)
+
+
+def explain(cache: Path, record: Record, expert: str) -> dict[str, Any]:
+    """Return an episode beside Expert's, what its moves cost, its greatest mistakes, and what Expert would have done.
+
+    On boards where no move is judged it says so, beside the lengths of the two episodes.
+
+    cache   the folder that costs are kept in
+    expert  name or path of Expert's file
+    """
+    estimator = _estimator(expert, cache)
+    try:
+        check_judged(record.config)
+    except ValueError as error:
+        return unjudged(record, str(error), estimator.expert_moves(record))
+    costs = estimator.costs(record)
+    mistakes = [each for each in costs.biggest(MOST_NAMED) if each.cost >= LEAST_COST]
+    missed = estimator.missed(record, mistakes)
+    return {
+        "reason": None,
+        "counts": costs.counts,
+        "expert_moves": costs.expert_moves,
+        "total": costs.total,
+        "given_up": costs.given_up,
+        "gained": costs.gained,
+        "by_kind": {str(kind): moves for kind, moves in costs.by_kind().items()},
+        "mistakes": [
+            describe_mistake(record, *pair) for pair in zip(mistakes, missed, strict=True)
+        ],
+        "expert": describe_expert(costs, record.config.limit),
+    }
+
+
+def unjudged(record: Record, reason: str, expert_moves: int | None = None) -> dict[str, Any]:
+    """Return the same where no move is judged; `reason` says why, `expert_moves` is None if Expert's file is not here."""
+    counts = counted_moves(record)
+    return {
+        "reason": reason,
+        "counts": counts,
+        "expert_moves": expert_moves,
+        "total": None if expert_moves is None else counts - expert_moves,
+        "given_up": None,
+        "gained": None,
+        "by_kind": {},
+        "mistakes": [],
+        "expert": [],
+    }
+
+
+def describe_expert(costs: EpisodeCosts, limit: int) -> list[dict[str, Any]]:
+    """Return for each move what Expert would have done instead.
+
+    shares  of ACTIONS, as the network finds them before the move
+    action  Expert's
+    needs   moves from there to the end if Expert plays on; None where it does not get there within the limit
+    cost    moves by which the move made lengthened the episode, below 0 where it gained
+    """
+    lengths = costs.lengths.tolist()
+    return [
+        {
+            "shares": [round(float(share), 3) for share in costs.advice.shares[step]],
+            "action": ACTIONS[costs.advice.actions[step]],
+            "needs": lengths[step] - step if lengths[step] < limit else None,
+            "cost": cost,
+        }
+        for step, cost in enumerate(costs.costs.tolist())
+    ]
+
+
+def describe_mistake(record: Record, mistake: Mistake, missed: Missed) -> dict[str, Any]:
+    """Return a mistake for a page. `step` is the number of moves made before its costliest, `previous` the last of them.
+
+    `grid` and `discovered` are what was known then, as in a frame; the rest is `evaluation.missed.Missed`.
+    """
+    return {
+        "first": mistake.first,
+        "last": mistake.last,
+        "step": mistake.step,
+        "cost": mistake.cost,
+        "action": ACTIONS[mistake.action],
+        "expert_action": ACTIONS[mistake.expert_action],
+        "kind": str(mistake.kind),
+        "previous": ACTIONS[record.actions[mistake.step - 1]] if mistake.step else None,
+        "position": list(missed.position),
+        "grid": encode_grid(missed.codes),
+        "discovered": missed.discovered,
+        "missed": missed.cells.tolist(),
+        "seen_at": missed.seen_at,
+    }

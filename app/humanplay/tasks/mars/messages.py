@@ -1,0 +1,132 @@
+"""What the server sends of MarsExplorer, and what begins an episode: as pydantic models, for the API's documentation."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    Field,
+    WithJsonSchema,
+    model_validator,
+)
+
+from humanplay.board import messages
+from humanplay.task import counted
+from marsexplorer.config import ALL_LEVELS, MAP, MIN_SIDE
+
+DRAWN_LEVELS = tuple(name for name in ALL_LEVELS if name != MAP)
+"""The levels whose terrains are drawn from seeds."""
+ActionName = Literal["north", "east", "south", "west"]
+
+MAX_API_SIDE = 128
+"""Longest side of a board over the API (cells)."""
+
+
+def _check_side(name: str, value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f"{name} must be a whole number, got {value!r}")
+    if value < MIN_SIDE:
+        raise ValueError(f"{name} must be at least {MIN_SIDE}, got {value}")
+    if value > MAX_API_SIDE:
+        raise ValueError(f"{name} must be at most {MAX_API_SIDE} over the API, got {value}")
+    return value
+
+
+def parse_size(value: object) -> tuple[int, int]:
+    """Return (rows, cols) of a whole number or a pair; ValueError otherwise."""
+    if isinstance(value, (list, tuple)):
+        if len(value) != 2:
+            given = f"got {counted(len(value), 'value')}"
+            raise ValueError(f"size must be a whole number or [rows, cols], {given}")
+        return _check_side("rows", value[0]), _check_side("cols", value[1])
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f"size must be a whole number or [rows, cols], got {value!r}")
+    side = _check_side("rows", value)
+    return side, side
+
+
+_SIDE_SCHEMA = {"type": "integer", "minimum": MIN_SIDE, "maximum": MAX_API_SIDE}
+_SIZE_SCHEMA = {
+    "title": "Size",
+    "description": "One side for a square board, or [rows, cols]; cells.",
+    "anyOf": [_SIDE_SCHEMA, {"type": "array", "items": _SIDE_SCHEMA, "minItems": 2, "maxItems": 2}],
+}
+Size = Annotated[tuple[int, int], BeforeValidator(parse_size), WithJsonSchema(_SIZE_SCHEMA)]
+
+
+def _check_level(value: str) -> str:
+    if value not in DRAWN_LEVELS:
+        raise ValueError(f"no level {value!r}; choose one of: {', '.join(DRAWN_LEVELS)}")
+    return value
+
+
+LevelName = Annotated[str, AfterValidator(_check_level)]
+
+
+class NewEpisode(messages.NewEpisode):
+    """The next episode; what is left out stays as it was, and without a seed the server draws a fresh one."""
+
+    level: LevelName | None = Field(
+        default=None, description="a name from `GET /api/levels`", examples=["random"]
+    )
+    size: Size | None = Field(default=None, examples=[21])
+    map: str | None = Field(
+        default=None,
+        max_length=200,
+        description="a name from `GET /api/maps`, instead of level, size and seed",
+    )
+
+    @property
+    def leaves_terrain(self) -> bool:
+        """Return whether nothing is said of the terrain."""
+        return (self.level, self.size, self.seed, self.map) == (None, None, None, None)
+
+    @model_validator(mode="after")
+    def _map_stands_alone(self) -> Self:
+        if self.map is not None and (self.level, self.size, self.seed) != (None, None, None):
+            what = "leave out level, size and seed where map is given"
+            raise ValueError(f"a map has a size and a terrain of its own: {what}")
+        return self
+
+
+class NewSession(NewEpisode, messages.NewBoard):
+    """A board of one's own: all fields optional, `random` at 21x21 for a human without a rival by default."""
+
+
+class Frame(BaseModel):
+    """Everything a board needs, and nothing that the rover has not discovered."""
+
+    kind: Literal["frame"]
+    episode: str
+    step: int
+    rows: int
+    cols: int
+    grid: list[str] = Field(
+        description="a string a row: `?` unknown, `.` free, `#` obstacle, `@` rover",
+        examples=[["@..#?", "...??"]],
+    )
+    position: tuple[int, int] = Field(description="[row, col], row 0 at the north edge")
+    discovered: int = Field(description="cells")
+    cells: int = Field(
+        description="that count: all, or on maps and levels with walls those that can be discovered"
+    )
+    coverage: float = Field(description="discovered / cells")
+    heading: ActionName
+    reward: float | None = Field(
+        description="of the last move (eq. 8); this and the next two null where a study hides them"
+    )
+    return_: float | None = Field(alias="return", description="sum of the rewards")
+    score: float | None = Field(description="normalized (section 3.2)")
+    outcome: Literal["explored", "collided", "out_of_bounds", "timed_out", "abandoned"] | None
+
+
+class History(BaseModel):
+    """The path so far; index 0 is the start."""
+
+    kind: Literal["history"]
+    episode: str
+    positions: list[tuple[int, int]]
+    discovered: list[int]

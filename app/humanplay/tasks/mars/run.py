@@ -1,0 +1,186 @@
+"""An episode of MarsExplorer on a board: the run, and what may be seen of it as frames and paths."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from humanplay.task import counted
+from marsexplorer.config import ACTIONS
+from marsexplorer.episode import Episode
+
+CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
+"""Code of a cell -> its character in a frame's grid."""
+_ENCODER = msgspec.json.Encoder()
+
+
+class MarsRun:
+    """One running episode (`humanplay.task.Run`)."""
+
+    def __init__(self, episode: Episode) -> None:
+        self._episode = episode
+        self.step, self.abandon, self.record = episode.step, episode.abandon, episode.record
+
+    def observation(self) -> NDArray[np.uint8]:
+        """Return a copy of what is known: uint8[rows, cols]."""
+        return self._episode.codes.copy()
+
+    def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
+        """Return the known map as a picture and as what a frame holds of it: no reward, return, score or outcome."""
+        from humanplay.tasks.mars.pictures import data_url
+
+        view = self.view()
+        names = ("rows", "cols", "grid", "position", "discovered", "cells", "coverage", "heading")
+        frame = json.loads(view.frame("", hides_scores=True)) if observation else {}
+        drawn = data_url(view.codes) if picture else None
+        given = {name: frame[name] for name in names} if observation else None
+        text = None if given is None else text_frame(given)
+        return {"picture": drawn, "text": text, "observation": given}
+
+    def rewards(self) -> Sequence[float]:
+        """Return the reward of each move."""
+        return self._episode.rewards
+
+    def counts(self) -> Sequence[int]:
+        """Return the cells discovered after 0, 1, 2, ... moves."""
+        return self._episode.discoveries
+
+    def place(self, step: int) -> dict[str, Any]:
+        """Return row, column and coverage after so many moves."""
+        row, col = self._episode.place(step)
+        discovered = self._episode.discoveries[step]
+        return {"row": row, "col": col, "coverage": discovered / self._episode.cells}
+
+    @property
+    def ended(self) -> bool:
+        """Whether the episode has an outcome."""
+        return self._episode.ended
+
+    @property
+    def path(self) -> list[tuple[int, int]]:
+        """(row, col) of the rover after 0, 1, 2, ... moves."""
+        return self._episode.path
+
+    @property
+    def cells(self) -> int:
+        """How many cells coverage refers to."""
+        return int(self._episode.cells)
+
+    def view(self) -> View:
+        """Return what may be seen of the run as it stands."""
+        return View(self._episode)
+
+
+class View:
+    """An episode as it stands now, which stays as it is while the episode goes on; the terrain is not in it.
+
+    codes  uint8[rows, cols], what is known: UNKNOWN 0, FREE 1, ROVER 2, OBSTACLE 3
+    The other attributes are those of `marsexplorer.episode.Episode` (`humanplay.task.View`).
+    """
+
+    def __init__(self, episode: Episode) -> None:
+        self._episode = episode
+        self.config = episode.config
+        self.codes = episode.codes.copy()
+        self.position = episode.position
+        self.discovered = episode.discovered
+        self.cells = episode.cells
+        self.steps, self.outcome = episode.steps, episode.outcome
+        self.reward, self.total, self.score = episode.reward, episode.total, episode.score
+        self.ended = episode.ended
+
+    def is_of_same_run(self, other: View) -> bool:
+        """Return whether the other view is one of the same episode, as it was or as it went on."""
+        return self._episode is other._episode
+
+    def observation(self) -> NDArray[np.uint8]:
+        """Return a copy of what is known: uint8[rows, cols]."""
+        return self.codes.copy()
+
+    @property
+    def coverage(self) -> float:
+        """Discovered cells over the cells that count, 0..1."""
+        return self.discovered / self.cells
+
+    @property
+    def heading(self) -> str:
+        """Direction of the last move in words, `east` before the first."""
+        return ACTIONS[self._episode.actions[self.steps - 1]] if self.steps else "east"
+
+    @property
+    def actions(self) -> bytes:
+        """The moves so far, a byte each, codes 0..3."""
+        return bytes(self._episode.actions[: self.steps])
+
+    @property
+    def path(self) -> list[tuple[int, int]]:
+        """(row, col) of the rover after 0, 1, 2, ... moves: a new list."""
+        return self._episode.path[: self.steps + 1]
+
+    @property
+    def discoveries(self) -> list[int]:
+        """Cells discovered after 0, 1, 2, ... moves: a new list."""
+        return list(self._episode.discoveries[: self.steps + 1])
+
+    def frame(self, episode_id: str, hides_scores: bool = False) -> str:
+        """Return the frame as JSON text; reward, return and score null where they are hidden."""
+        rows, cols = self.codes.shape
+        row, col = self.position
+        frame = {
+            "kind": "frame",
+            "episode": episode_id,
+            "step": self.steps,
+            "rows": rows,
+            "cols": cols,
+            "grid": encode_grid(self.codes),
+            "position": [int(row), int(col)],
+            "discovered": int(self.discovered),
+            "cells": int(self.cells),
+            "coverage": float(self.coverage),
+            "heading": self.heading,
+            "reward": None if hides_scores else float(self.reward),
+            "return": None if hides_scores else float(self.total),
+            "score": None if hides_scores else float(self.score),
+            "outcome": self.outcome if self.ended else None,
+        }
+        return _ENCODER.encode(frame).decode()
+
+    def history(self, episode_id: str, hides_scores: bool = False) -> str:
+        """Return the path so far as JSON text."""
+        history = {"kind": "history", "episode": episode_id}
+        told = {"positions": self.path, "discovered": self.discoveries}
+        return _ENCODER.encode(history | told).decode()
+
+
+TEXT_SIDE = 25
+"""Rows and columns of a text frame at most, so that it stays below 1 kB."""
+
+
+def text_frame(given: Mapping[str, Any]) -> str:
+    """Return an observation (`MarsRun.seen`) as a matrix with a legend, the part around the rover of a large one."""
+    row, col = given["position"]
+    spans = []
+    for at, cells in ((row, given["rows"]), (col, given["cols"])):
+        first = max(0, min(at - TEXT_SIDE // 2, cells - TEXT_SIDE))
+        spans.append(range(first, min(cells, first + TEXT_SIDE)))
+    rows, cols = spans
+    matrix = [f"{each:3} {given['grid'][each][cols[0] : cols[-1] + 1]}" for each in rows]
+    return "\n".join((
+        f"{counted(given['rows'], 'row')} from north to south, {counted(given['cols'], 'column')} from west to east; "
+        f"here are rows {rows[0]} to "
+        f"{rows[-1]} (each with its number), columns {cols[0]} to {cols[-1]}.",
+        f"@ the rover, at row {row}, column {col}; ? not seen yet; . free; # rock. {given['coverage']:.1%} is mapped.",
+        *matrix,
+    ))  # fmt: skip
+
+
+def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
+    """Return what is known of a terrain, codes uint8[rows, cols], as the `grid` of a frame."""
+    rows, cols = codes.shape
+    cells = codes.tobytes().translate(CELL_CHARACTERS).decode()
+    return [cells[start : start + cols] for start in range(0, rows * cols, cols)]

@@ -1,0 +1,124 @@
+"""MarsExplorer as a task of the playground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from humanplay.task import Cause, Choice, Decides, Policies
+from humanplay.tasks.mars.messages import DRAWN_LEVELS, NewEpisode, NewSession
+from humanplay.tasks.mars.policies import PolicyCatalogue
+from humanplay.tasks.mars.rules import MarsRules
+from humanplay.tasks.mars.run import MarsRun
+from humanplay.tasks.mars.terrains import GivenTerrain, MapCatalogue
+from marsexplorer.config import ALL_LEVELS, MAP, EnvConfig
+from marsexplorer.episode import Episode, unpack_terrain
+from marsexplorer.policies.network import batch
+from marsexplorer.terrain import generate
+
+SIDE = 21
+"""Cells along a side of a terrain, unless another size is asked for."""
+
+
+@dataclass(frozen=True)
+class Mars(MarsRules):
+    """MarsExplorer (`humanplay.task.Task`) with the policies and the maps that a server offers."""
+
+    policies: Policies
+    catalogue: MapCatalogue = field(default_factory=MapCatalogue)
+
+    daily: ClassVar[EnvConfig] = EnvConfig.of("random", 21)
+    decides: ClassVar[Decides] = batch
+    steps_on: ClassVar[None] = None
+
+    def viewer(self) -> Any:
+        """Return a 3-D view (`humanplay.tasks.mars.viewer3d.viewer.Viewer`)."""
+        from humanplay.tasks.mars.viewer3d.viewer import Viewer
+
+        return Viewer()
+
+    def guards(self) -> str:
+        """Return "": its runs are the server's own."""
+        return ""
+
+    def close(self) -> None:
+        """Do nothing: all of it runs in the server."""
+
+    def levels(self) -> list[dict[str, Any]]:
+        """Return the levels whose terrains seeds draw, each with one of them for a picture: rocks as bits of rows."""
+        return [
+            {
+                "name": level.name,
+                "summary": level.summary,
+                "topology": level.topology,
+                "morphology": level.morphology,
+                "pays_bonus": level.has_bonus,
+                "example": (
+                    generate(EnvConfig.of(level.name, SIDE), 0) @ (1 << np.arange(SIDE))
+                ).tolist(),
+            }
+            for level in (ALL_LEVELS[name] for name in DRAWN_LEVELS)
+        ]
+
+    def maps(self) -> list[dict[str, Any]]:
+        """Return the maps that the server was started with."""
+        return self.catalogue.listed()
+
+    def first(self, wanted: NewSession) -> Choice:
+        """Return the terrain that a new session asks for; ValueError for an unknown map."""
+        if wanted.map is not None:
+            return self.catalogue.find(wanted.map)
+        return Choice(EnvConfig.of(wanted.level or "random", wanted.size or SIDE), wanted.seed)
+
+    def next(self, was: Cause, wanted: NewEpisode) -> Choice:
+        """Return the terrain of the next episode: what is left out stays as it was, so a map is played again."""
+        config: EnvConfig = was.config
+        if wanted.map is not None:
+            return self.catalogue.find(wanted.map)
+        if config.level == MAP and wanted.leaves_terrain:
+            return self.again(was)
+        level = wanted.level or ("random" if config.level == MAP else config.level)
+        return Choice(EnvConfig.of(level, wanted.size or (config.rows, config.cols)), wanted.seed)
+
+    def again(self, was: Cause) -> Choice:
+        """Return the terrain of an episode, to be played once more."""
+        if was.seed is not None:
+            return Choice(was.config, was.seed)
+        cells = unpack_terrain(was.terrain, was.config)
+        return Choice(was.config, None, GivenTerrain(cells, was.start))
+
+    def wanted_again(self, config: EnvConfig, wanted: NewEpisode, **rest: Any) -> NewSession:
+        """Return what begins an episode that is wanted, of a configuration, on a board of its own."""
+        if wanted.map is not None:
+            return NewSession(map=wanted.map, **rest)
+        size = (config.rows, config.cols)
+        return NewSession(level=config.level, size=size, seed=wanted.seed, **rest)
+
+    def describe(self, was: Cause) -> dict[str, Any]:
+        """Return `level`, `map` and `size` of an episode; its size is one number where it is square."""
+        config: EnvConfig = was.config
+        size = config.rows if config.rows == config.cols else [config.rows, config.cols]
+        return {"level": config.level, "map": self.catalogue.name_of(was), "size": size}
+
+    def begin(self, choice: Choice) -> MarsRun:
+        """Return a run at its start; ValueError before a seed is drawn."""
+        given: GivenTerrain | None = choice.given
+        if given is None:
+            return MarsRun(Episode.begin(choice.config, choice.seed))
+        return MarsRun(Episode.begin(choice.config, None, given.cells, given.start))
+
+
+def served(
+    paths: Iterable[Path], maps: Iterable[Path], cell_m: float | None, policies: Policies | None
+) -> Mars:
+    """Return the task of a server; LookupError, ValueError or OSError where a file is none.
+
+    paths     of further policies
+    maps      of map_server files, with cells of `cell_m` metres
+    policies  what is on offer, where that is loaded already
+    """
+    return Mars(policies or PolicyCatalogue(paths), MapCatalogue.read(maps, cell_m))

@@ -1,0 +1,282 @@
+"""Policies in processes of their own: `random`, a function ("module:function", observation -> action), or an ONNX file.
+
+Such a process has the environment too: it is told an episode's cause and the moves made so far, plays
+them for itself, and answers with an action. No observation leaves it. The module that plays is the task's:
+
+    prepare(argument)        argument is JSON, [task, source]
+    work(argument, request)  request has config, seed and policy_seed. Yields "ready"; then it is sent the further moves and
+                             yields an action as text, or is sent "play" and yields [all moves, digest]
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from humanplay.task import Configuration, PolicyError, PolicyOffer, rules_of
+from humanplay.tasks.processes import LostError, Preparer, Worker
+
+MEMORY_MB = 2048
+"""Resident memory that a policy may take beyond the environment's package."""
+Choose = Callable[[Any, Mapping[str, Any]], int]
+"""Returns an action for an observation and what `info` told with it."""
+
+
+class ProcessPolicy:
+    """A policy of one configuration (`humanplay.task.Policy`); what `act` is given is the cause of an episode so far."""
+
+    def __init__(self, preparer: Preparer, name: str) -> None:
+        self.name, self._preparer, self._seed = name, preparer, 0
+        self._worker: Worker | None = None
+        self._made, self._decided = b"", -1
+
+    def reset(self, seed: int) -> None:
+        """Begin an episode; its random numbers follow from `seed`."""
+        self._seed, self._made, self._decided = seed, b"", -1
+        if self._worker is not None:
+            self._worker.close()
+        self._worker = None
+
+    def act(self, observation: tuple[Configuration, int, bytes]) -> int:
+        """Return the action after configuration, seed and moves; PolicyError, saying why, where there is none."""
+        config, seed, moves = observation
+        if self._decided >= 0 and moves == self._made:
+            return self._decided  # asked again: it has decided
+        if self._worker is None or not moves.startswith(self._made):
+            self._begin(config, seed)
+        assert self._worker is not None
+        told = self._asked(self._worker.ask, list(moves[len(self._made) :]))
+        self._made, self._decided = moves, int(told)
+        return self._decided
+
+    def play(self, config: Configuration, seed: int) -> tuple[bytes, str]:
+        """Return the moves of a whole episode, and its digest; PolicyError where it fails."""
+        self._begin(config, seed)
+        assert self._worker is not None
+        moves, digest = self._asked(self._worker.ask, "play")
+        self.reset(self._seed)
+        return bytes(moves), digest
+
+    def _begin(self, config: Configuration, seed: int) -> None:
+        self.reset(self._seed)
+        request = {"config": config.to_dict(), "seed": seed, "policy_seed": self._seed}
+        self._worker = self._asked(self._preparer.begin, request)
+        self._asked(self._worker.answer)
+
+    def _asked(self, ask: Callable[..., Any], *question: Any) -> Any:
+        try:
+            return ask(*question)
+        except (LostError, ValueError) as error:
+            self._worker = None
+            raise PolicyError(f"the policy {self.name!r} cannot be played: {error}") from error
+
+
+class ProcessPolicies:
+    """What is done with policies away from boards (`Rules.players`), and which are on offer (`humanplay.task.Policies`).
+
+    module   plays them
+    sources  of those on offer besides `random`
+    """
+
+    def __init__(
+        self, task: str, module: str, sources: Iterable[str] = (), hidden: Sequence[Path] = ()
+    ) -> None:
+        self._task, self._module, self._hidden = task, module, hidden
+        self._preparers: dict[str, Preparer] = {}
+        self._sources = {self._name(each): each for each in ("random", *sources)}
+
+    def _name(self, source: str) -> str:
+        return source if self.is_rule(source) else self.file_of(source).stem
+
+    def offers(self) -> list[PolicyOffer]:
+        """Return what may be chosen."""
+        every = self._sources.items()
+        return [PolicyOffer(name, _summary(source), source, None, False) for name, source in every]
+
+    def check(self, name: str, *others: str) -> str:
+        """Return the name when it is on offer; ValueError naming the choices (and `others`) otherwise."""
+        if name not in self._sources:
+            raise ValueError(f"no policy {name!r}; choose one of: {', '.join((*others, *self._sources))}")  # fmt: skip
+        return name
+
+    def check_size(self, names: Iterable[str], config: Configuration) -> None:
+        """Do nothing: an environment has one size."""
+
+    def load(self, name: str, config: Configuration | None = None) -> ProcessPolicy:
+        """Return a new policy by its name on offer or its source; PolicyError where there is none.
+
+        config  one that it must be able to play
+        """
+        source = self._sources.get(name, name)
+        if source not in self._preparers:
+            files = [] if self.is_rule(source) else [self.file_of(source).resolve()]
+            argument = json.dumps([self._task, *([str(file) for file in files] or [source])])
+            limits: Any = {"readable": files, "hidden": self._hidden}
+            self._preparers[source] = Preparer(self._module, argument, MEMORY_MB, **limits)
+        policy = ProcessPolicy(self._preparers[source], self._name(source))
+        if config is not None:
+            policy.act((config, 0, b""))
+        return policy
+
+    def reset(self, policy: ProcessPolicy, config: Configuration, seed: int) -> None:
+        """Reset a policy for an episode."""
+        policy.reset(seed)
+
+    def act_many(self, policies: Sequence[Any], observations: Sequence[Any]) -> list[int | Exception]:  # fmt: skip
+        """Return each one's action, or what kept it from one (`humanplay.task.Decides`)."""
+        found: list[int | Exception] = []
+        for policy, observation in zip(policies, observations, strict=True):
+            try:
+                found.append(policy.act(observation))
+            except PolicyError as error:
+                found.append(error)
+        return found
+
+    def shared_net(self, policy: Any) -> None:
+        """Return None: each decides in a process of its own."""
+
+    def is_rule(self, source: str) -> bool:
+        """Return whether it is code and no file."""
+        return source == "random" or not source.endswith(".onnx")
+
+    def file_of(self, source: str) -> Path:
+        """Return the path of its file; PolicyError where there is none."""
+        if not (path := Path(source)).is_file() or self.is_rule(source):
+            raise PolicyError(f"expected random, module:function or an ONNX file, got {source!r}")
+        return path
+
+    def hash_of(self, source: str) -> str | None:
+        """Return SHA-256 (hex) of its file; None for code."""
+        if self.is_rule(source):
+            return None
+        return hashlib.sha256(self.file_of(source).read_bytes()).hexdigest()
+
+    def hash_with_code(self, source: str) -> str | None:
+        """SHA-256 (hex) of its file; None for code, which may have changed unseen."""
+        return self.hash_of(source)
+
+    def find_shipped(self, digest: str) -> None:
+        """Return None: no file is shipped."""
+
+    def title(self, name: str) -> str:
+        """Return what reports call a policy: its name."""
+        return name
+
+    def judges_moves(self) -> bool:
+        """Return False: Expert plays MarsExplorer alone."""
+        return False
+
+    async def explanation_of(self, *record: Any) -> NoReturn:
+        """Raise ValueError: see `judges_moves`."""
+        self.unjudged()
+
+    def unjudged(self, *record: Any) -> NoReturn:
+        """Raise ValueError: see `judges_moves`."""
+        raise ValueError(f"moves of {self._rules.title} are not judged")
+
+    def begin(self, config: Configuration, seed: int) -> Any:
+        """Return a run at its start."""
+        return self._rules.run(config, seed)
+
+    def play(self, policy: ProcessPolicy, config: Configuration, seed: int, policy_seed: int) -> Any:  # fmt: skip
+        """Return the ended run of a policy, reset with `policy_seed`, on the instance of a seed."""
+        policy.reset(policy_seed)
+        return self._rules.run(config, seed, policy.play(config, seed)[0])
+
+    def play_all(
+        self, sources: Sequence[str], config: Configuration, seeds: Sequence[int]
+    ) -> Iterator[tuple[str, int, bytes, str]]:
+        """Yield source, seed, actions and digest of each policy's episode on each instance; PolicyError as `load`."""
+        for source, policy in [(each, self.load(each, config)) for each in sources]:
+            for seed in seeds:
+                policy.reset(seed)
+                yield source, seed, *policy.play(config, seed)
+
+    @property
+    def _rules(self) -> Any:
+        return rules_of(self._task)
+
+    def close(self) -> None:
+        """End the processes of all policies."""
+        for preparer in self._preparers.values():
+            preparer.close()
+
+
+def _summary(source: str) -> str:
+    return "a valid action at random" if source == "random" else f"by {source}"
+
+
+def prepare_source(source: str) -> None:
+    """Import what a policy needs; ValueError where there is no such function."""
+    if source.endswith(".onnx"):
+        import_module("onnxruntime")
+    elif source != "random":
+        _function(source)
+
+
+KINDS = {
+    "tensor(float)": "f4", "tensor(double)": "f8", "tensor(uint8)": "u1", "tensor(int64)": "i8", "tensor(int32)": "i4",
+}  # fmt: skip
+
+
+def chooser(source: str, actions: int, seed: int) -> Choose:
+    """Return what decides among so many actions; `seed` of its random numbers."""
+    if source == "random":
+        return _random(actions, seed)
+    if source.endswith(".onnx"):
+        return _network(source)
+    function = _function(source)
+    return lambda observation, info: int(function(observation))
+
+
+def _function(source: str) -> Callable[[Any], int]:
+    module, _, name = source.partition(":")
+    try:
+        function: Callable[[Any], int] = getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        said = f"expected a function as module:function, got {source!r}: {error}"
+        raise ValueError(said) from error
+    return function
+
+
+def _random(actions: int, seed: int) -> Choose:
+    """Return what draws of all actions, or of those that `info` says are valid (`action_mask`, as Taxi has it)."""
+    dice = np.random.default_rng((seed, 1))  # not the numbers that the environment draws
+
+    def choose(observation: Any, info: Mapping[str, Any]) -> int:
+        mask = np.asarray(info.get("action_mask", np.ones(actions)), bool)
+        return int(dice.choice(np.flatnonzero(mask if mask.any() else ~mask)))
+
+    return choose
+
+
+def _network(path: str) -> Choose:
+    """Return what an ONNX file decides, as Stable-Baselines3 documents its export: a batch of one in, actions first out.
+
+    An input is the observation, or its entry of that name, in the input's type; a picture is given channels first where the
+    input has them so. An output of whole numbers is the action, one of several numbers has its largest taken.
+    """
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+
+    def choose(observation: Any, info: Mapping[str, Any]) -> int:
+        given = {}
+        for each in session.get_inputs():
+            part = observation[each.name] if isinstance(observation, Mapping) else observation
+            batch = np.asarray(part)[None].astype(KINDS[each.type])
+            if batch.ndim == 4 and each.shape[1] == batch.shape[3] != batch.shape[1]:
+                batch = batch.transpose(0, 3, 1, 2)
+            given[each.name] = batch
+        out = np.asarray(session.run(None, given)[0])[0]
+        return int(out) if out.ndim == 0 or out.size == 1 else int(out.argmax())
+
+    return choose

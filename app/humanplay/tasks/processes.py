@@ -1,0 +1,548 @@
+"""Work that may crash, hang, take all memory or mean harm, in processes of its own that end alone.
+
+A `Preparer` starts one process, which imports a module once and forks another for each request; `Worker` is the server's end of
+such a one. It is executed anew, with few variables of the environment and none of the server's descriptors, and `confine`s
+itself before it imports the module. Messages are JSON of limited length.
+
+`python -m humanplay.tasks.processes MODULE ARGUMENT SETTINGS DESCRIPTOR` is that process. Its module has
+
+    prepare(argument)        called once, before any request
+    work(argument, request)  a generator. It yields an answer and is sent a question, in turns. A whole number instead of an
+                             answer says how much of it is done, and that it goes on: it is sent nothing then
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import json
+import os
+import pwd
+import resource
+import select
+import shutil
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import weakref
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from importlib import import_module
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import recv_handle, send_handle
+from pathlib import Path
+from typing import Any, NoReturn
+
+STEP_CPU_S = 2.0
+"""Seconds of processor from one yield of a worker to the next."""
+START_S = 120.0
+"""Seconds in which a module must be imported and prepared."""
+WAIT_S = 30.0
+"""Seconds until nobody waits for an answer any longer."""
+MESSAGE_BYTES = 32 * 2**20
+LOOK_S = 0.05
+"""How often the memory of a worker that has not answered is looked at."""
+PROGRESS_S = 0.2
+"""A worker says no more often than this how much is done."""
+KEPT = (
+    "PATH", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "VIRTUAL_ENV",
+    "GLIBC_TUNABLES", "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE",
+)  # fmt: skip
+FIXED = {
+    "PYTHONHASHSEED": "0",
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "SDL_VIDEODRIVER": "dummy",
+    "SDL_AUDIODRIVER": "dummy",
+}
+SYSTEM = ("/usr", "/lib", "/lib64", "/bin", "/etc", "/proc", "/sys", "/opt")
+"""What a worker may read beside Python's own folders and its packages."""
+SHARED = ("shm", "mqueue")
+"""What in /dev is memory and messages of all programs, and no device."""
+OTHER_USER, NO_NETWORK, NO_OTHER_FILES = "another user", "no network", "no other files"
+
+Work = Generator[Any, Any, None]
+
+
+class LostError(Exception):
+    """A worker is gone or gave no answer; the text says what it did."""
+
+
+class Preparer:
+    """A process that forks workers, started when the first is wanted and again where it is gone.
+
+    memory_mb  resident memory that a worker may take beyond the preparer's
+    readable   further files and folders that workers may read
+    hidden     files and folders that they may not, although they are in one that they may; and what begins like them
+    """
+
+    def __init__(
+        self,
+        module: str,
+        argument: str,
+        memory_mb: int = 512,
+        readable: Sequence[Path] = (),
+        hidden: Sequence[Path] = (),
+    ) -> None:
+        self._module, self.argument, self._allowed = module, argument, memory_mb << 20
+        self._settings = {
+            "readable": [str(path.resolve()) for path in readable],
+            "hidden": [str(path.resolve()) for path in hidden],
+        }
+        self._changing = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._connection: Connection
+        self._ended: weakref.finalize[..., Preparer]
+        self.folder: Path
+        self._confined: dict[str, str] = {}
+
+    def confined(self) -> Mapping[str, str]:
+        """Return what guards its workers, each with "" or why it is not on; ValueError where the process does not start."""
+        with self._changing:
+            self._started()
+        return self._confined
+
+    def begin(self, request: Mapping[str, Any]) -> Worker:
+        """Return a new worker, whose first answer is still to come; ValueError, saying why, where there is none."""
+        mine, theirs = socket.socketpair()
+        with mine, self._changing, theirs:
+            for attempt in (0, 1):
+                try:
+                    process = self._started()
+                    self._connection.send_bytes(json.dumps(request).encode())
+                    send_handle(self._connection, theirs.fileno(), process.pid)
+                    told = self._heard()
+                    break
+                except (OSError, EOFError) as error:
+                    self.close()
+                    if attempt:
+                        raise ValueError(
+                            f"the process of {self.argument} has ended and does not start again"
+                        ) from error
+            connection = Connection(mine.detach())
+        return Worker(connection, told["pid"], told["resident"], self._allowed)
+
+    def _heard(self) -> dict[str, Any]:
+        if not self._connection.poll(START_S):
+            raise OSError(f"no answer in {START_S:g} s")
+        told: dict[str, Any] = json.loads(self._connection.recv_bytes(MESSAGE_BYTES))
+        return told
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        if self._process is not None:
+            return self._process
+        mine, theirs = socket.socketpair()
+        self.folder = Path(tempfile.mkdtemp(prefix="marsexplorer-"))
+        with mine, theirs:
+            paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
+            environ = {name: os.environ[name] for name in KEPT if name in os.environ} | FIXED
+            environ |= {"PYTHONPATH": paths, "HOME": str(self.folder), "TMPDIR": str(self.folder)}
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "humanplay.tasks.processes", self._module, self.argument, json.dumps(self._settings),
+                 str(theirs.fileno())],
+                env=environ, cwd=self.folder, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+            )  # fmt: skip
+            self._connection = Connection(mine.detach())
+        self._ended = weakref.finalize(self, _end, self._process, self._connection, self.folder)
+        try:
+            told = self._heard()
+        except (OSError, EOFError):
+            self.close()
+            raise
+        if "error" in told:
+            self.close()
+            raise ValueError(told["error"])
+        self._confined = told["confined"]
+        return self._process
+
+    def close(self) -> None:
+        """End the process, and with it all workers; the same happens when nothing refers to it any more, and at exit."""
+        if self._process is not None:
+            self._ended()
+            self._process = None
+
+
+def _end(process: subprocess.Popen[bytes], connection: Connection, folder: Path) -> None:
+    connection.close()
+    process.kill()
+    process.wait()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+class Worker:
+    """The server's end of a worker's process.
+
+    shared   bytes of resident memory that its preparer has, which are counted once
+    allowed  bytes that it may take beyond them
+    """
+
+    def __init__(self, connection: Connection, pid: int, shared: int, allowed: int) -> None:
+        self.connection, self.pid, self._shared, self._allowed = connection, pid, shared, allowed
+        self._bytes, self._told = bytearray(), dict[str, Any]()
+        self._ready = select.poll()
+        self._ready.register(connection.fileno(), select.POLLIN)
+
+    def resident(self) -> int:
+        """Return the resident memory that it takes by itself, in bytes."""
+        return 0 if self.connection.closed else max(0, _resident(self.pid) - self._shared)
+
+    def ask(self, question: Any) -> Any:
+        """Return the answer to a question; `LostError` where there is none."""
+        self._send(question)
+        return self.answer()
+
+    async def asked(self, question: Any) -> bool:
+        """Send a question and return whether `answer` has its answer at once; else it is to be called on a thread.
+
+        No thread waits for it in the first LOOK_S, which are enough for most: that is a third of what a move costs a server.
+        `LostError` where it cannot be sent.
+        """
+        self._send(question)
+        loop, number = asyncio.get_running_loop(), self.connection.fileno()
+        came: asyncio.Future[None] = loop.create_future()
+
+        def end() -> None:
+            if not came.done():
+                came.set_result(None)
+
+        def read() -> None:
+            try:
+                self._read()
+                self._told = self._message()
+            except (EOFError, OSError, ValueError):
+                self._told = {"lost": True}
+            if self._told:
+                end()
+
+        loop.add_reader(number, read)
+        late = loop.call_later(LOOK_S, end)
+        try:
+            await came
+        finally:
+            late.cancel()
+            loop.remove_reader(number)
+        return "answer" in self._told
+
+    def _send(self, question: Any) -> None:
+        try:
+            self.connection.send_bytes(json.dumps(question).encode())
+        except OSError as error:
+            raise LostError("its process had ended") from error
+
+    def _read(self) -> None:
+        """Take what has come of a message; EOFError where nobody sends any more, OSError where it is too long."""
+        if not (came := os.read(self.connection.fileno(), 2**18)):
+            raise EOFError
+        self._bytes += came
+        if not 0 <= int.from_bytes(self._bytes[:4], "big", signed=True) <= MESSAGE_BYTES:
+            raise OSError("its message is too long")
+
+    def _message(self) -> dict[str, Any]:
+        """Return the next message, as `Connection.send_bytes` frames it, empty where not all of it has come."""
+        end = 4 + int.from_bytes(self._bytes[:4], "big")
+        if len(self._bytes) < max(5, end):
+            return {}
+        told: dict[str, Any] = json.loads(self._bytes[4:end])
+        del self._bytes[:end]
+        return told
+
+    def answer(self, progress: Callable[[int], object] = lambda done: None) -> Any:
+        """Return the next answer; `LostError` where none comes, after which the process is ended.
+
+        progress  called with how much is done, now and then
+        """
+        try:
+            told = self._waited_for(progress)
+        except LostError:
+            self.close(kills=True)
+            raise
+        if "error" in told:
+            self.close(kills=True)
+            raise LostError(told["error"])
+        return told["answer"]
+
+    def _waited_for(self, progress: Callable[[int], object]) -> dict[str, Any]:
+        due = time.monotonic() + WAIT_S
+        while True:
+            try:
+                told, self._told = self._told, {}
+                if not told and self._ready.poll(1000 * LOOK_S):
+                    self._read()
+                told = told or self._message()
+                if "done" in told:
+                    progress(told["done"])
+                    due = time.monotonic() + WAIT_S
+                elif told and "lost" not in told:
+                    return told
+            except (EOFError, OSError) as error:
+                raise LostError(
+                    f"its process ended by itself, by a crash or after {STEP_CPU_S:g} s of processor"
+                ) from error
+            if (taken := self.resident()) > self._allowed:
+                raise LostError(
+                    f"it took {taken >> 20} MB of memory, of at most {self._allowed >> 20} MB"
+                )
+            if time.monotonic() > due:
+                raise LostError(f"it gave no answer in {WAIT_S:g} s")
+
+    def close(self, kills: bool = False) -> None:
+        """Let the process end; it reads that nobody listens any more."""
+        self.connection.close()
+        if kills and _resident(self.pid):
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, signal.SIGKILL)
+
+
+def _resident(pid: int) -> int:
+    """Return the resident memory of a process in bytes, 0 where there is none or the system does not say."""
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * resource.getpagesize()
+    except (OSError, IndexError):
+        return 0
+
+
+def _give_way(nice: int) -> None:
+    """Lower the priority of this process and of its session, which Linux weighs as one against others (sched(7), autogroup)."""
+    own = str(os.nice(nice))
+    for _ in range(10):
+        try:
+            Path("/proc/self/autogroup").write_text(own)
+        except BlockingIOError:  # Linux takes one in 100 ms of a user who is not root
+            time.sleep(0.1)
+        except OSError:  # there are no such groups here
+            return
+        else:
+            return
+
+
+def _serve(name: str, argument: str, settings: Mapping[str, Any], descriptor: int) -> None:
+    """Fork a worker for each request, until nobody asks any more."""
+    connection = Connection(descriptor)
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    _give_way(5)  # a worker that takes all it can get gives way to the server
+    try:
+        confined = confine(settings["readable"], settings["hidden"], Path.cwd())
+        module = import_module(name)
+        module.prepare(argument)
+    except Exception as error:
+        connection.send_bytes(json.dumps({"error": _said(error)}).encode())
+        return
+    connection.send_bytes(json.dumps({"confined": confined}).encode())
+    while True:
+        try:
+            request = json.loads(connection.recv_bytes(MESSAGE_BYTES))
+            worker = recv_handle(connection)
+        except EOFError:
+            return
+        if (pid := os.fork()) == 0:
+            connection.close()
+            _work(module.work, argument, request, Connection(worker))
+        os.close(worker)
+        told = {"pid": pid, "resident": _resident(os.getpid())}
+        connection.send_bytes(json.dumps(told).encode())
+
+
+def _work(
+    work: Callable[[str, Any], Work], argument: str, request: Any, connection: Connection
+) -> NoReturn:
+    """Answer in a process forked for one request, until nobody asks any more."""
+    _libc().prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: it ends with what forked it
+    told = time.monotonic()
+    try:
+        _timed()
+        doing = work(argument, request)
+        answer = next(doing)
+        while True:
+            if isinstance(answer, int):
+                if time.monotonic() - told > PROGRESS_S:
+                    connection.send_bytes(json.dumps({"done": answer}).encode())
+                    told = time.monotonic()
+                question = None
+            else:
+                connection.send_bytes(json.dumps({"answer": answer}).encode())
+                signal.setitimer(signal.ITIMER_PROF, 0)
+                question = json.loads(connection.recv_bytes(MESSAGE_BYTES))
+            _timed()
+            answer = doing.send(question)
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        os._exit(0)
+    except BaseException as error:
+        connection.send_bytes(json.dumps({"error": _said(error)}).encode())
+        os._exit(1)
+
+
+def _timed() -> None:
+    """Let the system end this process by SIGPROF after so much of the processor."""
+    signal.setitimer(signal.ITIMER_PROF, STEP_CPU_S)
+
+
+def _said(error: BaseException) -> str:
+    return (str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}")[
+        :500
+    ]
+
+
+def confine(readable: Iterable[str], hidden: Iterable[str], folder: Path) -> dict[str, str]:
+    """Take from this process for good what it does not need; return each guard with "", or why it is not on.
+
+    OTHER_USER      it becomes `nobody`, where it is root's and `nobody` can read its packages
+    NO_NETWORK      a network namespace of its own without interfaces
+    NO_OTHER_FILES  Landlock: it reads the system, Python, its packages and what is `readable`, and writes to `folder`
+
+    Call it before threads start: each of them would stay as it was.
+    """
+    may_read = [*SYSTEM, sys.prefix, sys.base_prefix, *filter(None, sys.path), *readable]
+    guards: dict[str, Callable[[], None]] = {
+        NO_NETWORK: _leave_network,
+        OTHER_USER: lambda: _become_nobody(may_read, folder),
+        NO_OTHER_FILES: lambda: _keep_to(may_read, [*hidden], folder),
+    }
+    found = {}
+    for name, guard in guards.items():
+        try:
+            guard()
+        except (OSError, KeyError) as error:
+            found[name] = getattr(error, "strerror", None) or str(error)
+        else:
+            found[name] = ""
+    _drop_capabilities()
+    return found
+
+
+def guards_of(confined: Mapping[str, str]) -> str:
+    """Return what `confine` returned as a sentence that says what is on, what is not and why, and what that is worth."""
+    on = [name for name, why in confined.items() if not why]
+    said = f"boards run in processes of their own, with {', '.join(on) or 'no further guard'}"
+    if off := [f"{name} ({why})" for name, why in confined.items() if why]:
+        said += f"; not with {', '.join(off)}"
+    if confined[OTHER_USER]:
+        said += ". Without another user this guards against faults, not against malice"
+    return said
+
+
+def _drop_capabilities() -> None:
+    """Leave root, where it could become nobody else, without root's rights over others' files and the system."""
+    _libc().capset(struct.pack("Ii", 0x20080522, 0), bytes(24))  # linux/capability.h, version 3
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _checked(result: int) -> int:
+    if result < 0:
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    return result
+
+
+NEW_NETWORK, NEW_USER = 0x40000000, 0x10000000
+"""CLONE_NEWNET and CLONE_NEWUSER; the second lets a user who is not root have the first, where the system permits it."""
+
+
+def _leave_network() -> None:
+    user = os.getuid()
+    _checked(_libc().unshare(NEW_NETWORK | (NEW_USER if user else 0)))
+    if user:
+        Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
+
+
+def _become_nobody(may_read: Iterable[str], folder: Path) -> None:
+    if os.getuid() != 0:
+        raise OSError(0, "the server is not root's")
+    nobody = pwd.getpwnam("nobody")
+    groups = os.getgroups()
+    os.setgroups([])
+    os.setegid(nobody.pw_gid)
+    os.seteuid(nobody.pw_uid)
+    needed = [path for path in (*may_read, __file__, sys.executable) if path not in SYSTEM]
+    unreadable = [each for each in needed if not _may_read(each)]
+    os.seteuid(0)
+    if unreadable:
+        os.setegid(0)
+        os.setgroups(groups)
+        raise OSError(0, f"the user nobody cannot read {unreadable[0]}")
+    os.chown(folder, nobody.pw_uid, nobody.pw_gid)
+    os.setgid(nobody.pw_gid)
+    os.setuid(nobody.pw_uid)
+
+
+def _may_read(path: str) -> bool:
+    """Return whether the effective user can read a path; one that is not there is no matter."""
+    try:
+        is_folder = Path(path).is_dir()
+        Path(path).stat()
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
+    return os.access(path, os.R_OK | (os.X_OK if is_folder else 0), effective_ids=True)
+
+
+CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446
+"""Landlock's system calls, by the same numbers everywhere (linux/landlock.h)."""
+EXECUTE, WRITE_FILE, READ_FILE, READ_DIR = 1, 2, 4, 8
+OF_A_FILE = EXECUTE | WRITE_FILE | READ_FILE | 1 << 14 | 1 << 15
+"""What a rule for a file may say; the last two are TRUNCATE and IOCTL_DEV."""
+HANDLED = (0, 13, 14, 15, 15, 16)
+"""By the version of Landlock, how many kinds of access it knows; later ones know no more."""
+
+
+def _keep_to(may_read: Iterable[str], hidden: Sequence[str], folder: Path) -> None:
+    """Restrict files, and TCP, abstract sockets and signals where Landlock knows them; OSError where there is none."""
+    libc = _libc()
+    version = _checked(libc.syscall(CREATE_RULESET, None, 0, 1))
+    every = (1 << HANDLED[min(version, len(HANDLED) - 1)]) - 1
+    attributes = struct.pack(
+        "QQQ", every, 3 if version >= 4 else 0, 3 if version >= 6 else 0
+    )  # binding and connecting; abstract sockets and signals
+    size = 8 if version < 4 else 16 if version < 6 else 24
+    ruleset = _checked(libc.syscall(CREATE_RULESET, attributes, size, 0))
+    rules = dict.fromkeys(_readable(may_read, hidden), EXECUTE | READ_FILE | READ_DIR)
+    rules |= dict.fromkeys(_parted(may_read, hidden), READ_DIR)
+    devices = [
+        str(each)
+        for each in Path("/dev").iterdir()
+        if each.name not in SHARED and not each.is_symlink()
+    ]
+    rules |= dict.fromkeys(devices, READ_FILE | READ_DIR | WRITE_FILE | 1 << 15)
+    rules[str(folder)] = every
+    for path, access in rules.items():
+        with suppress(FileNotFoundError, PermissionError):
+            opened = os.open(path, os.O_PATH | os.O_CLOEXEC)
+            allowed = access & every & (-1 if Path(path).is_dir() else OF_A_FILE)
+            rule = struct.pack("=Qi", allowed, opened)
+            _checked(libc.syscall(ADD_RULE, ruleset, 1, rule, 0))
+            os.close(opened)
+    _checked(libc.prctl(38, 1, 0, 0, 0))  # PR_SET_NO_NEW_PRIVS, without which nobody may restrict
+    _checked(libc.syscall(RESTRICT_SELF, ruleset, 0))
+    os.close(ruleset)
+
+
+def _readable(paths: Iterable[str], hidden: Sequence[str]) -> Iterator[str]:
+    """Yield the paths, and in place of one with something hidden in it what else is in it."""
+    for path in map(os.path.realpath, paths):
+        if any(path.startswith(each) for each in hidden):
+            continue
+        if any(each.startswith(path.rstrip("/") + "/") for each in hidden) and Path(path).is_dir():
+            yield from _readable([str(each) for each in Path(path).iterdir()], hidden)
+        else:
+            yield path
+
+
+def _parted(paths: Iterable[str], hidden: Sequence[str]) -> Iterator[str]:
+    """Yield the folders of which not everything may be read: their names may be listed."""
+    for path in map(os.path.realpath, paths):
+        inside = [each for each in hidden if each.startswith(path.rstrip("/") + "/")]
+        yield from (path for _ in inside)
+
+
+if __name__ == "__main__":
+    _serve(sys.argv[1], sys.argv[2], json.loads(sys.argv[3]), int(sys.argv[4]))

@@ -1,0 +1,121 @@
+"""Who asks, and what they may see and move.
+
+A session that the page began is its player's: only their cookie sees and moves it. One that a script began (`control` is
+"bearer") is anybody's who knows its id. A study's board is its participant's; the operator watches boards on their own page
+(`humanplay.web.admin`). Whoever may not see a session gets the answer for an id that does not exist.
+
+The cookies are a player's and a participant's for two years, the operator's for some hours. No script can read any. Who plays
+and who takes part in studies are two people to the server: nothing links a browser's one cookie to its other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from starlette.requests import HTTPConnection
+from starlette.responses import Response
+from starlette.websockets import WebSocket
+
+from humanplay.board.lobby import UnknownSessionError
+from humanplay.board.session import Session
+from humanplay.web.operator.login import TOKEN_S
+from humanplay.web.protection import client_address, is_secure
+from humanplay.web.replays.episodes import Asker
+from humanplay.web.services import Services
+
+PLAYER_COOKIE = "mars_player"
+PARTICIPANT_COOKIE = "mars_participant"
+ADMIN_COOKIE = "mars_admin"
+
+
+@dataclass(frozen=True)
+class Cookie:
+    """A cookie that lasts some seconds; other sites' pages send it with links to us ("lax"), or never ("strict")."""
+
+    name: str
+    lasts_s: int
+    samesite: Literal["lax", "strict"]
+
+    def token(self, connection: HTTPConnection) -> str:
+        """Return the cookie's value; "" without one."""
+        return connection.cookies.get(self.name + connection.app.state.cookies, "")
+
+    def set(self, response: Response, connection: HTTPConnection, token: str) -> None:
+        """Set the cookie, Secure when the page came by TLS; an empty token deletes it."""
+        response.set_cookie(
+            self.name + connection.app.state.cookies, token, max_age=self.lasts_s if token else 0, httponly=True,
+            samesite=self.samesite, secure=is_secure(connection),
+        )  # fmt: skip
+
+
+PLAYER = Cookie(PLAYER_COOKIE, 2 * 365 * 24 * 3600, "lax")
+PARTICIPANT = Cookie(PARTICIPANT_COOKIE, 2 * 365 * 24 * 3600, "lax")
+ADMIN = Cookie(ADMIN_COOKIE, TOKEN_S, "strict")
+
+
+def services_of(connection: HTTPConnection) -> Services:
+    """Return the services of the server that a request or a websocket has reached."""
+    services: Services = connection.app.state.services
+    return services
+
+
+async def close(websocket: WebSocket, code: int, reason: str) -> None:
+    """Close a websocket and note the code for the log and the metrics."""
+    websocket.scope["noted"]["status"] = code
+    await websocket.close(code, reason)
+
+
+def player_of(connection: HTTPConnection) -> str | None:
+    """Return the player's id in a cookie of this server; None without one or when it was tampered with."""
+    return services_of(connection).player_tokens.read(PLAYER.token(connection))
+
+
+def participant_of(connection: HTTPConnection) -> str | None:
+    """Return, as `player_of`, the id under which the asker takes part in studies: another one, linked to nothing played."""
+    return services_of(connection).player_tokens.read(PARTICIPANT.token(connection))
+
+
+def asker_of(connection: HTTPConnection) -> Asker:
+    """Return who asks for a replay, and when by the server's clock."""
+    return Asker(player_of(connection), services_of(connection).lobby.sources.clock_ms())
+
+
+def owner_of(connection: HTTPConnection) -> str:
+    """Return whose turn it is when the asker's jobs take theirs: an address has one, whatever cookies come from it."""
+    return client_address(connection)
+
+
+def remember_player(
+    response: Response, connection: HTTPConnection, player_id: str, cookie: Cookie = PLAYER
+) -> None:
+    """Set the player's cookie, or the participant's."""
+    cookie.set(response, connection, services_of(connection).player_tokens.sign(player_id))
+
+
+async def is_operator(connection: HTTPConnection) -> bool:
+    """Return whether the operator asks; False on a server without an operator's page."""
+    admin = services_of(connection).admin
+    if admin is None:
+        return False
+    return await admin.login.operator_of(ADMIN.token(connection)) is not None
+
+
+def is_owner(connection: HTTPConnection, session: Session) -> bool:
+    """Return whether a cookie of the asker's is that of the player at whose screen the session runs."""
+    owner = services_of(connection).lobby.owner_of(session)
+    return owner is not None and owner in (player_of(connection), participant_of(connection))
+
+
+def may_control(connection: HTTPConnection, session: Session) -> bool:
+    """Return whether the asker may move the session's rover, as far as their cookie and the id say."""
+    is_bearer = session.row.control == "bearer" and session.participation is None
+    return is_bearer or is_owner(connection, session)
+
+
+async def session_of(connection: HTTPConnection, session_id: str) -> Session:
+    """The session that the asker sees and moves; UnknownSessionError if it is not theirs."""
+    session = await services_of(connection).lobby.get(session_id)
+    if not may_control(connection, session):
+        raise UnknownSessionError(session_id)
+    return session

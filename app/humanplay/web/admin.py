@@ -1,0 +1,419 @@
+"""The operator's requests; a server that was started without an operator's page has none of these routes.
+
+Every request needs the operator's cookie. One that changes anything must come from our own page as well: its Origin says
+so, and browsers send the cookie from nowhere else.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncGenerator, Callable, Coroutine
+from contextlib import aclosing, closing
+from functools import partial
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, HTTPException, Request, Response, WebSocket
+from fastapi.responses import FileResponse
+from fastapi.routing import APIRoute
+from pydantic import Field
+
+from humanplay.board.lobby import Lobby
+from humanplay.board.messages import Message
+from humanplay.board.session import Session
+from humanplay.db import ratings
+from humanplay.db.reader import Reader
+from humanplay.db.series import StudyStore
+from humanplay.db.store import Store
+from humanplay.db.study_rows import Participant, participant_label
+from humanplay.db.trial import Trial
+from humanplay.series.closing import close_study as close_study_of
+from humanplay.series.folder import SEALED
+from humanplay.series.invitations import MAX_INVITATIONS, token_of
+from humanplay.series.protocol import DraftStudyError, StudyError, UnknownStudyError
+from humanplay.web.access import ADMIN, close, is_operator, services_of
+from humanplay.web.errors import status_of
+from humanplay.web.operator import participants
+from humanplay.web.operator.exports import ExportError, ExportKind
+from humanplay.web.operator.login import TooManyAttemptsError, WrongPasswordError
+from humanplay.web.operator.participants import recruiting
+from humanplay.web.operator.services import AdminServices
+from humanplay.web.protection import client_address, has_own_origin
+from humanplay.web.sockets import ignore_all, send_while, serve_session
+
+NOT_LOGGED_IN, NOT_OUR_PAGE = 4401, 4403
+"""Close codes of a socket without the operator's cookie, and of one that no page of this server opened."""
+MAX_BOARDS = 60
+"""Boards in a list."""
+
+
+class Login(Message):
+    """What the operator types: the name is left empty with the server's one password."""
+
+    name: str = Field(default="", max_length=64)
+    password: str = Field(max_length=1024)
+
+
+class CloseStudy(Message):
+    """The study's name once more, since a closed study cannot be opened again; `now` closes it while somebody is at it."""
+
+    name: str
+    now: bool = False
+
+
+class NewInvitations(Message):
+    """How many links are wanted."""
+
+    count: int = Field(ge=1, le=MAX_INVITATIONS)
+
+
+class RevokedInvitations(Message):
+    """Which invitations are taken back, by their ids."""
+
+    ids: list[Annotated[str, Field(max_length=40)]] = Field(
+        min_length=1, max_length=MAX_INVITATIONS
+    )
+
+
+class ShownName(Message):
+    """A player's name, and whether it is hidden."""
+
+    name: str = Field(max_length=100)
+    hidden: bool
+
+
+class ReleaseOptions(Message):
+    """Who is to be cited."""
+
+    authors: list[Annotated[str, Field(min_length=1, max_length=200)]] = Field(
+        default_factory=list, max_length=50
+    )
+
+
+async def check_page(request: Request) -> None:
+    """Raise HTTPException 403 unless our own page asks, or a reading request comes without an Origin."""
+    own = has_own_origin(request)
+    if own is False or (own is None and request.method not in ("GET", "HEAD")):
+        why = "this call must come from the operator's own page, at /admin of this server"
+        raise HTTPException(403, why)
+
+
+async def check_operator(request: Request, response: Response) -> AdminServices:
+    """Return the operator's services; HTTPException 401 or 403 unless the operator asks from our page."""
+    response.headers["Cache-Control"] = "no-store"
+    await check_page(request)
+    if not await is_operator(request):
+        raise HTTPException(401, "log in at /admin first: this is the operator's alone")
+    return _admin_of(request)
+
+
+def _admin_of(connection: Request | WebSocket) -> AdminServices:
+    admin = services_of(connection).admin
+    assert admin is not None, "these routes belong to a server with an operator's page"
+    return admin
+
+
+Operator = Annotated[AdminServices, Depends(check_operator)]
+
+
+class LoggedRoute(APIRoute):
+    """A route that logs what an operator asks for, before it is done: every change, and every file that is taken.
+
+    The login logs itself, since only it knows who came. What is wrong with a study is told as it is.
+    """
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """Return the handler with its entry in the log around it."""
+        handle = super().get_route_handler()
+
+        async def handler(request: Request) -> Response:
+            try:
+                return await handle(request)
+            except (StudyError, ExportError) as error:
+                is_none = isinstance(error, (UnknownStudyError, DraftStudyError))
+                raise HTTPException(404 if is_none else 409, str(error)) from error
+
+        reads = (self.methods or set()) <= {"GET", "HEAD"}
+        if self.name == "login" or (reads and self.name != "download"):
+            return handler
+
+        async def logged(request: Request) -> Response:
+            admin = _admin_of(request)
+            who = await admin.login.operator_of(ADMIN.token(request))
+            if who is None:
+                return await handler(request)
+            number = await admin.actions.begin(who, self.name, request.path_params.get("name"))
+            status = 500
+            try:
+                response = await handler(request)
+                status = response.status_code
+            except Exception as error:
+                status = status_of(error)
+                raise
+            finally:
+                await admin.actions.end(number, status)
+            return response
+
+        return logged
+
+
+WATCHED = (
+    "move_p99_seconds",
+    "waiting_jobs",
+    "waiting_writes",
+    "backup_age_seconds",
+    "backup_failures",
+)
+"""Gauges that the page shows."""
+
+router = APIRouter(include_in_schema=False, route_class=LoggedRoute)
+
+
+@router.post("/api/admin/login", dependencies=[Depends(check_page)])
+async def login(request: Request, response: Response, given: Login) -> dict[str, Any]:
+    """Log in: set the operator's cookie for the right password."""
+    try:
+        address, name = client_address(request), given.name.strip()
+        token = await _admin_of(request).login.issue(address, name, given.password)
+    except WrongPasswordError as error:
+        raise HTTPException(401, str(error)) from error
+    except TooManyAttemptsError as error:
+        raise HTTPException(429, str(error), {"Retry-After": str(error.wait_s)}) from error
+    ADMIN.set(response, request, token)
+    return {"in": True}
+
+
+@router.post("/api/admin/logout", dependencies=[Depends(check_page)])
+async def logout(request: Request, response: Response) -> dict[str, Any]:
+    """Log out: revoke the token and delete the cookie."""
+    await _admin_of(request).login.revoke(ADMIN.token(request))
+    ADMIN.set(response, request, "")
+    return {"in": False}
+
+
+@router.get("/api/admin/overview")
+async def overview(request: Request, admin: Operator) -> dict[str, Any]:
+    """Return the studies, the boards being played, the server's health, and what operators did last."""
+    health = await asyncio.to_thread(admin.health.state)
+    lobby = admin.progress.lobby
+    watched = await asyncio.to_thread(lobby.store.metrics.values, *WATCHED)
+    owners = request.app.state.protection.stored.largest()
+    return {
+        "studies": await asyncio.to_thread(admin.studies),
+        "boards": await list_boards(lobby, admin.progress.study_store),
+        "health": {
+            **health,
+            "watched": watched,
+            "owners": owners,
+            "sessions": len(lobby),
+            "up_s": round(time.monotonic() - admin.began),
+        },
+        "operator": await admin.login.operator_of(ADMIN.token(request)),
+        "actions": await admin.actions.newest(),
+        "names": await lobby.store.read(partial(ratings.newest_names, lobby.store)),
+        "core_version": lobby.task.version,
+        "now_ms": lobby.sources.clock_ms(),
+    }
+
+
+@router.get("/api/admin/studies/{name}")
+async def show_study(admin: Operator, name: str) -> dict[str, Any]:
+    """Return a study as it stands: participants, figure, labels, exports."""
+    found = admin.progress.folder.study(name)
+    store, now = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
+
+    def read() -> tuple[list[dict[str, Any]], dict[str, Any]]:
+        with closing(Reader.open(store.path)) as reader:
+            how = recruiting(reader, admin.progress.recruitment.invitations, found, now)
+            return participants.list_participants(reader, name, now, found.is_open), how
+
+    present, how = await asyncio.to_thread(read)
+    protocol, shown = found.protocol, ("frozen_ms", "closed_ms", "protocol_hash", "commitment")
+    return {
+        "name": name,
+        "title": protocol.title,
+        "status": found.status,
+        **{each: getattr(found, each) for each in shown},
+        "level": protocol.env_config.level,
+        "where": protocol.rules.where(protocol.env_config),
+        "max_steps": protocol.env_config.limit,
+        "planned": protocol.players,
+        "warm_up": protocol.warm_up,
+        "ranked": protocol.ranked,
+        "stages": participants.count_stages(present),
+        "participants": present,
+        **how,
+        **await asyncio.to_thread(admin.figures.of, name),
+        "exports": admin.exports.state(name),
+        "now_ms": now,
+    }
+
+
+@router.post("/api/admin/studies/{name}/close")
+async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str, Any]:
+    """Close the study for good; 422 unless its name was typed, 409 while somebody has moved within ten minutes unless `now`."""
+    if given.name != name:
+        why = f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}"
+        raise HTTPException(422, why)
+    admin.progress.folder.study(name)
+    store, at_ms = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
+    close = partial(close_study_of, admin.progress.folder, store, name, at_ms, given.now)
+    closed = await store.read(close)
+    await admin.progress.note_if_closed(closed)
+    await asyncio.to_thread(admin.figures.forget, name)
+    return {"closed_ms": closed.closed_ms}
+
+
+@router.post("/api/admin/studies/{name}/invitations", status_code=201)
+async def issue_invitations(admin: Operator, name: str, wanted: NewInvitations) -> dict[str, Any]:
+    """Issue invitations and return their tokens."""
+    found = admin.progress.folder.study(name)
+    issue = admin.progress.recruitment.invitations.issue
+    issued = await asyncio.to_thread(issue, name, wanted.count)
+    return {"tokens": [token_of(found, each.id) for each in issued]}
+
+
+@router.post("/api/admin/studies/{name}/invitations/revoke")
+async def revoke_invitations(
+    admin: Operator, name: str, given: RevokedInvitations
+) -> dict[str, Any]:
+    """Take invitations back; whoever has agreed with one goes on."""
+    admin.progress.folder.study(name)
+    revoke = admin.progress.recruitment.invitations.revoke
+    revoked = await asyncio.to_thread(revoke, name, given.ids)
+    return {"revoked": [each.id for each in revoked]}
+
+
+@router.post("/api/admin/studies/{name}/exports/{what}", status_code=202)
+async def begin_export(
+    admin: Operator, name: str, what: ExportKind, wanted: ReleaseOptions | None = None
+) -> dict[str, Any]:
+    """Begin to make the report or the release; a release needs a closed study."""
+    found = admin.progress.folder.study(name)
+    if found.is_sealed:
+        raise HTTPException(409, SEALED.format(name))
+    if what == "release" and found.is_open:
+        raise HTTPException(409, f"the study {name!r} is open: close it first, then release it")
+    admin.exports.begin(name, what, tuple(wanted.authors) if wanted else ())
+    return admin.exports.state(name)
+
+
+@router.get("/api/admin/studies/{name}/files/{file}")
+async def download(admin: Operator, name: str, file: str) -> FileResponse:
+    """Send a file that was made."""
+    path = admin.exports.file(name, file)
+    if path is None:
+        raise HTTPException(404, f"no file {file!r} was made; make report or release first")
+    return FileResponse(path, filename=file, headers={"Cache-Control": "no-store"})
+
+
+@router.post("/api/admin/names")
+async def hide_name(admin: Operator, chosen: ShownName) -> None:
+    """Show a player's name no more, or again; 404 where nobody has it."""
+    store = admin.progress.lobby.store
+    if not await store.change(ratings.hide_name, chosen.name, chosen.hidden):
+        raise HTTPException(404, f"nobody is called {chosen.name!r} any more")
+
+
+@router.post("/api/admin/check")
+async def check_database(admin: Operator) -> dict[str, Any]:
+    """Check the database now and return the health."""
+    await asyncio.to_thread(admin.health.check)
+    return await asyncio.to_thread(admin.health.state)
+
+
+@router.websocket("/ws/admin/sessions/{session_id}")
+async def watch_board(websocket: WebSocket, session_id: str) -> None:
+    """Send a board's frames as they come; what the operator sends is ignored."""
+    if has_own_origin(websocket) is not True:
+        await close(websocket, NOT_OUR_PAGE, "the Origin of this page is not this server's")
+        return
+    if not await is_operator(websocket):
+        await close(websocket, NOT_LOGGED_IN, "log in at /admin first")
+        return
+
+    async def watch(session: Session) -> None:
+        await send_while(ignore_all(websocket), _send(websocket, session))
+
+    await serve_session(websocket, partial(services_of(websocket).lobby.get, session_id), watch)
+
+
+async def _send(websocket: WebSocket, session: Session) -> None:
+    """Send each message of a board for as long as the operator is logged in."""
+    store = services_of(websocket).store
+    async with aclosing(board_messages(store, session)) as messages:
+        async for message in messages:
+            if not await is_operator(websocket):
+                await close(websocket, NOT_LOGGED_IN, "logged out")
+                return
+            await websocket.send_text(message)
+
+
+async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, Any]]:
+    """Return the boards that may be watched and that somebody plays now, those of participants first; no player's id."""
+    live = [each for each in lobby.sessions() if each.is_human and each.channel.subscribers]
+
+    def newest(present: Participant | None) -> Trial | None:
+        trials = [] if present is None else study_store.trials(present.id)
+        return trials[-1] if trials else None
+
+    def read() -> list[tuple[Session, Participant | None, Trial | None]]:
+        shown = sorted(
+            (session for session in live if not _is_secret(session, session.current.id)),
+            key=lambda session: session.participation is None,
+        )[:MAX_BOARDS]
+        present = ((each, study_store.participant_of_session(each.id)) for each in shown)
+        return [(each, participant, newest(participant)) for each, participant in present]
+
+    found = []
+    for session, participant, trial in await lobby.store.read(read):
+        found.append(
+            {
+                "session": session.id,
+                "study": participant and participant.study,
+                "label": participant and participant_label(participant.id),
+                "kind": participant.kind if participant else session.current.driver,
+                "phase": trial and trial.phase,
+                "trial": trial and trial.trial,
+                "ended": session.shown.ended,
+                "level": session.current.config.level,
+            }
+        )
+    return sorted(
+        found, key=lambda each: (each["study"] is None, str(each["label"] or each["session"]))
+    )
+
+
+def _is_secret(session: Session, episode_id: str) -> bool:
+    """Whether nobody but its participant sees anything of a board's episode; it asks the database."""
+    participation = session.participation
+    return participation is not None and participation.is_secret(episode_id)
+
+
+async def board_messages(store: Store, session: Session) -> AsyncGenerator[str, None]:
+    """Yield the newest frame of a board whenever it changes, and its history wherever frames were missed, until closed.
+
+    Nothing is yielded while the episode is secret. The operator is no subscriber: a board that its player has left is not kept
+    alive by being watched.
+    """
+    frame, episode, steps = "", "", 0
+    woken = asyncio.Event()
+    woken.set()
+    leave = session.channel.add_listener(woken.set)
+    try:
+        while await woken.wait():
+            woken.clear()
+            # what is checked is what is shown: the next episode may begin meanwhile
+            current, shown = session.current.id, session.shown
+            if await store.read(partial(_is_secret, session, current)):
+                continue
+            newest = shown.frame(current)
+            if newest == frame:
+                continue
+            frame = newest
+            yield frame
+            if current != episode or shown.steps > steps + 1:
+                yield shown.history(current)
+            episode, steps = current, shown.steps
+    finally:
+        leave()

@@ -1,0 +1,275 @@
+"""The wire of agents: what stands under a card's address, `/agents/TOKEN`, as OpenEnv 0.10 words it; `mcp` has the rest.
+
+An agent resets an instance of the card's evaluation and moves on it. The server holds nothing of a connection but which
+instance it reset last, so whoever comes back goes on where the record stands. No reward and no score is told, and no request
+names a seed. What agents ask for takes turns, so that people's moves do not wait for it.
+"""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar
+
+from fastapi import APIRouter, Depends, WebSocket, WebSocketDisconnect
+from fastapi.openapi.utils import get_openapi
+from pydantic import Field, ValidationError, model_validator
+from starlette.requests import HTTPConnection
+
+from humanplay.board.messages import Message, describe_errors
+from humanplay.db.store import StoreError
+from humanplay.series.cards import SPLIT, Card, CardError, Cards, Seen
+from humanplay.web.access import close, services_of
+from humanplay.web.protection import Protection, RefusedRequestError
+from humanplay.web.sockets import UNKNOWN_SESSION
+
+M = TypeVar("M", bound=Message)
+NO_SEED = "a reset names an instance, by index or as task by its id, and no seed: what a seed draws stays sealed"
+
+router = APIRouter(prefix="/agents/{token}", tags=["agents"])
+
+
+class Reset(Message):
+    """Which instance is wanted: by its index in a split, or by its id."""
+
+    split: str = Field(default=SPLIT, max_length=64)
+    index: int | None = None
+    task: str | None = Field(default=None, max_length=64)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _names_no_seed(cls, data: Any) -> Any:
+        if isinstance(data, dict) and ("seed" in data or not {"index", "task"} & data.keys()):
+            raise ValueError(NO_SEED)
+        return data
+
+
+class Step(Message):
+    """A move."""
+
+    action: str | int = Field(description="the name of an action, or its code")
+    step: int | None = Field(default=None, description="moves made before it, lest it be repeated")
+    metadata: dict[str, Any] | None = Field(default=None, description="OpenEnv's; it is not read")
+
+
+class InSplit(Message):
+    """The instances of a split: all, the one with an index, or those from `start` to before `stop`."""
+
+    split: str = Field(max_length=64)
+    index: int = 0
+    start: int | None = None
+    stop: int | None = None
+
+
+@dataclass(frozen=True)
+class Agent:
+    """Whoever asks with an open card."""
+
+    connection: HTTPConnection
+    cards: Cards
+    card: Card
+
+    async def begin(self, index: int) -> Seen:
+        """Return what is seen of an attempt; one that begins is checked against the budgets of who asks."""
+        if index not in self.cards.begun(self.card):
+            self._protection.check_episode(self.connection.scope)
+        return await self._protection.turns.take(self.cards.begin(self.card, index))
+
+    async def move(self, index: int, action: str | int, step: int | None = None) -> Seen:
+        """Return what is seen after a move."""
+        return await self._protection.turns.take(self.cards.act(self.card, index, action, step))
+
+    @property
+    def _protection(self) -> Protection:
+        protection: Protection = self.connection.app.state.protection
+        return protection
+
+
+async def agent_of(connection: HTTPConnection, token: str) -> Agent:
+    """Return who asks; CardError 404 for whoever has no open card."""
+    cards = services_of(connection).cards
+    return Agent(connection, cards, await cards.find(token))
+
+
+AgentOf = Annotated[Agent, Depends(agent_of)]
+
+
+async def name_of(agent: AgentOf, env: str | None = None) -> str:
+    """Return the name of what is played; CardError 404 where another one is asked for."""
+    if env is not None and env != (name := agent.cards.task_name(agent.card)):
+        raise CardError(404, f"expected the environment {name!r}, got {env[:40]!r}")
+    return agent.cards.task_name(agent.card)
+
+
+NameOf = Annotated[str, Depends(name_of)]
+
+
+def check_split(split: str) -> None:
+    """Check that a split is the one that there is; CardError 404."""
+    if split != SPLIT:
+        raise CardError(404, f"expected the split {SPLIT!r}, got {split[:40]!r}")
+
+
+@router.get("/health")
+async def health(agent: AgentOf) -> dict[str, str]:
+    """Say that the card can be played."""
+    return {"status": "healthy"}
+
+
+@router.get("/metadata")
+async def metadata(agent: AgentOf, name: NameOf) -> dict[str, str]:
+    """Say what is played."""
+    return {"name": name, "description": agent.cards.about(agent.card)["instructions"]}
+
+
+@router.get("/schema")
+async def schema(agent: AgentOf) -> dict[str, Any]:
+    """Return the JSON schemas of moves, of what is seen, and of the state."""
+    action, whole, text = Step.model_json_schema(), {"type": "integer"}, {"type": "string"}
+    action["properties"]["action"] = {"enum": agent.cards.about(agent.card)["actions"]}
+    seen = {"index": whole, "step": whole, "observation": {}, "text": text, "picture": text}
+    state = {"episode_id": text, "step_count": whole}
+    told = {"observation": ("Seen", seen), "state": ("State", state)}
+    objects = {
+        each: {"title": title, "type": "object", "properties": properties}
+        for each, (title, properties) in told.items()
+    }
+    return {"action": action, **objects}
+
+
+@router.get("/openapi.json")
+async def openapi(agent: AgentOf) -> dict[str, Any]:
+    """Return these calls, by their paths under the card's address."""
+    routes, title = agent.connection.app.routes, "A sealed evaluation of agents"
+    own = [each for each in routes if getattr(each, "path", "").startswith(router.prefix)]
+    told = get_openapi(title=title, version="1", routes=own)
+    paths = {path.removeprefix(router.prefix): each for path, each in told["paths"].items()}
+    return {**told, "paths": paths}
+
+
+@router.get("/list_environments")
+async def list_environments(name: NameOf) -> list[str]:
+    """Return the name of what is played."""
+    return [name]
+
+
+@router.get("/{env}/splits")
+async def splits(name: NameOf) -> list[dict[str, str]]:
+    """Return the split that there is."""
+    return [{"name": SPLIT, "type": "test"}]
+
+
+@router.post("/{env}/{what}")
+async def instances(
+    agent: AgentOf,
+    name: NameOf,
+    what: Literal["tasks", "num_tasks", "task", "task_range"],
+    wanted: InSplit,
+) -> dict[str, Any]:
+    """Return the instances of a split, their number, the one with `index`, or those from `start` to before `stop`."""
+    check_split(wanted.split)
+    found = agent.cards.instances(agent.card)
+    if what == "num_tasks":
+        return {"num_tasks": len(found)}
+    if what == "task":
+        if not 0 <= wanted.index < len(found):
+            raise CardError(400, f"expected an index 0 to {len(found) - 1}, got {wanted.index}")
+        return {"task": found[wanted.index]}
+    return {"tasks": found[wanted.start : wanted.stop], "env_name": name}
+
+
+@router.get("")
+async def get_card(agent: AgentOf) -> dict[str, Any]:
+    """Return what the author says of the agent, what is played, and which attempts were begun and finished; no score."""
+    card, state = agent.card, await agent.cards.state(agent.card)
+    told = {"author": card.author, "number": card.number, "agent": dict(card.description)}
+    return {**told, **agent.cards.about(card), "state": state}
+
+
+@router.post("")
+async def describe(agent: AgentOf, given: dict[str, Any]) -> dict[str, Any]:
+    """Keep `agent`, `version`, `model`, `prompts_sha256` and `cost`; all but the cost before the first attempt."""
+    return {"agent": dict((await agent.cards.describe(agent.card, given)).description)}
+
+
+@router.post("/close")
+async def close_card(agent: AgentOf) -> dict[str, bool]:
+    """Close the card for good: what runs is abandoned, and it counts."""
+    await agent.cards.close(agent.card)
+    return {"closed": True}
+
+
+@router.websocket("/ws")
+async def play(websocket: WebSocket, token: str) -> None:
+    """Serve OpenEnv's messages reset, step, state and close."""
+    await websocket.accept()
+    with suppress(WebSocketDisconnect):
+        try:
+            await agent_of(websocket, token)
+        except (CardError, StoreError) as error:
+            await websocket.send_json(failed(error, "SESSION_ERROR"))
+            await close(websocket, UNKNOWN_SESSION, "no open card")
+            return
+        at: dict[str, Any] = {"episode_id": None, "step_count": 0}
+        while (message := await websocket.receive())["type"] != "websocket.disconnect":
+            try:
+                kind, data = _read(message.get("text"))
+                if kind == "close":
+                    await websocket.close()
+                    return
+                answer = await _answer(await agent_of(websocket, token), kind, data, at)
+            except (CardError, RefusedRequestError, StoreError) as error:
+                answer = failed(error)
+            await websocket.send_json(answer)
+
+
+def _read(text: str | None) -> tuple[str, Any]:
+    try:
+        asked = json.loads(text or "")
+        return asked["type"], asked.get("data", {})
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise CardError(400, 'expected a JSON object with a "type" in a text frame') from None
+
+
+async def _answer(agent: Agent, kind: str, data: Any, at: dict[str, Any]) -> dict[str, Any]:
+    """Return the answer to a message; `at` holds the instance that was reset last, and its moves."""
+    if kind == "state":
+        return {"type": "state", "data": {**at, **await agent.cards.state(agent.card)}}
+    if kind == "reset":
+        wanted = read(Reset, data)
+        check_split(wanted.split)
+        index = wanted.index
+        if index is None:
+            index = agent.cards.index_of(agent.card, wanted.task or "")
+        seen = await agent.begin(index)
+    elif kind == "step":
+        if at["episode_id"] is None:
+            raise CardError(409, "reset an instance before a step")
+        move = read(Step, data)
+        seen = await agent.move(int(at["episode_id"]), move.action, move.step)
+    else:
+        raise CardError(404, f"expected reset, step, state or close, got {str(kind)[:40]!r}")
+    at.update(episode_id=str(seen.index), step_count=seen.step)
+    return {"type": "observation", "data": told_of(seen)}
+
+
+def told_of(seen: Seen) -> dict[str, Any]:
+    """Return what was seen as OpenEnv's clients read it."""
+    shown = {"observation": seen.observation, "text": seen.text, "picture": seen.picture}
+    told = {name: value for name, value in shown.items() if value is not None}
+    shown = {"index": seen.index, "step": seen.step, **told}
+    return {"observation": shown, "reward": None, "done": seen.done}
+
+
+def read(kind: type[M], given: Any) -> M:
+    """Return what was sent as a message of a kind; CardError 422 that says what is wrong with it."""
+    try:
+        return kind.model_validate(given)
+    except ValidationError as error:
+        raise CardError(422, describe_errors(error.errors(include_url=False))) from None
+
+
+def failed(error: Exception, code: str = "EXECUTION_ERROR") -> dict[str, Any]:
+    code = "VALIDATION_ERROR" if getattr(error, "status", 0) in (400, 422) else code
+    return {"type": "error", "data": {"message": str(error), "code": code}}

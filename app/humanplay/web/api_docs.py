@@ -1,0 +1,106 @@
+"""The page at /docs: the API as one readable document, made from the OpenAPI schema, from our own files alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from markupsafe import Markup, escape
+
+from humanplay.web.templates import environment
+
+DESCRIPTION = """Drive the MarsExplorer rover, watch policies do it, and read what was played. `POST /api/sessions` begins a
+board; its `frame` holds what the rover has discovered; `POST .../act` answers a frame with a move and brings the next.
+Errors are `{"detail": "..."}` with what was expected and what came: 404 unknown, 409 not the current frame, 422 bad input."""
+
+EXAMPLE = """import httpx
+
+with httpx.Client(base_url="http://127.0.0.1:8000") as mars:       # one client keeps the player cookie
+    session = mars.post("/api/sessions", json={"level": "random", "size": 21, "seed": 7}).json()
+    frame = session["frame"]
+    while frame["outcome"] is None:
+        move = {"episode": frame["episode"], "step": frame["step"], "action": "east"}
+        frame = mars.post(f"/api/sessions/{session['session']}/act", json=move).json()
+    print(frame["outcome"], frame["score"])"""
+
+SOCKET = """ws(s)://.../ws/sessions/{session}       a board begun by a page needs the cookie of its player; a script's, its id
+-> {"kind":"act","episode":"...","step":0,"action":"east"}     the same act as over HTTP; its answer is the next frame
+-> {"kind":"history"}                                          asks for the path so far
+-> {"kind":"events","episode":"...","events":[...]}            a study's input events, 200 at most; a repeat is kept once
+<- {"kind":"frame", ...}       whole, the newest always; a slow client skips
+<- {"kind":"history", ...}     on joining, at each new episode, and when asked
+<- {"kind":"pace", ...}        for a session that a policy drives, on joining and on change
+<- {"kind":"kept","episode":"...","count":2,"reason":null}      the answer to events; count 0 with a reason: they are not kept
+<- {"kind":"refused","reason":"...","frame":{...}}             a stale act: nothing changed
+<- {"kind":"error","detail":"..."}                             a bad message: the socket stays open
+
+ws(s)://.../ws/watch/{watch}            for spectators of a board: frames and histories alone, one episode after the other"""
+
+SHOWN_MODELS = ("Frame", "History", "Pace")
+"""The answers whose fields are listed."""
+
+
+def render_docs(schema: dict[str, Any]) -> str:
+    """Return the HTML document of an OpenAPI schema."""
+    models = schema["components"]["schemas"]
+    shown = {name: models[name] for name in SHOWN_MODELS}
+    page: str = _TEMPLATE.render(
+        root="", info=schema["info"], example=EXAMPLE, socket=SOCKET, groups=_groups(schema["paths"], models),
+        models=[(name, each.get("description", ""), _fields(each)) for name, each in shown.items()],
+    )  # fmt: skip
+    return page
+
+
+def _groups(
+    paths: dict[str, Any], models: dict[str, Any]
+) -> list[tuple[str, list[dict[str, Any]]]]:
+    """Return the calls in the schema's order, grouped under one heading for each tag."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for path, verbs in paths.items():
+        for verb, call in verbs.items():
+            said = {name: call.get(name, "") for name in ("summary", "description")}
+            shown = {"verb": verb.upper(), "path": path, **said, "tables": _tables(call, models)}
+            groups.setdefault(call["tags"][0].capitalize(), []).append(shown)
+    return list(groups.items())
+
+
+def _tables(call: dict[str, Any], models: dict[str, Any]) -> list[list[tuple[str, dict[str, Any]]]]:
+    """Return the tables of a call's inputs: its query parameters, then the fields of its body."""
+    given = [each for each in call.get("parameters", []) if each["in"] == "query"]
+    content = call.get("requestBody", {}).get("content", {})
+    body = content.get("application/json", {}).get("schema", {})
+    named = [each["$ref"] for each in [body, *body.get("anyOf", [])] if "$ref" in each]
+    fields = _fields(models[named[0].rsplit("/", 1)[1]]) if named else []
+    asked = [(each["name"], each["schema"]) for each in given]
+    return [table for table in (asked, fields) if table]
+
+
+def _fields(model: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    return list(model["properties"].items())
+
+
+def _with_code(text: str) -> Markup:
+    """Return text as HTML, with what stands between backquotes as code."""
+    pieces = text.split("`")
+    return Markup("").join(
+        Markup("<code>{}</code>").format(piece) if number % 2 else escape(piece)
+        for number, piece in enumerate(pieces)
+    )
+
+
+def _type_of(field: dict[str, Any]) -> str:
+    """Return the type of a field in words, values between backquotes."""
+    if "anyOf" in field:
+        return " or ".join(dict.fromkeys(_type_of(each) for each in field["anyOf"]))
+    if "enum" in field:
+        return " | ".join(f"`{each}`" for each in field["enum"])
+    if "const" in field:
+        return f"`{str(field['const']).lower() if isinstance(field['const'], bool) else field['const']}`"
+    bounds = [
+        f"from {field['minimum']}" if "minimum" in field else "",
+        f"to {field['maximum']}" if "maximum" in field else "",
+    ]
+    return " ".join([str(field.get("type", "")), *filter(None, bounds)])
+
+
+environment.filters.update(with_code=_with_code, type_of=_type_of)
+_TEMPLATE = environment.get_template("api_docs.html")

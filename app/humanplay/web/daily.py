@@ -1,0 +1,140 @@
+"""The daily terrain over HTTP: today's board, what it came to, and what anybody can check once a day is over."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import closing
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
+
+from humanplay.db.reader import Reader
+from humanplay.db.series import attempts_of
+from humanplay.series.daily import DailyPlayedError, DailyTerrain, day_before
+from humanplay.task import MARS
+from humanplay.web.access import player_of, remember_player, services_of
+from humanplay.web.api import session_summary
+from humanplay.web.daily_results import calendar, describe_attempt, people_on, streak
+from humanplay.web.protection import has_own_origin
+from humanplay.web.services import Services
+
+
+async def _is_offered(request: Request) -> None:
+    """Check that the server plays MarsExplorer, whose the daily terrain is; HTTPException 404 otherwise."""
+    if (task := services_of(request).lobby.task).name != MARS:
+        why = f"the daily terrain is MarsExplorer's, and this server plays {task.title}"
+        raise HTTPException(404, why)
+
+
+router = APIRouter(prefix="/api/daily", tags=["daily"], dependencies=[Depends(_is_offered)])
+_DAY = Path(pattern=r"^\d{4}-\d{2}-\d{2}$", description="a date in UTC", examples=["2026-11-22"])
+Day = Annotated[str, _DAY]
+
+
+@router.get("", summary="Today's terrain, and my attempt at it")
+async def get_today(request: Request) -> dict[str, Any]:
+    """Return the commitment to today's key, when the next day begins, and yesterday's key; by your cookie your attempt.
+
+    `commitment` is SHA-256 of the day's key. The key is told when the day (UTC) is over, and the terrain follows from it.
+    """
+    services, player_id = services_of(request), player_of(request)
+    terrain, store = await services.daily_boards.today(), services.store
+    attempts = [] if player_id is None else await store.read(lambda: attempts_of(store, player_id))
+    mine = next((each for each in attempts if each.day == terrain.day), None)
+    return {
+        **describe_terrain(services, terrain),
+        "now_ms": services.lobby.sources.clock_ms(),
+        "next_ms": terrain.ends_ms,
+        "max_steps": terrain.config.limit,
+        "attempt": describe_attempt(mine, terrain),
+        "streak": streak(attempts, terrain.day),
+        "played": sum(each.ended_ms is not None for each in attempts),
+        "calendar": calendar(attempts),
+        "yesterday": await _earlier(services, day_before(terrain.day)),
+    }
+
+
+@router.post("", status_code=201, summary="Play today's terrain, once")
+async def begin_today(request: Request, response: Response) -> dict[str, Any]:
+    """Begin your attempt, or go on with it (200); the answer is that of POST /api/sessions. 409 once it is over.
+
+    Only a page of this server may: the board belongs to the player's cookie.
+    """
+    if not has_own_origin(request):
+        raise HTTPException(
+            403,
+            "the daily terrain is played on this server's page /daily; for a script there is POST /api/sessions",
+        )
+    services = services_of(request)
+    player_id = player_of(request) or services.lobby.sources.player_id()
+    try:
+        session, was_open = await services.daily_boards.begin(player_id)
+    except DailyPlayedError as error:
+        raise HTTPException(409, str(error)) from error
+    services.daily_policies.prepare(await services.daily_boards.today())
+    response.status_code = 200 if was_open else 201
+    remember_player(response, request, player_id)
+    return await session_summary(services.lobby, session)
+
+
+@router.get("/{day}", summary="The terrain of a day")
+async def get_day(request: Request, day: Day) -> dict[str, Any]:
+    """Return level, size and commitment, and once the day is over the key and the seed, from which anybody can draw it."""
+    services = services_of(request)
+    return describe_terrain(services, await _terrain_on(services, day))
+
+
+@router.get("/{day}/results", summary="People and policies on the terrain of a day")
+async def get_results(request: Request, day: Day) -> dict[str, Any]:
+    """Return ranks and the distribution of moves. Those of today are for whoever has finished today's attempt: else 403.
+
+    People are named nowhere, and episodes once the day is over. Results of policies come when they are ready.
+    """
+    services, player_id = services_of(request), player_of(request)
+    terrain = await _terrain_on(services, day)
+    is_over = day < services.daily_boards.day()
+    mine = await services.daily_boards.attempt(player_id, day)
+    if not is_over and (mine is None or mine.ended_ms is None):
+        raise HTTPException(403, "the results of today are shown when your own attempt is over")
+    people = await asyncio.to_thread(_people, services, terrain, player_id, is_over)
+    attempt = describe_attempt(mine, terrain)
+    policies = services.daily_policies.results(terrain)
+    return {"day": day, "attempt": attempt, "people": people, "policies": policies}
+
+
+def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, Any]:
+    """Return what anybody may know of a day's terrain now; `key` and `seed` are None before the day is over.
+
+    `protocol` is the canonical JSON that the seed is drawn for, beside the key.
+    """
+    is_over = terrain.day < services.daily_boards.day()
+    return {
+        "day": terrain.day,
+        "level": terrain.config.level,
+        "size": [terrain.config.rows, terrain.config.cols],
+        "protocol": terrain.series.protocol,
+        "commitment": terrain.series.commitment,
+        "key": terrain.series.secret if is_over else None,
+        "seed": terrain.seed if is_over else None,
+    }
+
+
+async def _earlier(services: Services, day: str) -> dict[str, Any] | None:
+    terrain = await services.daily_boards.on(day)
+    return None if terrain is None else describe_terrain(services, terrain)
+
+
+async def _terrain_on(services: Services, day: str) -> DailyTerrain:
+    """Return the terrain of a day; HTTPException 404 where there was none, or is none yet."""
+    terrain = await services.daily_boards.on(day)
+    if terrain is None:
+        why = f"this server has shown no daily terrain on {day}; GET /api/daily has today's"
+        raise HTTPException(404, why)
+    return terrain
+
+
+def _people(
+    services: Services, terrain: DailyTerrain, player_id: str | None, is_over: bool
+) -> dict[str, Any]:
+    with closing(Reader.open(services.store.path)) as reader:
+        return people_on(reader, terrain, player_id, is_over)

@@ -1,0 +1,274 @@
+"""The entries of the leaderboard: one for each configuration that people play, and one for each closed study.
+
+In a closed study people and policies are on the very same terrains. An open one is not shown: a mean that changes with every
+episode would reveal hidden scores to its players. `make_board` makes the figures that the package comes with.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from importlib.metadata import version
+from operator import add, attrgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from humanplay.db.reader import Reader
+from humanplay.db.series import closed_studies, count_participants
+from humanplay.db.trial import Trial
+from humanplay.jobs import Jobs, Progress
+from humanplay.report.statistics.exclusion_sets import Cohort, members, people_of, unspoilt
+from humanplay.report.statistics.human_level import VolunteerFigures
+from humanplay.report.statistics.study_figures import live_figure
+from humanplay.report.statistics.summaries import EpisodeSummary, summarize_groups, trial_summaries
+from humanplay.series.data import StudyData, load, trial_records
+from humanplay.series.policy_episodes import closed_seeds
+from humanplay.series.policy_files import FOLDER, PolicyFiles
+from humanplay.task import MARS, Configuration, PolicyError, rules_of
+from humanplay.web.leaderboard.evaluations import (
+    Evaluation,
+    Origin,
+    ShippedFigure,
+    ShippedFigures,
+    file_sha256,
+    to_document,
+)
+
+FIRST_SEED = 1_000_000_000
+"""Policies play the terrains of this seed and the next ones: training refuses them."""
+
+SAMPLED_PLAYERS, SAMPLED_EPISODES = 20, 2
+"""Of a study, for the share of people's moves that a policy makes too."""
+
+
+@dataclass(frozen=True)
+class LeaderboardEntry:
+    """A configuration and the terrains on which policies are compared with people.
+
+    id        in the page's address
+    human     the figure of `statistics.human_level`, or of a study with its pictures; None while nobody has played
+    seeds     of the policies' terrains
+    study     its name; None for an entry of the playground
+    policies  names (or paths); None means everything on offer
+    files     of a study's policies
+    """
+
+    id: str
+    title: str
+    config: Configuration
+    human: dict[str, Any] | None
+    seeds: tuple[int, ...]
+    study: str | None = None
+    policies: tuple[str, ...] | None = None
+    files: PolicyFiles | None = None
+
+    def evaluations(self, sources: dict[str, str]) -> dict[str, Evaluation]:
+        """Return what has to be evaluated by the policy's name, quick policies first.
+
+        sources  what `policies.load` takes, by name. A study's policies are played from their own files; where one is lost,
+                 its evaluation names the place where it was kept, and fails
+        """
+        slow = ("random", "planner", "lookahead")  # by hundreds of moves, by milliseconds a move
+        chosen = list(sources) if self.policies is None else self.policies
+        ordered = sorted(chosen, key=lambda name: slow.index(name) + 1 if name in slow else 0)
+        found = {name: self._source(name, sources) for name in ordered}
+        return {name: Evaluation(each, self.config, self.seeds) for name, each in found.items()}
+
+    def _source(self, name: str, sources: dict[str, str]) -> str:
+        if self.files is None or name not in self.files.hashes:
+            return sources.get(name, name)
+        try:
+            return self.files.source(name)
+        except PolicyError:
+            return str(self.files.place(name))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the entry as the list of the leaderboard shows it."""
+        human, config = self.human or {"players": 0, "episodes": 0}, self.config
+        return {
+            "id": self.id, "title": self.title, "study": self.study, "level": config.level,
+            "rows": config.rows, "cols": config.cols, "max_steps": config.limit,
+            "config_hash": config.hash, "terrains": len(self.seeds),
+            "players": human["players"], "episodes": human["episodes"], "missing": human.get("missing"),
+        }  # fmt: skip
+
+
+class ClosedStudies:
+    """The closed studies of a database; each is read once, because it no longer changes.
+
+    studies  the folder of studies, which keeps the files of their policies
+    """
+
+    def __init__(self, studies: Path) -> None:
+        self._folder = studies
+        self._known: dict[tuple[str, int | None, int], tuple[StudyData, dict[str, Any] | None]] = {}
+
+    def closed(self, reader: Reader) -> list[tuple[StudyData, dict[str, Any] | None]]:
+        """Return each closed study with its people's figure and pictures, None for nobody; seconds the first time.
+
+        One of another task is left out: it has no boards to compare by.
+        """
+        found = []
+        for study in closed_studies(reader):
+            if json.loads(study.protocol).get("task", MARS) != MARS:
+                continue
+            # one who is forgotten afterwards is gone from here as well
+            key = (study.name, study.closed_ms, count_participants(reader, study.name))
+            if key not in self._known:
+                data = load(reader, study.name).with_policies_in(self._folder / study.name / FOLDER)
+                self._known[key] = (data, _people(reader, data))
+            found.append(self._known[key])
+        return found
+
+
+def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
+    figure = live_figure(data)
+    if not figure["everybody"]["players"]:
+        return None
+    cohort = people_of(data)
+    people = members(cohort, data.protocol.per_protocol) or members(cohort, {})
+    if not people:  # nothing that may be drawn is attested
+        return None
+    groups = [[_totals_of(trial) for trial in cohort.ranked[person]] for person in people]
+    shares = [np.mean([each.outcome == "explored" for each in own]) for own in groups]
+    shown = ("claim", "set", "players", "episodes", "score", "steps", "everybody")
+    return {
+        **{name: figure[name] for name in shown},
+        **{"completed": float(np.mean(shares)), "curve": None, "visits": None},
+        **summarize_groups(reader, data, synthetic=False).get("people", {}),
+        "trials": trial_summaries(groups),
+        "likeness": human_likeness(reader, data, cohort, people),
+    }
+
+
+def human_likeness(
+    reader: Reader, data: StudyData, cohort: Cohort, ids: Sequence[str]
+) -> dict[str, float]:
+    """Return how much each of the protocol's policies moves like people, 0..1.
+
+    That is the mean over players of the share of moves that the policy, shown what the rover saw, would have made too.
+    The first SAMPLED_PLAYERS `ids` enter with the first SAMPLED_EPISODES ranked terrains that they finished: that takes
+    seconds. Left out are `random`, whose moves are drawn, and policies that cannot be loaded here.
+    """
+    found, rules = {}, data.protocol.rules
+    players: Any = rules.players
+    records = []
+    for player in ids[:SAMPLED_PLAYERS]:
+        own = unspoilt(cohort.ranked[player])
+        first = sorted(own, key=attrgetter("terrain_index"))[:SAMPLED_EPISODES]
+        same = [trial for trial in first if trial.core_version == rules.version]
+        records.append([record for _, record in trial_records(reader, same)])
+    for name in (each for each in data.protocol.policies if each != "random"):
+        try:
+            policy = players.load(data.policy_files.source(name), data.protocol.env_config)
+        except PolicyError:
+            continue
+        made = [[players.agreement_with(policy, record) for record in own] for own in records]
+        totals = [reduce(add, own) for own in made if own]
+        if shares := [each.share for each in totals if each.moves]:
+            found[name] = float(np.mean(shares))
+    return found
+
+
+def _totals_of(trial: Trial) -> EpisodeSummary:
+    steps = trial.steps_to_target or 0
+    return EpisodeSummary(trial.outcome or "", trial.score or 0.0, steps, (), ())
+
+
+def list_entries(
+    reader: Reader, studies: ClosedStudies, volunteers: VolunteerFigures, task: str = MARS
+) -> list[LeaderboardEntry]:
+    """Return every entry: closed studies, then what people have played to the end, the most played first, then the rest.
+
+    So nobody puts a board first by leaving it. All are MarsExplorer's, and only studies where that is not the server's `task`.
+    """
+    found = [_of_study(data, human) for data, human in studies.closed(reader)]
+    if task != MARS:
+        return found
+    rules = rules_of(MARS)
+    played = {config.hash: (0, entry_of(config)) for config in offered()}
+    for figure in volunteers.human_level(reader)["figures"]:
+        if figure["task"] != MARS:
+            continue
+        config = rules.configuration(figure["config"])
+        ended = figure["episodes"] - figure["abandoned"]
+        played[config.hash] = ended, entry_of(config, figure)
+    in_order = sorted(played.values(), key=lambda each: -each[0])
+    return [*found, *(entry for _, entry in in_order)]
+
+
+def held_out_seeds(config: Configuration) -> tuple[int, ...]:
+    """Return the seeds of the policies' terrains: 100, fewer on large grids, where an episode takes a planner a minute."""
+    count = 100 if config.n <= 900 else 40 if config.n <= 2500 else 10
+    return tuple(range(FIRST_SEED, FIRST_SEED + count))
+
+
+def _of_study(data: StudyData, human: dict[str, Any] | None) -> LeaderboardEntry:
+    protocol, seeds = data.protocol, tuple(closed_seeds(data).values())
+    return LeaderboardEntry(
+        f"study-{protocol.name}", protocol.title, protocol.env_config, human, seeds,
+        protocol.name, protocol.policies, data.policy_files,
+    )  # fmt: skip
+
+
+def entry_of(config: Configuration, human: dict[str, Any] | None = None) -> LeaderboardEntry:
+    """Return the entry of a configuration of the playground; `human` is None while nobody has played it."""
+    of_level: Any = getattr(rules_of(MARS), "of_level")  # noqa: B009  # of this task alone
+    name = f"{config.level}-{config.rows}x{config.cols}"
+    title = f"{config.level} {config.rows} × {config.cols}"
+    if of_level(config.level, (config.rows, config.cols)) != config:
+        name, title = f"{name}-{config.hash[:8]}", f"{title} (settings {config.hash[:8]})"
+    return LeaderboardEntry(name, title, config, human, held_out_seeds(config))
+
+
+def offered() -> tuple[Configuration, ...]:
+    """Return the configurations of the boards on offer."""
+    players: Any = rules_of(MARS).players
+    found: tuple[Configuration, ...] = players.OFFERED
+    return found
+
+
+def offered_boards() -> dict[str, LeaderboardEntry]:
+    """Return the boards on offer by their ids."""
+    return {entry.id: entry for entry in map(entry_of, offered())}
+
+
+def make_board(
+    entry: LeaderboardEntry,
+    jobs: Jobs,
+    advance: Progress,
+    kept: ShippedFigures | None = None,
+    again: Sequence[str] = (),
+) -> str:
+    """Play a board's policies and return the text of its file.
+
+    kept   figures that are taken where they still hold, except for the policies in `again`
+
+    `advance` is called with the number of policies that are done and their number.
+    """
+    from humanplay.tasks.mars.policies import PolicyCatalogue
+
+    command = f"marsexplorer leaderboard --board {entry.id} --out data/leaderboard"
+    origin = Origin(version("humanplay"), command)
+    size = (entry.config.rows, entry.config.cols)
+    offers = [each for each in PolicyCatalogue().offers() if each.size in (None, size)]
+    wanted = list(entry.evaluations({each.name: each.source for each in offers}).values())
+    waiting = []
+    for each in reversed(wanted):  # the slowest first
+        old = kept.find(each) if kept is not None and each.policy not in again else None
+        waiting.append(old or jobs.submit(make_figure, each, origin))
+    figures = []
+    for figure in reversed(waiting):
+        figures.append(figure if isinstance(figure, ShippedFigure) else figure.result())
+        advance(len(figures), len(wanted))
+    return to_document(entry.config, entry.seeds, figures, origin)
+
+
+def make_figure(wanted: Evaluation, origin: Origin) -> ShippedFigure:
+    """Play an evaluation and return its figure."""
+    figure, steps = wanted.play()
+    return ShippedFigure(wanted.policy, file_sha256(wanted.policy), tuple(steps), figure, origin)

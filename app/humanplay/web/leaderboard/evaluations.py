@@ -1,0 +1,238 @@
+"""Policies' figures: those that came with the package; the rest is worked out when first requested, and kept in a file.
+
+A figure belongs to (core version, policy with its file, configuration, seeds); when one of these changes, it is made again. No
+figure is ever guessed: until it is ready, its progress is shown.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import threading
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Future
+from dataclasses import asdict, dataclass
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+from humanplay import SHIPPED_DATA
+from humanplay.jobs import Jobs, JobsFullError, Progress
+from humanplay.report.statistics.summaries import EpisodeSummary, summarize_episodes, summary_of
+from humanplay.task import MARS, Configuration, rules_of
+from marsexplorer.files import write_whole
+
+OWNER = "policies"
+"""Whose jobs evaluations are: they take turns with what people ask for."""
+LIMIT_S = 2 * 3600.0
+"""Seconds for a policy's episodes; the planner takes minutes on large boards."""
+FOLDER = SHIPPED_DATA / "leaderboard"
+FORMAT = 1
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A policy (its name or path) on the terrains of some seeds: what is played, and everything that its figure depends on."""
+
+    policy: str
+    config: Configuration
+    seeds: tuple[int, ...]
+
+    @property
+    def key(self) -> str:
+        """Everything that the figure depends on, as one string."""
+        parts = (self.policy, policy_hash(self.policy), self.config.hash, _digest(self.seeds))
+        return "|".join((rules_of(MARS).version, *parts))
+
+    def play(self, progress: Progress | None = None) -> tuple[dict[str, Any], list[int]]:
+        """Return the figure and the steps to 99 % on each terrain; `progress` is called with (episodes played, in all)."""
+        rules, players = rules_of(MARS), _players()
+        policy = players.load(self.policy, self.config)
+        played: list[EpisodeSummary] = []
+        for seed in self.seeds:
+            played.append(summary_of(rules, players.play(policy, self.config, seed, seed)))
+            if progress:
+                progress(len(played), len(self.seeds))
+        figure = summarize_episodes(self.config, [[each] for each in played])
+        return figure, [each.steps for each in played]
+
+
+@lru_cache(64)
+def policy_hash(source: str) -> str:
+    """Return SHA-256 (hex) of a policy: of its file where it has one, and of the code of all policies."""
+    return str(_players().hash_with_code(source))
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a file of figures comes from: the version of the package and the command that made it."""
+
+    version: str
+    command: str
+
+
+@dataclass(frozen=True)
+class ShippedFigure:
+    """A policy's figure and its origin.
+
+    steps   to 99 % on each terrain, in the order of the seeds
+    figure  as `humanplay.report.statistics.summaries.summarize_episodes` returns it
+    """
+
+    policy: str
+    file_sha256: str | None
+    steps: tuple[int, ...]
+    figure: dict[str, Any]
+    origin: Origin
+
+
+class ShippedFigures:
+    """The figures that come with the package, so that a new server's leaderboard is full at once.
+
+    `marsexplorer leaderboard --out data/leaderboard` makes them: a file for each configuration on offer, a line in it for each
+    policy. A figure is shown only where everything that it depends on is the same here: the core version, the configuration,
+    the terrains, and the policy's own file. Whether the code of the rules still plays alike is tested by playing again.
+    """
+
+    def __init__(self, folder: Path = FOLDER) -> None:
+        self._folder = folder
+        self._read: dict[str, list[ShippedFigure]] = {}
+
+    def find(self, wanted: Evaluation) -> ShippedFigure | None:
+        """Return the shipped figure of an evaluation, None where there is none that holds here."""
+        key = f"{wanted.config.hash}|{_digest(wanted.seeds)}"
+        if key not in self._read:
+            self._read[key] = _read_shipped(self._folder / file_name(wanted.config), key)
+        own = wanted.policy, file_sha256(wanted.policy)
+        found = (each for each in self._read[key] if (each.policy, each.file_sha256) == own)
+        return next(found, None)
+
+
+def file_name(config: Configuration) -> str:
+    """Return the name of a configuration's file of shipped figures."""
+    return f"{config.level}-{config.rows}x{config.cols}.json"
+
+
+@cache
+def file_sha256(policy: str) -> str | None:
+    """Return SHA-256 (hex) of the file of a shipped policy; None for a policy that is code."""
+    path = _players().shipped().get(policy)
+    return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def to_document(
+    config: Configuration, seeds: Iterable[int], figures: Iterable[ShippedFigure], origin: Origin
+) -> str:
+    """Return the text of a configuration's file of shipped figures: JSON, a line for each policy."""
+    head = {
+        "format": FORMAT, "core_version": rules_of(MARS).version, **asdict(origin), "config": config.to_dict(),
+        "depends_on": f"{config.hash}|{_digest(seeds)}",
+    }  # fmt: skip
+    rows = [{**vars(figure)} for figure in figures]
+    for row in rows:
+        del row["origin"]
+    lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
+    return json.dumps(head)[:-1] + f', "policies": [\n{lines}\n]}}\n'
+
+
+class PolicyEvaluations:
+    """Gives the figures that are ready and has the missing ones worked out, in the order in which they are asked for.
+
+    path  the file that keeps them
+    """
+
+    def __init__(self, path: Path, jobs: Jobs, shipped: ShippedFigures | None = None) -> None:
+        self.path = path
+        self._jobs, self._shipped = jobs, shipped
+        self._done = _read_kept(path)
+        self._making: dict[str, Future[tuple[dict[str, Any], list[int]]]] = {}
+        self._progress: dict[str, int] = {}
+        self._writing = threading.Lock()
+
+    def request(self, wanted: Sequence[Evaluation], begins: bool = True) -> list[dict[str, Any]]:
+        """Return of each {"state", "done", "of", "figure", "shipped", "error"}; where `begins`, what is missing is begun.
+
+        `shipped` says where a figure comes from that came with the package, None for one that was made here. `state` is
+        "ready", "missing", "waiting", "computing", or "failed", which after some minutes is tried again.
+        """
+        return [self._state(each, each.key, begins) for each in wanted]
+
+    def _state(self, wanted: Evaluation, key: str, begins: bool) -> dict[str, Any]:
+        came = self._shipped.find(wanted) if self._shipped and key not in self._done else None
+        figure = came.figure if came else self._done.get(key)
+        state, error = ("ready", None) if figure else self._begun(wanted, key, begins)
+        count = len(wanted.seeds)
+        done = count if figure else self._progress.get(key, 0)
+        shipped = came and asdict(came.origin)
+        shown = {"figure": figure, "shipped": shipped, "error": error}
+        return {"state": state, "done": done, "of": count, **shown}
+
+    def _begun(self, wanted: Evaluation, key: str, begins: bool) -> tuple[str, str | None]:
+        """Begin what is missing where `begins`, unless that has been done; return the state and what went wrong."""
+
+        def note(done: int, _: int) -> None:
+            self._progress[key] = done
+
+        future = self._making.get(key)
+        if future is None:
+            if not begins:
+                return "missing", None
+            asked: dict[str, Any] = {"owner": OWNER, "key": key, "limit_s": LIMIT_S}
+            try:
+                future = self._jobs.submit(wanted.play, **asked, on_progress=note)
+            except JobsFullError:
+                return "waiting", None
+            if future.done() and (error := future.exception()) is not None:
+                return "failed", str(error) or type(error).__name__
+            self._making[key] = future
+            future.add_done_callback(lambda done: self._keep(key, done))
+        return ("computing" if future.running() else "waiting"), None
+
+    def _keep(self, key: str, future: Future[tuple[dict[str, Any], list[int]]]) -> None:
+        """Write a figure to the file; when the disk is full, warn: the next start must then make it again."""
+        with self._writing:
+            if not future.cancelled() and future.exception() is None:
+                self._done[key] = future.result()[0]
+                try:
+                    with write_whole(self.path) as file:
+                        file.write(json.dumps(self._done, separators=(",", ":")).encode())
+                except OSError as error:
+                    _log.warning("figures were not kept in %s: %s", self.path, error.strerror)
+            self._progress.pop(key, None)
+            del self._making[key]
+
+
+def _read_kept(path: Path) -> dict[str, dict[str, Any]]:
+    """Return the figures of this core version in a file; none when it is absent or not whole."""
+    try:
+        kept, own = json.loads(path.read_bytes()), f"{rules_of(MARS).version}|"
+        return {key: kept[key] for key in kept if key.startswith(own) and "curve" in kept[key]}
+    except (OSError, ValueError, AttributeError, TypeError):
+        return {}
+
+
+def _read_shipped(path: Path, key: str) -> list[ShippedFigure]:
+    """Return the figures of a file; none where there is no such file or where it is of other terrains or another core."""
+    try:
+        found = json.loads(path.read_bytes())
+    except OSError:
+        return []
+    names = ("format", "core_version", "depends_on")
+    if [found[name] for name in names] != [FORMAT, rules_of(MARS).version, key]:
+        return []
+    origin = Origin(found["version"], found["command"])
+    return [
+        ShippedFigure(row["policy"], row["file_sha256"], tuple(row["steps"]), row["figure"], origin)
+        for row in found["policies"]
+    ]  # fmt: skip
+
+
+def _players() -> Any:
+    return rules_of(MARS).players
+
+
+def _digest(seeds: Iterable[int]) -> str:
+    return hashlib.sha256(",".join(map(str, seeds)).encode()).hexdigest()

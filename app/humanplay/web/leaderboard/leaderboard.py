@@ -1,0 +1,196 @@
+"""The leaderboard of one server: people from the database, policies evaluated in the background."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from collections.abc import Iterable, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from humanplay.db.file import studies_beside
+from humanplay.db.reader import Reader
+from humanplay.db.trial import Trial
+from humanplay.jobs import Jobs
+from humanplay.report.statistics.human_level import LEAST_EPISODES, VolunteerFigures
+from humanplay.report.statistics.summaries import (
+    EpisodeSummary,
+    coverage_curve,
+    summary_of_record,
+    trial_summaries,
+    visit_counts,
+)
+from humanplay.task import MARS, Configuration, PolicyOffer
+from humanplay.web.leaderboard.entries import ClosedStudies, LeaderboardEntry, list_entries
+from humanplay.web.leaderboard.evaluations import PolicyEvaluations, ShippedFigures
+
+
+class UnknownEntryError(LookupError):
+    """The leaderboard has no entry with this id."""
+
+
+class Leaderboard:
+    """Reads people from the database and has the policies on offer evaluated.
+
+    There is one reading at a time, and all who ask while one is under way share the next.
+
+    volunteers  their figures, which other requests read as well
+    """
+
+    def __init__(
+        self,
+        database: Path,
+        offers: Sequence[PolicyOffer],
+        jobs: Jobs,
+        task: str = MARS,
+    ) -> None:
+        self._database, self._offers, self._task = database, offers, task
+        figures = database.with_name(database.name + "-figures.json")
+        self._evaluations = PolicyEvaluations(figures, jobs, ShippedFigures())
+        self.volunteers = VolunteerFigures()
+        self._people = HumanSummaries()
+        self._studies = ClosedStudies(studies_beside(database))
+        self._reading = threading.Lock()
+        self._turn = asyncio.Lock()
+        self._next: asyncio.Task[list[LeaderboardEntry]] | None = None
+
+    def entries(self) -> list[LeaderboardEntry]:
+        """Return every entry; one thread at a time reads what has not been read before."""
+        with self._reading, closing(Reader.open(self._database, public=True)) as reader:
+            found = list_entries(reader, self._studies, self.volunteers, self._task)
+            played = [each for each in found if each.study is None]
+            self._people.drop_all_but((each.config.hash, each.human) for each in played)
+        return found
+
+    async def newest_entries(self) -> list[LeaderboardEntry]:
+        """Return every entry as the database has it now, whoever else asks."""
+        if self._next is None:
+            self._next = asyncio.create_task(self._read_in_turn(), name="leaderboard")
+        return await asyncio.shield(self._next)
+
+    async def _read_in_turn(self) -> list[LeaderboardEntry]:
+        async with self._turn:
+            self._next = None  # this reading may miss what is written from now on
+            return await asyncio.to_thread(self.entries)
+
+    async def detail(self, entry_id: str, evaluates: bool) -> dict[str, Any]:
+        """Return everything about one entry; UnknownEntryError when there is none.
+
+        evaluates  begin the evaluations that are missing
+        """
+        found = next((entry for entry in await self.newest_entries() if entry.id == entry_id), None)
+        if found is None:
+            where = "on the leaderboard; GET api/leaderboard lists them"
+            raise UnknownEntryError(f"no board {entry_id!r} {where}")
+        async with self._turn:
+            people = await asyncio.to_thread(self._people_of, found)
+        size = (found.config.rows, found.config.cols)
+        sources = {offer.name: offer.source for offer in self._offers if offer.size in (None, size)}
+        wanted = found.evaluations(sources)
+        summaries = {offer.source: offer.summary for offer in self._offers}
+        states = self._evaluations.request(list(wanted.values()), evaluates)
+        likeness = (found.human or {}).get("likeness", {})
+        policies = []
+        for (name, each), state in zip(wanted.items(), states, strict=True):
+            said = {"name": name, "summary": summaries.get(each.policy, "")}
+            policies.append({**said, **state, "human_likeness": likeness.get(name)})
+        return {"board": found.to_dict(), "people": people, "policies": policies}
+
+    def _people_of(self, entry: LeaderboardEntry) -> dict[str, Any] | None:
+        if entry.human is None or entry.study is not None:
+            return entry.human
+        if entry.human["missing"]:
+            return None
+        with self._reading, closing(Reader.open(self._database, public=True)) as reader:
+            pictures = self._people.pictures(reader, entry.config, entry.human)
+        means = {name: entry.human[name] for name in ("score", "steps", "completed")}
+        return {**entry.human["entering"], **means, **pictures}
+
+
+MAX_EPISODES = 1000
+"""Episodes behind the pictures of a board: the newest so many."""
+
+MAX_MOVES = 2_000_000
+"""Moves of all episodes whose replays are kept, 8 bytes each; an episode counts OVERHEAD moves more."""
+OVERHEAD = 64
+
+Course = tuple[str, str, str]
+"""What decides how an episode went: the hash of its trajectory, its outcome, and the version of the rules."""
+Replays = dict[Course, EpisodeSummary | None]
+"""Replayed episodes; None where another version of the rules made one."""
+
+
+class HumanSummaries:
+    """Curves and visit maps for each configuration, kept until its figure is another.
+
+    Then the episodes that have come are replayed, and the other ones' replays are used again. They are kept under the hashes of
+    their trajectories, those of the latest boards that fit into MAX_MOVES; what has left a board is dropped when it is read.
+    """
+
+    def __init__(self) -> None:
+        self._made: dict[str, tuple[str, dict[str, Any]]] = {}
+        self._replays: dict[str, Replays] = {}
+
+    def pictures(
+        self, reader: Reader, config: Configuration, human: dict[str, Any]
+    ) -> dict[str, Any]:
+        """Return {"curve", "visits", "trials"} of the people behind a figure of `human_level`; seconds, so in a thread."""
+        state = json.dumps(human)
+        if self._made.get(config.hash, ("",))[0] != state:
+            now: Replays = {}
+            made = _pictures(reader, config, self._replays.pop(config.hash, {}), now)
+            self._made[config.hash] = state, made
+            self._keep(config.hash, now)
+        return self._made[config.hash][1]
+
+    def drop_all_but(self, figures: Iterable[tuple[str, dict[str, Any] | None]]) -> None:
+        """Drop the pictures of figures that are none any longer, and all replays of configurations without a figure.
+
+        figures  (hash of the configuration, figure or None) of every board
+        """
+        states = {config: json.dumps(human) for config, human in figures if human is not None}
+        made = self._made.items()
+        self._made = {each: figure for each, figure in made if states.get(each) == figure[0]}
+        self._replays = {each: kept for each, kept in self._replays.items() if each in states}
+
+    def _keep(self, config: str, replays: Replays) -> None:
+        """Keep the replays of a board that was just read, and of those before it as many as there is room for."""
+        self._replays[config] = replays
+        sizes = {each: sum(map(_size, kept.values())) for each, kept in self._replays.items()}
+        for oldest in list(self._replays)[:-1]:
+            if sum(sizes.values()) > MAX_MOVES:
+                del self._replays[oldest], sizes[oldest]
+        while sizes[config] > MAX_MOVES:
+            sizes[config] -= _size(replays.popitem()[1])
+
+
+def _size(summary: EpisodeSummary | None) -> int:
+    return OVERHEAD + (len(summary.path) if summary is not None else 0)
+
+
+def _pictures(
+    reader: Reader, config: Configuration, known: Replays, now: Replays
+) -> dict[str, Any]:
+    """Return the pictures of a board; `now` gets the replays of its episodes, made anew where `known` lacks them."""
+    people: dict[str, list[EpisodeSummary]] = {}
+    for trial in reader.newest_counted(config.hash, MAX_EPISODES):
+        course = (trial.trajectory_hash or "", trial.outcome or "", trial.core_version)
+        if course not in now:
+            now[course] = known[course] if course in known else _replayed(reader, trial)
+        if (summary := now[course]) is not None:
+            people.setdefault(trial.owner_id or "", []).append(summary)
+    groups = [own for own in people.values() if len(own) >= LEAST_EPISODES]
+    if not groups:
+        return {"curve": None, "visits": None, "trials": []}
+    curve, visits = coverage_curve(config, groups), visit_counts(config, groups)
+    return {"curve": curve, "visits": visits, "trials": trial_summaries(groups)}
+
+
+def _replayed(reader: Reader, trial: Trial) -> EpisodeSummary | None:
+    """Return an episode's summary; None for one of another core version: its totals count, its path cannot be drawn."""
+    try:
+        return summary_of_record(trial.rules, trial.record(reader.steps(trial.id)))
+    except ValueError:
+        return None

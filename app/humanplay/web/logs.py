@@ -1,0 +1,105 @@
+"""The log on stderr, as text or as JSON: what strangers cause in it is cut and rated, and JSON names nobody."""
+
+from __future__ import annotations
+
+import logging
+import re
+import traceback
+from collections import Counter
+from typing import Any
+
+from pythonjsonlogger.json import JsonFormatter
+
+from humanplay.web.protection.limits import TokenBucket
+from humanplay.web.requests import request_id
+
+MOST_CHARACTERS = 2_000
+"""Characters of a message, and of the places that a failure passed, at most."""
+LINES, REQUESTS = (20, 0.2), (2_000, 100.0)
+"""Lines that one place in the code may write at once, and a second after that: warnings and errors, and requests (INFO)."""
+
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+_LONG = re.compile(r"[A-Za-z0-9_-]{16,}")
+_WORDS = re.compile(r"[a-z]+(?:[_-][a-z]+)*|[A-Z][a-z]+(?:[A-Z][a-z]+)*")
+"""Long words of prose, of options and of classes, which stay."""
+
+
+_CARD = re.compile(r"(/agents/)[^/\s\"'?]+")
+"""A card's address; its token lets anybody play with the card."""
+
+
+def mask(text: str) -> str:
+    """Return the text with everything that could be a cookie, a token or an id (16 characters or more) as `***`."""
+    return _LONG.sub(lambda found: found[0] if _WORDS.fullmatch(found[0]) else "***", text)
+
+
+class _TextFormatter(logging.Formatter):
+    def formatException(self, ei: Any) -> str:  # noqa: N802 - the name of the standard library
+        """Return the end of the traceback: the innermost places and, cut, what was raised there."""
+        lines = [_on_one_line(each[:200]) for each in super().formatException(ei).split("\n")]
+        return _CARD.sub(r"\1***", "\n".join(lines)[-MOST_CHARACTERS:])
+
+
+class _SafeFormatter(JsonFormatter):
+    """Writes a failure as its class and the places it passed; its text may hold what somebody sent, so it is left out."""
+
+    def process_log_record(self, log_data: dict[str, object]) -> dict[str, object]:
+        """Mask what a library wrote in words; the other fields are ours."""
+        for name in log_data.keys() & {"message", "error"}:
+            log_data[name] = mask(str(log_data[name]))
+        return log_data
+
+    def formatException(self, ei: Any) -> str:  # noqa: N802 - the name of the standard library
+        """Return the class of an exception and the places that it passed, innermost last."""
+        places = [f"{place.name}:{place.lineno}" for place in traceback.extract_tb(ei[2])]
+        return f"{ei[0].__name__} in {' > '.join(places)[-MOST_CHARACTERS:]}"
+
+
+class _CutAndRated(logging.Filter):
+    """Cuts messages, keeps each on one line, and leaves out what one place in the code writes too often."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._buckets, self._left_out = dict[tuple[str, int], TokenBucket](), Counter[Any]()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether a record is written; of those that are left out the next one says how many they were."""
+        place = record.pathname, record.lineno
+        if (bucket := self._buckets.get(place)) is None:
+            size = LINES if record.levelno > logging.INFO else REQUESTS
+            bucket = self._buckets[place] = TokenBucket(*size)
+        if bucket.take():
+            self._left_out[place] += 1
+            return False
+        said = _on_one_line(record.getMessage().strip()[:MOST_CHARACTERS])[:MOST_CHARACTERS]
+        said = _CARD.sub(r"\1***", said)
+        if count := self._left_out.pop(place, 0):
+            said += f" (after {count} more from here, which are left out)"
+        record.msg, record.args, record.request_id = said, (), request_id.get()
+        return True
+
+
+def _on_one_line(text: str) -> str:
+    return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def log_config(log_format: str) -> dict[str, Any]:
+    """Return the configuration (`logging.config.dictConfig`) of a log on stderr, "text" or "json": warnings and errors of all.
+
+    JSON has a line for each request too. An object has `time` (UTC), `level`, `logger`, `message`, `request_id` and, of a
+    request, `method`, `route` (the pattern, not the address), `status` (HTTP status, or close code of a socket) and `ms`.
+    """
+    text = {"()": _TextFormatter, "fmt": "%(levelname)s: %(message)s"}
+    names = {"levelname": "level", "name": "logger", "exc_info": "error"}
+    fields = ["levelname", "name", "message", "request_id"]
+    json = {"()": _SafeFormatter, "fmt": fields, "rename_fields": names, "timestamp": "time"}
+    handler = {"class": "logging.StreamHandler", "formatter": "line", "filters": ["cut"]}
+    level = "INFO" if log_format == "json" else "WARNING"
+    return {
+        "version": 1, "disable_existing_loggers": False,
+        "filters": {"cut": {"()": _CutAndRated}},
+        "formatters": {"line": json if log_format == "json" else text},
+        "handlers": {"stderr": handler},
+        "root": {"handlers": ["stderr"], "level": "WARNING"},
+        "loggers": {"humanplay.web.requests": {"level": level}},
+    }  # fmt: skip

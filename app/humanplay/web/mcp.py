@@ -1,0 +1,128 @@
+"""The Model Context Protocol under a card's address: its handshake and two tools, over HTTP without streams and sessions."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Literal
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse, Response
+from pydantic import BaseModel, Field, ValidationError
+
+from humanplay.board.messages import Message, describe_errors
+from humanplay.series.cards import CardError
+from humanplay.task import counted
+from humanplay.web import agents
+from humanplay.web.agents import Agent, AgentOf, NameOf, read, told_of
+
+VERSIONS = ("2025-11-25", "2025-06-18", "2025-03-26", "2024-11-05")
+"""Whose handshake is answered; whoever asks for another one is offered the first."""
+INVALID_REQUEST, NO_METHOD, INVALID_PARAMS = -32600, -32601, -32602
+"""Codes of JSON-RPC 2.0."""
+
+router = APIRouter(prefix=agents.router.prefix, tags=["agents"])
+
+
+class Call(BaseModel):
+    """A request of JSON-RPC 2.0; without an id it is a notification."""
+
+    jsonrpc: Literal["2.0"]
+    method: str
+    params: dict[str, Any] = {}
+    id: str | int | None = None
+
+
+class Begin(Message):
+    """Begin the attempt at an instance, or see where it stands. There is one attempt at each."""
+
+    index: int = Field(description="of the instance, from 0")
+
+
+class Move(Begin):
+    """Make a move on an instance that was begun, and see what comes of it."""
+
+    action: str | int = Field(description="the name of an action, or its code")
+
+
+TOOLS: dict[str, type[Begin]] = {"begin": Begin, "move": Move}
+
+
+@router.post("/mcp")
+async def mcp(request: Request, agent: AgentOf, name: NameOf) -> Response:
+    """Answer initialize, ping, tools/list and tools/call, and OpenEnv's openenv/session/create and close, one a request."""
+    try:
+        call = Call.model_validate_json(await request.body())
+    except ValidationError as error:
+        what = describe_errors(error.errors(include_url=False))
+        return _told(None, error=(INVALID_REQUEST, what))
+    if call.id is None:
+        return Response(status_code=202)
+    match call.method:
+        case "tools/call":
+            return _told(call.id, await _use(agent, call.params))
+        case "tools/list":
+            return _told(call.id, {"tools": _tools(agent.cards.about(agent.card)["actions"])})
+        case "initialize":
+            asked = call.params.get("protocolVersion")
+            return _told(call.id, {
+                "protocolVersion": asked if asked in VERSIONS else VERSIONS[0],
+                "capabilities": {"tools": {}},
+                "serverInfo": {"name": name, "version": "1"},
+                "instructions": _instructions(agent.cards.about(agent.card)),
+            })  # fmt: skip
+        case "ping":
+            return _told(call.id, {})
+        case "openenv/session/create":  # a card is one session: it holds nothing but the record
+            return _told(call.id, {"session_id": agent.card.id})
+        case "openenv/session/close" if call.params.get("session_id") == agent.card.id:
+            return _told(call.id, {"session_id": agent.card.id, "closed": True})
+        case "openenv/session/close":
+            return _told(call.id, error=(INVALID_PARAMS, "expected the session_id that was given"))
+    return _told(call.id, error=(NO_METHOD, f"no method {call.method[:40]!r} here"))
+
+
+def _told(
+    ident: str | int | None, result: Any = None, error: tuple[int, str] | None = None
+) -> Response:
+    answer: dict[str, Any] = {"result": result}
+    if error is not None:
+        answer = {"error": {"code": error[0], "message": error[1]}}
+    return JSONResponse({"jsonrpc": "2.0", "id": ident, **answer})
+
+
+def _instructions(about: dict[str, Any]) -> str:
+    return (
+        f"{about['instructions']} Instances are named by an index, 0 to {about['instances'] - 1}. One attempt at each, "
+        f"of at most {counted(about['limit'], 'move')}: begin it, then move until it is finished."
+    )
+
+
+def _tools(actions: list[str]) -> list[dict[str, Any]]:
+    schemas = {name: kind.model_json_schema() for name, kind in TOOLS.items()}
+    schemas["move"]["properties"]["action"] = {"enum": actions}
+    return [
+        {"name": name, "description": schema.pop("description"), "inputSchema": schema}
+        for name, schema in schemas.items()
+    ]
+
+
+async def _use(agent: Agent, params: dict[str, Any]) -> dict[str, Any]:
+    """Return what a tool tells, as text, picture and object; what is refused is the tool's own error."""
+    try:
+        if (kind := TOOLS.get(str(params.get("name")))) is None:
+            raise CardError(404, f"expected a tool of {', '.join(TOOLS)}")
+        wanted = read(kind, params.get("arguments"))
+        if isinstance(wanted, Move):
+            seen = await agent.move(wanted.index, wanted.action)
+        else:
+            seen = await agent.begin(wanted.index)
+    except CardError as error:
+        return {"content": [{"type": "text", "text": str(error)}], "isError": True}
+    told = told_of(seen)
+    picture: str = told["observation"].pop("picture", "")
+    stands = "finished" if seen.done else "running"
+    text = f"instance {seen.index}, step {seen.step}, {stands}\n{seen.text or json.dumps(seen.observation)}"
+    mime, _, data = picture.removeprefix("data:").partition(";base64,")
+    images = [{"type": "image", "data": data, "mimeType": mime}] if picture else []
+    content = [{"type": "text", "text": text}, *images]
+    return {"content": content, "structuredContent": told, "isError": False}

@@ -1,0 +1,112 @@
+"""The state of disk and database: whether a write succeeds, free space, sizes, SQLite's own check, the head of the chain."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import shutil
+import sqlite3
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from humanplay.db.checks import chain_head, quick_check, try_write
+from humanplay.db.database import StoreError, damaged
+
+_log = logging.getLogger(__name__)
+
+LOW_BYTES = 1_000_000_000
+"""Less free space on the disk than this is called low."""
+
+
+class Health:
+    """The health of one database; the check reads all of it, so it is made once, and again only on request."""
+
+    def __init__(self, database: Path) -> None:
+        self._database, self._log = database, database.with_name(database.name + "-wal")
+        self._check: dict[str, Any] | None = None
+        self._checking, self._is_ending = threading.Lock(), False
+        self._conn: sqlite3.Connection | None = None
+        self._trying = ThreadPoolExecutor(1, "readyz")  # others' work keeps no probe waiting
+
+    def check(self) -> None:
+        """Check the database, and log what is damaged; it takes milliseconds to minutes, so call it in a thread."""
+        with self._checking:
+            self._check_now()
+
+    def _check_now(self) -> None:
+        if self._is_ending:
+            return
+        result, now_ms = quick_check(self._database, self._begin), time.time_ns() // 1_000_000
+        if self._is_ending:
+            return
+        self._check = {"result": result, "is_whole": result == "ok", "at_ms": now_ms}
+        if result != "ok":
+            _log.error("%s", damaged(self._database, result))
+
+    def _begin(self, conn: sqlite3.Connection) -> None:
+        self._conn = conn
+
+    def stop(self) -> None:
+        """Give up a check under way, and make no further one."""
+        self._is_ending = True
+        while not self._checking.acquire(timeout=0.01):
+            with suppress(sqlite3.ProgrammingError):  # it is closed already
+                if self._conn is not None:
+                    self._conn.interrupt()
+        self._checking.release()
+
+    def check_whole(self) -> None:
+        """Raise StoreError where the last check has found damage."""
+        if self._check is not None and not self._check["is_whole"]:
+            what = f"the database {self._database.name} is damaged"
+            raise StoreError(f"{what}: the server's log says what to do")
+
+    async def try_write(self) -> None:
+        """Write a row and commit it; StoreError with the reason when that fails."""
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(self._trying, try_write, self._database)
+
+    def free_bytes(self) -> int:
+        """Return the free space of the disk that the database is on."""
+        return shutil.disk_usage(self._database.parent).free
+
+    def log_bytes(self) -> int:
+        """Return the size of the write-ahead log, which is moved into the database now and then."""
+        return _size(self._log)
+
+    def database_bytes(self) -> int:
+        """Return the size of the database's file, without its log."""
+        return _size(self._database)
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that is shown, sizes in bytes; the first time the database is checked as well.
+
+        `check` is None while the first check is under way.
+        """
+        if self._check is None and self._checking.acquire(blocking=False):
+            try:
+                self._check_now()
+            finally:
+                self._checking.release()
+        space, chain = shutil.disk_usage(self._database.parent), chain_head(self._database)
+        files = [path for path in (self._database, self._log) if path.exists()]
+        written = max((path.stat().st_mtime for path in files), default=0.0)
+        return {
+            "disk": {"free": space.free, "total": space.total, "is_low": space.free < LOW_BYTES},
+            "database": {
+                "name": self._database.name,
+                "size": self.database_bytes(),
+                "wal_size": self.log_bytes(),
+            },
+            "last_write_ms": round(written * 1000),
+            "check": self._check,
+            "chain": chain and {"entries": chain.entries, "head": chain.head},
+        }
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0

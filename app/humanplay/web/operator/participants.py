@@ -1,0 +1,172 @@
+"""A study as it runs, for the operator: the stage of each participant, who has gone quiet, what each has played, how people
+come in.
+
+These queries are cheap and always fresh; the figure and the labels, which read every move, are kept for some seconds.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from statistics import fmean
+from typing import Any, get_args
+
+from humanplay.db import series
+from humanplay.db.reader import Reader
+from humanplay.db.study_rows import Stage, participant_label
+from humanplay.db.trial import Trial
+from humanplay.report.statistics.study_figures import live_figure
+from humanplay.series.data import load
+from humanplay.series.flow import REPEATED_JOIN, repeated_reasons
+from humanplay.series.folder import Study
+from humanplay.series.invitations import Invitations, state_of, token_of, uses_of
+from humanplay.series.protocol import StudyError
+from humanplay.series.recruitment import code_of, valid_until_ms
+
+STAGES: tuple[str, ...] = get_args(Stage)
+QUIET_MS = 30 * 60_000
+"""A participant who has not finished and has sent nothing for so long counts as gone quiet."""
+FRESH_S = 15.0
+PARTICIPANT_FIELDS = (
+    "id", "kind", "script", "stage", "joined_ms", "session_id", "invitation", "supervised_ms",
+)  # fmt: skip
+"""What the operator sees of a participant's row."""
+
+
+def list_participants(
+    reader: Reader, study: str, now_ms: int, is_open: bool
+) -> list[dict[str, Any]]:
+    """Return the participants of a study in the order of joining, each with its progress so far.
+
+    is_open  whether the study is: then nothing of a person's ranked episodes is listed
+    """
+    trials = defaultdict[str, list[Trial]](list)
+    for trial in series.trial_activity(reader, study):
+        trials[trial.participant].append(trial)
+    events = series.event_summaries(reader, study)
+    gone = series.withdrawals(reader, study)
+    left = {event.participant_id: json.loads(event.detail) for event in gone}
+    signs = defaultdict(list)
+    for event in series.stage_events(reader, study, ("joined", REPEATED_JOIN)):
+        signs[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
+    found = []
+    for person in series.participants(reader, study):
+        hides = is_open and person.kind == "human"
+        own, seen = trials[person.id], events.get(person.id, {"last_ms": 0, "deviations": 0})
+        acted = (trial.ended_ms or trial.moved_ms or trial.started_ms for trial in own)
+        last_ms = max(person.joined_ms, seen["last_ms"], *acted)
+        is_under_way = person.stage not in ("debrief", "complete", "withdrawn")
+        found.append(
+            {
+                **{name: getattr(person, name) for name in PARTICIPANT_FIELDS},
+                "label": participant_label(person.id),
+                "minutes": (last_ms - person.joined_ms) // 60_000,
+                "is_quiet": is_under_way and now_ms - last_ms > QUIET_MS,
+                "left_at": left.get(person.id, {}).get("from"),
+                "asks_erasure": left.get(person.id, {}).get("erase", False),
+                "deviations": None if hides else seen["deviations"],
+                "repeated": repeated_reasons(signs[person.id]),
+                "not_attested": [
+                    f"{each.attestation} {each.phase.replace('_', '-')} {each.trial + 1}: {each.attestation_reason}"
+                    for each in own
+                    if each.attestation_reason and not (hides and each.phase == "ranked")
+                ],
+                **_totals(own, hides),
+            }
+        )
+    return found
+
+
+def _totals(trials: Sequence[Trial], hides: bool) -> dict[str, Any]:
+    """Return the numbers of finished episodes, and the means over ranked ones; None before the first, and where hidden."""
+    ended = [trial for trial in trials if trial.outcome is not None]
+    ranked = [trial for trial in ended if trial.phase == "ranked" and not hides]
+    return {
+        "warm_up": sum(trial.phase == "warm_up" for trial in ended),
+        "ranked": None if hides else len(ranked),
+        "mean_score": fmean(trial.score or 0.0 for trial in ranked) if ranked else None,
+        "mean_steps": fmean(trial.steps_to_target or 0 for trial in ranked) if ranked else None,
+        "outcomes": dict(Counter(trial.outcome for trial in ranked)),
+    }
+
+
+def count_stages(people: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return for each stage how many people and how many scripts are at it."""
+    count = Counter((each["stage"], each["kind"]) for each in people)
+    kinds = ("human", "script")
+    return [{"stage": stage, **{each: count[stage, each] for each in kinds}} for stage in STAGES]
+
+
+class LiveFigures:
+    """The newest figure and labels of each study; one thread at a time computes them, and the others wait for it."""
+
+    def __init__(self, database: Path) -> None:
+        self._database = database
+        self._lock = threading.Lock()
+        self._made: dict[str, tuple[float, dict[str, Any]]] = {}
+
+    def of(self, study: str) -> dict[str, Any]:
+        """Return {"figure", "labels"}; they are kept for FRESH_S seconds, or for ten times the time they took."""
+        with self._lock:
+            until, made = self._made.get(study, (0.0, {}))
+            if time.monotonic() >= until:
+                began = time.monotonic()
+                made = self._make(study)
+                took = time.monotonic() - began
+                self._made[study] = (time.monotonic() + max(FRESH_S, 10 * took), made)
+            return made
+
+    def forget(self, study: str) -> None:
+        """Make a study's figure anew when it is asked for again: the study was closed."""
+        with self._lock:
+            self._made.pop(study, None)
+
+    def _make(self, study: str) -> dict[str, Any]:
+        try:
+            with closing(Reader.open(self._database)) as reader, reader.snapshot():
+                data = load(reader, study)
+        except StudyError:  # nobody has joined
+            return {"figure": None, "labels": []}
+        people = {person.id for person in data.people if person.kind == "human"}
+        own = [
+            trial
+            for trial in data.trials
+            if trial.participant in people and (trial.phase != "ranked" or data.closed_ms)
+        ]
+        found = [(name, trial.participant) for trial in own for name in trial.labels]
+        by_label = []
+        for label, number in Counter(name for name, _ in found).most_common():
+            who = sorted({participant_label(who) for name, who in found if name == label})
+            by_label.append({"label": label, "episodes": number, "participants": who})
+        return {"figure": live_figure(data), "labels": by_label}
+
+
+def recruiting(
+    reader: Reader, invitations: Invitations, study: Study, now_ms: int
+) -> dict[str, Any]:
+    """Return how people come into a study: its recruitment, the operator's code of the day, and its invitations.
+
+    Invitations are in the order of issuing. The token of one that still lets somebody in is among them: the operator hands it
+    out. A closed study has neither code nor tokens.
+    """
+    uses = uses_of(reader, study.name)
+    listed = []
+    for each in invitations.of(study.name).values():
+        use = uses.get(each.id)
+        state = state_of(each, use)
+        lets_in = study.is_running and state in ("issued", "opened")
+        token = token_of(study, each.id) if lets_in else None
+        label, at_ms = (use.label, use.at_ms) if use else (None, None)
+        times = {"issued_ms": each.issued_ms, "revoked_ms": each.revoked_ms, "at_ms": at_ms}
+        listed.append({"id": each.id, "state": state, "label": label, "token": token, **times})
+    return {
+        "recruitment": study.protocol.recruitment,
+        "code": code_of(study, now_ms) if study.is_running else None,
+        "code_until_ms": valid_until_ms(now_ms) if study.is_running else None,
+        "invitations": listed,
+    }

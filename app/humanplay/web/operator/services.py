@@ -1,0 +1,54 @@
+"""What the operator's requests work on: the login, the studies, the server's health, figures and exports."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from humanplay.db.operators import ActionLog
+from humanplay.jobs import Jobs
+from humanplay.series.progress import ParticipantProgress
+from humanplay.series.protocol import StudyError
+from humanplay.web.downloads import Downloads
+from humanplay.web.operator import participants
+from humanplay.web.operator.exports import Exports
+from humanplay.web.operator.health import Health
+from humanplay.web.operator.login import AdminLogin, AdminPassword
+
+
+class AdminServices:
+    """The operator's part of one server.
+
+    began  monotonic seconds of the server's start
+    """
+
+    def __init__(
+        self,
+        password: AdminPassword,
+        progress: ParticipantProgress,
+        health: Health,
+        jobs: Jobs,
+        downloads: Downloads,
+    ) -> None:
+        store = progress.lobby.store
+        self.actions, self.progress, self.health = ActionLog(store), progress, health
+        self.login = AdminLogin(password, store, self.actions)
+        self.figures = participants.LiveFigures(store.path)
+        self.exports = Exports(store.path, jobs, downloads)
+        self.began = time.monotonic()
+
+    def studies(self) -> list[dict[str, Any]]:
+        """Return every study of people in the folder: drafts and broken ones too, with what is wrong."""
+        folder, of_agents = self.progress.folder, self.progress.folder.evaluations()
+        left_out = {each.name for each in of_agents}
+        return [self._listed(name) for name in folder.names() if name not in left_out]
+
+    def _listed(self, name: str) -> dict[str, Any]:
+        folder = self.progress.folder
+        try:
+            status, title = folder.status(name), folder.draft(name).title
+            if status != "draft":
+                folder.study(name)
+        except StudyError as error:
+            return {"name": name, "title": name, "status": "broken", "error": str(error)}
+        return {"name": name, "title": title, "status": status, "error": None}

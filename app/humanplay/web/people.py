@@ -1,0 +1,139 @@
+"""People by the names that they chose: the list with their ratings, and one's own name.
+
+A name is no account: it belongs to the player's cookie, and nothing of a study knows that cookie.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from functools import partial
+from typing import Annotated, Any
+
+from fastapi import APIRouter, HTTPException, Query, Request
+from pydantic import Field
+
+from humanplay.board.messages import Message
+from humanplay.db import ratings
+from humanplay.web.access import player_of, services_of
+from humanplay.web.protection import has_own_origin
+
+router = APIRouter(prefix="/api", tags=["results"])
+
+SHORTEST, LONGEST = 2, 20
+"""Letters of a name."""
+
+_LOOKS_LIKE = """0o 1i 3e 4a 5s 7t @a $s !i |i ıi аa вb еe ѕs іi јj кk мm нh оo рp сc тt уy хx гr
+    αa βb εe ηn ιi κk νv οo ρp τt υy χx"""
+"""Characters, and the letter of the Latin script that each looks like."""
+_SAME = {ord(each[0]): each[1] for each in _LOOKS_LIKE.split()}
+_SAME |= dict.fromkeys(map(ord, "'-_. "), "")
+_ANYWHERE = """arschloch asshole bastard bitch cunt faggot fotze fuck hitler hurensohn mierda nazi nigga nigger penis porn
+    putain retard schwuchtel shit slut vagina wank whore wichser"""
+_WHOLE = "anus arsch ass cock coon cum dick fag heil hure kike kkk merde nutte paki puta rape salope spic tit twat"
+_RESERVED = """administrator admin moderator operator you somebody nobody anonymous marsexplorer people human script policy
+    expert nearest greedy random tidy planner ppo"""
+
+
+NOTHING_PLAYED = "play a terrain first: a name belongs to what was played in this browser"
+
+
+class NewName(Message):
+    """The name by which the player wants to be shown."""
+
+    name: str = Field(max_length=100, examples=["Ada"])
+
+
+def likeness(name: str) -> str:
+    """Return what a name looks like: the same for names that a reader would take for each other."""
+    letters = unicodedata.normalize("NFKD", name.casefold())
+    plain = "".join(each for each in letters if not unicodedata.combining(each))
+    return plain.translate(_SAME).replace("i", "l").replace("rn", "m").replace("vv", "w")
+
+
+def cleaned(text: str) -> str:
+    """Return a name as it is shown; ValueError, a sentence, for one that cannot be."""
+    name = " ".join(each for each in unicodedata.normalize("NFKC", text).split(" ") if each)
+    if not SHORTEST <= len(name) <= LONGEST:
+        raise ValueError(f"a name has {SHORTEST} to {LONGEST} characters, this one {len(name)}")
+    wrong = {each for each in name if not (each.isalpha() or each.isdecimal() or each in " -_.'")}
+    if wrong or not any(each.isalpha() for each in name):
+        raise ValueError("a name is made of letters, with digits, spaces, and - _ . ' if you like")
+    scripts = {unicodedata.name(each, "?").split(" ")[0] for each in name if each.isalpha()}
+    others = scripts - {"CJK", "HIRAGANA", "KATAKANA", "HANGUL"}
+    if len(others) > 1 or ("LATIN" in scripts and len(scripts) > 1):
+        raise ValueError("a name is written in one script: letters of two can look alike")
+    looks = likeness(name)
+    words = {looks, *map(likeness, re.split(r"[ ._-]", name))}
+    if looks in map(likeness, _RESERVED.split()):
+        raise ValueError("this name stands for something else here: choose another")
+    is_bad = any(likeness(each) in looks for each in _ANYWHERE.split())
+    if is_bad or words & set(map(likeness, _WHOLE.split())):
+        raise ValueError("this name may offend somebody: choose another")
+    return name
+
+
+@router.get("/people", summary="People by their ratings")
+async def get_people(request: Request) -> dict[str, Any]:
+    """Return the people who chose a name, the highest rating first; the policies that they are rated against; and you.
+
+    Ratings follow from ranked episodes beside what policies need on the same terrain, and from daily terrains.
+    """
+    store, player_id = services_of(request).store, player_of(request)
+
+    def read() -> tuple[list[dict[str, Any]], dict[str, Any] | None]:
+        you = None if player_id is None else ratings.standing(store, player_id)
+        return ratings.people(store), you
+
+    people, you = await store.read(read)
+    for each in people:
+        each["you"] = each.pop("player_id") == player_id
+    known = ratings.MEASURED.items()
+    policies = [{"name": name, "rating": round(ratings.shown(mu, 0))} for name, mu in known]
+    return {"people": people, "policies": policies, "you": you}
+
+
+@router.put("/me/name", summary="Choose the name by which you are shown")
+async def set_name(request: Request, wanted: NewName) -> dict[str, Any]:
+    """Choose a name, or another one; 422 for one that cannot be shown, 409 for a taken one, and before the first terrain."""
+    player_id, services = _own_player(request), services_of(request)
+    try:
+        name = cleaned(wanted.name)
+        store, at_ms = services.store, services.lobby.sources.clock_ms()
+        chosen = player_id, name, likeness(name), at_ms
+        if not await store.change(ratings.set_name, *chosen):
+            raise HTTPException(409, NOTHING_PLAYED)
+    except ratings.NameTakenError as error:
+        raise HTTPException(409, str(error)) from error
+    except ValueError as error:
+        raise HTTPException(422, str(error)) from error
+    return await store.read(partial(ratings.standing, store, player_id))
+
+
+@router.get("/me/rating", summary="Your rating, and what it was")
+async def get_rating(
+    request: Request, episode: Annotated[str, Query(max_length=128)] = ""
+) -> dict[str, Any]:
+    """Return your name and rating, by your cookie alone, and what it was before its newest game.
+
+    Games are rated some seconds after their end: `rated` says whether the `episode` is in it already.
+    """
+    store, player_id = services_of(request).store, player_of(request)
+    return await store.read(partial(ratings.standing, store, player_id or "", episode))
+
+
+@router.delete("/me/name", summary="Be shown no more")
+async def remove_name(request: Request) -> dict[str, Any]:
+    """Remove your name; what was played stays, without one."""
+    player_id, store = _own_player(request), services_of(request).store
+    await store.change(ratings.remove_name, player_id)
+    return await store.read(partial(ratings.standing, store, player_id))
+
+
+def _own_player(request: Request) -> str:
+    """Return the player who asks; HTTPException 403 unless a page of this server does, 409 without a cookie."""
+    if not has_own_origin(request):
+        raise HTTPException(403, "a name is chosen on this server's page /me")
+    if (player_id := player_of(request)) is None:
+        raise HTTPException(409, NOTHING_PLAYED)
+    return player_id

@@ -1,0 +1,510 @@
+"""What one client may hold open, send and ask for beside everybody else.
+
+An address (behind a named proxy the one that it reports) and a player's cookie have token buckets
+for requests, handshakes and what costs the most: joins, boards and episodes. Every socket has one
+for its messages. Whoever sends the operator's token is not limited: that is how `marsexplorer
+simulate` plays a whole study.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+import math
+import re
+import shutil
+import time
+from collections import Counter
+from collections.abc import Callable, Coroutine, Iterable
+from contextlib import suppress
+from contextvars import ContextVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.requests import HTTPConnection
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from humanplay.web.protection.gate import RefusedRequestError
+from humanplay.web.protection.hosts import client_address
+from humanplay.web.settings import Limits, read_bucket
+
+T = TypeVar("T")
+TOKEN_HEADER = "x-mars-token"
+"""The header that holds the operator's token, `limits.token`."""
+
+PROBES = frozenset({"/healthz", "/readyz"})
+"""What watches over the server: these requests have a bucket of their own."""
+
+PLAYER_COOKIE, PARTICIPANT_COOKIE = "mars_player", "mars_participant"
+
+ACTIONS = {
+    "joins": re.compile(r"/api/studies/[^/]+/(join|answers|settings)"),
+    "sessions": re.compile(r"/api/(sessions|daily)"),
+    "episodes": re.compile(r"/api/(sessions|studies)/[^/]+/(episodes|next)"),
+}
+"""The POST requests of each action, by the end of their path."""
+
+WHAT = {
+    "requests": "requests",
+    "handshakes": "new sockets",
+    "joins": "joins, answers and settings of a study",
+    "sessions": "new boards",
+    "episodes": "new episodes",
+}
+WHERE = {"address": "this network", "player": "this browser", "study": "this study"}
+DAY_S = 86_400
+
+POLICY_VIOLATION = 1008
+"""The close code (RFC 6455, section 7.4.1) of a socket that was sent too much."""
+
+PATIENCE = 100
+"""Messages in a row that came before the one before them was answered, while they were slowed down,
+after which a socket is closed. A script that waits for each answer is closed never."""
+
+PENALTY = 100
+"""Handshakes that a socket which is closed for too much costs its address."""
+
+FULL_WAIT_S = 30
+"""When a browser may come again that found all places for sockets taken."""
+
+TURN_S, REST = 1.0, 3.0
+"""Seconds that an agent's turn takes at most, and the rest after it, in the time that it took: agents have a quarter of all."""
+
+MAX_BUCKETS = 10_000
+"""Addresses or players whose rates are remembered; beyond, those that have a full bucket go."""
+
+
+class TokenBucket:
+    """A bucket of `burst` tokens, full at first, that gets `rate` new ones a second."""
+
+    __slots__ = ("_at_s", "_burst", "_clock_s", "_rate", "_tokens")
+
+    def __init__(
+        self, burst: int, rate: float, clock_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._burst, self._rate, self._clock_s = burst, rate, clock_s
+        self._tokens, self._at_s = float(burst), clock_s()
+
+    def take(self) -> float:
+        """Take a token and return 0, or take none and return for how many seconds it is missing."""
+        if (missing := 1.0 - self._refilled()) > 1e-9:
+            return missing / self._rate
+        self._tokens -= 1.0
+        return 0.0
+
+    def reserve(self) -> float:
+        """Take a token, also one that is missing, and return for how many seconds it is."""
+        self._tokens = self._refilled() - 1.0
+        return max(0.0, -self._tokens / self._rate)
+
+    def owe(self, count: int) -> None:
+        """Take so many tokens; the bucket owes no more than that."""
+        self._tokens = max(self._refilled() - count, -float(count))
+
+    @property
+    def is_full(self) -> bool:
+        """Return whether a new bucket would be the same."""
+        return self._refilled() >= self._burst
+
+    def _refilled(self) -> float:
+        now_s = self._clock_s()
+        self._tokens = min(self._burst, self._tokens + (now_s - self._at_s) * self._rate)
+        self._at_s = now_s
+        return self._tokens
+
+
+class Turns:
+    """Lets what agents ask for be done one at a time, and leaves everybody else REST times as long after each turn."""
+
+    def __init__(self) -> None:
+        self._turn = asyncio.Lock()
+
+    async def take(self, doing: Coroutine[Any, Any, T]) -> T:
+        """Return what comes of something once it has had its turn, which ends after TURN_S whether or not it is done."""
+        try:
+            await self._turn.acquire()
+        except BaseException:
+            doing.close()
+            raise
+        loop = asyncio.get_running_loop()
+        began_s, task = loop.time(), asyncio.ensure_future(doing)
+        try:
+            await asyncio.wait([task], timeout=TURN_S)
+        finally:
+            loop.call_later(REST * (loop.time() - began_s), self._turn.release)
+        return await task
+
+
+class Buckets:
+    """A bucket for each address or player, all of one size; those that are full are forgotten."""
+
+    def __init__(self, size: str) -> None:
+        self._burst, self._rate = read_bucket(size)
+        self._most, self._buckets = MAX_BUCKETS, dict[str, TokenBucket]()
+        self.size = f"{self._burst} at once and {self._rate:g} a second"
+
+    def of(self, key: str) -> TokenBucket:
+        """Return the bucket of an address or a player."""
+        bucket = self._buckets.get(key)
+        if bucket is None:
+            if len(self._buckets) >= self._most:
+                kept = {each: one for each, one in self._buckets.items() if not one.is_full}
+                self._buckets, self._most = kept, max(MAX_BUCKETS, 2 * len(kept))
+            bucket = self._buckets[key] = TokenBucket(self._burst, self._rate)
+        return bucket
+
+    def __len__(self) -> int:
+        """Return how many are in memory."""
+        return len(self._buckets)
+
+
+@dataclass
+class Asker:
+    """Who asks just now: by a connection, limited or with the operator's token."""
+
+    scope: Scope
+    is_limited: bool
+
+    def owners(self, study: str) -> tuple[tuple[str, str], ...]:
+        """Return against whom what is stored counts, on a board of a study or ("") on another."""
+        player = _player_of(self.scope, PARTICIPANT_COOKIE if study else PLAYER_COOKIE)
+        address = client_address(HTTPConnection(self.scope))
+        place = ("study", study) if study else ("address", address)
+        return (place,) if player is None else (place, ("player", player))
+
+
+ASKER: ContextVar[Asker | None] = ContextVar("asker", default=None)
+"""None where the server acts by itself."""
+
+
+@dataclass
+class Reservation:
+    """What an episode may still store, and for whom; nothing is kept free for one of a study."""
+
+    owners: tuple[tuple[str, str], ...]
+    left: int
+    is_kept_free: bool
+
+
+class StoredBytes:
+    """What may be stored for each address, player and study on a day (UTC): what was, and what open episodes still can.
+
+    It is `Storage` of the boards. A budget refuses what begins, and never what is written of an episode that has begun:
+    all that this one can store is kept free for it, until it ends. What is a study's counts when it is stored. All of it is in
+    memory alone.
+
+    count_refusal  called where something may not begin
+    """
+
+    def __init__(
+        self, limits: Limits, database: Path, count_refusal: Callable[[], None] = lambda: None
+    ) -> None:
+        self._limits, self._folder, self._count_refusal = limits, database.parent, count_refusal
+        self._day, self._of = 0, Counter[tuple[str, str]]()
+        self._reservations: dict[str, Reservation] = {}
+        self._kept_free = Counter[tuple[str, str]]()
+
+    def today(self) -> Counter[tuple[str, str]]:
+        """Return the bytes that were stored by (kind, name), kinds being "address", "player" and "study"."""
+        if (day := int(time.time() // DAY_S)) != self._day:
+            self._day, self._of = day, Counter()
+        return self._of
+
+    def taken(self) -> Counter[tuple[str, str]]:
+        """Return the bytes by (kind, name) that were stored today or are kept free for open episodes."""
+        # copies, since metrics are read on another thread, while bytes are counted
+        return Counter(dict(self.today())) + Counter(dict(self._kept_free))
+
+    def largest(self, count: int = 3) -> list[dict[str, str | int]]:
+        """Return `kind`, `bytes` and `budget` of those with the most bytes taken, and a study's `name`; of nobody else."""
+        return [
+            {
+                "kind": kind,
+                "name": name if kind == "study" else "",
+                "bytes": size,
+                "budget": self._budget(kind),
+            }
+            for (kind, name), size in self.taken().most_common(count)
+        ]
+
+    def most(self, kind: str) -> int:
+        """Return the bytes of the address, player or study that has taken most."""
+        return max((size for (each, _), size in self.taken().items() if each == kind), default=0)
+
+    def check(self, study: str) -> None:
+        """Check that an episode may begin; RefusedRequestError (507 for a full disk, 429 for a full budget)."""
+        asker = ASKER.get()
+        if asker is None or not asker.is_limited:
+            return
+        try:
+            self._check_disk()
+            for owner in asker.owners(study):
+                self._check_budget(*owner)
+        except RefusedRequestError:
+            self._count_refusal()
+            raise
+
+    def reserve(self, episode: str, study: str, size: int) -> None:
+        """Keep bytes free for an episode; nothing where that was done before."""
+        if episode not in self._reservations:
+            asker = ASKER.get()
+            owners = () if asker is None else asker.owners(study)
+            self._reservations[episode] = kept = Reservation(owners, size, not study)
+            self._keep_free(kept, size)
+
+    def room(self, episode: str, study: str) -> float:
+        """Return what is left of a reservation; of an episode without one, what the asker's budgets leave."""
+        if (kept := self._reservations.get(episode)) is not None:
+            return kept.left
+        asker = ASKER.get()
+        if asker is None or not asker.is_limited:
+            return math.inf
+        return min(self._budget(each[0]) - self._taken_by(each) for each in asker.owners(study))
+
+    def count(self, episode: str, study: str, size: int) -> None:
+        """Count what is stored of an episode, and take it from its reservation."""
+        kept, of = self._reservations.get(episode), self.today()
+        if kept is None:
+            asker = ASKER.get()
+            owners = () if asker is None else asker.owners(study)
+        else:
+            owners, of_it = kept.owners, min(size, kept.left)
+            kept.left -= of_it
+            self._keep_free(kept, -of_it)
+        for owner in owners:
+            of[owner] += size
+
+    def release(self, episodes: Iterable[str]) -> None:
+        """Give back what is left of the reservations of episodes."""
+        for episode in episodes:
+            if (kept := self._reservations.pop(episode, None)) is not None:
+                self._keep_free(kept, -kept.left)
+
+    def _keep_free(self, kept: Reservation, size: int) -> None:
+        for owner in kept.owners if kept.is_kept_free else ():
+            self._kept_free[owner] += size
+            if not self._kept_free[owner]:
+                del self._kept_free[owner]
+
+    def _taken_by(self, owner: tuple[str, str]) -> int:
+        return self.today()[owner] + self._kept_free[owner]
+
+    def _check_disk(self) -> None:
+        free = self._limits.free_mb
+        if shutil.disk_usage(self._folder).free < free * 1e6:
+            why = f"the server's disk has less than {free:g} MB left: what is open goes on"
+            way_out = "new boards begin once its operator has made room"
+            raise RefusedRequestError(507, f"{why}, and {way_out}")
+
+    def _check_budget(self, kind: str, name: str) -> None:
+        most = self._budget(kind)
+        if self._taken_by((kind, name)) >= most:
+            raise RefusedRequestError(
+                429,
+                f"{WHERE[kind]} may store {most / 1e6:.3g} MB a day, and all of it was stored or is kept free for boards that "
+                "are open: these go on, and new ones begin when they have ended, or after midnight (UTC)",
+                DAY_S - int(time.time()) % DAY_S,
+            )
+
+    def _budget(self, kind: str) -> int:
+        percent: float = getattr(self._limits, f"stored_{kind}_percent")
+        return round(shutil.disk_usage(self._folder).total * percent / 100)
+
+
+class Protection:
+    """What one server counts of its clients; it lives as long as its app.
+
+    refusals    how often something was refused, by reason; `count` is called with each reason too
+    sockets     how many are open, but for those that came with the operator's token
+    stored      what was written for whom
+    turns       in which agents have their moves made
+    """
+
+    def __init__(
+        self, limits: Limits, database: Path, count: Callable[[str], None] = lambda reason: None
+    ) -> None:
+        self.limits, self._count = limits, count
+        self.stored = StoredBytes(limits, database, lambda: self.count_refusal("stored"))
+        self.turns = Turns()
+        self.refusals: Counter[str] = Counter()
+        self.sockets = 0
+        self._sockets_of: Counter[str] = Counter()
+        self._buckets = {
+            name: Buckets(getattr(limits, name))
+            for name in Limits.model_fields
+            if name.endswith(("_per_address", "_per_player")) and name != "sockets_per_address"
+        }
+        self._token = b"" if limits.token is None else limits.token.get_secret_value().encode()
+
+    def count_refusal(self, reason: str) -> None:
+        """Count a refusal; reasons are few words of the code, never a stranger's."""
+        self.refusals[reason] += 1
+        self._count(reason)
+
+    def has_token(self, scope: Scope) -> bool:
+        """Return whether the operator's token came with a request."""
+        given = Headers(scope=scope).get(TOKEN_HEADER, "").encode()
+        return bool(self._token) and hmac.compare_digest(given, self._token)
+
+    async def admit(self, scope: Scope) -> None:
+        """Count a request, and let it wait for its turn; RefusedRequestError (429) where it is one too many."""
+        address = client_address(HTTPConnection(scope))
+        key = f"{address} probes" if scope["path"] in PROBES else address
+        self._take("requests", key)
+        if "/static/" not in scope["path"]:
+            await asyncio.sleep(self._buckets["paced_per_address"].of(key).reserve())
+        if (action := _action_of(scope)) is not None:
+            self._take(action, address)
+            of_study = "/api/studies/" in scope["path"]
+            cookie = PARTICIPANT_COOKIE if of_study else PLAYER_COOKIE
+            if (player := _player_of(scope, cookie)) is not None:
+                self._take(action, player, "player")
+
+    def check_episode(self, scope: Scope) -> None:
+        """Count an agent's episode that begins; RefusedRequestError (429) where it is one too many."""
+        self._take("episodes", client_address(HTTPConnection(scope)))
+
+    def open_socket(self, address: str) -> None:
+        """Count a socket that opens; RefusedRequestError (503 or 429) where it is one too many."""
+        most, most_of_one = self.limits.sockets, self.limits.sockets_per_address
+        if self.sockets >= most or self._sockets_of[address] >= most_of_one:
+            self.count_refusal("sockets")
+            detail = "too many sockets are open; close some pages, or wait half a minute"
+            raise RefusedRequestError(503, detail, FULL_WAIT_S)
+        self._take("handshakes", address)
+        self.sockets += 1
+        self._sockets_of[address] += 1
+
+    def close_socket(self, address: str) -> None:
+        """Count a socket that has closed."""
+        self.sockets -= 1
+        self._sockets_of[address] -= 1
+        if not self._sockets_of[address]:
+            del self._sockets_of[address]
+
+    def punish(self, address: str) -> None:
+        """Let an address open fewer sockets, since one of its own was closed for too much."""
+        self.count_refusal("messages")
+        self._buckets["handshakes_per_address"].of(address).owe(PENALTY)
+
+    def _take(self, what: str, key: str, by: str = "address") -> None:
+        buckets = self._buckets[f"{what}_per_{by}"]
+        if missing_s := buckets.of(key).take():
+            self.count_refusal(f"rate_{what}")
+            wait_s = math.ceil(missing_s)
+            many = f"too many {WHAT[what]} from {WHERE[by]} ({buckets.size} at most)"
+            raise RefusedRequestError(429, f"{many}: try again in {wait_s} s", wait_s)
+
+
+def _action_of(scope: Scope) -> str | None:
+    """Return which action a request asks for; None for any other."""
+    path = scope["path"].rstrip("/")
+    if scope["method"] != "POST" or (at := path.rfind("/api/")) < 0:
+        return None
+    return next((action for action, ends in ACTIONS.items() if ends.fullmatch(path, at)), None)
+
+
+def _player_of(scope: Scope, name: str) -> str | None:
+    """Return a digest of a cookie of that name as it came: whoever forges many is one address."""
+    cookie = HTTPConnection(scope).cookies.get(name + scope["app"].state.cookies)
+    return None if cookie is None else hashlib.sha256(cookie.encode()).hexdigest()
+
+
+class _SlowReaderError(Exception):
+    """A client did not take what was sent to it."""
+
+
+class LimitedClients:
+    """Refuses requests and sockets that are too many, and ends those that come or are read too slowly.
+
+    most_bytes  of a request's body; beyond, it is refused with 413
+    """
+
+    def __init__(self, app: ASGIApp, *, protection: Protection, most_bytes: int) -> None:
+        self._app, self._protection, self._most_bytes = app, protection, most_bytes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        is_limited = not self._protection.has_token(scope)
+        ASKER.set(Asker(scope, is_limited))
+        if scope["type"] == "http":
+            if is_limited:
+                await self._protection.admit(scope)
+            await self._serve_request(scope, receive, send)
+        elif is_limited:
+            await self._serve_socket(scope, receive, send)
+        else:
+            await self._app(scope, receive, send)
+
+    async def _serve_request(self, scope: Scope, receive: Receive, send: Send) -> None:
+        limits, size, is_whole = self._protection.limits, 0, False
+        until_s = asyncio.get_running_loop().time() + limits.body_s
+
+        async def receive_body() -> Message:
+            nonlocal size, is_whole
+            if is_whole:
+                return await receive()
+            try:
+                async with asyncio.timeout_at(until_s):
+                    message = await receive()
+            except TimeoutError as error:
+                self._protection.count_refusal("slow_body")
+                detail = f"the body of a request must come within {limits.body_s:g} s"
+                raise HTTPException(408, detail, {"Connection": "close"}) from error
+            size += len(message.get("body", b""))
+            is_whole = not message.get("more_body")
+            if size > self._most_bytes:
+                detail = f"a body must be at most {self._most_bytes} bytes, got {size} or more"
+                raise HTTPException(413, detail, {"Connection": "close"})
+            return message
+
+        async def send_in_time(message: Message) -> None:
+            try:
+                async with asyncio.timeout(limits.answer_s):
+                    await send(message)
+            except TimeoutError as error:
+                raise _SlowReaderError from error
+
+        try:
+            await self._app(scope, receive_body, send_in_time)
+        except _SlowReaderError:  # uvicorn closes a connection whose answer is not whole
+            self._protection.count_refusal("slow_reader")
+
+    async def _serve_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
+        protection, address = self._protection, client_address(HTTPConnection(scope))
+        burst, rate = read_bucket(protection.limits.messages)
+        bucket, early = TokenBucket(burst, rate), 0
+        coming: asyncio.Task[Message] | None = None
+
+        async def receive_at_rate() -> Message:
+            nonlocal coming, early
+            message = await (receive() if coming is None else coming)
+            coming = None
+            if message["type"] != "websocket.receive" or not (wait_s := bucket.take()):
+                return message
+            coming = asyncio.create_task(receive())  # type: ignore[arg-type]
+            await asyncio.sleep(wait_s)
+            bucket.take()
+            early = early + 1 if coming.done() else 0
+            if early <= PATIENCE:
+                return message
+            protection.punish(address)
+            scope["noted"]["status"] = POLICY_VIOLATION
+            reason = f"too many messages: {burst} at once and {rate:g} a second are answered"
+            with suppress(RuntimeError, OSError):  # whoever sent them may have gone already
+                await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": reason})
+            return {"type": "websocket.disconnect", "code": POLICY_VIOLATION}
+
+        protection.open_socket(address)
+        try:
+            await self._app(scope, receive_at_rate, send)
+        finally:
+            protection.close_socket(address)
+            if coming is not None:
+                coming.cancel()

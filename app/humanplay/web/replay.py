@@ -1,0 +1,107 @@
+"""Replays over HTTP: the page, the picture that a preview of the link shows, files to keep, and a policy's course."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Annotated, Any, cast
+from urllib.parse import quote
+
+from fastapi import APIRouter, HTTPException, Query, Request
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
+
+from humanplay.db.playground import watchable_session
+from humanplay.web.access import asker_of, owner_of, services_of
+from humanplay.web.errors import bad_input
+from humanplay.web.protection import SHARED, is_secure
+from humanplay.web.replays.episodes import UnknownReplayError
+from humanplay.web.replays.files import MEDIA_TYPES, Format, offered
+from humanplay.web.replays.page import render
+
+router = APIRouter()
+PolicyName = Annotated[str, Query(max_length=200)]
+NO_GHOST = "none"
+"""The name of a ghost that says that no policy is to be shown."""
+
+
+@router.get(
+    "/api/episodes/{episode_id}/replay",
+    tags=["results"],
+    summary="The course of a finished episode",
+)
+async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
+    """Return where the rover was after each move and since when each cell was known, for a replay; 404 as for the episode."""
+    with bad_input():
+        replays, owner = services_of(request).replays, owner_of(request)
+        return (await replays.replay(episode_id, asker_of(request), owner)).document()
+
+
+@router.get(
+    "/api/episodes/{episode_id}/ghost",
+    tags=["results"],
+    summary="A policy on the terrain of a finished episode",
+)
+async def get_ghost(
+    request: Request, episode_id: str, policy: PolicyName | None = None
+) -> dict[str, Any]:
+    """Return the course of a policy, the usual one by default, from the same start on the same terrain; 404 as before."""
+    asker, owner, replays = asker_of(request), owner_of(request), services_of(request).replays
+    with bad_input():
+        chosen = policy or (await replays.replay(episode_id, asker, owner)).preferred
+        if chosen is None:
+            why = "no policy on offer plays boards of this size; GET /api/policies lists them"
+            raise HTTPException(404, why)
+        course = await replays.ghost(episode_id, chosen, asker, owner)
+        return cast(dict[str, Any], course.to_dict())
+
+
+@router.get(
+    "/replay/{episode_id}.{form}",
+    tags=["results"],
+    summary="A replay as a page in one file, a GIF, an MP4 or a picture",
+)
+async def replay_file(
+    request: Request, episode_id: str, form: Format, ghost: PolicyName | None = None
+) -> Response:
+    """Return a replay as a file, with the policy that `ghost` names beside it; the usual one by default, none for "none".
+
+    The page holds everything that it needs and opens from a disk without a network. The picture shows the end, and no policy.
+    404 as for the episode, and for an MP4 where the server cannot make one.
+    """
+    asker, owner, replays = asker_of(request), owner_of(request), services_of(request).replays
+    with bad_input():
+        chosen = ghost or (await replays.replay(episode_id, asker, owner)).preferred
+        beside = None if chosen == NO_GHOST or form == "png" else chosen
+        content = await replays.file(episode_id, form, beside, asker, owner)
+    # the page would not run here: the server's own policy for scripts forbids those inside a page
+    kind = "attachment" if form == "html" else "inline"
+    name = f"marsexplorer-{quote(episode_id)}.{form}"
+    headers = {"Content-Disposition": f'{kind}; filename="{name}"', **SHARED}
+    return Response(content, media_type=MEDIA_TYPES[form], headers=headers)
+
+
+@router.get("/replay/{episode_id}", include_in_schema=False)
+async def replay_page(request: Request, episode_id: str) -> Response:
+    """Serve the page of a replay; where the episode of somebody on the playground still runs, lead to its live view."""
+    asker = asker_of(request)
+    try:
+        with bad_input():
+            replays, owner = services_of(request).replays, owner_of(request)
+            replay = await replays.replay(episode_id, asker, owner)
+    except UnknownReplayError:
+        services = services_of(request)
+        store, now = services.store, services.lobby.sources.clock_ms()
+        found = partial(watchable_session, store, episode_id, now, asker.player_id)
+        watchable = await store.read(found)
+        if watchable is not None and not watchable[1]:
+            return RedirectResponse(f"../watch/{episode_id}", 303)
+        raise
+    page = render(replay.document(), replay.course, offered(), absolute_address(request))
+    return HTMLResponse(page)
+
+
+def absolute_address(request: Request) -> str:
+    """Return the address that was asked for, without its query, as the browser of whoever asked wrote it."""
+    headers = request.headers
+    host = headers.get("host", "")
+    prefix = headers.get("x-forwarded-prefix", "").split(",")[0].strip().rstrip("/")
+    return f"{'https' if is_secure(request) else 'http'}://{host}{prefix}{request.url.path}"

@@ -1,0 +1,144 @@
+"""The replays of a server: who asks for an episode gets its course, a policy's on the same terrain, and files of both.
+
+What takes long is a job (`humanplay.jobs`); what was made lately is kept.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from humanplay.board.spectators import Replayer
+from humanplay.jobs import Jobs
+from humanplay.task import MARS, Course, GhostError, PolicyOffer, RunEndedError, Task
+from humanplay.web.replays.episodes import (
+    Asker,
+    ShownEpisode,
+    UnknownReplayError,
+    courses_of,
+    shown_episode,
+)
+from humanplay.web.replays.files import Format, file_of
+from humanplay.web.replays.page import document
+
+MAX_COURSES, MAX_FILES = 64, 16
+"""Courses of policies, and files and replays, that are kept."""
+LONGEST_S = 30.0
+"""Seconds that a policy may take for its whole episode, and a file of a replay to be written."""
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A finished episode that the asker may see, as a replay shows it.
+
+    ghosts  names of the policies that can be shown beside it; preferred is the one that is shown when none is chosen
+    """
+
+    episode: ShownEpisode
+    course: Course
+    ghosts: tuple[str, ...]
+    preferred: str | None
+
+    def document(self) -> dict[str, Any]:
+        """Return what the page reads."""
+        return document(self.episode.id, self.course, self.ghosts, self.preferred)
+
+
+class Replays:
+    """Replays of one server; every call asks the database again whether the episode may be seen.
+
+    `owner` is whose turn it is where something takes long.
+    """
+
+    def __init__(
+        self,
+        database: Path,
+        offers: Sequence[PolicyOffer],
+        jobs: Jobs,
+        task: Task,
+        replayer: Replayer,
+    ) -> None:
+        self._database, self._jobs, self._task, self._replayer = database, jobs, task, replayer
+        self._offers = {offer.name: offer for offer in offers}
+        self._courses: dict[Hashable, Course] = {}
+        self._files: dict[Hashable, bytes] = {}
+        self._replays: dict[Hashable, Replay] = {}
+
+    async def has(self, episode_id: str, asker: Asker) -> bool:
+        """Return whether there is a replay of an episode for whoever asks."""
+        try:
+            found = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
+        except UnknownReplayError:
+            return False
+        return found.trial.task in (MARS, self._task.name)
+
+    async def replay(self, episode_id: str, asker: Asker, owner: str) -> Replay:
+        """Return the replay of an episode.
+
+        UnknownReplayError where the asker may see none, ValueError where the rules that it was played by are gone.
+        """
+        episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
+        if (task := episode.trial.task) not in (MARS, self._task.name):
+            raise UnknownReplayError(f"this server plays no episodes of {task}")
+        return await self._replayer.run(owner, self._replay, episode)
+
+    async def ghost(self, episode_id: str, name: str, asker: Asker, owner: str) -> Course:
+        """Return the course of a policy on the terrain of an episode.
+
+        GhostError, JobError and JobsFullError as well, see `replay`.
+        """
+        episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
+        return await self._ghost(episode, name, owner)
+
+    async def file(
+        self, episode_id: str, form: Format, ghost: str | None, asker: Asker, owner: str
+    ) -> bytes:
+        """Return a replay as a file, with a policy on the same terrain unless `ghost` is None; see `ghost`."""
+        shown = await self.replay(episode_id, asker, owner)
+        key = ("replay", episode_id, shown.episode.trial.trajectory_hash, form, ghost)
+        if (kept := self._files.get(key)) is not None:
+            return kept
+        courses = [replace(shown.course, name=shown.episode.name)]  # a file is for everybody
+        if ghost is not None:
+            courses.append(await self._ghost(shown.episode, ghost, owner))
+        asked: Any = {"owner": owner, "key": key, "limit_s": LONGEST_S}
+        content = await self._jobs.run(file_of, form, episode_id, courses, **asked)
+        return _keep(self._files, MAX_FILES, key, content)
+
+    def _replay(self, episode: ShownEpisode) -> Replay:
+        """Return a replay that is kept, or is made and kept: call it on the replayer's one thread."""
+        key = episode.id, episode.trial.trajectory_hash, episode.asker_name
+        if (kept := self._replays.get(key)) is not None:
+            return kept
+        courses = courses_of(episode, self._task)
+        try:
+            course = courses.course_of(episode.asker_name, episode.record)
+        except RunEndedError as error:
+            raise ValueError(str(error)) from error
+        ghosts = courses.choices(list(self._offers.values()), episode.trial.config)
+        found = Replay(episode, course, tuple(ghosts), courses.preferred(episode.name, ghosts))
+        return _keep(self._replays, MAX_FILES, key, found)
+
+    async def _ghost(self, episode: ShownEpisode, name: str, owner: str) -> Course:
+        if name not in self._offers:
+            raise GhostError(f"no policy {name!r}; choose one of: {', '.join(self._offers)}")
+        trial = episode.trial
+        key = ("ghost", name, trial.config.hash, trial.terrain, trial.start)
+        if (kept := self._courses.get(key)) is not None:
+            return kept
+        record = await self._replayer.run(owner, lambda: episode.record)
+        play, source = courses_of(episode).play_ghost, self._offers[name].source
+        course = await self._jobs.run(play, source, record, owner=owner, key=key, limit_s=LONGEST_S)
+        return _keep(self._courses, MAX_COURSES, key, course)
+
+
+def _keep(kept: dict[Hashable, T], most: int, key: Hashable, value: T) -> T:
+    """Keep a value in the place of the oldest one, and return it."""
+    kept[key] = value
+    if len(kept) > most:
+        del kept[next(iter(kept))]
+    return value

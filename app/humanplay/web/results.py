@@ -1,0 +1,292 @@
+"""Results over HTTP: what has been played, how well, and by whom: everybody's, a player's own, people and policies compared."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, HTTPException, Query, Request
+from fastapi.responses import Response
+
+from humanplay.db.export import ExportTable, write_human_scores, write_table
+from humanplay.db.reader import Reader
+from humanplay.db.series import count_finished
+from humanplay.db.trial import Trial
+from humanplay.db.volunteers import player_sums, players_of
+from humanplay.report.costs import cost_cache
+from humanplay.series.policy_files import EXPERT, PolicyFiles
+from humanplay.series.protocol import StudyError
+from humanplay.series.texts import PAPER_PLAYERS, PAPER_STUDY
+from humanplay.task import Configuration, PolicyError, Record
+from humanplay.web.access import owner_of, player_of, services_of
+from humanplay.web.leaderboard.leaderboard import UnknownEntryError
+
+router = APIRouter(prefix="/api")
+mine = APIRouter(prefix="/api/me", tags=["me"])
+"""A player's own episodes: by their cookie alone, so nobody sees anybody else's."""
+leaderboard = APIRouter(prefix="/api/leaderboard", tags=["results"])
+Who = Literal["all", "human"]
+UNKNOWN = "no finished episode {!r}; GET /api/episodes lists them"
+
+
+@contextmanager
+def _reader(request: Request) -> Iterator[Reader]:
+    """Yield a read-only connection for one request: long queries run in a thread and delay no move."""
+    database, at_ms = _database_now(request)
+    with closing(Reader.open(database, public=True, at_ms=at_ms)) as reader:
+        yield reader
+
+
+def _database_now(request: Request) -> tuple[Path, int]:
+    """Return the path of the database, and the time by the server's clock."""
+    services = services_of(request)
+    return services.store.path, services.lobby.sources.clock_ms()
+
+
+@router.get("/human-level", tags=["results"], summary="How well this playground's volunteers play")
+def get_human_level(request: Request) -> dict[str, Any]:
+    """Return one figure per configuration, from ranked episodes: alone, on terrains that were neither chosen nor met before.
+
+    Volunteers select themselves: this is no human level, which is a closed study's figure. The means are over the players in
+    `entering`, who have five episodes each; they are null while `missing` says how many of the five such players are missing.
+    Each weighs the same, the interval is the report's, and `abandoned` says how many of all `episodes` were left.
+    """
+    with _reader(request) as reader:
+        return services_of(request).leaderboard.volunteers.human_level(reader)
+
+
+@router.get("/paper-study", tags=["results"], summary="How far the paper's own study is")
+def get_paper_study(request: Request) -> dict[str, Any]:
+    """Return how many people have finished the study koutras2021, of how many, and its page.
+
+    `status` is absent where this server has no such study, and invited while one needs a link of one's own; `link` then leads
+    to what studies are.
+    """
+    name = PAPER_STUDY
+    try:
+        study = services_of(request).progress.folder.study(name)
+        status, players = str(study.status), study.protocol.players
+        if status == "open" and study.protocol.recruitment != "open":
+            status = "invited"
+    except StudyError:
+        status, players = "absent", PAPER_PLAYERS
+    with _reader(request) as reader:
+        people = count_finished(reader, name)
+    link = "study" if status in ("absent", "invited") else f"study/{name}"
+    return {"study": name, "status": status, "people": people, "of": players, "link": link}
+
+
+@router.get("/episodes", tags=["results"], summary="Finished episodes")
+def get_episodes(
+    request: Request,
+    limit: Annotated[int, Query(ge=1, le=200)] = 100,
+    after: Annotated[str | None, Query(max_length=128)] = None,
+    who: Who = "all",
+) -> list[dict[str, Any]]:
+    """List finished episodes, the newest first; `who=human` lists those that count.
+
+    `after` is the id of the last episode of the page before; 404 where there is no such finished episode any more.
+    """
+    with _reader(request) as reader:
+        try:
+            return reader.episodes(limit, after, who)
+        except LookupError as error:
+            raise HTTPException(404, str(error)) from error
+
+
+@router.get(
+    "/episodes/{episode_id}", tags=["results"], summary="One finished episode: seed, actions, times"
+)
+def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
+    """Return a finished episode; 404 while it runs, because its seed gives the terrain away.
+
+    404 as well for one of an open study, and for one of a daily terrain before its day is over, whoever asks.
+    """
+    with _reader(request) as reader:
+        found = reader.episode(episode_id)
+    if found is None:
+        raise HTTPException(404, UNKNOWN.format(episode_id))
+    return found
+
+
+@router.get(
+    "/episodes/{episode_id}/costs",
+    tags=["results"],
+    summary="What the moves of a finished episode cost",
+)
+async def get_costs(request: Request, episode_id: str) -> dict[str, Any]:
+    """Return the episode beside Expert's, its greatest mistakes, and for each move what Expert would have done.
+
+    docs/evaluation.md says what a cost is.
+
+    Each mistake has the map as it was known before its costliest move, and the cells that Expert's move would soon have shown.
+    On boards of more than 42x42 cells and on given maps no move is judged: `reason` says so. 404 as for the episode itself;
+    503 when too many ask.
+    """
+    record = await asyncio.to_thread(_public_record, request, episode_id)
+    return {"episode": episode_id, **await costs_of(request, record)}
+
+
+async def costs_of(
+    request: Request, record: Record, files: PolicyFiles | None = None
+) -> dict[str, Any]:
+    """Return what the moves of an episode cost that the asker may see; HTTPException when that cannot be said.
+
+    files  of the study that the episode is of; None: the shipped ones
+    """
+    services = services_of(request)
+    if (players := services.lobby.task.players) is None:
+        raise HTTPException(422, f"moves of {services.lobby.task.title} are not judged")
+    cache, owner = cost_cache(services.store.path), owner_of(request)
+    try:
+        try:
+            expert = EXPERT if files is None else files.expert()
+        except PolicyError as error:
+            return {"policy": EXPERT, **players.unjudged(record, str(error))}
+        costs = await players.explanation_of(services.jobs, cache, record, owner, expert)
+        return {"policy": EXPERT, **costs}
+    except ValueError as error:
+        raise HTTPException(422, str(error)) from error
+
+
+def _public_record(request: Request, episode_id: str) -> Record:
+    """Return the cause of a finished episode that the asker may see; HTTPException 404 otherwise."""
+    with _reader(request) as reader:
+        if reader.trial(episode_id) is None:
+            raise HTTPException(404, UNKNOWN.format(episode_id))
+        return reader.load_record(episode_id)
+
+
+@router.get("/export/{table}.csv", tags=["results"], summary="Everything finished, as CSV")
+async def export(request: Request, table: ExportTable, who: Who = "all") -> Response:
+    """Export every finished episode under pseudonyms; `who=human` exports those that count.
+
+    503 with Retry-After while another table of the same address, or two of others', are being written.
+    """
+    return await _sent(request, f"{table}.csv", table, who)
+
+
+@router.get("/export/human-scores.zip", tags=["results"], summary="The human-score data set")
+async def export_human_scores(request: Request) -> Response:
+    """Export the episodes and moves of people that count: two CSV files in a ZIP with their datasheet; 503 as for a table."""
+    database, at_ms = _database_now(request)
+    downloads = services_of(request).downloads
+    asked = "human-scores.zip", write_human_scores, database, at_ms
+    return await downloads.answer(owner_of(request), *asked)
+
+
+def describe_own(trial: Trial) -> dict[str, Any]:
+    """Return an episode of a player's own list; `kind` is "daily", "ranked" or "practice"."""
+    config = trial.config
+    return {
+        "episode": trial.id,
+        "kind": "daily" if trial.day else "ranked" if trial.counts else "practice",
+        "day": trial.day,
+        "level": config.level,
+        "rows": getattr(config, "rows", None),
+        "cols": getattr(config, "cols", None),
+        "outcome": trial.outcome,
+        "moves": trial.steps,
+        "coverage": trial.coverage,
+        "score": trial.score,
+        "ended_ms": trial.ended_ms,
+        "not_attested": trial.attestation_reason,
+    }
+
+
+def personal_bests(reader: Reader, player: str) -> list[dict[str, Any]]:
+    """Return a figure for each configuration of a player's episodes, the most played first.
+
+    `best` is the explored episode with the fewest moves on a terrain that was new to the player, by their own hand; None
+    without one. `people` places their ranked episodes among the volunteers'.
+    """
+    return [_figure(reader, player, **each) for each in reader.bests_of(player)]
+
+
+def _figure(
+    reader: Reader, player: str, config: Configuration, best: Trial | None, **counts: int
+) -> dict[str, Any]:
+    return {
+        "level": config.level,
+        "rows": getattr(config, "rows", None),
+        "cols": getattr(config, "cols", None),
+        "max_steps": config.limit,
+        **counts,
+        "best": None if best is None else describe_own(best),
+        "people": _standing(reader, config, player),
+    }
+
+
+def _standing(reader: Reader, config: Configuration, player: str) -> dict[str, Any]:
+    """Return each volunteer's mean moves to 99 %, sorted and without names, and the player's own: None without ranked ones."""
+    own, volunteers = player_sums(reader, config.hash, player), players_of(reader, config.hash)
+    means = sorted(round(each.steps / each.episodes, 1) for each in volunteers)
+    yours = None if own is None else round(own.steps / own.episodes, 1)
+    return {"means": means, "you": yours, "ranked": 0 if own is None else own.episodes}
+
+
+@mine.get("/history", summary="My own episodes and bests")
+def get_history(
+    request: Request,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 50,
+    after: Annotated[str | None, Query(max_length=128)] = None,
+) -> dict[str, Any]:
+    """Return what you have driven, the newest first, and per configuration your best and your place among the volunteers.
+
+    By your cookie alone; without one everything is empty. Episodes of open studies are left out. `after` is the id of the
+    last episode of the page before; 404 where there is no such episode of yours.
+    """
+    player_id = player_of(request)
+    if player_id is None:
+        return {"total": 0, "episodes": [], "bests": []}
+    with closing(Reader.open(services_of(request).store.path, public=True)) as reader:
+        try:
+            shown = reader.played_by(player_id, limit, after)
+        except LookupError as error:
+            why = f"no episode {after!r} of yours to go on after; begin without one"
+            raise HTTPException(404, why) from error
+        bests = personal_bests(reader, player_id)
+    total = sum(each["episodes"] for each in bests)
+    return {"total": total, "episodes": list(map(describe_own, shown)), "bests": bests}
+
+
+@mine.get("/export/{table}.csv", summary="My own episodes, as CSV")
+async def export_own(request: Request, table: ExportTable) -> Response:
+    """Export what you have driven, by your cookie alone; 404 without one, 503 as for everybody's."""
+    player_id = player_of(request)
+    if player_id is None:
+        why = "this browser has no player's cookie: nothing was played with it; play at / first"
+        raise HTTPException(404, why)
+    return await _sent(request, f"my-{table}.csv", table, "all", player_id)
+
+
+async def _sent(
+    request: Request, name: str, table: ExportTable, who: Who, player: str | None = None
+) -> Response:
+    database, at_ms = _database_now(request)
+    asked = database, table, who, player, at_ms
+    return await services_of(request).downloads.answer(owner_of(request), name, write_table, *asked)
+
+
+@leaderboard.get("", summary="What people and policies are compared on")
+async def get_boards(request: Request) -> list[dict[str, Any]]:
+    """List one entry per closed study and per configuration; what people have played stands first."""
+    services = services_of(request)
+    await services.progress.note_all_closed()
+    return [entry.to_dict() for entry in await services.leaderboard.newest_entries()]
+
+
+@leaderboard.get("/{board}", summary="People, policies and rules on one scale")
+async def get_board(request: Request, board: str, evaluate: bool = False) -> dict[str, Any]:
+    """Return means with 95 % intervals: people's over players, policies' over held-out terrains.
+
+    A policy without a figure here has the `state` missing; `evaluate=true` has it evaluated in the background, and its `state`
+    is waiting or computing until then.
+    """
+    try:
+        return await services_of(request).leaderboard.detail(board, evaluate)
+    except UnknownEntryError as error:
+        raise HTTPException(404, str(error)) from error

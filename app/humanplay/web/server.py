@@ -1,0 +1,496 @@
+"""The wiring: settings become an app with its services, and `run` serves that app on a socket.
+
+Nothing here is global: each app has a store, a lobby and a viewer of its own, alive for its lifespan.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import signal
+import sys
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from contextlib import (
+    AsyncExitStack,
+    ExitStack,
+    aclosing,
+    asynccontextmanager,
+    closing,
+    contextmanager,
+)
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from anyio.to_thread import current_default_thread_limiter
+from fastapi import FastAPI
+from starlette.types import Receive, Scope, Send
+
+from humanplay.board.lobby import Lobby
+from humanplay.board.messages import MAX_MESSAGE_BYTES
+from humanplay.board.ranked import PageBoards
+from humanplay.board.sources import PlayerTokens, Sources
+from humanplay.board.spectators import Replayer, Spectators
+from humanplay.db.backup import Backups
+from humanplay.db.checks import quick_check
+from humanplay.db.database import StoreError, damaged
+from humanplay.db.metrics import Metrics
+from humanplay.db.series import StudyStore
+from humanplay.db.store import Store
+from humanplay.jobs import Jobs
+from humanplay.series.cards import Cards
+from humanplay.series.daily import DailyBoards
+from humanplay.series.debrief import Debriefs
+from humanplay.series.folder import Folder
+from humanplay.series.participation import Participations
+from humanplay.series.progress import ParticipantProgress
+from humanplay.task import MARS, Policies, Rules, Task, rules_of
+from humanplay.web import (
+    access,
+    admin,
+    agents,
+    api,
+    api_docs,
+    daily,
+    evaluations,
+    mcp,
+    pages,
+    people,
+    replay,
+    results,
+    sockets,
+    study,
+    viewer,
+    watch,
+)
+from humanplay.web.daily_results import DailyPolicies
+from humanplay.web.downloads import Downloads
+from humanplay.web.errors import add_error_handlers, answer
+from humanplay.web.leaderboard.leaderboard import Leaderboard
+from humanplay.web.listening import (
+    AnnouncingServer,
+    ServerError,
+    address_of,
+    bound_connections,
+    inherited_socket,
+    listen,
+    raise_file_limit,
+    uvicorn_config,
+)
+from humanplay.web.logs import log_config
+from humanplay.web.operator.health import Health
+from humanplay.web.operator.login import AdminPassword
+from humanplay.web.operator.services import AdminServices
+from humanplay.web.protection import (
+    WHERE,
+    Gate,
+    LimitedClients,
+    Protection,
+    Proxies,
+    StoredBytes,
+    own_names,
+)
+from humanplay.web.ratings import Ratings
+from humanplay.web.replays.service import Replays
+from humanplay.web.requests import NotedRoute, ObservedRequests
+from humanplay.web.services import Services
+from humanplay.web.settings import Settings
+from marsexplorer.intervals import t_quantile
+
+__all__ = ["ServerError", "create_app", "run"]
+
+_log = logging.getLogger(__name__)
+
+WORKERS = 3
+"""Processes for what takes long, at most: one owner has one of them."""
+MOST_WAITING_JOBS = 2
+"""Jobs of one owner that wait, at most."""
+
+
+READERS = 1
+"""Threads for lists and volunteers' figures: each keeps the event loop, hence moves, waiting for its turn.
+
+FastAPI takes them for everything of a request that is no coroutine, so nothing else may be a plain function.
+"""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What exists before the app starts; what is None is made then, from the settings.
+
+    A store that is given stays open when the app has ended: whoever opened it closes it. Several apps behind one address share
+    what limits their clients, and the jobs, which end with the first of them.
+    """
+
+    sources: Sources | None = None
+    policies: Policies | None = None
+    task: Task | None = None
+    store: Store | None = None
+    protection: Protection | None = None
+    jobs: Jobs | None = None
+
+
+def create_app(settings: Settings, prepared: Prepared | None = None) -> FastAPI:
+    """Return the app: pages, API, sockets and 3-D view on one database; ValueError when the admin password is too short."""
+    return _app_of(settings, prepared or Prepared(), AdminPassword.of(settings))
+
+
+def _app_of(
+    settings: Settings, prepared: Prepared, password: AdminPassword | None, name: str = ""
+) -> FastAPI:
+    metrics = Metrics() if prepared.store is None else prepared.store.metrics
+    protection = prepared.protection or _protection(settings, metrics)
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        task = prepared.task
+        if task is None:
+            task = await asyncio.to_thread(_task, settings, prepared.policies)
+        with _opened(settings, prepared.store, metrics) as store:
+            sources, stored = prepared.sources or Sources(), protection.stored
+            jobs = prepared.jobs or _jobs()
+            made = _services(settings, store, task, sources, stored, jobs, password)
+            async with _threads_of(store), aclosing(made) as services:
+                app.state.services = services
+                lobby, page_boards = services.lobby, services.page_boards
+                running = [lobby.sweep(), page_boards.sweep(), metrics.measure_lag()]
+                running += [services.progress.watch_closing(), services.ratings.keep()]
+                if (backups := _backups(settings, store)) is not None:
+                    running.append(backups.run())
+                if store.ended_well:
+                    running.append(asyncio.to_thread(services.health.check))
+                sweepers = [asyncio.create_task(each, name="sweep") for each in running]
+                for sweeper in sweepers:
+                    sweeper.add_done_callback(_log_failure)
+                current_default_thread_limiter().total_tokens = READERS
+                # scipy loads its parts when they are needed: now, and not while somebody plays
+                t_quantile(1)
+                try:
+                    yield
+                finally:
+                    for sweeper in sweepers:
+                        sweeper.cancel()
+
+    app = FastAPI(
+        title="MarsExplorer Playground", version=rules_of(settings.task).version, description=api_docs.DESCRIPTION,
+        lifespan=lifespan, docs_url=None, redoc_url=None,
+    )  # fmt: skip
+    _add_protection(app, settings, metrics, protection, name)
+    rules = rules_of(settings.task)
+    played = pages.PlayedTask(rules, Folder.beside(settings.database))
+    app.state.offers = {offer_name(rules): played}
+    add_error_handlers(app)
+    # first what is asked for most: routes are tried in turn
+    app.mount("/static", pages.static_files, name="static")
+    boards = api.board_router(rules_of(settings.task).messages)
+    modules = [pages, sockets, api, watch, results, people, replay, daily, study]
+    modules += [evaluations, agents, mcp, viewer]
+    further = (results.mine, results.leaderboard, api.probes)
+    for router in (boards, *(module.router for module in modules), *further):
+        # as they are: `include_router` would build each again for this app
+        app.router.routes.extend(router.routes)
+    if password is not None:
+        app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
+    return app
+
+
+def _log_failure(sweeper: asyncio.Task[Any]) -> None:
+    """Log the error that has ended something beside play, since nobody waits for it."""
+    if not sweeper.cancelled() and (error := sweeper.exception()) is not None:
+        what = "a task beside play has failed, and begins again when the server is started again"
+        _log.error(what, exc_info=error)
+
+
+def _add_protection(
+    app: FastAPI, settings: Settings, metrics: Metrics, protection: Protection, name: str
+) -> None:
+    """Put the middleware around the app; what is added last sees a request first. Its cookies end with its name."""
+    app.state.protection, app.state.cookies = protection, f"_{name}" if name else ""
+    what = "Sockets that are open."
+    metrics.add_gauge("sockets", what, lambda: protection.sockets)
+    for kind in WHERE:
+        what = f"Bytes stored today (UTC) or kept free for boards, of the {kind} with the most."
+        metrics.add_gauge(f"stored_bytes_{kind}", what, partial(protection.stored.most, kind))
+    app.add_middleware(NotedRoute)
+    app.add_middleware(LimitedClients, protection=protection, most_bytes=MAX_MESSAGE_BYTES)
+    app.add_middleware(
+        Gate,
+        names=own_names(settings.public_url, settings.host),
+        proxies=Proxies(settings.trusted_proxies, settings.public_url),
+        public_url=settings.public_url,
+        cookies=tuple(
+            each.name + app.state.cookies
+            for each in (access.PLAYER, access.PARTICIPANT, access.ADMIN)
+        ),
+        answer=answer,
+    )
+    app.add_middleware(ObservedRequests, metrics=metrics)  # it counts what the others refuse
+
+
+@contextmanager
+def _opened(settings: Settings, store: Store | None, metrics: Metrics) -> Iterator[Store]:
+    """Yield the store that is given, or one that is open for this long."""
+    if store is not None:
+        yield store
+        return
+    with closing(Store(settings.database, settings.durable, metrics, settings.accept_loss)) as own:
+        yield own
+
+
+@asynccontextmanager
+async def _threads_of(store: Store) -> AsyncIterator[None]:
+    """Let threads write and read the database during the block, after which everything that was asked for is written."""
+    store.start_threads()
+    try:
+        yield
+    finally:
+        await asyncio.to_thread(store.stop_threads)
+
+
+def _services(
+    settings: Settings,
+    store: Store,
+    task: Task,
+    sources: Sources,
+    stored: StoredBytes,
+    jobs: Jobs,
+    password: AdminPassword | None,
+) -> Services:
+    """Return the services of an app; call it on the running loop."""
+    # the daily terrain and the leaderboard's own boards are MarsExplorer's
+    is_mars = task.name == MARS
+    offers = task.policies.offers() if is_mars else ()
+    folder, study_store = Folder.beside(store.path), StudyStore(store)
+    of_session = Participations(folder, study_store, sources).of_session
+    limits = settings.limits
+    lobby = Lobby(store, task, sources, settings.idle_s, of_session, limits.decision_s, stored)
+    progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
+    downloads, replayer = Downloads(store.path, jobs), Replayer()
+    _add_gauges(store.metrics, lobby, health)
+    what = "Jobs that wait: ghosts, costs, exports, evaluations."
+    store.metrics.add_gauge("waiting_jobs", what, jobs.waiting)
+    return Services(
+        store=store,
+        jobs=jobs,
+        downloads=downloads,
+        lobby=lobby,
+        page_boards=PageBoards(lobby, settings.abandon_after_s, settings.limits.unplayed_h),
+        replayer=replayer,
+        spectators=Spectators(lobby, replayer),
+        daily_boards=DailyBoards(lobby),
+        daily_policies=DailyPolicies(
+            store.path.with_name(store.path.name + "-daily.json"), offers, jobs
+        ),
+        viewer=task.viewer(),
+        player_tokens=PlayerTokens(store.secret()),
+        progress=progress,
+        cards=Cards(progress),
+        debriefs=Debriefs(store, task),
+        leaderboard=Leaderboard(store.path, offers, jobs, task.name),
+        replays=Replays(store.path, offers, jobs, task, replayer),
+        ratings=Ratings(lobby, jobs),
+        health=health,
+        admin=None
+        if password is None
+        else AdminServices(password, progress, health, jobs, downloads),
+    )
+
+
+def _protection(settings: Settings, metrics: Metrics) -> Protection:
+    return Protection(settings.limits, settings.database, metrics.count_refusal)
+
+
+def _jobs() -> Jobs:
+    return Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
+
+
+class Offered:
+    """Apps of several environments behind one address: the first, and each of the others below /play/NAME."""
+
+    def __init__(self, first: FastAPI, others: Mapping[str, FastAPI]) -> None:
+        self._first, self._others = first, others
+        own = first.router.lifespan_context
+
+        @asynccontextmanager
+        async def together(app: FastAPI) -> AsyncIterator[None]:
+            async with AsyncExitStack() as stack:
+                await stack.enter_async_context(own(app))
+                for other in others.values():
+                    await stack.enter_async_context(other.router.lifespan_context(other))
+                yield
+
+        first.router.lifespan_context = together
+        for app in (first, *others.values()):
+            app.state.offers = first.state.offers | {
+                name: offer for each in others.values() for name, offer in each.state.offers.items()
+            }
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Hand a request to its app."""
+        parts = scope.get("path", "").split("/", 3)  # "", "play", NAME, the rest
+        if parts[1:2] == ["play"] and len(parts) == 4 and parts[2] in self._others:
+            root = f"{scope.get('root_path', '')}/play/{parts[2]}"
+            await self._others[parts[2]]({**scope, "root_path": root}, receive, send)
+        else:
+            await self._first(scope, receive, send)
+
+
+def offer_name(rules: Rules) -> str:
+    """Return what an environment is called in addresses: its title in small letters."""
+    return re.sub(r"[^a-z0-9.]+", "-", rules.title.lower()).strip("-")
+
+
+def _of_another(settings: Settings, task: str) -> Settings:
+    """Return the settings of a further environment: its database stands beside the first one's."""
+    name, database = offer_name(rules_of(task)), settings.database
+    return settings.model_copy(
+        update={
+            "task": task, "more": (), "policies": (), "maps": (),
+            "database": database.with_name(f"{database.stem}-{name}{database.suffix}"),
+            "backup_to": settings.backups / name,
+        }
+    )  # fmt: skip
+
+
+def _task(
+    settings: Settings, policies: Policies | None = None, hidden: Sequence[Path] = ()
+) -> Task:
+    """Return the task that the settings name; ValueError, LookupError or OSError where it, or a file of it, is none."""
+    if settings.task == MARS:
+        from humanplay.tasks.mars.task import served
+
+        return served(settings.policies, settings.maps, settings.cell_m, policies)
+    from humanplay.tasks.gymnasium.task import GymnasiumTask
+
+    hides = (settings.database, settings.studies, settings.backups, *hidden)
+    return GymnasiumTask(settings.task.partition(":")[2], map(str, settings.policies), hides)
+
+
+def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
+    """Let the metrics hold what can be read of the services at any time."""
+    metrics.add_gauge("sessions", "Sessions in memory.", lambda: len(lobby))
+    what = "Boards of policies that wait for a decision."
+    metrics.add_gauge("waiting_decisions", what, lambda: lobby.waiting_decisions)
+    what = "Writes that wait to be made."
+    metrics.add_gauge("waiting_writes", what, lambda: len(lobby.store.writes))
+    metrics.add_gauge("disk_free_bytes", "Free space where the database is.", health.free_bytes)
+    what = "Size of the database without its log."
+    metrics.add_gauge("database_bytes", what, health.database_bytes)
+    metrics.add_gauge("database_log_bytes", "Size of the write-ahead log.", health.log_bytes)
+
+
+def _backups(settings: Settings, store: Store) -> Backups | None:
+    """Return the backups that the settings ask for, None where they ask for none; the metrics hold them in either case."""
+    backups = None
+    if settings.backup_every is not None:
+        backups = Backups(store.path, settings.backups, 60 * settings.backup_every)
+    metrics, what = store.metrics, "Seconds since the newest backup; -1: there is none."
+    metrics.add_gauge(
+        "backup_age_seconds", what, lambda: -1.0 if backups is None else backups.age_s()
+    )
+    what = "Backups that could not be made."
+    metrics.add_gauge("backup_failures", what, lambda: 0 if backups is None else backups.failures)
+    return backups
+
+
+@contextmanager
+def _metrics_served(settings: Settings, metrics: Metrics) -> Iterator[None]:
+    """Serve the metrics on their own port where the settings name one; ServerError when it is taken."""
+    if settings.metrics_port is None:
+        yield
+        return
+    with ExitStack() as stack:
+        try:
+            served = metrics.served(settings.metrics_host, settings.metrics_port)
+            address = stack.enter_context(served)
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            where = f"{settings.metrics_host} port {settings.metrics_port}"
+            why = f"{reason}; choose another with --metrics-port"
+            raise ServerError(f"cannot serve metrics on {where}: {why}") from error
+        print(f"metrics for Prometheus are at {address}", flush=True)
+        yield
+
+
+@contextmanager
+def _file_errors() -> Iterator[None]:
+    """Raise what is wrong with the file of a policy or a map as a ServerError."""
+    try:
+        yield
+    except (LookupError, ValueError, OSError) as error:
+        raise ServerError(str(error)) from error
+
+
+def run(settings: Settings, opened: Callable[[str], object] = lambda address: None) -> None:
+    """Serve until Ctrl-C or SIGTERM; ServerError or StoreError, before anything starts, when the server cannot.
+
+    opened  called with the page's address once it can be opened
+    """
+    try:
+        password = AdminPassword.of(settings)
+    except ValueError as error:
+        raise ServerError(f"{error}; set another MARS_ADMIN_PASSWORD") from error
+    # it ends as by Ctrl-C: the store is closed
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    raise_file_limit()
+    metrics = Metrics()
+    listening = inherited_socket() or listen(settings.host, settings.port)
+    with listening as sock, _metrics_served(settings, metrics):
+        bound_connections(sock, settings.limits.answer_s)
+        with _file_errors():
+            if settings.task == MARS:
+                from humanplay.tasks.mars.policies import check_file
+
+                for path in settings.policies:
+                    check_file(path)
+        once = "some seconds on the first start"
+        print(f"compiling the rules and loading the policies ({once})", flush=True)
+        with _file_errors(), ExitStack() as stack:
+            served = [settings, *(_of_another(settings, task) for task in settings.more)]
+            names = [offer_name(rules_of(each.task)) for each in served]
+            if len(set(names)) < len(names):
+                said = f"two environments are called alike: {', '.join(names)}"
+                raise ValueError(f"{said}; give one another title in its file")
+            tasks = []
+            for each in served:
+                rules_of(each.task).prepare()
+                task = _task(
+                    each,
+                    hidden=[path for other in served for path in (other.database, other.studies)],
+                )
+                tasks.append(stack.enter_context(closing(task)))
+                if guards := task.guards():
+                    print(guards, flush=True)
+            stack.pop_all()  # each app closes its own
+        with ExitStack() as stack:
+            shared = Prepared(protection=_protection(settings, metrics), jobs=_jobs())
+            apps = []
+            for each, name, task in zip(served, ["", *names[1:]], tasks, strict=True):
+                counted = Metrics() if name else metrics
+                # the store comes last: a start that fails leaves no new file behind
+                opened_store = Store(each.database, each.durable, counted, each.accept_loss)
+                store = stack.enter_context(closing(opened_store))
+                # after a clean stop it is checked beside play
+                if not store.ended_well and (found := quick_check(store.path)) != "ok":
+                    raise StoreError(damaged(store.path, found))
+                if store.notice is not None:
+                    why = "a power cut can do this, which --durable prevents"
+                    print(f"{store.notice}; {why}", flush=True)
+                prepared = replace(shared, task=task, store=store)
+                apps.append(_app_of(each, prepared, password, name))
+            if password is not None and password.drawn:
+                what = "the operator's page is /admin, its password until the server stops"
+                print(f"{what}: {password.drawn}", flush=True)
+            app = Offered(apps[0], dict(zip(names[1:], apps[1:], strict=True)))
+            # a policy that decides in a thread lets a move through within a millisecond
+            sys.setswitchinterval(0.001)
+            try:
+                logging.captureWarnings(True)
+                config = uvicorn_config(
+                    app if settings.more else apps[0], log_config=log_config(settings.log_format)
+                )
+                AnnouncingServer(config, address_of(sock), opened).run(sockets=[sock])
+            except KeyboardInterrupt:
+                return

@@ -1,0 +1,82 @@
+"""What requests may reach: one typed object for each running server."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import Any
+
+from humanplay.board.lobby import Lobby
+from humanplay.board.ranked import PageBoards
+from humanplay.board.sources import PlayerTokens
+from humanplay.board.spectators import Replayer, Spectators
+from humanplay.db.store import Store
+from humanplay.jobs import Jobs
+from humanplay.series.cards import Cards
+from humanplay.series.daily import DailyBoards
+from humanplay.series.debrief import Debriefs
+from humanplay.series.progress import ParticipantProgress
+from humanplay.web.daily_results import DailyPolicies
+from humanplay.web.downloads import Downloads
+from humanplay.web.leaderboard.leaderboard import Leaderboard
+from humanplay.web.operator.health import Health
+from humanplay.web.operator.services import AdminServices
+from humanplay.web.ratings import Ratings
+from humanplay.web.replays.service import Replays
+
+
+@dataclass(frozen=True)
+class Services:
+    """The parts of one server, from its start to its end.
+
+    store          the database that every move is recorded in
+    jobs           what takes long, in processes beside this one
+    downloads      the files that are made for somebody and sent
+    lobby          the sessions
+    page_boards    begins the boards of the page's players, and ends the ranked ones that are left
+    replayer       plays stored episodes again
+    spectators     what anybody may watch
+    daily_boards   today's terrain, and the boards on which players attempt it
+    daily_policies the shipped policies on daily terrains
+    viewer         the 3-D view of the sessions: its `page`, `serve(websocket, session)` and `close()`; None where there is none
+    player_tokens  signs and reads players' ids
+    progress       the participants of the studies
+    cards          what agents with cards do in sealed evaluations
+    debriefs       what participants are shown at the end
+    leaderboard    people and policies compared
+    replays        finished episodes as they went, and policies on their terrains
+    ratings        rates people by what they and policies need on the same terrains
+    health         the state of the disk and the database
+    admin          the operator's part; None on a server without an operator's page
+    """
+
+    store: Store
+    jobs: Jobs
+    downloads: Downloads
+    lobby: Lobby
+    page_boards: PageBoards
+    replayer: Replayer
+    spectators: Spectators
+    daily_boards: DailyBoards
+    daily_policies: DailyPolicies
+    viewer: Any
+    player_tokens: PlayerTokens
+    progress: ParticipantProgress
+    cards: Cards
+    debriefs: Debriefs
+    leaderboard: Leaderboard
+    replays: Replays
+    ratings: Ratings
+    health: Health
+    admin: AdminServices | None = None
+
+    async def aclose(self) -> None:
+        """End everything but the store, which whoever opened it closes."""
+        self.daily_policies.close()
+        await asyncio.to_thread(self.health.stop)
+        await asyncio.to_thread(self.jobs.close)
+        await asyncio.to_thread(self.downloads.close)
+        self.replayer.close()
+        self.lobby.close()
+        if self.viewer is not None:
+            self.viewer.close()

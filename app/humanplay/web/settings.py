@@ -1,0 +1,249 @@
+"""The settings of a server: from the command's flags, else from MARS_* variables, else the defaults here."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from ipaddress import ip_network
+from pathlib import Path
+from typing import Annotated, Literal
+from urllib.parse import urlsplit
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    JsonValue,
+    SecretStr,
+    ValidationError,
+)
+from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
+
+from humanplay import IS_CHECKOUT, ROOT
+from humanplay.db.file import studies_beside
+
+PREFIX = "MARS_"
+"""With which the names of variables begin that hold a setting."""
+
+DEFAULT_DATABASE = ROOT / "data" / "playground.db" if IS_CHECKOUT else Path("playground.db")
+"""In a checkout `data/playground.db`; where the package is installed, `playground.db` in the directory it is started in."""
+
+
+def _checked_url(url: str) -> str:
+    """Return a public address without its default port and final slash; ValueError when it is none."""
+    try:
+        parts = urlsplit(url.strip())
+        port = parts.port
+    except ValueError:
+        parts, port = urlsplit(""), None
+    has_more = "@" in parts.netloc or parts.query or parts.fragment
+    if parts.scheme not in ("http", "https") or not parts.hostname or has_more:
+        known = "https://mars.example or https://lab.example/mars"
+        raise ValueError(f"expected the address of the pages, like {known}")
+    host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
+    rest = "" if port in (None, {"http": 80, "https": 443}[parts.scheme]) else f":{port}"
+    return f"{parts.scheme}://{host}{rest}{parts.path.rstrip('/')}"
+
+
+def _checked_proxy(proxy: str) -> str:
+    """Return an address or a network of a proxy as text; ValueError when it is neither."""
+    try:
+        network = ip_network(proxy.strip(), strict=False)
+    except ValueError as error:
+        raise ValueError("expected an IP address or a network like 10.0.0.0/8") from error
+    if network.prefixlen == 0:
+        raise ValueError(
+            "expected the proxy's own address or network: with everybody named, everybody could invent addresses"
+        )
+    return str(network)
+
+
+def read_bucket(text: str) -> tuple[int, float]:
+    """Return how many may come at once and how many a second after that; ValueError when a text like `20+2/s` says neither."""
+    found = re.fullmatch(r"\s*([0-9]+)\s*\+\s*([0-9]+(?:\.[0-9]+)?)\s*/\s*s\s*", text)
+    burst, rate = (int(found[1]), float(found[2])) if found else (0, 0.0)
+    if burst < 1 or rate <= 0:
+        raise ValueError(
+            f"expected BURST+RATE/s, how many at once and how many a second after that, like 20+2/s; got {text!r}"
+        )
+    return burst, rate
+
+
+def _checked_bucket(text: str) -> str:
+    read_bucket(text)
+    return text
+
+
+Bucket = Annotated[str, AfterValidator(_checked_bucket)]
+
+
+class Limits(BaseModel):
+    """What one client may ask of a server; `MARS_LIMITS__MESSAGES=50+10/s` changes one of them.
+
+    A bucket like 50+10/s lets 50 come at once and 10 a second after that. A classroom of 100 people
+    behind one address stays below all of them.
+
+    sockets, sockets_per_address  websockets that may be open
+    handshakes_per_address  websockets that one address may open; one closed for too much costs 100
+    messages         of any one websocket; beyond, they wait, and a flood of them closes it with 1008
+    body_s           seconds in which the body of a request has come; beyond, it is answered 408
+    answer_s         seconds in which a client takes what is sent to it; beyond, it is disconnected
+    requests_per_address                       HTTP requests; beyond, they are refused
+    paced_per_address                          those for no file of a page; beyond, they wait
+    joins_per_address, joins_per_player        new and resumed participations, answers and settings of participants
+    sessions_per_address, sessions_per_player  new boards and attempts at the daily terrain
+    episodes_per_address, episodes_per_player  next episodes
+    decision_s       seconds that one decision of a policy may take; a board that is slower pauses
+    unplayed_h       hours after which a board of no study that was left is deleted, or closed if something was done on it
+    stored_address_percent, stored_player_percent, stored_study_percent
+                     bytes, in percent of the disk, that are stored for each on a day (UTC), or kept
+                     free for open episodes, before no board or episode is begun for it any more; a
+                     study's are not its addresses'
+    free_mb          free space of the disk, in megabytes, below which none is begun for anybody
+    token            whoever sends it in the header X-Mars-Token is not limited in what they ask
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    sockets: int = Field(default=2000, ge=1)
+    sockets_per_address: int = Field(default=500, ge=1)
+    handshakes_per_address: Bucket = "1000+10/s"
+    messages: Bucket = "200+100/s"
+    body_s: float = Field(default=60.0, gt=0)
+    answer_s: float = Field(default=20.0, gt=0)
+    requests_per_address: Bucket = "8000+500/s"
+    paced_per_address: Bucket = "400+100/s"
+    joins_per_address: Bucket = "1000+1/s"
+    joins_per_player: Bucket = "60+0.5/s"
+    sessions_per_address: Bucket = "300+2/s"
+    sessions_per_player: Bucket = "60+1/s"
+    episodes_per_address: Bucket = "1200+20/s"
+    episodes_per_player: Bucket = "120+2/s"
+    decision_s: float = Field(default=10.0, gt=0)
+    unplayed_h: float = Field(default=24.0, gt=0)
+    stored_address_percent: float = Field(default=0.5, gt=0)
+    stored_player_percent: float = Field(default=0.1, gt=0)
+    stored_study_percent: float = Field(default=5.0, gt=0)
+    free_mb: float = Field(default=500.0, ge=0)
+    token: SecretStr | None = Field(default=None, min_length=16)
+
+
+class Place(BaseSettings):
+    """Where a server and its files are, which is all that commands beside it need; see Settings."""
+
+    model_config = SettingsConfigDict(
+        env_prefix=PREFIX, env_nested_delimiter="__", frozen=True, extra="forbid"
+    )
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=8000, ge=0, le=65535)
+    public_url: Annotated[str, AfterValidator(_checked_url)] | None = None
+    database: Path = DEFAULT_DATABASE
+    signers: Path | None = None
+
+
+class Settings(Place):
+    """One server's settings, frozen; `Settings(port=0)` overrides, `MARS_PORT=9000` in the environment as well.
+
+    host, port   where to listen; port 0 takes a free one. A socket that systemd passes on stands in for both
+    database     the SQLite file; made on first start. The studies that are played in it lie in the folder beside it
+    task         what is played: mars, or gymnasium: with an id or a description as JSON (`serve --env ENV`)
+    more         further ones, each below /play/NAME with a database of its own beside the first one's
+    signers      the file of pinned signing keys of releases; None: known_signers.json in the user's configuration folder
+    policies     paths of further policies to offer in addition to the shipped ones (`serve --policy PATH`)
+    maps         map_server files (YAML) to offer for play (`serve --map FILE`)
+    cell_m       side of their cells in metres; None for the task's own
+    public_url   where browsers find the pages, like https://mars.example; its host is served beside IP literals, localhost and
+                 the machine's own names
+    trusted_proxies  addresses and networks of proxies whose X-Forwarded headers count (`serve --trusted-proxy`)
+    durable      True survives a power cut at a few milliseconds a step (`synchronous=FULL`)
+    admin        True opens the operator's page /admin; with admin_password in the environment it is open anyway
+    admin_password  of the operator, from MARS_ADMIN_PASSWORD; None: one is drawn and printed
+    metrics_port  of a listener of its own that serves metrics to Prometheus; 0 takes a free one, None: there is none
+    metrics_host  where that listener is; nobody but this machine reaches the default
+    log_format   "text", or "json" for one object a line on stderr
+    accept_loss  True starts with a database whose log is gone after a crash, without the moves that were in it
+    backup_every  minutes between backups that the server makes by itself; None: it makes none
+    backup_to    the folder that they are kept in; None: `backups`, beside the database
+    idle_s       seconds after which a session that nobody subscribes to or asks for leaves memory (access resumes it)
+    abandon_after_s  seconds without a move after which a ranked episode on the playground counts as abandoned
+    limits       what one client may ask of the server
+    """
+
+    task: str = "mars"
+    more: tuple[str, ...] = ()
+    policies: tuple[Path, ...] = ()
+    maps: tuple[Path, ...] = ()
+    cell_m: float | None = Field(default=None, gt=0)
+    trusted_proxies: tuple[Annotated[str, AfterValidator(_checked_proxy)], ...] = ()
+    durable: bool = False
+    admin: bool = False
+    admin_password: SecretStr | None = None
+    metrics_port: int | None = Field(default=None, ge=0, le=65535)
+    metrics_host: str = "127.0.0.1"
+    log_format: Literal["text", "json"] = "text"
+    accept_loss: bool = False
+    backup_every: float | None = Field(default=None, gt=0)
+    backup_to: Path | None = None
+    idle_s: float = Field(default=600.0, gt=0)
+    abandon_after_s: float = Field(default=1800.0, gt=0)
+    limits: Limits = Limits()
+
+    @property
+    def backups(self) -> Path:
+        """The folder of the backups."""
+        return self.backup_to or self.database.with_name("backups")
+
+    @property
+    def studies(self) -> Path:
+        """The folder of the studies; it need not exist."""
+        return studies_beside(self.database)
+
+
+_EXPECTED = {
+    "bool_parsing": "true or false",
+    "extra_forbidden": "no setting of this name",
+    "float_parsing": "a number",
+    "greater_than": "a number above {gt:g}",
+    "greater_than_equal": "{ge:g} or more",
+    "int_parsing": "a whole number",
+    "less_than_equal": "{le:g} or less",
+    "literal_error": "{expected}",
+    "model_type": "a JSON object of limits",
+    "too_short": "at least {min_length} characters",
+}
+"""What was expected, by the type of pydantic's error."""
+
+
+def fault_of(error: ValidationError | SettingsError, flags: Mapping[str, JsonValue]) -> str:
+    """Describe the first wrong setting: its name, what was expected, and the way out."""
+    if isinstance(error, SettingsError):
+        field = re.search(r'"(.+?)"', str(error))
+        name = f"{PREFIX}{field[1].upper()}" if field else "a setting"
+        return f'{name}: expected JSON, such as ["127.0.0.1"]: correct it or unset it'
+    first = error.errors()[0]
+    path = [str(part) for part in first["loc"]]
+    expected = _EXPECTED.get(first["type"], first["msg"].removeprefix("Value error, expected "))
+    sentence = f"expected {expected.format_map(first.get('ctx', {}))}"
+    # a password or a token is not printed
+    if path[-1] not in ("token", "admin_password") and "; got " not in sentence:
+        sentence += f", got {first['input']!r}"
+    if path[0] in flags:
+        return f"setting {path[0]}: {sentence}"
+    variable = PREFIX + "__".join(path[:2] if path[0] == "limits" else path[:1]).upper()
+    return f"{variable}: {sentence}: correct it or unset it"
+
+
+def unknown_variables(names: Iterable[str]) -> Iterator[str]:
+    """Yield a note on each variable that is named like a setting and is none."""
+    known = [PREFIX + name.upper() for name in Settings.model_fields]
+    for name in sorted(names):
+        # a wrong name of a limit is an error of `Settings`
+        if name.startswith(f"{PREFIX}LIMITS__") or not name.startswith(PREFIX):
+            continue
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            question = f"; did you mean {near[0]}?" if near else ""
+            yield f"the variable {name} is no setting and is ignored{question}"

@@ -1,0 +1,385 @@
+"""Synthetic participants, who play a study through the calls and the socket that its page uses.
+
+They join as scripts, so they are labelled `script` for ever and enter no human figure. `Participant` is
+one of them; `simulate` lets many take part side by side.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import secrets
+import ssl
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, Literal
+from urllib.parse import quote
+
+import httpx
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+
+from humanplay.task import MARS
+from humanplay.tasks.mars.players import NoisyPolicy
+from humanplay.tasks.mars.players import occupancy_codes as occupancy_codes
+
+Frame = dict[str, Any]
+
+ANSWER_TIMEOUT_S = 60.0
+"""How long one answer may take."""
+CONNECTION_ERRORS = (httpx.HTTPError, WebSocketException, OSError, EOFError)
+"""What is raised while a server is away, stops, or cannot answer (5xx)."""
+RETRY_EVERY_S = 0.25
+JOIN_EVERY_MS = 500.0
+"""Between two participants' joining, in a person's time."""
+MOVES_BEFORE_LEAVING = 3
+"""Moves in the ranked episode in which a participant leaves."""
+
+KEY_CODES = {
+    **dict.fromkeys(("north", "up", "forward"), "ArrowUp"),
+    **dict.fromkeys(("east", "right"), "ArrowRight"),
+    **dict.fromkeys(("south", "down"), "ArrowDown"),
+    **dict.fromkeys(("west", "left"), "ArrowLeft"),
+}
+
+
+class RefusedError(Exception):
+    """The server declined: `status` (None over the socket) and its sentence."""
+
+    def __init__(self, status: int | None, detail: str) -> None:
+        super().__init__(detail)
+        self.status, self.detail = status, detail
+
+
+class ServerAwayError(Exception):
+    """The server does not come back."""
+
+
+class StoppedError(Exception):
+    """The simulation was stopped while a participant played."""
+
+
+class Clock:
+    """A page's clock, and how its participant lets time pass: `speed` times as fast as people."""
+
+    def __init__(self, speed: float = 1.0, stop: threading.Event | None = None) -> None:
+        """Begin; `stop` ends every wait at once."""
+        self.speed, self._stop = speed, stop or threading.Event()
+        self.waited_ms = 0.0
+
+    def page_ms(self) -> float:
+        """Return what performance.now() would return: the true time, in ms."""
+        return round(time.monotonic() * 1000, 1)
+
+    def wait(self, ms: float) -> None:
+        """Let so many milliseconds of a person's time pass; StoppedError once the simulation was stopped."""
+        self.waited_ms += ms
+        if self._stop.wait(ms / 1000 / self.speed):
+            raise StoppedError
+
+
+class Socket:
+    """The socket of one board: JSON messages, and moves with the input events of their presses."""
+
+    def __init__(self, connection: Connection, clock: Clock, tempo: random.Random) -> None:
+        self.connection, self.clock, self._tempo = connection, clock, tempo
+        self._released: list[dict[str, Any]] = []
+        self._load = {"page_load": secrets.token_hex(16), "tab": secrets.token_hex(16)}
+
+    def send(self, message: dict[str, Any] | str | bytes) -> None:
+        """Send a message."""
+        is_text = isinstance(message, str | bytes)
+        self.connection.send(message if is_text else json.dumps(message))
+
+    def receive(self, kind: str | None = None, seconds: float = ANSWER_TIMEOUT_S) -> dict[str, Any]:
+        """Return the next message, the next of a kind when one is named; TimeoutError when none comes."""
+        while True:
+            message: dict[str, Any] = json.loads(self.connection.recv(timeout=seconds))
+            if kind in (None, message["kind"]):
+                return message
+
+    def act(
+        self, frame: Frame, action: str, input: Literal["key", "touch"] | None = None, **rest: Any
+    ) -> None:
+        """Send a move; with `input` it is one of a person, whose press is sent before it."""
+        if input is not None:
+            rest = {**self.press(frame, action, input), **rest}
+        answered = {"kind": "act", "episode": frame["episode"], "step": frame["step"]}
+        self.send({**answered, "action": action, **rest})
+
+    def press(
+        self, frame: Frame, action: str, input: Literal["key", "touch"] = "key", **changes: Any
+    ) -> dict[str, Any]:
+        """Take a person's time to press, send the press, and return what its move says of it.
+
+        The release is sent with the next press. `changes` are fields of the press's event.
+        """
+        self.clock.wait(self._tempo.randint(90, 250))
+        now = self.clock.page_ms()
+        code = KEY_CODES[action] if input == "key" else action
+        kind = "keydown" if input == "key" else "touchdown"
+        event = {"kind": kind, "code": code, "repeat": False, "trusted": True, "client_ms": now}
+        event |= {"step": frame["step"], **changes}
+        batch = {"batch": secrets.token_hex(8), "episode": frame["episode"]}
+        events = [*self._released, event]
+        self.send({"kind": "events", **batch, **self._load, "events": events})
+        self.clock.wait(self._tempo.randint(40, 80))
+        up = {"kind": kind.replace("down", "up"), "client_ms": self.clock.page_ms()}
+        self._released = [{**event, **up}]
+        return {"input": input, "key_down_ms": now, "client_ms": now}
+
+    def frame_after(self, step: int) -> Frame:
+        """Return the first frame with more moves than `step`; RefusedError when the move is refused."""
+        while (message := self.receive())["kind"] != "frame" or message["step"] <= step:
+            if message["kind"] in ("refused", "error"):
+                raise RefusedError(None, message.get("reason") or message["detail"])
+        return message
+
+
+class Participant:
+    """One participant of a study, with a cookie of their own; `where` is the server's last answer."""
+
+    def __init__(
+        self, client: httpx.Client, study: str, policy: NoisyPolicy, clock: Clock, tempo: int = 0
+    ) -> None:
+        """Begin without joining.
+
+        client  its base_url is the server's address, and it keeps the participant's cookie
+        policy  that the participant follows, with a person's tempo on the clock
+        tempo   seed of the times between a frame and the key
+        """
+        self.client, self.url = client, f"/api/studies/{quote(study, safe='')}"
+        self._policy, self._clock, self._tempo = policy, clock, random.Random(tempo)
+        self.where: dict[str, Any] = {}
+        self.round_trips_ms: list[float] = []
+        """From each move to its frame."""
+        self.progressed = time.perf_counter()
+        """When the last move was answered, or the last step was taken, in seconds."""
+
+    def call(self, verb: str, body: Any = None) -> dict[str, Any]:
+        """Return the answer to a POST; RefusedError when it is declined."""
+        return self._keep(self.client.post(f"{self.url}/{verb}", json=body))
+
+    def me(self) -> dict[str, Any]:
+        """Ask where the participant stands, and return it."""
+        return self._keep(self.client.get(f"{self.url}/me"))
+
+    def _keep(self, answer: httpx.Response) -> dict[str, Any]:
+        self.where = _content(answer)
+        return self.where
+
+    @property
+    def frame(self) -> Frame:
+        """The frame of the last answer."""
+        found: Frame = self.where["about"]["frame"]
+        return found
+
+    @contextmanager
+    def socket(self) -> Iterator[Socket]:
+        """Yield the socket of the participant's board."""
+        base = self.client.base_url
+        url = base.copy_with(scheme=base.scheme.replace("http", "ws"))
+        path = f"{str(url).rstrip('/')}/ws/sessions/{self.where['session']}"
+        names = ("Cookie", "X-Mars-Token")
+        sent = self.client.build_request("GET", "/").headers
+        headers = {name: sent[name] for name in names if name in sent}
+        opened = connect(
+            path, origin=sent.get("Origin"), additional_headers=headers, proxy=None,
+            open_timeout=ANSWER_TIMEOUT_S, close_timeout=1.0,
+        )  # fmt: skip
+        with opened as connection:
+            yield Socket(connection, self._clock, self._tempo)
+
+    def play(self, moves: int | None = None, **act: Any) -> list[Frame]:
+        """Play the running episode to its end, or for some moves, and return its frames.
+
+        act  fields of every move; `input=None` sends no presses
+        """
+        self._policy.reset()
+        with self.socket() as socket:
+            frames = [socket.receive("frame")]
+            while frames[-1]["outcome"] is None and (moves is None or len(frames) <= moves):
+                socket.act(frames[-1], self._policy.choose(frames[-1]), **{"input": "key", **act})
+                began = time.perf_counter()
+                frames.append(socket.frame_after(frames[-1]["step"]))
+                self.progressed = time.perf_counter()
+                self.round_trips_ms.append((self.progressed - began) * 1000)
+        return frames
+
+    def answer_questions(self) -> None:
+        """Answer the questions until all are right: the first choice of each, then the next ones."""
+        choices = [0] * len(self.where["questions"])
+        while not all(right := self.call("answers", {"answers": choices})["right"]):
+            choices = [each + (not is_right) for each, is_right in zip(choices, right, strict=True)]
+
+    def take_step(self) -> None:
+        """Do what is next where the participant stands, a whole episode at most."""
+        stage, has_practised = self.where["stage"], self.where["tutorial"]["done"]
+        if stage == "consent":
+            self.call("consent", {"version": self.where["consent"]["version"], "agree": True})
+        elif stage == "questions":
+            self.answer_questions()
+        elif stage in ("instructions", "debrief") or (stage == "tutorial" and has_practised):
+            self.call("advance", {"from": stage})
+        elif stage in ("tutorial", "warm_up", "ranked"):
+            self.call("next")
+            self.play()
+
+
+def _content(answer: httpx.Response) -> dict[str, Any]:
+    """Return what an answer holds; RefusedError for a refusal (4xx), httpx.HTTPError for a failure."""
+    if answer.is_client_error:
+        is_ours = answer.headers.get("Content-Type", "").startswith("application/json")
+        found = answer.json()["detail"] if is_ours else f"{answer.url} answers {answer.status_code}"
+        raise RefusedError(answer.status_code, found)
+    content: dict[str, Any] = answer.raise_for_status().json()
+    return content
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is simulated.
+
+    url       address of the server
+    policy    name or path of the policy that the participants follow
+    noise     share (0..1) of their moves that are random valid ones
+    leaving   share (0..1) of them who leave in a ranked episode: half withdraw, half close the page
+    speed     times as fast as people
+    wait_s    how long a server that has gone away is waited for
+    token     of the server, which lets any number play from one address; None: without
+    """
+
+    url: str
+    study: str
+    participants: int
+    seed: int = 0
+    policy: str = "frontier-cost"
+    noise: float = 0.1
+    leaving: float = 0.0
+    speed: float = 20.0
+    wait_s: float = 60.0
+    token: str | None = None
+
+
+@dataclass
+class Outcome:
+    """What a participant came to: the last stage or "left", episodes, minutes of a person's time, the debrief's summary."""
+
+    number: int
+    stage: str = "joining"
+    warm_up: int = 0
+    ranked: int = 0
+    minutes: float = 0.0
+    round_trips_ms: list[float] = field(default_factory=list, repr=False)
+    debrief: dict[str, Any] | None = None
+
+
+@cache
+def _certificates() -> ssl.SSLContext:
+    """Return the certificates that servers are checked against, read once for all participants."""
+    return httpx.create_ssl_context(trust_env=False)
+
+
+def open_client(plan: Plan) -> httpx.Client:
+    """Return a client that sends what a page of the server would; ValueError for no address."""
+    base = httpx.URL(plan.url)
+    if base.scheme not in ("http", "https") or not base.host:
+        raise ValueError(f"an address must be like http://127.0.0.1:8000, got {plan.url!r}")
+    headers = {"Origin": f"{base.scheme}://{base.netloc.decode()}"}
+    if plan.token is not None:
+        headers["X-Mars-Token"] = plan.token
+    options: dict[str, Any] = {"trust_env": False, "verify": _certificates(), "headers": headers}
+    return httpx.Client(base_url=base, timeout=ANSWER_TIMEOUT_S, **options)
+
+
+def fetch_study(plan: Plan) -> dict[str, Any]:
+    """Return what the server says of the study; RefusedError when nobody can take part in it, or no policy plays it."""
+    with open_client(plan) as client:
+        found = _content(client.get(f"/api/studies/{quote(plan.study, safe='')}"))
+    if found["status"] == "closed":
+        raise RefusedError(409, f"the study {plan.study!r} is closed: nobody can take part in it")
+    if found["task"]["name"] != MARS:
+        only = "synthetic participants follow policies of MarsExplorer"
+        raise RefusedError(409, f"the study {plan.study!r} is of another environment: {only}")
+    return found
+
+
+def simulate(
+    plan: Plan, outcomes: list[Outcome], advance: Callable[[int, int], None] = lambda *_: None
+) -> None:
+    """Let the participants take part side by side, and keep an outcome of each in `outcomes`.
+
+    advance  called with (episodes ended, episodes in all)
+
+    RefusedError when the server declines somebody, ServerAwayError when it stays away.
+    """
+    study = fetch_study(plan)
+    outcomes.extend(Outcome(number) for number in range(plan.participants))
+    in_all = plan.participants * (int(study["warm_up"]) + int(study["ranked"]))
+    stop, run = threading.Event(), secrets.token_hex(4)
+    with ThreadPoolExecutor(plan.participants) as pool:
+        try:
+            running = {
+                pool.submit(_take_part, plan, study, each, f"simulated-{run}-{each.number}", stop)
+                for each in outcomes
+            }
+            while running:
+                ended, running = wait(running, 0.3, FIRST_EXCEPTION)
+                for each in ended:
+                    each.result()
+                advance(sum(each.warm_up + each.ranked for each in outcomes), in_all)
+        finally:
+            stop.set()
+
+
+def _take_part(
+    plan: Plan, study: dict[str, Any], outcome: Outcome, outside_id: str, stop: threading.Event
+) -> None:
+    """Let one participant take part, to the completion code or until they leave."""
+    dice = random.Random(f"{plan.seed} {outcome.number}")
+    clock, radius = Clock(plan.speed, stop), study["config"]["sensor_radius"]
+    policy = NoisyPolicy(plan.policy, plan.noise, radius, dice.getrandbits(31))
+    leaves_at = dice.randrange(study["ranked"]) if dice.random() < plan.leaving else None
+    withdraws = dice.random() < 0.5
+    script = f"{plan.policy}, {plan.noise:.0%} random moves"
+    join = {"outside_ids": {"PROLIFIC_PID": outside_id}, "script": script}
+    with open_client(plan) as client:
+        clock.wait(JOIN_EVERY_MS * outcome.number)
+        participant = Participant(client, plan.study, policy, clock, dice.getrandbits(31))
+        participant.round_trips_ms = outcome.round_trips_ms
+        while outcome.stage not in ("complete", "withdrawn", "left"):
+            try:
+                if not participant.where:
+                    participant.call("join", join)
+                _show(participant.me(), outcome)
+                if outcome.stage == "ranked" and outcome.ranked == leaves_at:
+                    participant.call("next")
+                    participant.play(MOVES_BEFORE_LEAVING)
+                    if withdraws:
+                        participant.call("withdraw")
+                    outcome.stage = "left"
+                else:
+                    participant.take_step()
+                participant.progressed = time.perf_counter()
+                outcome.minutes = clock.waited_ms / 60_000
+            except CONNECTION_ERRORS as error:
+                away_s = time.perf_counter() - participant.progressed
+                if away_s > plan.wait_s:
+                    raise ServerAwayError(
+                        f"the server at {plan.url} has been away for {away_s:.0f} s ({error}): "
+                        "start it again, and begin another simulation"
+                    ) from error
+                if stop.wait(RETRY_EVERY_S):
+                    raise StoppedError from error
+
+
+def _show(where: dict[str, Any], outcome: Outcome) -> None:
+    """Keep in an outcome where its participant stands."""
+    outcome.stage, outcome.debrief = where["stage"], where["debrief"]
+    outcome.warm_up, outcome.ranked = where["warm_up"]["done"], where["ranked"]["done"]

@@ -1,0 +1,414 @@
+"""Taking part in a study over HTTP: the study's page uses it, and so does a script that takes part."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Annotated, Any, Literal, TypeVar
+
+from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
+from pydantic import Field, field_validator
+
+from humanplay.board.messages import PRINTABLE, Message
+from humanplay.board.session import RefusedError
+from humanplay.db.study_rows import Participant, participant_label
+from humanplay.db.trial import Trial
+from humanplay.series.debrief import NoTerrainError, Shown, own_trial
+from humanplay.series.folder import Study
+from humanplay.series.progress import NotJoinedError, ParticipantProgress, StageError, break_due
+from humanplay.series.protocol import DraftStudyError, StudyError, UnknownStudyError
+from humanplay.series.recruitment import Arrival, supervised_until_ms
+from humanplay.series.templates import placeholder_values
+from humanplay.task import describe
+from humanplay.web.access import PARTICIPANT, participant_of, remember_player, services_of
+from humanplay.web.api import session_summary
+from humanplay.web.results import costs_of
+
+router = APIRouter(prefix="/api/studies", tags=["studies"])
+Name = Annotated[str, Path(max_length=100, description="of the study")]
+State = dict[str, Any]
+T = TypeVar("T")
+Index = Annotated[int, Path(ge=0, le=10_000)]
+
+RULES = ("coverage", "lidar_radius", "max_steps")
+"""What the page's own sentences say of the configuration, by the names of `humanplay.series.templates.PLACEHOLDERS`."""
+
+KEPT = (
+    "You have withdrawn. What you had played until then is kept without your name. To have it erased, write to {contact} and "
+    "give them your label {label}."
+)
+TO_BE_ERASED = (
+    "You have withdrawn, and you asked that what you had played be erased. The people who run the study see this and erase it. "
+    "If you want to hear of it, write to {contact} and give them your label {label}."
+)
+
+
+class Join(Message):
+    """Who joins: what the link that brought them holds, and the name of the script if it is no person."""
+
+    outside_ids: dict[str, Annotated[str, Field(max_length=200), PRINTABLE]] = Field(
+        default_factory=dict, max_length=50
+    )
+    script: Annotated[str, Field(min_length=1, max_length=80), PRINTABLE] | None = Field(
+        default=None,
+        description='what plays, for example "noisy-frontier"; a script for ever',
+        examples=[None],
+    )
+    invitation: Annotated[str, Field(max_length=100)] | None = Field(
+        default=None, description="the token of the link, in a study by invitation", examples=[None]
+    )
+
+
+class ConsentAnswer(Message):
+    """The answer to the consent text of a version."""
+
+    version: str = Field(max_length=40)
+    agree: bool
+
+
+class Withdrawal(Message):
+    """What becomes of what was played: it is kept without a name, or erased."""
+
+    erase: bool = False
+
+
+class Advance(Message):
+    """Which stage is left."""
+
+    from_: Literal["instructions", "tutorial", "debrief"] = Field(alias="from")
+
+
+class Answers(Message):
+    """The index of the choice for each question."""
+
+    answers: list[Annotated[int, Field(ge=0)]] = Field(max_length=20, examples=[[0, 1, 1]])
+
+
+class OperatorCode(Message):
+    """What the operator typed."""
+
+    code: str = Field(max_length=100, examples=["7K3M-XWT5"])
+
+
+class AbandonEpisode(Message):
+    """The frame on which the episode is abandoned."""
+
+    episode: str = Field(max_length=64)
+    step: int = Field(ge=0)
+
+
+class ParticipantSettings(Message):
+    """What a participant chose; what is left out stays as it was."""
+
+    modality: Literal["keyboard", "touch"] | None = None
+    palette: Literal["mars", "colour-blind", "high-contrast"] | None = None
+    keys: dict[str, list[Annotated[str, Field(max_length=32), PRINTABLE]]] | None = None
+
+    @field_validator("keys")
+    @classmethod
+    def _no_key_twice(cls, keys: dict[str, list[str]] | None) -> dict[str, list[str]] | None:
+        codes = [code for each in (keys or {}).values() for code in each]
+        if len(set(codes)) < len(codes):
+            raise ValueError("keys: one key cannot mean two directions")
+        if len(codes) > 40:
+            raise ValueError(f"keys: at most 40 in all, got {len(codes)}")
+        return keys
+
+
+@contextmanager
+def answering_study_errors() -> Iterator[None]:
+    """Answer a study's errors with 404, 409 or 422 and their sentence."""
+    try:
+        yield
+    except UnknownStudyError as error:
+        raise HTTPException(404, "there is no such study here: check the link") from error
+    except DraftStudyError as error:
+        raise HTTPException(409, "this study has not begun yet: come back later") from error
+    except (NotJoinedError, NoTerrainError) as error:
+        raise HTTPException(404, str(error.args[0])) from error
+    except (StageError, RefusedError) as error:
+        raise HTTPException(409, str(error)) from error
+    except ValueError as error:
+        raise HTTPException(422, str(error)) from error
+
+
+# Coroutines, since FastAPI calls what is none on the one thread of the lists (`humanplay.web.server.READERS`).
+async def _progress(request: Request) -> ParticipantProgress:
+    return services_of(request).progress
+
+
+async def _player(request: Request) -> str | None:
+    return participant_of(request)
+
+
+ProgressOf = Annotated[ParticipantProgress, Depends(_progress)]
+Player = Annotated[str | None, Depends(_player)]
+
+
+@dataclass(frozen=True)
+class Asking:
+    """Who asks for what of which study; `player` is None before joining."""
+
+    request: Request
+    progress: ParticipantProgress
+    player: str | None
+    name: str
+
+    def write(self, work: Callable[..., T], *given: Any) -> Awaitable[T]:
+        """Return what comes of `work(name, player, *given)` on the thread of the writes."""
+        return self.progress.lobby.store.write(partial(work, self.name, self.player, *given))
+
+    async def after(self, doing: Awaitable[Any]) -> State:
+        """Return where the participant stands once something is done."""
+        with answering_study_errors():
+            await doing
+        return await self.state()
+
+    async def state(self) -> State:
+        """Return where the participant stands."""
+        progress = self.progress
+        with answering_study_errors():
+            study = progress.study(self.name)
+            await progress.note_if_closed(study)
+            find = partial(progress.participant, self.name, self.player)
+            participant = await progress.lobby.store.read(find)
+            return await participant_state(self.request, study, participant)
+
+    async def trials_at_debrief(self) -> tuple[Study, list[Trial]]:
+        """Return the participant's study and trials, once they are at the debrief."""
+        progress = self.progress
+
+        def read() -> tuple[Study, list[Trial]]:
+            study = progress.study(self.name)
+            participant = progress.participant(self.name, self.player)
+            if participant.stage not in ("debrief", "complete"):
+                raise StageError("the debrief comes after the last ranked round")
+            return study, progress.study_store.trials(participant.id)
+
+        with answering_study_errors():
+            return await progress.lobby.store.read(read)
+
+
+async def _asking(request: Request, progress: ProgressOf, player: Player, name: Name) -> Asking:
+    return Asking(request, progress, player, name)
+
+
+AskingOf = Annotated[Asking, Depends(_asking)]
+
+
+async def participant_state(request: Request, study: Study, participant: Participant) -> State:
+    """Return where a participant stands: all that the page needs."""
+    progress, protocol = services_of(request).progress, study.protocol
+
+    def read() -> tuple[list[Trial], str | None]:
+        return progress.study_store.trials(participant.id), _note(progress, study, participant)
+
+    trials, note = await progress.lobby.store.read(read)
+    ended = [trial.phase for trial in trials if trial.ended_ms is not None]
+    session, debrief = await progress.session(participant), None
+    if participant.stage in ("debrief", "complete"):
+        debrief = await services_of(request).debriefs.summary(study, participant, trials)
+    values, questions = placeholder_values(protocol), protocol.questions
+    chosen = {"modality": None, "palette": "mars", "keys": None}
+    return {
+        "study": study.name,
+        "title": protocol.title,
+        "task": describe(protocol.rules),
+        "participant": participant_label(participant.id),
+        "stage": participant.stage,
+        "consent": protocol.consent.model_dump(),
+        "questions": [each.model_dump(include={"question", "choices"}) for each in questions],
+        "right": None,
+        "why": None,
+        "warm_up": {"done": ended.count("warm_up"), "of": protocol.warm_up},
+        "ranked": {"done": ended.count("ranked"), "of": protocol.ranked},
+        "tutorial": {"done": "tutorial" in ended},
+        "break_due": break_due(study, participant, trials),
+        "pause_after_s": protocol.pause_after_s,
+        "rules": {name: values[name] for name in RULES if name in values},
+        "session": participant.session_id,
+        "about": None if session is None else await session_summary(progress.lobby, session),
+        "phase": trials[-1].phase if trials else None,
+        "settings": {**chosen, **json.loads(participant.settings)},
+        "debrief": debrief,
+        "note": note,
+        "invited": participant.invitation is not None,
+        "supervised_until_ms": supervised_until_ms(participant),
+    }
+
+
+def _note(progress: ParticipantProgress, study: Study, participant: Participant) -> str | None:
+    if participant.stage == "withdrawn":
+        if participant.consent_ms is None:
+            return "You did not agree to take part. Nothing was recorded but that this page was opened; you can close it."
+        text = TO_BE_ERASED if progress.study_store.asks_erasure(participant.id) else KEPT
+        # a rehearsal may name nobody
+        contact = study.protocol.declarations.contact or "whoever invited you"
+        return text.format(contact=contact.rstrip("."), label=participant_label(participant.id))
+    if not study.is_running and participant.stage not in ("debrief", "complete"):
+        return "This study has been closed: you cannot go on. Thank you for what you have played."
+    return progress.recruitment.obstacle(study, participant)
+
+
+@router.get("", summary="The studies of this server")
+async def list_studies(progress: ProgressOf) -> list[dict[str, str | int]]:
+    """List the studies whose protocol is frozen.
+
+    `status` is "frozen" (until its beacon is entered), "open" or "closed"; `recruitment` is "invitation", "panel" or "open".
+    """
+    found: list[dict[str, str | int]] = []
+    for name in progress.folder.names():
+        try:
+            study = progress.study(name)
+        except (StudyError, StageError):
+            continue
+        await progress.note_if_closed(study)
+        protocol, status = study.protocol, study.status
+        found.append(
+            {"name": name, "title": protocol.title, "status": status, "recruitment": protocol.recruitment,
+             "warm_up": protocol.warm_up, "ranked": protocol.ranked}
+        )  # fmt: skip
+    return found
+
+
+@router.get("/{name}", summary="What a study has published")
+async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
+    """Return what fixes protocol and terrains before anybody has played; `secret` is null until the study is closed."""
+    with answering_study_errors():
+        study = progress.study(name)
+    await progress.note_if_closed(study)
+    protocol, config = study.protocol, study.protocol.env_config
+    values = config.to_dict()
+    return {
+        "name": name,
+        "title": protocol.title,
+        "status": study.status,
+        "protocol_hash": study.protocol_hash,
+        "commitment": study.commitment,
+        "secret": None if study.is_open else study.secret.hex(),
+        "beacon": study.beacon and asdict(study.beacon),
+        "beacon_signature": study.beacon_signature,
+        "task": describe(protocol.rules),
+        "level": config.level,
+        **{side: values[side] for side in ("rows", "cols") if side in values},
+        "config": values,
+        "warm_up": protocol.warm_up,
+        "ranked": protocol.ranked,
+        "players": protocol.players,
+        "consent_version": protocol.consent.version,
+    }
+
+
+@router.post("/{name}/join", status_code=201, summary="Take part, or go on")
+async def join(asks: AskingOf, response: Response, wanted: Join | None = None) -> State:
+    """Join, or resume: 201 for a new participant, 200 for one who returns. The cookie that is set is of studies alone.
+
+    A person needs the link's invitation or outside id where the study's recruitment asks for one, and 409 says so. Agreeing
+    to the consent text uses it up; joining does not. A script needs none.
+    """
+    wanted, progress = wanted or Join(), asks.progress
+    player_id = asks.player or progress.lobby.sources.player_id()
+    with answering_study_errors():
+        comes = Arrival(wanted.outside_ids, wanted.script, wanted.invitation)
+        enter = partial(progress.join, asks.name, player_id, comes)
+        participant, is_new = await progress.lobby.store.write(enter)
+        answer = await participant_state(asks.request, progress.study(asks.name), participant)
+    response.status_code = 201 if is_new else 200
+    remember_player(response, asks.request, player_id, PARTICIPANT)
+    return answer
+
+
+@router.get("/{name}/me", summary="Where I stand")
+async def me(asks: AskingOf) -> State:
+    """Return where the participant stands, 404 before joining; a page that was reloaded begins here."""
+    return await asks.state()
+
+
+@router.post("/{name}/consent", summary="Agree to take part, or not")
+async def consent(asks: AskingOf, given: ConsentAnswer) -> State:
+    """Answer the consent text; `agree` false leaves the study."""
+    return await asks.after(asks.write(asks.progress.consent, given.version, given.agree))
+
+
+@router.post("/{name}/advance", summary="Go on to the next stage")
+async def advance(asks: AskingOf, left: Advance) -> State:
+    """Leave the instructions, the tutorial once it was played, or the debrief."""
+    return await asks.after(asks.write(asks.progress.advance, left.from_))
+
+
+@router.post("/{name}/answers", summary="Answer the questions")
+async def answers(asks: AskingOf, given: Answers) -> State:
+    """Check the answers: `right` says which were right, `why` explains the others; with all right the warm-up is next.
+
+    Every attempt is recorded.
+    """
+    with answering_study_errors():
+        right = await asks.write(asks.progress.answer, given.answers)
+    questions = asks.progress.study(asks.name).protocol.questions
+    why = ["" if each else question.why for each, question in zip(right, questions, strict=True)]
+    return {**await asks.state(), "right": right, "why": why}
+
+
+@router.post("/{name}/next", summary="Begin the next episode")
+async def begin_next(asks: AskingOf) -> State:
+    """Begin the next episode of the stage. While one runs nothing changes, so no terrain can be drawn again."""
+    return await asks.after(asks.progress.begin_next(asks.name, asks.player))
+
+
+@router.post("/{name}/give-up", summary="Give the running episode up")
+async def abandon(asks: AskingOf, given: AbandonEpisode) -> State:
+    """Abandon the running episode: its return so far minus `r_invalid` counts, and its terrain does not come again."""
+    frame = given.episode, given.step
+    return await asks.after(asks.progress.abandon(asks.name, asks.player, *frame))
+
+
+@router.post("/{name}/settings", summary="Choose keys, palette, touch")
+async def settings(asks: AskingOf, chosen: ParticipantSettings) -> State:
+    """Store keys, palette and modality with the participant: how somebody played is part of the data."""
+    with answering_study_errors():
+        actions = asks.progress.study(asks.name).protocol.rules.actions
+        if strange := [each for each in chosen.keys or {} if each not in actions]:
+            raise ValueError(f"keys: expected keys of {', '.join(actions)}, got {strange[0]!r}")
+    changed = chosen.model_dump(exclude_none=True)
+    return await asks.after(asks.write(asks.progress.set_settings, changed))
+
+
+@router.post("/{name}/supervise", summary="The operator's code")
+async def supervise(asks: AskingOf, typed: OperatorCode) -> State:
+    """Check the operator's code of the day, which `marsexplorer study supervise` prints: the session is supervised from now.
+
+    A wrong code is refused with 409 and recorded; after ten no code of this participant is looked at.
+    """
+    return await asks.after(asks.write(asks.progress.supervise, typed.code))
+
+
+@router.post("/{name}/withdraw", summary="Leave the study")
+async def withdraw(asks: AskingOf, chosen: Withdrawal | None = None) -> State:
+    """Withdraw and abandon the running episode, and ask that all be erased if `erase`; `note` says what becomes of it."""
+    erase = chosen is not None and chosen.erase
+    return await asks.after(asks.progress.withdraw(asks.name, asks.player, erase))
+
+
+@router.get("/{name}/debrief/{index}", summary="A terrain again, with a policy")
+async def debrief(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dict[str, Any]:
+    """Return your own episode and the policy's on the same terrain, frame by frame, once you are at the debrief.
+
+    Ranked terrains, in the order in which you played them, are shown once the study is closed.
+    """
+    study, trials = await asks.trials_at_debrief()
+    with answering_study_errors():
+        return await services_of(asks.request).debriefs.replays(study, trials, phase, index)
+
+
+@router.get("/{name}/debrief/{index}/costs", summary="What your moves on a terrain cost")
+async def debrief_costs(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dict[str, Any]:
+    """Return what the moves of your own episode cost, once you are at the debrief; of a ranked one once the study is closed."""
+    study, trials = await asks.trials_at_debrief()
+    with answering_study_errors():
+        own = own_trial(study, trials, phase, index)
+    store = asks.progress.lobby.store
+    record = await store.read(lambda: store.load_record(own.id))
+    return await costs_of(asks.request, record, study.policy_files)

@@ -1,1 +1,0 @@
-"""The environments that are played: one package each, behind `app.task`."""

@@ -1,0 +1,16 @@
+"""The package is imported by its own name."""
+
+import re
+
+from humanplay import ROOT
+
+FOLDERS = ("app", "marsexplorer", "tests", "research", "examples", "deploy", "docs")
+
+
+def test_nothing_imports_the_package_by_the_name_of_its_folder():
+    """The root of a checkout is on the path too, so `app` would be a second copy of every module."""
+    imports = re.compile(r"\bapp\.human" r"play\b|\bfrom app\b|\bimport app\b")
+    paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*")]
+    texts = [path for path in paths if path.suffix in {".py", ".md", ".toml", ".sh", ".json"}]
+    assert len(texts) > 500
+    assert [str(path) for path in texts if imports.search(path.read_text())] == []
