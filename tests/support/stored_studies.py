@@ -6,6 +6,9 @@ import itertools
 import json
 import random
 import secrets
+from contextlib import contextmanager
+
+import pytest
 
 from humanplay.db import chain
 from humanplay.db.series import StudyStore, add_series
@@ -28,8 +31,19 @@ IDENTITIES = {"PROLIFIC_PID": "5f3e9prolific{}zz", "SESSION_ID": "outside-sessio
 """What must never be found in a release, by participant."""
 
 
+@contextmanager
+def freezing_at(at_ms):
+    """Studies that are frozen within the block are so at this time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("humanplay.series.folder.now_ms", lambda: at_ms)
+        yield
+
+
 def freeze(root, name="dunes", close=True, config=CONFIG, draw=secrets.token_bytes, **rest):
-    """Return a frozen study of 2 + 3 episodes, closed unless `close` is False; `draw` gives its secret."""
+    """A study of 2 + 3 episodes, frozen before people come; closed unless `close` is False.
+
+    `draw` gives its secret.
+    """
     folder = Folder(root)
     known = {
         "warm_up": 2,
@@ -41,7 +55,8 @@ def freeze(root, name="dunes", close=True, config=CONFIG, draw=secrets.token_byt
         **rest,
     }
     folder.create(default_protocol(name, config, **known))
-    study = folder.freeze(name, draw=draw)
+    with freezing_at(BEGAN):
+        study = folder.freeze(name, draw=draw)
     return folder.close(name) if close else study
 
 

@@ -48,10 +48,10 @@ def series(conn: sqlite3.Connection, only: str | None = None) -> list[SeriesRow]
     return [SeriesRow(*row) for row in conn.execute(sql, (only, only))]
 
 
-def participants_of(conn: sqlite3.Connection, study: str) -> list[str]:
-    """Return the ids of a study's participants in the order in which they joined."""
-    sql = "SELECT id FROM participants WHERE study = ? ORDER BY joined_ms"
-    return [row[0] for row in conn.execute(sql, [study])]
+def participants_of(conn: sqlite3.Connection, study: str) -> list[tuple[str, int]]:
+    """The id of each participant of a study and when they joined, in that order."""
+    sql = "SELECT id, joined_ms FROM participants WHERE study = ? ORDER BY joined_ms"
+    return conn.execute(sql, [study]).fetchall()
 
 
 def episodes_of(conn: sqlite3.Connection, participant: str) -> list[dict[str, Any]]:

@@ -272,8 +272,12 @@ def check_beacon(
 def _check_participants(
     conn: sqlite3.Connection, protocol: Protocol, expected: _Expected
 ) -> Iterator[Finding]:
-    """Yield what is wrong with the episodes of a study's participants."""
-    for participant in participants_of(conn, expected.series.name):
+    """Yield what is wrong with a study's participants: when they joined, and their episodes."""
+    frozen_ms = expected.series.frozen_ms
+    for participant, joined_ms in participants_of(conn, expected.series.name):
+        if joined_ms < frozen_ms:
+            wanted = f"{frozen_ms} or later, when the study was frozen"
+            yield Finding(f"participant {participant}", "time of joining", joined_ms, wanted)
         episodes = episodes_of(conn, participant)
         order = None
         if protocol.agents is None:  # agents choose theirs

@@ -10,11 +10,12 @@ from humanplay.tasks.mars.players import NoisyPolicy
 from tests.support.command import run
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.independent_figures import figures
+from tests.support.stored_studies import freezing_at
 from tests.support.study import Person
 
 RANKED, WITHDRAWS, LEAVES, GIVES_UP, ERASED = 6, 7, 8, 9, 0
 HOURS_MS = 3 * 3_600_000
-"""Before the closing, so that nobody is interrupted by it."""
+"""From the freezing to the closing, so that nobody is interrupted by it."""
 
 
 def take_part(server, number):
@@ -47,9 +48,10 @@ def released(tmp_path, serve):
     assert run("study", "new", "walk", *plan, "--declarations", DECLARATIONS_FILE, *where) == 0
     path = tmp_path / "playground.db-studies/walk/protocol.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"debrief_policy": "frontier-cost"}))
-    assert run("study", "freeze", "walk", "--underpowered", *where) == 0
     server = serve()
     server.clock.set_back_ms = HOURS_MS
+    with freezing_at(server.clock.now_ms()):
+        assert run("study", "freeze", "walk", "--underpowered", *where) == 0
     people = [take_part(server, number) for number in range(10)]
     server.stop()
     assert run("study", "close", "walk", "--yes", *where) == 0

@@ -24,7 +24,14 @@ from humanplay.web.simulate import RefusedError
 from tests.support.beacons import OwnBeacon
 from tests.support.command import command, run
 from tests.support.declared import DECLARATIONS
-from tests.support.stored_studies import CONFIG, StudyRecorder, play_study, write_chain_anew
+from tests.support.stored_studies import (
+    BEGAN,
+    CONFIG,
+    StudyRecorder,
+    freezing_at,
+    play_study,
+    write_chain_anew,
+)
 from tests.support.study import Person
 
 ROUND_1000 = "b44679b9a59af2ec876b1a6b1ad52ea9b1615fc3982b19576350f93447cb1125e342b73a8dd2bacbe47e4b6b63ed5e39"
@@ -48,7 +55,8 @@ def frozen(root, beacon, name="dunes", **rest):
     """Return the folder of a study that waits for a round of the tests' own beacon."""
     folder = Folder(root)
     folder.create(default_protocol(name, CONFIG, **REST, **rest))
-    folder.freeze(name, beacon=beacon.after(now_ms() + 1000))
+    with freezing_at(BEGAN):
+        folder.freeze(name, beacon=beacon.after(now_ms() + 1000))
     return folder
 
 
@@ -151,7 +159,8 @@ def test_a_study_that_was_frozen_again_is_told_by_the_chain(tmp_path, capsys):
     for _ in range(2):
         Folder(studies).create(default_protocol("dunes", CONFIG, **REST))
         given = ("--underpowered", "--database", path)
-        assert run("study", "freeze", "dunes", *given) == 0
+        with freezing_at(BEGAN):
+            assert run("study", "freeze", "dunes", *given) == 0
         study = Folder(studies).study("dunes")
         (studies / "dunes").rename(tmp_path / f"kept-{study.commitment[:6]}")
     (tmp_path / f"kept-{study.commitment[:6]}").rename(studies / "dunes")

@@ -18,7 +18,14 @@ from tests.app.play.test_attestation import STARTED, burst
 from tests.support.agents import sealed
 from tests.support.command import command
 from tests.support.recorded import ask
-from tests.support.stored_studies import StudyRecorder, freeze, play_study, write_chain_anew
+from tests.support.stored_studies import (
+    BEGAN,
+    StudyRecorder,
+    freeze,
+    freezing_at,
+    play_study,
+    write_chain_anew,
+)
 from tests.support.study import Person
 from tests.support.study import freeze as freeze_small
 
@@ -322,6 +329,10 @@ RANKED = "(SELECT episode_id FROM series_episodes WHERE phase = 'ranked' AND tri
             "ranked terrains",
         ),
         ("UPDATE series_episodes SET trial = trial + 5 WHERE phase = 'warm_up'", "warm_up trials"),
+        (
+            "UPDATE participants SET joined_ms = (SELECT frozen_ms FROM series) - 1",
+            "time of joining",
+        ),
         ("DELETE FROM series_episodes WHERE phase = 'ranked' AND trial = 0", "ranked trials"),
         (
             f"UPDATE episodes SET attestation = 'supervised' WHERE id IN {RANKED.format(1)}",
@@ -437,7 +448,8 @@ def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_i
 def test_seeds_of_an_evaluation_are_not_held_to_another_freezing_of_its_study(tmp_path):
     other = freeze(tmp_path / "others")
     freeze(tmp_path / "play.db-studies", close=False)
-    agents = sealed(tmp_path / "play.db-studies", of="dunes")
+    with freezing_at(BEGAN):
+        agents = sealed(tmp_path / "play.db-studies", of="dunes")
     with closing(StudyRecorder(tmp_path / "play.db", agents)) as recorder:
         recorder.play(recorder.join(0, "script"), "ranked", 0)
         add_series(recorder.store, other.row())

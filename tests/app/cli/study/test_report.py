@@ -12,7 +12,7 @@ from humanplay.series.protocol import default_protocol
 from marsexplorer.config import EnvConfig
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS
-from tests.support.stored_studies import CONFIG, freeze, play_study
+from tests.support.stored_studies import BEGAN, CONFIG, freeze, freezing_at, play_study
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +135,8 @@ def test_other_studies_of_the_configuration_that_the_chain_knows_are_named(tmp_p
         config = EnvConfig("random", 9, 9, sensor_radius=3) if name == "alone" else CONFIG
         rest = {"policies": ("random",), "debrief_policy": "random", "declarations": DECLARATIONS}
         folder.create(default_protocol(name, config, warm_up=2, ranked=3, players=3, **rest))
-        assert command(capsys, "study", "freeze", name, "--underpowered", *where)[0] == 0
+        with freezing_at(BEGAN):
+            assert command(capsys, "study", "freeze", name, "--underpowered", *where)[0] == 0
         if name != "third":  # nobody came to it
             play_study(path, folder.study(name), first=10 * len(name))
             assert command(capsys, "study", "close", name, "--yes", "--now", *where)[0] == 0
