@@ -30,6 +30,7 @@ def figures(release):
     protocol = json.loads((release / "protocol.json").read_text(encoding="utf-8"))
     people = [row for row in rows_of(release, "participants") if row["kind"] == "human"]
     episodes = [row for row in rows_of(release, "episodes") if row["phase"] == "ranked"]
+    are_drawn = protocol["ranked"] >= 5 and not protocol["fixed_terrains"]
     limit = int(episodes[0]["max_steps"])
     worst = {"score": lowest_score(episodes[0]), "steps": float(limit)}
     finished = [row["participant"] for row in people if row["status"] == "finished"]
@@ -42,7 +43,7 @@ def figures(release):
                 if row["participant"] in ids and not (name == "everybody" and row["lowest"]):
                     place = ids.index(row["participant"]), int(row["terrain_index"])
                     table[place] = float(row[column])
-            ends = interval(table, worst[metric])
+            ends = interval(table, worst[metric], are_drawn)
             found[name][metric] = float(table.mean(1).mean()), ends
     with closing(sqlite3.connect(release / "study.sqlite")) as conn:
         query = "SELECT count(*) FROM meta WHERE name LIKE 'erased|%'"
@@ -58,18 +59,23 @@ def lowest_score(episode):
     return -0.5 * int(episode["max_steps"]) / (3 * int(episode["rows"]) * int(episode["cols"]))
 
 
-def interval(table, worst):
-    """Return the 95 % interval of a table without gaps; None below five participants."""
+def interval(table, worst, are_drawn):
+    """Return the 95 % interval of a table without gaps; None below five participants.
+
+    are_drawn  whether it is for other terrains too
+    """
     if len(table) < 5:
         return None
     seen = table + UNSEEN / len(table) * (worst - table)
     low, high = (seen, table) if worst < table.mean() else (table, seen)
-    return low_end(low), -low_end(-high)
+    return low_end(low, are_drawn), -low_end(-high, are_drawn)
 
 
-def low_end(table):
+def low_end(table, are_drawn):
     """Return the lowest mean under other weights on participants, on terrains, and half each."""
     people, terrains = table.mean(1), table.mean(0)
+    if not are_drawn:
+        return lowest(people, radius(len(people), 1))
     most = largest_radius(*table.shape)
     one, both = (
         (
