@@ -329,6 +329,16 @@ class Protocol(_Part):
             raise ValueError(f"outside_ids must differ from each other, got {', '.join(given)}")
         return given
 
+    @field_validator("return_url")
+    @classmethod
+    def _code_alone_is_filled_in(cls, url: str | None) -> str | None:
+        other = re.search(r"\{(?!code\})[^}]*\}?", url or "")
+        if other is not None:
+            raise ValueError(
+                f"return_url has {{code}} for the completion code and no other placeholder, got {other[0]}"
+            )
+        return url
+
     @model_validator(mode="after")
     def _panel_names_people(self) -> Protocol:
         if self.recruitment == "panel" and not self.outside_ids:

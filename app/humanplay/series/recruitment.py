@@ -53,6 +53,12 @@ WRONG_PANEL_LINK = (
     "this link was not made for this id: open the link that you were sent just as it stands, or ask whoever sent it to "
     "you for a new one"
 )
+UNFILLED = (
+    "this link has {value} as {name}, which the recruitment platform should have replaced by your participant ID: accept the "
+    "study on the platform and begin it there; if you did, tell whoever invited you that their link is not set up"
+)
+NO_ASSIGNMENT = "ASSIGNMENT_ID_NOT_AVAILABLE"
+"""What Mechanical Turk sends while somebody only looks at a task."""
 NO_ID = "open this study from the site that sent you: its link says who you are there, and this one does not"
 
 
@@ -201,6 +207,8 @@ class Recruitment:
             return
         name, is_panel = study.protocol.outside_ids[0], study.protocol.recruitment == "panel"
         value = comes.outside_ids.get(name)
+        if value is not None and _is_unfilled(value):
+            raise StageError(UNFILLED.format(value=value.strip(), name=name))
         if value is None or (is_panel and not plain(value)):
             if is_panel and found is None:
                 raise StageError(NO_ID)
@@ -257,6 +265,12 @@ def panel_link(study: Study, value: str, base: str) -> str:
 def plain(value: str) -> str:
     """Return an outside id without spaces and case: what two ids are compared by."""
     return re.sub(r"\s+", "", value).casefold()
+
+
+def _is_unfilled(value: str) -> bool:
+    """Whether an id is a platform's placeholder, like `{{%PROLIFIC_PID%}}`, and so names nobody."""
+    name = value.strip()
+    return "{" in name or name == NO_ASSIGNMENT or re.fullmatch("%[^%]+%", name) is not None
 
 
 def _same(one: str, other: str, is_panel: bool) -> bool:

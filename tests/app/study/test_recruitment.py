@@ -21,6 +21,7 @@ from humanplay.series.recruitment import (
     NO_ID,
     NO_INVITATION,
     REVOKED,
+    UNFILLED,
     USED,
     WRONG_INVITATION,
     WRONG_PANEL_LINK,
@@ -239,6 +240,25 @@ def test_a_panel_needs_its_id_and_takes_each_once_whatever_its_case(serve, tmp_p
     assert second.call("join")["stage"] == "instructions"
     assert second.call("join", {"outside_ids": {PID: "abc5f1"}})["stage"] == "instructions"
     assert "takes part for another" in second.refused("join", {"outside_ids": {PID: "abd"}})
+
+
+@pytest.mark.parametrize("recruitment", ["open", "panel"])
+def test_a_placeholder_that_the_platform_left_unfilled_names_nobody(serve, tmp_path, recruitment):
+    freeze(tmp_path / "playground.db-studies", recruitment=recruitment)
+    server = serve()
+    unfilled = "{{%PROLIFIC_PID%}}", "ASSIGNMENT_ID_NOT_AVAILABLE", " %SURVEY_CODE% ", "{survey_code}"
+    for value in unfilled:
+        _, status, detail = comes(server, outside_ids={PID: value})
+        assert (status, detail) == (409, UNFILLED.format(value=value.strip(), name=PID))
+    assert rows(server, "SELECT count(*) FROM participants") == [(0,)]
+    assert comes(server, outside_ids={PID: "5f1", "SESSION_ID": "{{%SESSION_ID%}}"})[1] == 201
+
+
+def test_a_return_address_has_the_completion_code_as_its_only_placeholder(tmp_path):
+    with pytest.raises(StudyError, match=r"no other placeholder, got \{survey_code\}"):
+        freeze(tmp_path, return_url="https://site.example/back?code={survey_code}")
+    study = freeze(tmp_path, return_url="https://site.example/back?code={code}")
+    assert study.protocol.return_url == "https://site.example/back?code={code}"
 
 
 def test_an_id_with_characters_that_nobody_sees_is_refused(serve, tmp_path):
