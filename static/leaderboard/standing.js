@@ -108,7 +108,7 @@ export function ranksNote({ board, people, policies }, isBroken) {
   const origin = came[0]?.shipped;
   if (origin) {
     const whose = came.length === policies.length ? "The policies' figures" : `The figures of ${came.map(({ name }) => policyName(name)).join(", ")}`;
-    parts.push(`${whose} came with MarsExplorer ${origin.version}; \u201c${origin.command}\u201d makes them again.`);
+    parts.push(`${whose} come with MarsExplorer; \u201c${origin.command}\u201d makes them again.`);
   }
   return parts.join(" ");
 }

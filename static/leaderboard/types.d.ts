@@ -14,7 +14,7 @@ declare namespace Leaderboard {
   type Policy = {
     name: string, state: "ready" | "missing" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null,
     error: string | null, human_likeness?: number | null, summary?: string,
-    shipped?: {version: string, command: string} | null,
+    shipped?: {command: string} | null,
   };
   type BoardListing = {
     id: string, title: string, study: string | null, level: string, rows: number, cols: number, max_steps: number,

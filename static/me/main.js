@@ -6,7 +6,7 @@ import { ticks, tickText } from "../common/chart_scale.js";
 import { chartColours, create, by, put } from "../common/page.js";
 import { loadTask } from "../common/task.js";
 import { percent, score } from "../common/words.js";
-import { beatenText, bestText, gapsText, standingText, summary, terrainText } from "./words.js";
+import { beatenText, bestText, gapsText, kindText, standingText, summary, terrainText } from "./words.js";
 
 /** @type {Task} */
 let task;
@@ -37,10 +37,11 @@ function bestPanel(figure) {
 
 /** @param {Me.Episode} episode @returns the row of one episode */
 function episodeRow(episode) {
-  const { kind, day, outcome, moves, coverage, not_attested: reason } = episode;
+  const { outcome, moves, coverage } = episode;
+  const [kind, reason] = kindText(episode);
   const when = create("a", timeText(episode.ended_ms), { href: `watch/${encodeURIComponent(episode.episode)}` });
-  const kindCell = create("td", kind === "daily" ? `daily ${day}` : kind, { class: "wide" });
-  if (reason) kindCell.title = `Does not count: ${reason}`;
+  const kindCell = create("td", kind, { class: "wide" });
+  kindCell.title = reason;
   return create("tr", [
     create("th", when, { scope: "row" }), create("td", terrainText(episode)), kindCell,
     create("td", outcome === "abandoned" ? "left" : task.outcome(outcome), { class: outcome === "explored" ? "good" : outcome === "abandoned" ? "left" : "bad" }),

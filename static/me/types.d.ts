@@ -2,13 +2,13 @@
 
 declare namespace Me {
   type Episode = {
-    episode: string, kind: "daily" | "ranked" | "practice", day: string | null, level: string, rows: number,
+    episode: string, kind: "daily" | "ranked" | "practice", counts: boolean, day: string | null, level: string, rows: number,
     cols: number, outcome: string, moves: number, coverage: number, score: number, ended_ms: number,
-    not_attested: string | null,
+    not_attested: string | null, met_before: boolean,
   };
   type Best = {
     level: string, rows: number, cols: number, max_steps: number, episodes: number, explored: number,
-    best: Episode | null, people: {means: number[], you: number | null, ranked: number},
+    best: Episode | null, people: {means: number[], you: number | null, ranked: number, missing: number},
   };
   type Standing = {name: string | null, rating: number | null, before?: number | null, rated?: boolean, games: number, days: number, beaten: Record<string, number>, hidden?: boolean};
   /** An episode beside Expert's: the moves that it counts more, below 0 for fewer. */

@@ -31,14 +31,23 @@ export function personalText({ episodes, bests }, episode) {
   return [better, record, why].filter(Boolean).join(" ");
 }
 
+/** @param {Me.Episode} episode @returns what an episode was, and why a ranked one does not count, "" where nothing is to be said */
+export function kindText({ kind, day, counts, not_attested: reason, met_before: isKnown }) {
+  if (kind === "daily") return [`daily ${day}`, reason ? `Does not count: ${reason}` : ""];
+  if (kind === "practice" || counts) return [kind, ""];
+  const why = reason ?? (isKnown ? "you had met its terrain before" : "");
+  return ["ranked, does not count", why && `Does not count: ${why}`];
+}
+
 /** @param {Me.Best} best @returns where a player's ranked episodes stand among the volunteers' */
-export function standingText({ people: { means, you, ranked } }) {
+export function standingText({ people: { means, you, ranked, missing } }) {
   if (you === null) {
-    return means.length ? `${many(means.length, "person", "people")} played this ranked. Play it ranked, and your dot stands among theirs.`
-      : "Nobody has played this ranked yet. You could be the first.";
+    const own = `${ranked ? `You have ${many(ranked, "ranked episode")} that ${ranked === 1 ? "counts" : "count"}` : "You have none here that counts yet"}`;
+    return `A mean and a place need ${many(ranked + missing, "ranked episode")}. ${own}: ${missing} ${missing === 1 ? "is" : "are"} missing. `
+      + (means.length ? `${many(means.length, "person", "people")} ${means.length === 1 ? "has" : "have"} so many.` : "Nobody has so many yet.");
   }
   const mean = `You need ${you.toFixed(1)} moves on average, over ${many(ranked, "ranked episode")}`;
-  if (means.length < 2) return `${mean}. You are the only person so far.`;
+  if (means.length < 2) return `${mean}. You are the only person with so many so far.`;
   const better = means.filter((each) => each < you).length;
   return `${mean}: place ${better + 1} of ${many(means.length, "person", "people")}. A terrain that was not finished counts the limit.`;
 }

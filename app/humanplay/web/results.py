@@ -11,12 +11,14 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import Response
 
+from humanplay.board.session import HUMAN
 from humanplay.db.export import ExportTable, write_human_scores, write_table
 from humanplay.db.reader import Reader
 from humanplay.db.series import count_finished
 from humanplay.db.trial import Trial
-from humanplay.db.volunteers import player_sums, players_of
+from humanplay.db.volunteers import Sums, player_sums, players_of
 from humanplay.report.costs import cost_cache
+from humanplay.report.statistics.human_level import LEAST_EPISODES
 from humanplay.series.policy_files import EXPERT, PolicyFiles
 from humanplay.series.protocol import StudyError
 from humanplay.series.texts import PAPER_PLAYERS, PAPER_STUDY
@@ -179,11 +181,16 @@ async def export_human_scores(request: Request) -> Response:
 
 
 def describe_own(trial: Trial) -> dict[str, Any]:
-    """Return an episode of a player's own list; `kind` is "daily", "ranked" or "practice"."""
+    """Return an episode of a player's own list; `kind` is "daily", "ranked" or "practice".
+
+    `counts` says whether a ranked one enters the volunteers' figures.
+    """
     config = trial.config
+    is_practice = trial.assisted or trial.seed_chosen or trial.driver != HUMAN
     return {
         "episode": trial.id,
-        "kind": "daily" if trial.day else "ranked" if trial.counts else "practice",
+        "kind": "daily" if trial.day else "practice" if is_practice else "ranked",
+        "counts": trial.counts,
         "day": trial.day,
         "level": config.level,
         "rows": getattr(config, "rows", None),
@@ -194,6 +201,7 @@ def describe_own(trial: Trial) -> dict[str, Any]:
         "score": trial.score,
         "ended_ms": trial.ended_ms,
         "not_attested": trial.attestation_reason,
+        "met_before": trial.terrain_met_before,
     }
 
 
@@ -221,11 +229,24 @@ def _figure(
 
 
 def _standing(reader: Reader, config: Configuration, player: str) -> dict[str, Any]:
-    """Return each volunteer's mean moves to 99 %, sorted and without names, and the player's own: None without ranked ones."""
-    own, volunteers = player_sums(reader, config.hash, player), players_of(reader, config.hash)
-    means = sorted(round(each.steps / each.episodes, 1) for each in volunteers)
-    yours = None if own is None else round(own.steps / own.episodes, 1)
-    return {"means": means, "you": yours, "ranked": 0 if own is None else own.episodes}
+    """Return volunteers' mean moves to 99 %, sorted and without names, and the player's own.
+
+    A mean is of LEAST_EPISODES ranked episodes that count, or more; `you` is None while `missing` are missing.
+    """
+    own = player_sums(reader, config.hash, player)
+    ranked = 0 if own is None else own.episodes
+    missing = max(0, LEAST_EPISODES - ranked)
+    entering = [each for each in players_of(reader, config.hash) if each.episodes >= LEAST_EPISODES]
+    return {
+        "means": sorted(_mean_steps(each) for each in entering),
+        "you": None if own is None or missing else _mean_steps(own),
+        "ranked": ranked,
+        "missing": missing,
+    }
+
+
+def _mean_steps(sums: Sums) -> float:
+    return round(sums.steps / sums.episodes, 1)
 
 
 @mine.get("/history", summary="My own episodes and bests")

@@ -15,6 +15,19 @@ from tests.support.recorded_daily import DAY, play_daily
 CONFIG = EnvConfig("random", 9, 13, sensor_radius=3)
 
 
+def test_a_ranked_episode_that_does_not_count_is_ranked_all_the_same(store):
+    attested = play(store, 1, "ada", explore=True, config=CONFIG)
+    again = play(store, 1, "ada", explore=True, config=CONFIG, terrain_met_before=True)
+    chosen = play(store, 2, "ada", explore=True, config=CONFIG, seed_chosen=True)
+    with closing(Reader.open(store.path, public=True)) as reader:
+        shown = {row.id: describe_own(row) for row in reader.played_by("ada")}
+    own = [shown[row.id] for row in (attested, again, chosen)]
+    assert [(episode["kind"], episode["counts"]) for episode in own] == [
+        ("ranked", True), ("ranked", False), ("practice", False)
+    ]  # fmt: skip
+    assert [episode["met_before"] for episode in own] == [False, True, False]
+
+
 def read(store, player, limit, after):
     """Return a page of a player's episodes, and how many rows were made for it and the bests."""
     made, of = [], Trial.of
@@ -32,7 +45,7 @@ def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is
     store,
 ):
     for player in ("ada", "bob", "cy"):
-        for seed in range(3):
+        for seed in range(5 if player != "bob" else 4):
             play(store, seed + 10 * ord(player[0]), player, explore=player != "cy", config=CONFIG)
     mine = [play(store, seed, "ada", explore=True, config=CONFIG, **rest) for seed, rest in (
         (7, {"seed_chosen": True}), (8, {"assisted": True}), (9, {"driver": "script"})
@@ -52,12 +65,16 @@ def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is
         for row in rows
         if row.driver == "human" and not row.seed_chosen and row.outcome == "explored"
     ]
-    assert (best["episodes"], best["explored"], best["best"]["moves"]) == (7, 6, min(fresh))
+    assert (best["episodes"], best["explored"], best["best"]["moves"]) == (9, 8, min(fresh))
     own = [row.steps for row in rows if row.id in counted]
-    assert (best["people"]["ranked"], best["people"]["you"]) == (3, round(sum(own) / 3, 1))
-    assert best["people"]["means"] == sorted(
-        [best["people"]["you"], bobs["people"]["you"], float(CONFIG.limit)]
+    assert (best["people"]["ranked"], best["people"]["you"]) == (5, round(sum(own) / 5, 1))
+    # bob has four, which make no mean
+    assert (bobs["people"]["you"], bobs["people"]["ranked"], bobs["people"]["missing"]) == (
+        None,
+        4,
+        1,
     )
+    assert best["people"]["means"] == sorted([best["people"]["you"], float(CONFIG.limit)])
     pages = [read(store, "ada", 4, after) for after in (None, rows[3].id)]
     assert [each.id for page, _ in pages for each in page] == [each.id for each in rows]
     assert [made for _, made in pages] == [4 + 1, 3 + 1], "a page, and the best"

@@ -246,7 +246,12 @@ def test_a_panel_needs_its_id_and_takes_each_once_whatever_its_case(serve, tmp_p
 def test_a_placeholder_that_the_platform_left_unfilled_names_nobody(serve, tmp_path, recruitment):
     freeze(tmp_path / "playground.db-studies", recruitment=recruitment)
     server = serve()
-    unfilled = "{{%PROLIFIC_PID%}}", "ASSIGNMENT_ID_NOT_AVAILABLE", " %SURVEY_CODE% ", "{survey_code}"
+    unfilled = (
+        "{{%PROLIFIC_PID%}}",
+        "ASSIGNMENT_ID_NOT_AVAILABLE",
+        " %SURVEY_CODE% ",
+        "{survey_code}",
+    )
     for value in unfilled:
         _, status, detail = comes(server, outside_ids={PID: value})
         assert (status, detail) == (409, UNFILLED.format(value=value.strip(), name=PID))

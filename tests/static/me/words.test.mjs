@@ -1,16 +1,31 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { beatenText, ratingText, bestText, gapsText, personalText, standingText, summary, terrainText } from "../../../static/me/words.js";
+import { beatenText, ratingText, bestText, gapsText, kindText, personalText, standingText, summary, terrainText } from "../../../static/me/words.js";
 
 const task = taskOf();
-const best = { level: "random", rows: 21, cols: 42, max_steps: 882, episodes: 4, explored: 3, best: null, people: { means: [80, 90.5, 120], you: 90.5, ranked: 2 } };
+const best = { level: "random", rows: 21, cols: 42, max_steps: 882, episodes: 4, explored: 3, best: null, people: { means: [80, 90.5, 120], you: 90.5, ranked: 5, missing: 0 } };
 
 test("a player's place is among the people, by their mean", () => {
-  assert.equal(standingText(best), "You need 90.5 moves on average, over 2 ranked episodes: place 2 of 3 people. A terrain that was not finished counts the limit.");
-  assert.match(standingText({ ...best, people: { means: [80], you: 80, ranked: 1 } }), /only person so far/);
-  assert.match(standingText({ ...best, people: { means: [80], you: null, ranked: 0 } }), /^1 person played this ranked\./);
-  assert.match(standingText({ ...best, people: { means: [], you: null, ranked: 0 } }), /could be the first/);
+  assert.equal(standingText(best), "You need 90.5 moves on average, over 5 ranked episodes: place 2 of 3 people. A terrain that was not finished counts the limit.");
+  assert.match(standingText({ ...best, people: { means: [80], you: 80, ranked: 6, missing: 0 } }), /only person with so many so far/);
+});
+
+test("below five ranked episodes there is no mean and no place, and the page says how many are missing", () => {
+  const of = (ranked, means) => standingText({ ...best, people: { means, you: null, ranked, missing: 5 - ranked } });
+  const needs = "A mean and a place need 5 ranked episodes.";
+  assert.equal(of(0, []), `${needs} You have none here that counts yet: 5 are missing. Nobody has so many yet.`);
+  assert.equal(of(1, [80]), `${needs} You have 1 ranked episode that counts: 4 are missing. 1 person has so many.`);
+  assert.equal(of(4, [80, 90]), `${needs} You have 4 ranked episodes that count: 1 is missing. 2 people have so many.`);
+});
+
+test("a ranked episode that does not count is called that, and says why", () => {
+  const of = (episode) => kindText({ kind: "ranked", counts: false, day: null, not_attested: null, met_before: false, ...episode });
+  assert.deepEqual(of({ counts: true }), ["ranked", ""]);
+  assert.deepEqual(of({ kind: "practice" }), ["practice", ""]);
+  assert.deepEqual(of({ kind: "daily", day: "2026-01-02" }), ["daily 2026-01-02", ""]);
+  assert.deepEqual(of({ met_before: true }), ["ranked, does not count", "Does not count: you had met its terrain before"]);
+  assert.deepEqual(of({ not_attested: "too fast" }), ["ranked, does not count", "Does not count: too fast"]);
 });
 
 test("the page says in a sentence what was driven", () => {

@@ -10,7 +10,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
-from importlib.metadata import version
 from operator import add, attrgetter
 from pathlib import Path
 from typing import Any
@@ -31,7 +30,6 @@ from humanplay.series.policy_files import FOLDER, PolicyFiles
 from humanplay.task import MARS, Configuration, PolicyError, rules_of
 from humanplay.web.leaderboard.evaluations import (
     Evaluation,
-    Origin,
     ShippedFigure,
     ShippedFigures,
     file_sha256,
@@ -253,22 +251,21 @@ def make_board(
     from humanplay.tasks.mars.policies import PolicyCatalogue
 
     command = f"marsexplorer leaderboard --board {entry.id} --out data/leaderboard"
-    origin = Origin(version("humanplay"), command)
     size = (entry.config.rows, entry.config.cols)
     offers = [each for each in PolicyCatalogue().offers() if each.size in (None, size)]
     wanted = list(entry.evaluations({each.name: each.source for each in offers}).values())
     waiting = []
     for each in reversed(wanted):  # the slowest first
         old = kept.find(each) if kept is not None and each.policy not in again else None
-        waiting.append(old or jobs.submit(make_figure, each, origin))
+        waiting.append(old or jobs.submit(make_figure, each, command))
     figures = []
     for figure in reversed(waiting):
         figures.append(figure if isinstance(figure, ShippedFigure) else figure.result())
         advance(len(figures), len(wanted))
-    return to_document(entry.config, entry.seeds, figures, origin)
+    return to_document(entry.config, entry.seeds, figures, command)
 
 
-def make_figure(wanted: Evaluation, origin: Origin) -> ShippedFigure:
+def make_figure(wanted: Evaluation, command: str) -> ShippedFigure:
     """Play an evaluation and return its figure."""
     figure, steps = wanted.play()
-    return ShippedFigure(wanted.policy, file_sha256(wanted.policy), tuple(steps), figure, origin)
+    return ShippedFigure(wanted.policy, file_sha256(wanted.policy), tuple(steps), figure, command)

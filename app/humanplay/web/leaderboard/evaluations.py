@@ -12,7 +12,7 @@ import logging
 import threading
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Future
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -67,18 +67,11 @@ def policy_hash(source: str) -> str:
 
 
 @dataclass(frozen=True)
-class Origin:
-    """Where a file of figures comes from: the version of the package and the command that made it."""
-
-    version: str
-    command: str
-
-
-@dataclass(frozen=True)
 class ShippedFigure:
-    """A policy's figure and its origin.
+    """A policy's figure.
 
-    steps   to 99 % on each terrain, in the order of the seeds
+    command  made its file
+    steps    to 99 % on each terrain, in the order of the seeds
     figure  as `humanplay.report.statistics.summaries.summarize_episodes` returns it
     """
 
@@ -86,7 +79,7 @@ class ShippedFigure:
     file_sha256: str | None
     steps: tuple[int, ...]
     figure: dict[str, Any]
-    origin: Origin
+    command: str
 
 
 class ShippedFigures:
@@ -124,16 +117,16 @@ def file_sha256(policy: str) -> str | None:
 
 
 def to_document(
-    config: Configuration, seeds: Iterable[int], figures: Iterable[ShippedFigure], origin: Origin
+    config: Configuration, seeds: Iterable[int], figures: Iterable[ShippedFigure], command: str
 ) -> str:
     """Return the text of a configuration's file of shipped figures: JSON, a line for each policy."""
     head = {
-        "format": FORMAT, "core_version": rules_of(MARS).version, **asdict(origin), "config": config.to_dict(),
+        "format": FORMAT, "core_version": rules_of(MARS).version, "command": command, "config": config.to_dict(),
         "depends_on": f"{config.hash}|{_digest(seeds)}",
     }  # fmt: skip
     rows = [{**vars(figure)} for figure in figures]
     for row in rows:
-        del row["origin"]
+        del row["command"]
     lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
     return json.dumps(head)[:-1] + f', "policies": [\n{lines}\n]}}\n'
 
@@ -166,7 +159,7 @@ class PolicyEvaluations:
         state, error = ("ready", None) if figure else self._begun(wanted, key, begins)
         count = len(wanted.seeds)
         done = count if figure else self._progress.get(key, 0)
-        shipped = came and asdict(came.origin)
+        shipped = came and {"command": came.command}
         shown = {"figure": figure, "shipped": shipped, "error": error}
         return {"state": state, "done": done, "of": count, **shown}
 
@@ -223,9 +216,8 @@ def _read_shipped(path: Path, key: str) -> list[ShippedFigure]:
     names = ("format", "core_version", "depends_on")
     if [found[name] for name in names] != [FORMAT, rules_of(MARS).version, key]:
         return []
-    origin = Origin(found["version"], found["command"])
     return [
-        ShippedFigure(row["policy"], row["file_sha256"], tuple(row["steps"]), row["figure"], origin)
+        ShippedFigure(row["policy"], row["file_sha256"], tuple(row["steps"]), row["figure"], found["command"])
         for row in found["policies"]
     ]  # fmt: skip
 
