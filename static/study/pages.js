@@ -71,7 +71,7 @@ export function paintPages(before) {
     }
     if (participant) {
       const hasPlayed = participant.stage !== "consent";
-      by("leave-erase").hidden = !hasPlayed;
+      by("leave-erase").hidden = !hasPlayed || !participant.can_be_erased;
       put(by("leave-now"), hasPlayed ? "Leave, and keep what I have played without my name" : "Leave the study");
     }
     if (participant && screen === "consent") paintConsent(participant);

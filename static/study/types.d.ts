@@ -21,7 +21,7 @@ declare namespace Study {
     study: string, title: string, participant: string, stage: Stage, consent: {version: string, text: string},
     questions: {question: string, choices: string[]}[], right: boolean[] | null, why?: string[] | null,
     warm_up: {done: number, of: number}, ranked: {done: number, of: number}, tutorial: {done: boolean},
-    break_due: boolean, pause_after_s: number, rules: Record<string, string>,
+    break_due: boolean, can_be_erased: boolean, pause_after_s: number, rules: Record<string, string>,
     session: string | null, about: About | null, phase: Phase | null,
     settings: {modality?: Settings["modality"] | null, palette?: PaletteName | null, keys?: Keys | null},
     debrief: Debrief | null, note?: string | null, invited: boolean, supervised_until_ms: number | null, task: Task,

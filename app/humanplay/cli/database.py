@@ -335,7 +335,7 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
 @option(
     "--asked-by",
     type=click.Choice(["participant", "operator", "review board"]),
-    help="Who asked for it: the report of the study says so.",
+    help="Who asked for it: the report of the study says so.  [default: participant, if they asked on their page]",
 )
 @flag("--player", "A player by the name that they chose.")
 @database_option("The database to erase them from.")

@@ -75,7 +75,7 @@ def forget(
     """Erase a participant, write the file anew and return what was erased.
 
     name      a participant's id, the label their page shows, an outside id of theirs or the id of an agent's card
-    asked_by  who asked for it; None: that is not said
+    asked_by  who asked for it; None: the participant if they did so on their page, else that is not said
 
     The database must not be in use: StoreError while a server, or any other program, has it open.
     """
@@ -154,7 +154,8 @@ def _erase_rows(
     values = [(each, now) for each in hashes]
     conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", values)
     if not keeps and person["kind"] == "human":
-        note_erased(conn, person, now, closed_ms is not None, asked_by)
+        asked = asked_by or ("participant" if asks_erasure(conn, person["id"]) else None)
+        note_erased(conn, person, now, closed_ms is not None, asked)
     sql = "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?"
     elsewhere = conn.execute(sql, (person["player_id"], person["id"])).fetchall()
     sessions = _sessions_of(conn, person, {row[0] for row in elsewhere})
@@ -350,6 +351,13 @@ def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None
         found = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [name]).fetchall()
         target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", found)
     chain.append_marks(target, chain.said_alone(source))
+
+
+def asks_erasure(conn: sqlite3.Connection, participant_id: str) -> bool:
+    """Whether a participant withdrew and asked that what they had played be erased."""
+    sql = """SELECT 1 FROM stage_events WHERE participant_id = ? AND kind = 'withdrawn'
+        AND json_extract(detail, '$.erase')"""
+    return conn.execute(sql, [participant_id]).fetchone() is not None
 
 
 def note_erased(

@@ -17,7 +17,7 @@ from typing import Any
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
 from humanplay.db.database import rows
-from humanplay.db.erasure import ARRIVALS, ERASED, invitation_hash
+from humanplay.db.erasure import ARRIVALS, ERASED, asks_erasure, invitation_hash
 from humanplay.db.playground import MOVES
 from humanplay.db.reader import ATTESTED, TRIAL, Reader
 from humanplay.db.store import Store
@@ -191,9 +191,7 @@ class StudyStore:
 
     def asks_erasure(self, participant_id: str) -> bool:
         """Whether a participant withdrew and asked that what they had played be erased."""
-        sql = """SELECT 1 FROM stage_events WHERE participant_id = ? AND kind = 'withdrawn'
-            AND json_extract(detail, '$.erase')"""
-        return self._conn.execute(sql, [participant_id]).fetchone() is not None
+        return asks_erasure(self._conn, participant_id)
 
     def set_settings(self, participant_id: str, at_ms: int, settings: Mapping[str, Any]) -> None:
         """Set a participant's settings, and add the change to their events."""

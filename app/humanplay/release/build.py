@@ -16,8 +16,10 @@ from typing import Any
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
 from humanplay.db.database import StoreError, reading, rows, transaction, writing
+from humanplay.db.erasure import asks_erasure
 from humanplay.db.reader import Reader
 from humanplay.db.releases import ReleaseRow, latest_release, note_release
+from humanplay.db.study_rows import participant_label
 from humanplay.db.trial import Trial
 from humanplay.release import signing
 from humanplay.release.bundle import initials
@@ -63,6 +65,7 @@ from humanplay.series.policy_episodes import PolicyEpisode, closed_seeds, compar
 from humanplay.series.policy_files import EXPERT, FOLDER, PolicyFiles
 from humanplay.series.protocol import Protocol, StudyError, parse_protocol
 from humanplay.series.verification import verify_moment
+from humanplay.task import counted
 from marsexplorer.files import replace_whole
 
 FORGOTTEN_REASON = "a participant asked to be forgotten"
@@ -227,6 +230,7 @@ def _new_header(
             f"the study {request.study!r} is still open and a release would give its terrains away: close it first with "
             f"`marsexplorer study close {request.study}`"
         )
+    _check_erased(conn, request.study)
     last = latest_release(conn, request.study)
     entries, head = chain.head(conn)
     return ReleaseHeader(
@@ -246,6 +250,18 @@ def _new_header(
         without_policies=request.without_policies,
         arrivals=count_arrivals(conn, request.study, request.invitations),
     ), closed
+
+
+def _check_erased(conn: sqlite3.Connection, study: str) -> None:
+    """Check that nobody is left who asked to be erased: what is published cannot be called back."""
+    people = rows(conn, "SELECT id FROM participants WHERE study = ? ORDER BY joined_ms", study)
+    asking = [participant_label(row["id"]) for row in people if asks_erasure(conn, row["id"])]
+    if asking:
+        number = counted(len(asking), "participant")
+        commands = ", ".join(f"`marsexplorer forget {label}`" for label in asking)
+        raise ReleaseError(
+            f"{number} of {study!r} asked to be erased: stop the server and run {commands} first"
+        )
 
 
 def _protocol(row: dict[str, Any]) -> Protocol:

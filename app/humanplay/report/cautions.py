@@ -17,6 +17,7 @@ from humanplay.series.policy_episodes import closed_seeds
 from humanplay.series.protocol import protocol_hash
 from humanplay.series.seeds import commitment
 from humanplay.task import Words
+from marsexplorer.intervals import FEWEST
 
 if TYPE_CHECKING:
     from humanplay.report.model import GroupReport
@@ -43,6 +44,7 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
             f"{counted(figure.players, 'player')} {are} few: their spread, and with it every interval, is poorly known."
         )
     found += _about_bounds(data)
+    found += _about_shared_terrains(data, group)
     found += _about_who_is_missing(group)
     if group.kind == "human":
         found += _about_erased(data, group)
@@ -51,6 +53,16 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         found += _about_other_studies(data)
         found += _about_exports(data)
     return tuple(found)
+
+
+def _about_shared_terrains(data: StudyData, group: GroupReport) -> Iterable[str]:
+    """Yield why policies are not tested where too few terrains were played by all of them and by people."""
+    shared = min((row.terrains for row in group.comparisons), default=FEWEST)
+    if data.protocol.terrains_drawn and shared < FEWEST:
+        yield (
+            f"{counted(shared, 'terrain')} {'was' if shared == 1 else 'were'} played by people and by every policy; a claim "
+            f"about other terrains needs {FEWEST}: no difference has an interval or a p."
+        )
 
 
 def _about_who_is_missing(group: GroupReport) -> Iterable[str]:

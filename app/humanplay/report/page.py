@@ -17,7 +17,6 @@ from humanplay.report.charts import charts
 from humanplay.report.checklist import CITATION
 from humanplay.report.model import SYNTHETIC, Report
 from humanplay.report.statistics.formatting import templates
-from humanplay.report.statistics.study_figures import why_no_interval
 from humanplay.report.tables import (
     LEVELS_IN_WORDS,
     checklist_table,
@@ -98,7 +97,7 @@ def _sections(report: Report) -> Iterator[tuple[Any, ...]]:
             figures = group.figure, group.everybody
             both = [each for figure in figures for each in (figure.score, figure.steps)]
             estimates = [each for each in both if each is not None]
-            has_interval = any(why_no_interval(each) is None for each in estimates)
+            has_interval = any(each.interval is not None for each in estimates)
             yield group, group_tables(report, group), charts(report, group), has_interval
 
 

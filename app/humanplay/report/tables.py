@@ -13,7 +13,7 @@ from humanplay.report.model import GroupReport, Metric, Report
 from humanplay.report.statistics.exclusion_sets import LOWEST_IN_WORDS, METRICS, Lowest
 from humanplay.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
 from humanplay.report.statistics.intervals import Estimate, Interval
-from humanplay.report.statistics.study_figures import StudyFigure, why_no_interval
+from humanplay.report.statistics.study_figures import StudyFigure
 from humanplay.series.flow import STATUS_IN_WORDS, Status
 from humanplay.task import rules_of
 
@@ -196,8 +196,7 @@ def _estimates(figure: StudyFigure) -> tuple[str, ...]:
 def _estimate(estimate: Estimate | None, digits: int) -> str:
     if estimate is None:
         return NONE
-    interval = None if why_no_interval(estimate) else estimate.interval
-    return _with_interval(estimate.mean, interval, digits)
+    return _with_interval(estimate.mean, estimate.interval, digits)
 
 
 def _statuses(group: GroupReport) -> PageTable | None:

@@ -273,6 +273,10 @@ class ParticipantProgress:
         Args:
             erase: They ask that it be erased, which `marsexplorer forget` does.
         """
+        if erase and self.study(name).protocol.keep_episodes_when_forgotten:
+            raise StageError(
+                "this study keeps what was played, without your name: leave without asking to have it erased"
+            )
         participant = await self.lobby.store.read(partial(self.participant, name, player_id))
         session = await self.session(participant)
         note = partial(self._note_withdrawal, participant.id, erase)

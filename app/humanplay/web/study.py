@@ -40,9 +40,11 @@ KEPT = (
     "You have withdrawn. What you had played until then is kept without your name. To have it erased, write to {contact} and "
     "give them your label {label}."
 )
+KEPT_BY_PROTOCOL = "You have withdrawn. What you had played until then is kept without your name."
 TO_BE_ERASED = (
-    "You have withdrawn, and you asked that what you had played be erased. The people who run the study see this and erase it. "
-    "If you want to hear of it, write to {contact} and give them your label {label}."
+    "You have withdrawn, and you asked that what you had played be erased. The people who run the study do that before "
+    "anything is published; that one person was erased stays counted. To hear when it is done, write to {contact} and give "
+    "them your label {label}."
 )
 
 
@@ -227,6 +229,7 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "ranked": {"done": ended.count("ranked"), "of": protocol.ranked},
         "tutorial": {"done": "tutorial" in ended},
         "break_due": break_due(study, participant, trials),
+        "can_be_erased": not protocol.keep_episodes_when_forgotten,
         "pause_after_s": protocol.pause_after_s,
         "rules": {name: values[name] for name in RULES if name in values},
         "session": participant.session_id,
@@ -244,7 +247,11 @@ def _note(progress: ParticipantProgress, study: Study, participant: Participant)
     if participant.stage == "withdrawn":
         if participant.consent_ms is None:
             return "You did not agree to take part. Nothing was recorded but that this page was opened; you can close it."
-        text = TO_BE_ERASED if progress.study_store.asks_erasure(participant.id) else KEPT
+        text = KEPT
+        if study.protocol.keep_episodes_when_forgotten:
+            text = KEPT_BY_PROTOCOL
+        elif progress.study_store.asks_erasure(participant.id):
+            text = TO_BE_ERASED
         # a rehearsal may name nobody
         contact = study.protocol.declarations.contact or "whoever invited you"
         return text.format(contact=contact.rstrip("."), label=participant_label(participant.id))

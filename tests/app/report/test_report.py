@@ -370,19 +370,55 @@ def test_fewer_than_five_terrains_give_an_interval_for_other_players_alone(terra
     assert f"95 % interval for {said}; p and p" in " ".join(render(report).split())
 
 
-def test_the_headline_prints_no_interval_where_there_is_none_to_print():
+def test_page_and_json_have_the_same_intervals_where_players_do_not_differ():
     steps = [[number] * 6 for number in range(29, 34)]
     same = build(study(*played(np.full((5, 6), 0.9), steps=steps)))
-    began = "5 players, 30 ranked episodes: mean score 0.900, 31.0 steps to 99 % (95 % interval "
-    assert same.sentence.startswith(f"{CLAIM}. Per protocol: {began}")
-    assert f"Everybody who began: {began}" in same.sentence
-    assert same.sentence.endswith(". Players who do not differ give no interval.")
-    alike = build(study(*played(np.full((5, 6), 0.9), steps=np.full((5, 6), 30))))
-    means = (
-        "5 players, 30 ranked episodes: mean score 0.900, 30.0 steps to 99 %. "
-        "Players who do not differ give no interval."
+    figure = json.loads(same.to_json())["groups"][0]["figures"][0]
+    ends = {name: "{:.{}f} to {:.{}f}".format(figure[name]["interval"][0], digits, figure[name]["interval"][1], digits)
+            for name, digits in (("score", 3), ("steps", 1))}  # fmt: skip
+    began = (
+        f"5 players, 30 ranked episodes: mean score 0.900 (95 % interval {ends['score']}), "
+        f"31.0 steps to 99 % ({ends['steps']})."
     )
-    assert alike.sentence == f"{CLAIM}. Per protocol: {means} Everybody who began: {means}"
+    assert same.sentence == f"{CLAIM}. Per protocol: {began} Everybody who began: {began}"
+    low, high = figure["score"]["interval"]
+    assert low < 0.9 == pytest.approx(high), "a failure that happened to nobody is possible"
+
+
+def test_where_everybody_had_the_worst_in_every_episode_there_is_no_interval():
+    people, trials = played(np.full((5, 6), LOWEST), steps=np.full((5, 6), CONFIG.limit))
+    report = build(study(people, [replace(each, outcome="collided") for each in trials]))
+    figure = json.loads(report.to_json())["groups"][0]["figures"][0]
+    assert (figure["steps"]["mean"], figure["steps"]["interval"]) == (CONFIG.limit, None)
+    assert report.sentence.endswith(" Players who do not differ give no interval.")
+
+
+def test_below_five_shared_terrains_no_policy_is_tested_and_a_caution_says_why():
+    scores = np.random.default_rng(3).normal(0.7, 0.05, (6, 6))
+    steps = np.random.default_rng(4).normal(40, 5, (6, 6)).round()
+
+    def of(unknown):
+        values = np.array([NAN] * unknown + [0.9] * (6 - unknown))
+        runs = [run("ppo", values, np.where(np.isnan(values), NAN, 30.0)), run("random", [0.3] * 6)]
+        data = study(*played(scores, steps=steps), policies=("ppo", "random"))
+        return build(data, runs).groups[0]
+
+    enough, few = of(1), of(2)
+    said = [caution for caution in few.cautions if "needs 5" in caution]
+    assert len(said) == 1
+    assert said[0].startswith("4 terrains were played by people and by every policy; ")
+    assert not any("needs 5" in caution for caution in enough.cautions)
+    (row,) = (each for each in enough.comparisons if (each.policy, each.metric) == ("ppo", "steps"))
+    assert None not in (row.interval, row.everybody_interval, row.p_value, row.p_adjusted)
+    for row in few.comparisons:
+        found = (
+            row.interval,
+            row.everybody_interval,
+            row.ratio_interval,
+            row.p_value,
+            row.p_adjusted,
+        )
+        assert found == (None,) * 5
 
 
 def test_cautions_name_how_few_players_there_are():

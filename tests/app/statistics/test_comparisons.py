@@ -128,9 +128,9 @@ def test_a_claim_about_these_terrains_alone_takes_them_as_they_are():
 
 
 def test_gaps_are_compared_on_the_terrains_that_a_player_finished():
-    # the policy is 0.1 ahead on every terrain; the second player met the two easy ones only
-    easy = np.array([0.9, 0.9, 0.5, 0.5])
-    table = np.array([easy, [0.9, 0.9, NAN, NAN], easy, easy, easy])
+    # the policy is 0.1 ahead on every terrain; the second player met the easy ones only
+    easy = np.array([0.9] * 3 + [0.5] * 3)
+    table = np.array([easy, [0.9] * 3 + [NAN] * 3, easy, easy, easy])
     found = compare_policy("ppo", "score", easy + 0.1, table)
     assert found.difference == pytest.approx(0.1)
     assert found.interval == pytest.approx((0.1, 0.1))

@@ -18,7 +18,7 @@ LOW, HIGH = 0.0, 400.0
 @st.composite
 def tables(draw, gaps=True):
     """Draw a table of steps (a higher one is worse), with kinds of participants and failures."""
-    participants, terrains = draw(st.integers(FEWEST, 12)), draw(st.integers(2, 40))
+    participants, terrains = draw(st.integers(FEWEST, 12)), draw(st.integers(FEWEST, 40))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     spreads = [draw(st.sampled_from([0.0, 0.5, 20.0])) for _ in range(3)]
     shapes = (participants, 1), (1, terrains), (participants, terrains)

@@ -75,9 +75,9 @@ def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is
         1,
     )
     assert best["people"]["means"] == sorted([best["people"]["you"], float(CONFIG.limit)])
-    pages = [read(store, "ada", 4, after) for after in (None, rows[3].id)]
+    pages = [read(store, "ada", 4, after) for after in (None, rows[3].id, rows[7].id)]
     assert [each.id for page, _ in pages for each in page] == [each.id for each in rows]
-    assert [made for _, made in pages] == [4 + 1, 3 + 1], "a page, and the best"
+    assert [made for _, made in pages] == [4 + 1, 4 + 1, 1 + 1], "a page, and the best"
     text = b"".join(export_table(store, "episodes", public=True, player="ada")).decode()
     assert all(row.id in text for row in rows)
     assert not any(row.id in text for row in others)

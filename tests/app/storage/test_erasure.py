@@ -11,10 +11,12 @@ from humanplay.db import backup
 from humanplay.db.database import open_read_only
 from humanplay.db.erasure import ParticipantLookupError, find_participant, forget
 from humanplay.db.merging import merge
+from humanplay.db.series import StudyStore
 from humanplay.db.store import Store, StoreError
 from humanplay.db.study_rows import participant_label
 from humanplay.release.build import ReleaseRequest, build_release
 from humanplay.release.bundle import import_release
+from humanplay.release.errors import ReleaseError
 from humanplay.release.manifest import MANIFEST
 from humanplay.series.verification import verify_database
 from tests.support.command import command, run
@@ -49,6 +51,23 @@ def copy(origin, tmp_path):
     for path in origin[0].glob("play.db*"):
         shutil.copy(path, tmp_path / path.name)
     return tmp_path / "play.db", origin[1], origin[2]
+
+
+def test_a_release_waits_for_whoever_asked_to_be_erased_and_counts_that_they_asked(tmp_path):
+    path, study = tmp_path / "play.db", freeze(tmp_path / "play.db-studies")
+    play_study(path, study)
+    recorder = StudyRecorder(path, study)
+    person = recorder.join(7, stage="ranked")
+    recorder.play(person, "ranked", 0, "tour")
+    known = StudyStore(recorder.store)
+    known.withdraw(known.participant(person), recorder.tick(1000), erase=True)
+    recorder.close()
+    request, label = ReleaseRequest(path, study.name, tmp_path / "out"), participant_label(person)
+    with pytest.raises(ReleaseError, match=f"1 participant .* `marsexplorer forget {label}` first"):
+        build_release(request)
+    forget(path, label)
+    arrivals = build_release(request).header.arrivals
+    assert (arrivals.erased, arrivals.erased_asked_by) == (1, {"participant": 1})
 
 
 def traces_of(path, person):

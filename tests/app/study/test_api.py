@@ -434,7 +434,7 @@ def test_whoever_withdraws_chooses_whether_what_they_played_is_kept_or_erased(se
         (False, "is kept without your name. To have it erased, write to"),
         (
             True,
-            "you asked that what you had played be erased. The people who run the study see this",
+            "you asked that what you had played be erased. The people who run the study do that before",
         ),
     ):
         person = Person(server)
@@ -448,6 +448,16 @@ def test_whoever_withdraws_chooses_whether_what_they_played_is_kept_or_erased(se
             listed = list_participants(reader, study.name, server.clock.now_ms(), True)
         (row,) = (each for each in listed if each["label"] == person.where["participant"])
         assert row["asks_erasure"] is erase
+
+
+def test_a_study_that_keeps_episodes_offers_no_erasure(serve, tmp_path):
+    freeze(tmp_path / "playground.db-studies", keep_episodes_when_forgotten=True)
+    person = Person(serve())
+    person.to_warm_up()
+    assert person.me()["can_be_erased"] is False
+    assert "keeps what was played" in person.refused("withdraw", {"erase": True})
+    assert person.call("withdraw", {"erase": False})["stage"] == "withdrawn"
+    assert "To have it erased" not in person.me()["note"]
 
 
 def test_the_consent_text_says_what_is_stored_how_long_by_whom_and_how_it_is_erased(study):

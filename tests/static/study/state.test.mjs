@@ -8,7 +8,7 @@ const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 
 const task = taskOf();
 const about = (changes = {}) => ({ task, session: "s1", player: "human", level: "random", size: [2, 3], counts: false, rival: null, frame: frame(changes) });
 const participant = (changes = {}) => ({ study: "demo", title: "Demo", participant: "P-1", stage: "ranked", consent: { version: "1", text: "a\n\nb" }, questions: [],
-  right: null, warm_up: { done: 1, of: 1 }, ranked: { done: 0, of: 2 }, tutorial: { done: true }, break_due: false, pause_after_s: 60, session: null, about: null,
+  right: null, warm_up: { done: 1, of: 1 }, ranked: { done: 0, of: 2 }, tutorial: { done: true }, break_due: false, can_be_erased: true, pause_after_s: 60, session: null, about: null,
   phase: null, settings: {}, debrief: null, ...changes });
 const standing = (changes) => apply(initialState(), { kind: "participant", participant: participant(changes) });
 const playing = (changes = {}, of = {}) => standing({ session: "s1", phase: "ranked", about: about(changes), ...of });

@@ -9,7 +9,7 @@ const about = (changes = {}) => ({ session: "s1", player: "human", level: "rando
 const task = taskOf();
 const { announcement } = task;
 const participant = (changes = {}) => ({ task, study: "demo", title: "Demo", participant: "P-1", stage: "ranked", consent: { version: "1", text: "a\n\nb" }, questions: [],
-  right: null, warm_up: { done: 1, of: 1 }, ranked: { done: 0, of: 2 }, tutorial: { done: true }, break_due: false, pause_after_s: 60, rules: { coverage: "96.5 %", lidar_radius: "4", max_steps: "63" }, session: null, about: null,
+  right: null, warm_up: { done: 1, of: 1 }, ranked: { done: 0, of: 2 }, tutorial: { done: true }, break_due: false, can_be_erased: true, pause_after_s: 60, rules: { coverage: "96.5 %", lidar_radius: "4", max_steps: "63" }, session: null, about: null,
   phase: null, settings: {}, debrief: null, ...changes });
 
 test("no sentence of a ranked terrain contains a score", () => {

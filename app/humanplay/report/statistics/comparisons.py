@@ -128,7 +128,7 @@ def policy_p(
         terrains_drawn: Whether the claim is about other terrains too.
 
     Returns:
-        float64[...]; NaN below five who finished, and where a table is too small for the test.
+        float64[...]; NaN below five who finished, and below five terrains for a claim about others.
     """
     worst_difference = None if worst is None else values - worst
     tables = [finished] if everybody is None else [finished, everybody]

@@ -40,7 +40,8 @@ INTERVAL_IN_WORDS = (
 class Estimate:
     """A mean over players with its interval.
 
-    interval  (low, high) at 95 %, cut off at the metric's bounds; None below FEWEST players
+    interval  (low, high) at 95 %, cut off at the metric's bounds; None below FEWEST players, and
+              where its ends are one
     """
 
     mean: float
@@ -65,7 +66,8 @@ def interval(
         unseen: participants at the worst value, by whom the end on that side is moved.
 
     Returns:
-        Low and high, float64[...] each; NaN below five participants.
+        Low and high, float64[...] each; NaN below five participants, and for other terrains below
+        five terrains.
     """
 
     def ends(studies: Floats, worst: Floats | None) -> Floats:
@@ -77,7 +79,7 @@ def interval(
         )
         return np.stack([lows[0], -lows[1]], -1)
 
-    both = _by_participants(ends, table, worst, (2,))
+    both = _by_participants(ends, table, worst, terrains_drawn, (2,))
     return both[..., 0], both[..., 1]
 
 
@@ -105,16 +107,17 @@ def p_value(
         p = 2 * _level_at_zero(_Margins(facing, terrains_drawn))
         return np.clip(p, 2.0 ** -studies.shape[1], 1.0)
 
-    return _by_participants(p_values, table, worst, ())
+    return _by_participants(p_values, table, worst, terrains_drawn, ())
 
 
 def _by_participants(
     function: Callable[[Floats, Floats | None], Floats],
     table: Floats,
     worst: float | Floats | None,
+    terrains_drawn: bool,
     shape: tuple[int, ...],
 ) -> Floats:
-    """Apply a function to the studies of each number of participants; NaN below five."""
+    """Apply a function to the studies of each number of participants; NaN where there are too few."""
     leading, (rows, columns) = table.shape[:-2], table.shape[-2:]
     studies = table.reshape(-1, rows, columns)
     is_row = np.asarray(~np.isnan(studies).all(-1))
@@ -123,6 +126,8 @@ def _by_participants(
     if worst is not None:
         limits = np.broadcast_to(worst, (*leading, columns)).reshape(-1, columns)
     found = np.full((len(studies), *shape), np.nan)
+    if terrains_drawn and columns < FEWEST:
+        return found.reshape((*leading, *shape))
     for count in np.unique(participants[participants >= FEWEST]):
         own = participants == count
         order = np.argsort(~is_row[own], axis=-1, kind="stable")[:, :count, None]
@@ -244,6 +249,8 @@ def estimate(
     if count < FEWEST:
         return Estimate(mean, count, sd)
     low, high = _pair(interval(table, worst, terrains_drawn))
+    if not high - low > 1e-9 * max(1.0, abs(mean)):
+        return Estimate(mean, count, sd)
     lowest, highest = min(bounds[0], float(means.min())), max(bounds[1], float(means.max()))
     return Estimate(mean, count, sd, (max(low, lowest), min(high, highest)))
 

@@ -217,9 +217,11 @@ def why_no_interval(estimate: Estimate) -> str | None:
     """Return the sentence that says why an estimate has no interval; None where it has one."""
     if estimate.players == 1:
         return "One player gives no interval."
-    if estimate.interval is None:
+    if estimate.interval is not None:
+        return None
+    if estimate.players < FEWEST:
         return f"Fewer than {FEWEST} players give no interval."
-    return "Players who do not differ give no interval." if estimate.sd == 0 else None
+    return "Players who do not differ give no interval."
 
 
 def metric_bounds(rules: Rules, config: Configuration, metric: MetricName) -> Interval:
