@@ -25,6 +25,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
+from humanplay.db.store import SLOW, WAITS
 from humanplay.task import MARS
 from humanplay.tasks.mars.players import NoisyPolicy
 from humanplay.tasks.mars.players import occupancy_codes as occupancy_codes
@@ -137,7 +138,9 @@ class Socket:
     def frame_after(self, step: int) -> Frame:
         """Return the first frame with more moves than `step`; RefusedError when the move is refused."""
         while (message := self.receive())["kind"] != "frame" or message["step"] <= step:
-            if message["kind"] in ("refused", "error"):
+            # a move that waits for the disk is made all the same
+            is_waiting = message.get("detail") in (SLOW, WAITS)
+            if message["kind"] in ("refused", "error") and not is_waiting:
                 raise RefusedError(None, message.get("reason") or message["detail"])
         return message
 

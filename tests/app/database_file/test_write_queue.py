@@ -175,6 +175,17 @@ def test_a_player_hears_of_a_slow_disk_and_no_frame_comes_before_its_commit(serv
     delay_commits(server, 0)
 
 
+def test_a_synthetic_player_waits_for_a_slow_disk(serve):
+    server = serve()
+    client = server.client()
+    begun = begin(client)
+    delay_commits(server, 1.5)
+    with server.socket(begun["session"], client) as socket:
+        socket.act(socket.receive("frame"), "south")
+        assert socket.frame_after(0)["step"] == 1
+    delay_commits(server, 0)
+
+
 def press_and_move(board, server, *move):
     server.clock.skipped_ms += 150
     press(board, *move, server.clock.page_ms())
