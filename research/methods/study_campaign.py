@@ -41,7 +41,6 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.intervals import Floats
 from marsexplorer.policies import load as load_policy
-from tests.support.beacons import OwnBeacon
 from tests.support.declared import DECLARATIONS
 from tests.support.servers import hasty_limits, running_server
 
@@ -51,8 +50,6 @@ SLIPS = (0.02, 0.1, 0.2, 0.35)
 """Shares of random moves of the honest people, in turn."""
 CHEATS = 2
 """How many cheat where not everybody does."""
-ROUND = 10**9
-"""Of the beacon, in centuries, so that every run names the same."""
 SECRETS = 100
 """Drawn by an operator who keeps the best."""
 
@@ -83,12 +80,20 @@ class Played:
     folder: Folder
     people: tuple[str, ...]
     report: Report
+    name: str = NAME
 
     @property
     def steps(self) -> tuple[float, float]:
         """The mean steps to 99 % of who finished and of everybody who began; NaN of nobody."""
         first, second, *_ = (each.steps for each in self.report.groups[0].figures)
         return (first.mean if first else np.nan, second.mean if second else np.nan)
+
+    @property
+    def rule_steps(self) -> float:
+        """The mean steps of the rule on the ranked terrains."""
+        study = self.folder.study(self.name)
+        seeds = [study.seed("ranked", at) for at in range(study.protocol.ranked)]
+        return float(np.mean([_rules_steps(seed) for seed in seeds]))
 
     def warning(self, words: str) -> str | None:
         """Return the caution, or else the sentence of the page, with these words (a regular expression); None for none."""
@@ -171,7 +176,6 @@ class Campaign:
         people: Sequence[Player],
         recruitment: str = "invitation",
         secret: bytes | None = None,
-        beacon: OwnBeacon | None = None,
         name: str = NAME,
         place: Path | None = None,
         erased: Sequence[int] = (),
@@ -192,10 +196,7 @@ class Campaign:
         rest |= {"break_every": self.ranked, "policies": (RULE,), "debrief_policy": RULE}
         rest |= {"recruitment": recruitment, "declarations": DECLARATIONS}
         folder.create(default_protocol(name, CONFIG, **rest))
-        named = replace(beacon.after(now_ms()), round=ROUND) if beacon else None
-        study = folder.freeze(name, beacon=named, draw=lambda _: secret or self.secret())
-        if beacon and named:
-            study = folder.open(name, beacon.sign(named))
+        study = folder.freeze(name, draw=lambda _: secret or self.secret())
         links = [""] * len(people)
         if recruitment == "invitation":
             issued = Invitations(folder).issue(name, 1 + max(each.link for each in people))
@@ -209,7 +210,7 @@ class Campaign:
         closed = close_study(folder, None, name, now_ms(), True)
         with closing(Store(database)) as store:  # as a server does that finds it closed
             note_closed(store, closed)
-        return Played(database, folder, joined, self.report(database, folder, name))
+        return Played(database, folder, joined, self.report(database, folder, name), name)
 
     def _new_place(self) -> Path:
         self._count += 1
@@ -240,12 +241,11 @@ class Campaign:
         for number, name in enumerate((NAME, f"{NAME}-2", f"{NAME}-3")):
             people = [replace(each, seed=each.seed + 100 * number) for each in self.honest_people]
             played[name] = self.play(people, secret=self.secret(number), name=name, place=place)
-        best = min(played, key=lambda name: played[name].steps[0])
-        report = self.report(played[best].database, played[best].folder, best)
-        return replace(played[best], report=report)
+        best = min(played.values(), key=lambda study: study.steps[0])
+        return replace(best, report=self.report(best.database, best.folder, best.name))
 
     def easiest(self) -> bytes:
-        """Return the one of many secrets on whose terrains the rule needs the fewest moves, were there no beacon."""
+        """Return the one of many secrets on whose terrains the rule needs the fewest moves."""
         digest = self.honest().folder.study(NAME).protocol_hash
 
         def moves(secret: bytes) -> float:
@@ -253,10 +253,6 @@ class Campaign:
             return float(np.mean([_rules_steps(each) for each in seeds]))
 
         return min((self.secret(number) for number in range(SECRETS)), key=moves)
-
-    def beacon(self) -> OwnBeacon:
-        """Return a beacon whose rounds are signed by a key of this seed."""
-        return OwnBeacon(random.Random(f"{self.seed} beacon").randrange)
 
 
 @cache
@@ -342,7 +338,7 @@ def _play(person: Participant, player: Player, at: int, is_last: bool) -> bool:
 class Attack:
     """A row: what is tried, and the studies (without, with) that are compared.
 
-    words  of what in the report may warn of it, a regular expression; None where it is to gain nothing
+    words  of what in the report may warn of it, a regular expression; None where nothing does
     """
 
     tried: str
@@ -442,14 +438,6 @@ ATTACKS = {
     "ground-secrets": Attack(
         f"the operator draws {SECRETS} secrets and keeps the one with the easiest terrains",
         lambda it: (it.honest(), it.play(it.honest_people, secret=it.easiest())),
-        r"No public beacon was named",
-    ),
-    "ground-beacon": Attack(
-        "the same, where a beacon's round was named at freezing: 0 in expectation",
-        lambda it: (
-            it.play(it.honest_people, beacon=it.beacon()),
-            it.play(it.honest_people, secret=it.easiest(), beacon=it.beacon()),
-        ),
     ),
     "rejoin-link": Attack(
         "two come again by the same invitation in a second browser",
@@ -465,9 +453,10 @@ ATTACKS = {
 
 @dataclass(frozen=True)
 class Row:
-    """What an attack gained in both estimates, in steps to 99 %, and what warns of it.
+    """What an attack gained, in steps to 99 %, and what warns of it.
 
-    gains    float64[studies, 2]: per protocol, everybody; positive: the mean got better for the cheat
+    gains    float64[studies, 3]: per protocol, everybody, and per protocol in the difference from the rule on the
+             same terrains; positive: better for the cheat
     warning  in the last report with the cheat, twin: in that without it; None for none
     """
 
@@ -479,7 +468,7 @@ class Row:
 
     @property
     def gain(self) -> Floats:
-        """The mean gains: per protocol, everybody."""
+        """The mean gains, in the order of `gains`."""
         found: Floats = self.gains.mean(axis=0)
         return found
 
@@ -487,7 +476,7 @@ class Row:
     def error(self) -> Floats:
         """The standard errors of the gains over studies; 0 for a single one."""
         several = len(self.gains) > 1
-        spread = self.gains.std(axis=0, ddof=1) if several else np.zeros(2)
+        spread = self.gains.std(axis=0, ddof=1) if several else np.zeros(3)
         found: Floats = spread / np.sqrt(len(self.gains))
         return found
 
@@ -513,7 +502,9 @@ def measure(
         campaign = Campaign(root, seed, players, ranked)
         for number, name in enumerate(names, 1):
             without, having = ATTACKS[name].studies(campaign)
-            gains[name].append(np.subtract(without.steps, having.steps))
+            both = np.subtract(without.steps, having.steps)
+            easier = without.rule_steps - having.rule_steps
+            gains[name].append(np.append(both, both[0] - easier))
             words = ATTACKS[name].words
             if words is not None:
                 warnings[name] = having.warning(words), without.warning(words)
@@ -537,7 +528,8 @@ def main(rows: tuple[str, ...], studies: int, players: int, ranked: int, seed: i
 
     A gain is the mean without the cheat minus that with it, of who finished (per protocol) and of everybody who began, the mean
     over paired studies of the same seeds ± its standard error: positive is better for the cheat. A difference is claimed where
-    both estimates show it. Beside them stands what in the built report warns of it.
+    both estimates show it. The third column is the gain in the difference from the rule on the same terrains, of who finished.
+    Beside them stands what in the built report warns of it.
 
     \b
       python -m research.methods.study_campaign                     # all, some minutes
@@ -546,8 +538,10 @@ def main(rows: tuple[str, ...], studies: int, players: int, ranked: int, seed: i
     with TemporaryDirectory() as place, progress_bar("playing studies") as advance:
         seeds = range(seed, seed + studies)
         found = measure(rows or list(ATTACKS), Path(place), seeds, players, ranked, advance)
-    click.echo("| row | what is tried | per protocol | everybody | what the report says |")
-    click.echo("| --- | --- | ---: | ---: | --- |")
+    click.echo(
+        "| row | what is tried | per protocol | everybody | against the rule | what the report says |"
+    )
+    click.echo("| --- | --- | ---: | ---: | ---: | --- |")
     for row in found:
         click.echo(f"| {' | '.join([row.name, row.tried, *row.cells, row.warning or ''])} |")
 

@@ -1,26 +1,15 @@
-"""The campaign of cheats, small: what shall gain nothing gains nothing, and of what gains the report warns."""
+"""The campaign of cheats, small: what shall gain nothing gains nothing, and of all else but the accepted the report warns."""
 
-import hashlib
 import re
 
-import numpy as np
 import pytest
 
-from humanplay.series.seeds import key_of
-from humanplay.series.seeds import seed as seed_of
-from research.methods.study_campaign import (
-    ATTACKS,
-    ERASED,
-    MISSING,
-    NAME,
-    SECRETS,
-    Campaign,
-    _rules_steps,
-    measure,
-)
+from research.methods.study_campaign import ATTACKS, ERASED, MISSING, measure
 
 NEVER = ("leaving", "forged-pace")
 """What makes the mean of everybody worse, and no mean better."""
+ACCEPTED = ("ground-secrets",)
+"""What gains without a word in the report: the documents give its number."""
 DROPPED = ("closing-tab", "giving-up", "last-by-program", "lost-message")
 """What takes the worst two out of who finished, and out of nothing else."""
 GONE = ("erasing-open", "erasing", "withdrawing")
@@ -37,23 +26,22 @@ def test_what_shall_gain_nothing_gains_nothing(rows):
     assert not rows["spoiling"].gain.any()
     assert not rows["rejoin-link"].gain.any()
     for name in NEVER:
-        per_protocol, everybody = rows[name].gain
+        per_protocol, everybody, _ = rows[name].gain
         assert per_protocol <= 0 > everybody, name
 
 
 def test_the_report_warns_of_whatever_may_gain(rows):
     gaining = {name: row for name, row in rows.items() if (row.gain > 0).any()}
-    gaining.pop("ground-beacon", None)  # 0 in expectation
-    assert {*gaining} == {*rows} - {"spoiling", "rejoin-link", "ground-beacon", *NEVER}
+    assert {*gaining} == {*rows} - {"spoiling", "rejoin-link", *NEVER}
     for name, row in gaining.items():
-        assert row.warning, name
+        assert bool(row.warning) == (name not in ACCEPTED), name
 
 
 @pytest.mark.parametrize("name", [*DROPPED, *GONE, "best-of-three"])
 def test_a_caution_is_earned_and_names_how_many_are_missing_and_both_means(rows, name):
     row = rows[name]
     assert row.twin is None, "an honest study has no such caution"
-    per_protocol, everybody = row.gain
+    per_protocol, everybody, _ = row.gain
     assert per_protocol > 0
     if name in DROPPED:
         assert everybody <= 0, "so no difference is claimed"
@@ -63,19 +51,3 @@ def test_a_caution_is_earned_and_names_how_many_are_missing_and_both_means(rows,
         assert re.match(f"2 {ERASED}", row.warning)
         for estimate in ("per protocol", "everybody"):
             assert re.search(f"{estimate}, mean steps .* without them, .* to .*", row.warning)
-
-
-def test_a_beacon_takes_what_grinding_gains(tmp_path):
-    campaign = Campaign(tmp_path, 0, 3, 2)
-    digest = campaign.honest().folder.study(NAME).protocol_hash
-
-    def moves(key):
-        return np.mean([_rules_steps(seed_of(key, digest, "ranked", at)) for at in range(2)])
-
-    usual = [moves(campaign.secret(number)) for number in range(SECRETS)]
-    best = campaign.easiest()
-    signatures = [hashlib.sha384(bytes([at])).hexdigest() for at in range(SECRETS)]
-    mixed = [moves(key_of(best, signature)) for signature in signatures]
-    error = np.hypot(np.std(usual), np.std(mixed)) / SECRETS**0.5
-    assert moves(best) == min(usual) < np.mean(usual) - 5 * error
-    assert np.mean(mixed) == pytest.approx(np.mean(usual), abs=3 * error)

@@ -65,16 +65,12 @@ MAX_PRINTED = 200
 @KEY
 @flag("--pin", "to_pin", "Remember the dataset's signing key as a known one, if all else is well.")
 @option("--head", help="A head of the chain from before, or a release's folder, which holds one.")
-@path_option("--stamp", "A time stamp that `stamp` wrote; it stands for a head, as --head does.")
-@path_option("--certificate", "The root of its authority, PEM.  [default: those of this machine]")
 def verify(
     database: Path | None,
     dataset: Path | None,
     key: str | None,
     to_pin: bool,
     head: str | None,
-    stamp: Path | None,
-    certificate: Path | None,
 ) -> int:
     """Simulate every finished episode from its configuration, terrain and actions, and compare all that was recorded.
 
@@ -83,8 +79,7 @@ def verify(
     chain of hashes that grew while they were recorded. Each difference is printed; the exit code is 1 when there is
     one. A dataset's files and signature are checked as well.
     This proves the record consistent. The chain's head is printed: keep it, or publish it. --head with an earlier
-    one says whether everything up to it still stands, and what was changed or forgotten since; so does --stamp, with the
-    time at which an authority saw that head, checked offline. Who made a
+    one says whether everything up to it still stands, and what was changed or forgotten since. Who made a
     dataset is proved by its signature, to whoever knows the key's fingerprint: --key. Without it, and while the key
     is not pinned, the signer is said to be not checked.
 
@@ -94,7 +89,6 @@ def verify(
       marsexplorer verify --database lab.db
       marsexplorer verify --head 9c0d1ab2...
       marsexplorer verify --head dunes-1
-      marsexplorer verify --stamp playground.db-1284.tsr --certificate authority.pem
       marsexplorer verify --dataset dunes-1 --key 15f592c2...
     """
     if database is not None and dataset is not None:
@@ -102,17 +96,12 @@ def verify(
     if dataset is None and (key is not None or to_pin):
         given = "--key" if key is not None else "--pin"
         raise UsageError(f"{given} goes with --dataset: a database is not signed")
-    if dataset is not None and (head is not None or stamp is not None):
-        why = "a dataset's signature stands for all of it"
-        raise UsageError(f"--head and --stamp go with --database: {why}")
-    if head is not None and stamp is not None:
-        raise UsageError("give --head or --stamp, not both")
-    if certificate is not None and stamp is None:
-        raise UsageError("--certificate goes with --stamp")
+    if dataset is not None and head is not None:
+        raise UsageError("--head goes with --database: a dataset's signature stands for all of it")
     signer = None
     with failures(f"cannot read {dataset or 'the database'}"):
         if dataset is None:
-            result, about = _of_database(database, head, stamp, certificate)
+            result, about = _of_database(database, head)
         else:
             result, about, signer = _of_dataset(dataset, key, to_pin)
     for finding in result.findings[:MAX_PRINTED]:
@@ -127,13 +116,7 @@ def verify(
     return 1 if result.findings else 0
 
 
-def _of_database(
-    database: Path | None,
-    head: str | None,
-    stamp: Path | None,
-    certificate: Path | None,
-) -> tuple[Verification, str]:
-    from humanplay.db.time_stamps import read_stamp
+def _of_database(database: Path | None, head: str | None) -> tuple[Verification, str]:
     from humanplay.series.folder import Folder
     from humanplay.series.verification import check_policy_files, verify_database
 
@@ -141,16 +124,9 @@ def _of_database(
     folder = Folder.beside(path)
     known = {name: secret for name, (_, secret) in folder.known_secrets().items()}
     earlier = None if head is None else _earlier_head(head)
-    stamped = None if stamp is None else read_stamp(stamp, path, certificate)
-    if stamped is not None:
-        earlier = stamped.head or None
     with progress("verifying (the rules are compiled first)") as advance:
         result = verify_database(path, advance, known, head=earlier)
     findings = (*result.findings, *check_policy_files(folder, known))
-    if stamped is not None and stamped.fault is not None:
-        findings = (*findings, stamped.fault)
-    elif stamped is not None:
-        echo(f"time stamp of {stamped.at:%Y-%m-%d %H:%M:%S} UTC, as its authority says")
     return replace(result, findings=findings), str(path)
 
 
@@ -212,33 +188,6 @@ def _chain_lines(result: Verification) -> Iterator[str]:
 
 def _counted(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{counts[kind]:,} of kind {kind}" for kind in sorted(counts)) or "nothing"
-
-
-@click.command(short_help="Have the end of the chain time-stamped.")
-@option("--authority", required=True, help="Address of the time-stamping authority (RFC 3161).")
-@path_option("--out", "File for the stamp.  [default: the database's name, its entries and .tsr]")
-@database_option(SERVERS)
-def stamp(authority: str, out: Path | None, database: Path) -> None:
-    """Send the head of the database's chain to a time-stamping authority, and keep the answer as a file.
-
-    The authority sees 32 bytes that tell nothing, and signs them with the time. Whoever holds the file can check offline that
-    everything up to that head stood then and stands still: `marsexplorer verify --stamp FILE`. Have it stamped after freezing,
-    before closing and before a release, and give copies of the files away.
-
-    \b
-    Examples:
-      marsexplorer stamp --authority http://timestamp.digicert.com
-      marsexplorer stamp --authority https://freetsa.org/tsr --out frozen.tsr
-    """
-    from humanplay.db.time_stamps import request_stamp
-    from marsexplorer.files import write_whole
-
-    with failures("cannot stamp the chain"):
-        head, answer = request_stamp(database, authority)
-        out = out or database.with_name(f"{database.name}-{head.entries}.tsr")
-        with write_whole(out) as file:
-            file.write(answer)
-    echo(f"head {head.head} of entry {head.entries:,}: the stamp is in {out}")
 
 
 @click.command(short_help="Copy the database while people play.")

@@ -30,7 +30,7 @@ from humanplay.db.study_rows import SeriesRow
 Kind = Literal["series", "session", "episode", "events", "participant"]
 """What an entry stands for; `events` are input events that came after their episode's end."""
 
-Mark = Literal["frozen", "opened", "exported", "closed", "erased", "released"]
+Mark = Literal["frozen", "exported", "closed", "erased", "released"]
 """What fixes a study, or changes its figures later; an entry of such a kind says so in JSON and is nobody's secret."""
 
 DAY_MS = 86_400_000
@@ -238,17 +238,12 @@ def append_note(
     _link(conn, kind, True, None, hashlib.sha256(note.encode()).hexdigest(), note)
 
 
-def freezing_of(study: SeriesRow) -> Iterator[tuple[Mark, str]]:
-    """Yield (kind, note) of what a study's row says of its freezing and its opening."""
+def freezing_of(study: SeriesRow) -> tuple[Mark, str]:
+    """The kind and the note of the entry that a study was frozen."""
     named: dict[str, Any] = {"study": study.name, "commitment": study.commitment}
     fixed = {"protocol_hash": study.protocol_hash, "frozen_ms": study.frozen_ms}
     configuration = configuration_hash(study.protocol)
-    yield (
-        "frozen",
-        _note({**named, **fixed, "configuration": configuration, "beacon": study.beacon}),
-    )
-    if study.beacon_signature is not None:
-        yield "opened", _note({**named, "beacon_signature": study.beacon_signature})
+    return "frozen", _note({**named, **fixed, "configuration": configuration})
 
 
 def configuration_hash(protocol: str) -> str | None:
@@ -275,7 +270,7 @@ def marks(conn: sqlite3.Connection) -> list[tuple[Mark, str]]:
     studies = select(conn, "SELECT * FROM series WHERE kind = 'study' ORDER BY frozen_ms, name")
     found: list[tuple[Mark, str]] = []
     for study in itertools.starmap(SeriesRow, studies):
-        found += freezing_of(study)
+        found.append(freezing_of(study))
         if study.closed_ms is not None:
             named = {"study": study.name, "commitment": study.commitment}
             found.append(("closed", _note({**named, "closed_ms": study.closed_ms})))

@@ -259,7 +259,7 @@ def _merge_series(target: sqlite3.Connection, source: sqlite3.Connection, where:
 
 def _check_same_series(old: dict[str, Any], row: dict[str, Any], where: str) -> None:
     """Raise MergeError when two studies of one name are not one study."""
-    fixed = ("protocol_hash", "commitment", "protocol", "frozen_ms", "beacon", "beacon_signature")
+    fixed = ("protocol_hash", "commitment", "protocol", "frozen_ms")
     for name in fixed:
         if old[name] != row[name]:
             raise MergeError(

@@ -79,7 +79,7 @@ class StudyStore:
     def note_freezing(self, study: SeriesRow) -> None:
         """Append entries of the freezing and opening of a study that nobody need have joined; again changes nothing."""
         with self._store.transaction():
-            chain.append_marks(self._conn, chain.freezing_of(study))
+            chain.append_marks(self._conn, [chain.freezing_of(study)])
 
     def is_closed(self, name: str) -> bool:
         """Return whether the database knows the study to be closed: its terrains are public then, whatever its files say."""

@@ -22,7 +22,6 @@ class SeriesRow(NamedTuple):
     closed_ms  from when on everything of it is public; None while a study is open
     secret     hex; None while a study is open. That of a day is told to nobody before the day is over
     sealed_ms  since when terrains are kept for agents alone: of an evaluation of agents its freezing; None where they are not
-    beacon     JSON; with its signature (hex) None where none was named (`humanplay.series.beacon`)
     """
 
     name: str
@@ -33,8 +32,6 @@ class SeriesRow(NamedTuple):
     closed_ms: int | None = None
     secret: str | None = None
     kind: SeriesKind = "study"
-    beacon: str | None = None
-    beacon_signature: str | None = None
     sealed_ms: int | None = None
 
 

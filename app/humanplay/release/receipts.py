@@ -30,7 +30,6 @@ from humanplay.release.errors import ReleaseError
 from humanplay.report.agents import compare_agents
 from humanplay.report.costs import ProgressBar, no_bar
 from humanplay.report.making import load_with_folder
-from humanplay.series.beacon import Beacon
 from humanplay.series.closing import UNNOTED
 from humanplay.series.data import StudyData
 from humanplay.series.evaluation import (
@@ -46,8 +45,7 @@ from humanplay.series.files import iso, write_object
 from humanplay.series.folder import Folder, Study
 from humanplay.series.policy_episodes import PolicyEpisode, compared_policies, play_policies
 from humanplay.series.protocol import Protocol, StudyError, canonical_json, parse_protocol
-from humanplay.series.seeds import commitment, key_of, seed
-from humanplay.series.verification import check_beacon
+from humanplay.series.seeds import commitment, seed
 from humanplay.task import counted
 
 EVALUATIONS = "evaluations"
@@ -234,8 +232,7 @@ def _opening(study: Study, receipts: Sequence[Mapping[str, Any]]) -> dict[str, A
 def _secret_of(study: Study) -> dict[str, Any]:
     return {
         "protocol_hash": study.protocol_hash, "commitment": study.commitment, "secret": study.secret.hex(),
-        "frozen_ms": study.frozen_ms, "beacon": study.beacon and asdict(study.beacon),
-        "beacon_signature": study.beacon_signature,
+        "frozen_ms": study.frozen_ms,
     }  # fmt: skip
 
 
@@ -345,17 +342,13 @@ def _check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Ite
 
 
 def check_opening(opening: Mapping[str, Any]) -> Iterator[Finding]:
-    """Yield what of an opening does not fit the commitments, the protocol's hash and the public beacon."""
+    """Yield what of an opening does not fit the commitments and the protocol's hash."""
     digest = hashlib.sha256(canonical_json(opening["protocol"])).hexdigest()
     if digest != opening["protocol_hash"]:
         yield Finding("opening", "protocol_hash", opening["protocol_hash"], digest)
     for what in filter(None, (opening, opening["study"])):
         if (bound := commitment(bytes.fromhex(what["secret"]))) != what["commitment"]:
             yield Finding("opening", "commitment", what["commitment"], f"{bound} from the secret")
-        beacon = what["beacon"] and Beacon(**what["beacon"])
-        yield from check_beacon("opening", beacon, what["beacon_signature"], what["frozen_ms"])
-        if beacon is not None and not beacon.is_public:
-            yield Finding("opening", "beacon", beacon.public_key, "that of drand quicknet")
     named = opening["protocol"]["agents"]
     told, wanted = (
         of and {name: of[name] for name in ("protocol_hash", "commitment")}
@@ -368,8 +361,7 @@ def check_opening(opening: Mapping[str, Any]) -> Iterator[Finding]:
 def seed_of(opening: Mapping[str, Any], index: int) -> int:
     """Return the seed of an instance, by the secrets of an opening."""
     of = opening["study"] or opening
-    key = key_of(bytes.fromhex(of["secret"]), of["beacon_signature"])
-    return seed(key, of["protocol_hash"], "ranked", index)
+    return seed(bytes.fromhex(of["secret"]), of["protocol_hash"], "ranked", index)
 
 
 def _check_signature(content: Mapping[str, Any], where: str) -> Iterator[Finding]:

@@ -49,7 +49,7 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     if group.kind == "human":
         found += _about_erased(data, group)
         found += _about_neither(group)
-        found += _about_secret(data)
+        found += _about_freezings(data)
         found += _about_other_studies(data)
         found += _about_exports(data)
     return tuple(found)
@@ -148,19 +148,8 @@ def _about_bounds(data: StudyData) -> Iterable[str]:
         )
 
 
-def _about_secret(data: StudyData) -> Iterable[str]:
-    """Yield what may have been chosen with the secret, and so with the terrains."""
-    beacon = data.beacon
-    if beacon is None:
-        yield (
-            "No public beacon was named when the study was frozen: whoever froze it may have drawn one secret after another "
-            "and kept the one whose terrains suited best."
-        )
-    elif not beacon.is_public:
-        yield (
-            "The beacon that was named when the study was frozen is not one that this software knows: whoever signs its rounds "
-            "may have chosen the terrains."
-        )
+def _about_freezings(data: StudyData) -> Iterable[str]:
+    """Yield that a study of this name was frozen before, so that its terrains may have been chosen."""
     if data.freezings > 1:
         yield (
             f"A study of this name was frozen {data.freezings} times, says the chain of its database: whoever froze it may "
@@ -244,10 +233,6 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
         found.append("The protocol in the database is not the one whose hash was frozen.")
     if data.secret and commitment(bytes.fromhex(data.secret)) != data.commitment:
         found.append("The revealed secret is not the one that was committed to.")
-    signature = data.beacon_signature
-    if data.beacon and not (signature and data.beacon.has_signed(signature)):
-        which = "of the round that was named when the study was frozen"
-        found.append(f"The beacon's signature is not {which}.")
     version = data.protocol.rules.version
     if data.protocol.core_version != version:
         found.append(

@@ -170,8 +170,6 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
             secret=None,
             people=(),
             trials=(),
-            beacon=study.beacon,
-            beacon_signature=study.beacon_signature,
             policy_files=study.policy_files,
         )
     if not is_same_study(data, study):
@@ -187,5 +185,4 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
             raise StudyError(UNNOTED.format(name, reader.path))
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
     data = data.with_policies_in(policies)
-    ranked = () if study.waits_for_beacon else range(study.protocol.ranked)
-    return data, {i: study.seed("ranked", i) for i in ranked}
+    return data, {i: study.seed("ranked", i) for i in range(study.protocol.ranked)}

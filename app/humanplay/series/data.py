@@ -29,7 +29,6 @@ from humanplay.db.series import (
 )
 from humanplay.db.trial import ParticipantKind, Trial
 from humanplay.series.active_time import active_ms, pause_share
-from humanplay.series.beacon import Beacon
 from humanplay.series.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
 from humanplay.series.plausibility import plausibility_labels
 from humanplay.series.policy_files import PolicyFiles
@@ -69,7 +68,6 @@ class Person:
 class StudyData:
     """Everything figures are made from. `secret` is hex, known here once the study is closed.
 
-    beacon    whose round was named at freezing, and its signature (hex); None without one
     freezings how often a study of this name was frozen, as the chain of its database says; 0 where none is known
     same_configuration  (name, frozen_ms) of all other studies of its configuration, as the chain says
     exports_ms  when its episodes were exported while it was open, as the chain says
@@ -85,8 +83,6 @@ class StudyData:
     secret: str | None = field(repr=False)
     people: tuple[Person, ...]
     trials: tuple[Trial, ...] = field(repr=False)
-    beacon: Beacon | None = None
-    beacon_signature: str | None = None
     freezings: int = 0
     same_configuration: tuple[tuple[str, int], ...] = ()
     exports_ms: tuple[int, ...] = ()
@@ -171,8 +167,6 @@ def _load(reader: Reader, study: str) -> StudyData:
         secret=row.secret,
         people=people,
         trials=tuple(_with_input(reader, each, protocol) for each in study_trials(reader, study)),
-        beacon=Beacon.parse(row.beacon),
-        beacon_signature=row.beacon_signature,
         freezings=count_freezings(reader, study),
         same_configuration=tuple(of_same_configuration(reader, row)),
         exports_ms=tuple(exports_while_open(reader, study, row.commitment)),

@@ -2,8 +2,7 @@
 
     NAME/protocol.json   the protocol; what freezing fixed may not change any more
     NAME/draft.json      the protocol as it was before freezing filled its texts in
-    NAME/frozen.json     its hash, the commitment to the secret, the beacon's round, when and by what it was frozen
-    NAME/opened.json     the beacon's signature, and when it was entered; only where a round was named
+    NAME/frozen.json     its hash, the commitment to the secret, when and by what it was frozen
     NAME/secret          the study's secret (hex): whoever reads it knows every terrain
     NAME/sealed.json     when nobody could take part any more, while the secret is kept for agents; only where it was sealed
     NAME/closed.json     the secret revealed, and when
@@ -22,7 +21,7 @@ import re
 import secrets
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
@@ -30,7 +29,6 @@ from typing import Any, Literal
 
 from humanplay.db.file import studies_beside
 from humanplay.db.study_rows import SeriesRow, is_same_study
-from humanplay.series.beacon import Beacon
 from humanplay.series.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
 from humanplay.series.policy_files import EXPERT, FOLDER, PolicyFiles, record_files
 from humanplay.series.protocol import (
@@ -50,7 +48,6 @@ from humanplay.series.seeds import (
     SeedLabel,
     balanced_order,
     commitment,
-    key_of,
     seed,
 )
 from humanplay.series.templates import fill
@@ -58,9 +55,8 @@ from humanplay.task import PolicyError
 
 __all__ = ["Folder", "Study", "StudyError"]
 
-Status = Literal["draft", "frozen", "open", "sealed", "closed"]
-"""A study that names a beacon is `frozen` until it is opened; others are open once they are frozen. Of a sealed one nobody can
-take part any more, and its terrains stay secret until agents have been evaluated on them."""
+Status = Literal["draft", "open", "sealed", "closed"]
+"""Of a sealed study nobody can take part any more, and its terrains stay secret until agents have been evaluated on them."""
 Advance = Callable[[int, int], None]
 
 
@@ -76,8 +72,6 @@ class Study:
 
     closed_ms   milliseconds since 1970; None while it is open
     secret      32 bytes; the operator alone may see it until the study is closed
-    beacon      whose round was named at freezing; None for none
-    beacon_signature  hex, entered at opening
     policy_files  of the policies that it compares with
     sealed_ms   since when nobody can take part while the secret is kept; None where it was not sealed
     paired      the study whose ranked terrains an evaluation of agents plays; None for any other
@@ -90,8 +84,6 @@ class Study:
     frozen_ms: int
     closed_ms: int | None
     secret: bytes = field(repr=False)
-    beacon: Beacon | None = None
-    beacon_signature: str | None = None
     policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False, compare=False)
     sealed_ms: int | None = None
     paired: Study | None = field(default=None, repr=False)
@@ -113,15 +105,10 @@ class Study:
 
     @property
     def status(self) -> Status:
-        """How far it is: `frozen` (it waits for its beacon), `open`, `sealed` or `closed`."""
+        """How far it is: `open`, `sealed` or `closed`."""
         if self.is_running:
-            return "frozen" if self.waits_for_beacon else "open"
+            return "open"
         return "sealed" if self.is_open else "closed"
-
-    @property
-    def waits_for_beacon(self) -> bool:
-        """Whether nobody can take part yet, since the terrains are not fixed before the beacon's signature is entered."""
-        return self.beacon is not None and self.beacon_signature is None
 
     def row(self) -> SeriesRow:
         """Return what the database keeps of the study."""
@@ -135,29 +122,18 @@ class Study:
             self.frozen_ms,
             closed_ms=self.closed_ms,
             secret=secret,
-            beacon=self.beacon.to_json() if self.beacon else None,
-            beacon_signature=self.beacon_signature,
             sealed_ms=self.sealed_ms if self.protocol.agents is None else self.frozen_ms,
         )
-
-    @property
-    def key(self) -> bytes:
-        """What seeds and orders follow from; StudyError before the beacon's signature is entered."""
-        if self.waits_for_beacon:
-            raise StudyError(
-                f"the study {self.name!r} is not open yet: `marsexplorer study open {self.name}` enters the beacon's round"
-            )
-        return key_of(self.secret, self.beacon_signature)
 
     def seed(self, label: SeedLabel, i: int) -> int:
         """Return the seed of a terrain of this study, which is that of the study whose terrains are played."""
         if self.paired is not None:
             return self.paired.seed(label, i)
-        return seed(self.key, self.protocol_hash, label, i)
+        return seed(self.secret, self.protocol_hash, label, i)
 
     def balanced_order(self, group: str, number: int) -> list[int]:
         """Return the order of the ranked terrains for participant `number` of a group."""
-        return balanced_order(self.key, self.protocol_hash, group, number, self.protocol.ranked)
+        return balanced_order(self.secret, self.protocol_hash, group, number, self.protocol.ranked)
 
     def seeds(self) -> list[int]:
         """Return the seeds of all ranked terrains, then of all warm-up terrains."""
@@ -216,8 +192,7 @@ class Folder:
         for status in ended:
             if (path / f"{status}.json").exists():
                 return status
-        named = read_object(path / "frozen.json").get("beacon") is not None
-        return "frozen" if named and not (path / "opened.json").exists() else "open"
+        return "open"
 
     def draft(self, name: str) -> Protocol:
         """Return a study's protocol as its file stands, frozen or not; StudyError when it does not hold."""
@@ -231,7 +206,7 @@ class Folder:
     def study(self, name: str) -> Study:
         """Return a frozen study, read again when its files have changed; StudyError for a draft or a thawed protocol."""
         path = self._existing(name)
-        files = [f"{each}.json" for each in ("protocol", "frozen", "opened", "sealed", "closed")]
+        files = [f"{each}.json" for each in ("protocol", "frozen", "sealed", "closed")]
         stamp = tuple(stamp_of(path / each) for each in (*files, "secret"))
         known = self._known.get(name)
         if known is not None and known[0] == stamp:
@@ -255,14 +230,12 @@ class Folder:
         self,
         name: str,
         advance: Advance = lambda done, total: None,
-        beacon: Beacon | None = None,
         draw: Callable[[int], bytes] = secrets.token_bytes,
         planned: Mapping[str, Any] = MappingProxyType({}),
     ) -> Study:
         """Freeze a study and return it: fill its texts, hash the protocol, draw the secret, check that terrains are solvable.
 
         advance  called with (terrains drawn, of how many)
-        beacon   whose round the terrains shall follow from, too; StudyError for one that is out. None: none is named
         draw     gives so many random bytes for the secret
         planned  assumptions and power, by the protocol's fields (PLANNED)
         """
@@ -288,19 +261,13 @@ class Folder:
             raise StudyError(f"the evaluation {other!r} plays {what}")
         fixed = protocol_hash(protocol), commitment(secret), now, None, secret
         study = Study(name, protocol, *fixed, paired=paired)
-        # of a study with a beacon: terrains like those that it will have
         _check_terrains(study, advance)
-        if beacon is not None and beacon.round_ms <= now:
-            raise StudyError(
-                f"round {beacon.round} of the beacon came out at {iso(beacon.round_ms)}: name a later one, which nobody knows"
-            )
         write_object(path / "secret", secret.hex(), private=True)
         write_object(path / "draft.json", template.model_dump(mode="json", exclude_unset=True))
         write_object(path / "protocol.json", protocol.model_dump(mode="json"))
         frozen = {
             "protocol_hash": study.protocol_hash, "commitment": study.commitment, "frozen_at": iso(now),
             "core_version": rules.version, "software_version": version("humanplay"),
-            "beacon": None if beacon is None else asdict(beacon),
         }  # fmt: skip
         write_object(path / "frozen.json", frozen)
         return self.study(name)
@@ -326,25 +293,6 @@ class Folder:
             )
         return protocol
 
-    def open(self, name: str, signature: str, advance: Advance = lambda done, total: None) -> Study:
-        """Open a study that names a beacon and return it: its terrains follow from the round's signature (hex) from now on.
-
-        advance  as of `freeze`
-        """
-        study, signature = self.study(name), signature.strip().lower()
-        if study.beacon is None or not study.waits_for_beacon:
-            why = "names no beacon and is open" if study.beacon is None else "is open"
-            raise StudyError(f"the study {name!r} {why} already: there is nothing to enter")
-        if not study.beacon.has_signed(signature):
-            raise StudyError(
-                f"expected the beacon's signature of round {study.beacon.round}, 96 hexadecimal digits; "
-                f"got {signature[:100]!r}, which the beacon's key did not sign"
-            )
-        _check_terrains(replace(study, beacon_signature=signature), advance)
-        opened = {"beacon_signature": signature, "opened_at": iso(now_ms())}
-        write_object(self.path(name) / "opened.json", opened)
-        return self.study(name)
-
     def close(self, name: str, seals: bool = False) -> Study:
         """Close a study and return it: nobody can join or go on, and its secret is revealed.
 
@@ -365,7 +313,6 @@ class Folder:
     def check_closable(self, name: str, seals: bool = False) -> Study:
         """Return a study that `close` would close; StudyError for any other."""
         study = self.study(name)
-        _ = study.key  # nobody can have taken part before
         if not study.is_open:
             why = ": its terrains are known, and it cannot be sealed" if seals else ""
             since = iso(study.closed_ms or 0)
@@ -446,7 +393,6 @@ class Folder:
                 "put the frozen text back, or begin another study"
             )
         closed = read_object(path / "closed.json") if (path / "closed.json").exists() else None
-        opened = read_object(path / "opened.json") if (path / "opened.json").exists() else {}
         sealed = read_object(path / "sealed.json") if (path / "sealed.json").exists() else None
         try:
             told = closed["secret"] if closed else (path / "secret").read_text().strip()
@@ -457,8 +403,6 @@ class Folder:
                 "protocol_hash": frozen["protocol_hash"],
                 "commitment": frozen["commitment"],
                 "frozen_ms": frozen_ms,
-                "beacon": Beacon(**frozen["beacon"]) if frozen.get("beacon") else None,
-                "beacon_signature": opened.get("beacon_signature"),
                 "sealed_ms": ms_of(sealed["sealed_at"]) if sealed else None,
             }
         except (OSError, KeyError, TypeError, ValueError) as error:

@@ -14,7 +14,7 @@ from typing import Any
 from humanplay.series.data import StudyData
 from humanplay.series.policy_files import PolicyFiles
 from humanplay.series.protocol import Protocol
-from humanplay.series.seeds import key_of, seed
+from humanplay.series.seeds import seed
 from humanplay.task import Configuration, Rules
 
 
@@ -57,9 +57,8 @@ def closed_seeds(data: StudyData) -> dict[int, int]:
     """Return the seeds of the ranked terrains of a closed study by index, from its secret; none where that is not known."""
     if data.secret is None:
         return {}
-    key = key_of(bytes.fromhex(data.secret), data.beacon_signature)
-    ranked = range(data.protocol.ranked)
-    return {i: seed(key, data.protocol_hash, "ranked", i) for i in ranked}
+    secret, ranked = bytes.fromhex(data.secret), range(data.protocol.ranked)
+    return {i: seed(secret, data.protocol_hash, "ranked", i) for i in ranked}
 
 
 def compared_policies(protocol: Protocol) -> list[str]:

@@ -125,10 +125,6 @@ class ParticipantProgress:
         name = study.name
         if not study.is_running or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))
-        if study.waits_for_beacon:
-            raise StageError(
-                f"the study {name!r} is not open yet: its terrains follow from a number that is still to come; come back later"
-            )
         if study.protocol.task != self.lobby.task.name:
             raise StageError(
                 f"the study {name!r} is of {study.protocol.rules.title}, and this server plays {self.lobby.task.title}: "

@@ -1,8 +1,7 @@
 """The terrains of a study or a day: seeds that follow from a secret, which a commitment binds before anybody has played.
 
 Nobody can choose or foresee a seed without the secret; once it is told, at the closing of the study or the end of the day,
-anybody can draw them again. Where a study names a round of a public beacon (`humanplay.series.beacon`), the seeds follow
-from its signature too, which did not exist when the secret was drawn: nobody can have chosen the secret for its terrains.
+anybody can draw them again.
 """
 
 from __future__ import annotations
@@ -21,36 +20,26 @@ def commitment(secret: bytes) -> str:
     return hashlib.sha256(secret).hexdigest()
 
 
-def key_of(secret: bytes, beacon_signature: str | None) -> bytes:
-    """Return what seeds and orders follow from: HMAC-SHA256(secret, the beacon's signature), or the secret without a beacon.
-
-    beacon_signature  hex
-    """
-    if beacon_signature is None:
-        return secret
-    return hmac.digest(secret, bytes.fromhex(beacon_signature), hashlib.sha256)
-
-
-def seed(key: bytes, protocol_hash: str, label: SeedLabel, i: int) -> int:
-    """Return the seed of terrain i (from 0): the first 53 bits of HMAC-SHA256(key, "hash|label|i"), 0..2^53-1."""
-    return int.from_bytes(_hmac(key, f"{protocol_hash}|{label}|{i}")[:8], "big") >> 11
+def seed(secret: bytes, protocol_hash: str, label: SeedLabel, i: int) -> int:
+    """Return the seed of terrain i (from 0): the first 53 bits of HMAC-SHA256(secret, "hash|label|i"), 0..2^53-1."""
+    return int.from_bytes(_hmac(secret, f"{protocol_hash}|{label}|{i}")[:8], "big") >> 11
 
 
 def balanced_order(
-    key: bytes, protocol_hash: str, group: str, number: int, ranked: int
+    secret: bytes, protocol_hash: str, group: str, number: int, ranked: int
 ) -> list[int]:
     """Return the order of the ranked terrains 0..ranked-1 for the participant who is `number` (from 0) in their group.
 
     Each `ranked` participants in turn take the rows of one Latin square, so each terrain comes equally often at each position;
     for an even number of terrains each also follows each other one equally often (Williams 1949, Aust. J. Sci. Res. A 2(2)).
-    Rows and labels are permuted by HMAC, anew for each square and group: without the key nobody can foresee an order.
+    Rows and labels are permuted by HMAC, anew for each square and group: without the secret nobody can foresee an order.
 
     group  "human" or "script"; scripts have squares of their own, so that they unbalance nothing
     """
     square, place = divmod(number, ranked)
     named = f"{protocol_hash}|square|{group}|{square}"
     rows, labels = (
-        sorted(range(ranked), key=lambda i: _hmac(key, f"{named}|{what}|{i}"))
+        sorted(range(ranked), key=lambda i: _hmac(secret, f"{named}|{what}|{i}"))
         for what in ("row", "label")
     )
     # 0, 1, n-1, 2, n-2, ...
@@ -58,5 +47,5 @@ def balanced_order(
     return [labels[(rows[place] + step) % ranked] for step in zigzag]
 
 
-def _hmac(key: bytes, text: str) -> bytes:
-    return hmac.new(key, text.encode(), hashlib.sha256).digest()
+def _hmac(secret: bytes, text: str) -> bytes:
+    return hmac.new(secret, text.encode(), hashlib.sha256).digest()

@@ -36,14 +36,14 @@ CHECKLIST = """\
 - [ ] Walk through it once yourself, on the screen that people will use
 
 ## Fix it
-- [ ] `marsexplorer study freeze {name} --beacon`, ten minutes later `marsexplorer study open {name}`
+- [ ] `marsexplorer study freeze {name}`
 - [ ] `marsexplorer study preregister {name} --out {name}.md`, and register it: protocol hash and commitment are in it
 - [ ] A copy of the study's folder in a safe place: whoever reads `secret` knows every terrain
 
 ## Let {players} people in
 - [ ] Backups run (docs/deploy.md), and one was restored
 - [ ] `marsexplorer serve --admin --public-url https://...`, then `marsexplorer study invite {name} {players}` for the links
-- [ ] Every day: `/admin` for deviations and for who is quiet; `marsexplorer verify`; `marsexplorer stamp`
+- [ ] Every day: `/admin` for deviations and for who is quiet; `marsexplorer verify`, and write down the head it prints
 - [ ] Whoever wants to be erased: `marsexplorer forget`
 
 ## Close it

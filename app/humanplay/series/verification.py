@@ -40,7 +40,6 @@ from humanplay.db.resimulation import Finding
 from humanplay.db.study_rows import SeriesRow, is_same_study
 from humanplay.jobs import Jobs, cores
 from humanplay.series import seeds
-from humanplay.series.beacon import Beacon
 from humanplay.series.daily import START_SLACK_MS, DailyTerrain
 from humanplay.series.folder import Advance, Folder
 from humanplay.series.protocol import Agents, Protocol, StudyError, canonical_json, parse_protocol
@@ -216,11 +215,9 @@ def _check_series(
         found = hashlib.sha256(canonical_json(data)).hexdigest()
         of = parse_protocol(data) if row.kind == "study" else DailyTerrain.of(row)
         config = of.env_config if isinstance(of, Protocol) else of.config
-        secret, beacon = _secret(row, secrets), Beacon.parse(row.beacon)
+        secret = _secret(row, secrets)
         drawn_by = _paired(conn, of.agents, row) if isinstance(of, Protocol) and of.agents else row
-        key = None
-        if drawn_by is not None and (own := _secret(drawn_by, secrets)) is not None:
-            key = seeds.key_of(own, drawn_by.beacon_signature)
+        drawn_from = None if drawn_by is None else _secret(drawn_by, secrets)
     except (ValueError, TypeError, KeyError, StudyError) as error:
         yield Finding(where, "protocol or secret", "something unreadable", str(error))
         return
@@ -233,8 +230,7 @@ def _check_series(
             else " in the folder beside the database, which may be another server's"
         )
         yield Finding(where, "commitment", row.commitment, f"{bound} from the secret{of_folder}")
-    yield from check_beacon(where, beacon, row.beacon_signature, row.frozen_ms)
-    expected = _Expected(row, config.hash, key, (drawn_by or row).protocol_hash)
+    expected = _Expected(row, config.hash, drawn_from, (drawn_by or row).protocol_hash)
     if isinstance(of, Protocol):
         yield from _check_participants(conn, of, expected)
     else:
@@ -252,21 +248,6 @@ def _paired(conn: sqlite3.Connection, agents: Agents, row: SeriesRow) -> SeriesR
         return row
     found = (each for each in series(conn, of.name) if each.kind == "study")
     return next((each for each in found if is_same_study(each, of)), None)
-
-
-def check_beacon(
-    where: str, beacon: Beacon | None, signature: str | None, frozen_ms: int
-) -> Iterator[Finding]:
-    """Yield what is wrong with the beacon that a study names, and with its signature."""
-    if beacon is None:
-        if signature is not None:
-            yield Finding(where, "beacon_signature", signature, "no beacon that was named")
-        return
-    if beacon.round_ms <= frozen_ms:
-        yield Finding(where, "beacon's round", beacon.round, "one that came out after the freezing")
-    if signature is None or not beacon.has_signed(signature):
-        found = f"a signature of round {beacon.round} by the beacon's key"
-        yield Finding(where, "beacon_signature", signature, found)
 
 
 def _check_participants(

@@ -26,7 +26,7 @@ Name = Annotated[str, Path(max_length=100, description="of the evaluation")]
 
 @router.get("/api/evaluations", summary="The evaluations of agents of this server")
 async def list_evaluations(request: Request) -> list[dict[str, Any]]:
-    """List the sealed evaluations that were frozen; `status` is "frozen", "open" or "closed"."""
+    """List the sealed evaluations that were frozen; `status` is "open" or "closed"."""
     return [_about(each) for each in services_of(request).progress.folder.evaluations()]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -264,7 +264,7 @@ def _note(progress: ParticipantProgress, study: Study, participant: Participant)
 async def list_studies(progress: ProgressOf) -> list[dict[str, str | int]]:
     """List the studies whose protocol is frozen.
 
-    `status` is "frozen" (until its beacon is entered), "open" or "closed"; `recruitment` is "invitation", "panel" or "open".
+    `status` is "open", "sealed" or "closed"; `recruitment` is "invitation", "panel" or "open".
     """
     found: list[dict[str, str | int]] = []
     for name in progress.folder.names():
@@ -296,8 +296,6 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
         "protocol_hash": study.protocol_hash,
         "commitment": study.commitment,
         "secret": None if study.is_open else study.secret.hex(),
-        "beacon": study.beacon and asdict(study.beacon),
-        "beacon_signature": study.beacon_signature,
         "task": describe(protocol.rules),
         "level": config.level,
         **{side: values[side] for side in ("rows", "cols") if side in values},

@@ -4,24 +4,16 @@ import json
 import math
 import shutil
 from contextlib import closing
-from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 
-from humanplay.db.store import Store
 from humanplay.release import signing
-from humanplay.release.receipts import OPENING_FORMAT, chained, check_opening, read_signed, sign
-from humanplay.series import beacon
+from humanplay.release.receipts import chained, read_signed, sign
 from humanplay.series.data import load
-from humanplay.series.evaluation import evaluation_of_task
-from humanplay.series.files import now_ms
 from humanplay.series.folder import Folder
-from humanplay.series.protocol import Agents
 from humanplay.series.verification import verify_database
-from marsexplorer.config import EnvConfig
 from tests.support.agents import closed_evaluation, paths, sealed
-from tests.support.beacons import OwnBeacon
 from tests.support.command import command, run
 from tests.support.stored_studies import StudyRecorder, freeze
 
@@ -181,31 +173,6 @@ def test_a_receipt_presented_for_another_card_or_series_is_refused(files, closed
     renamed.write_text(json.dumps(sign(content, key)))
     code, said, _ = verify(capsys, receipt, "--opening", renamed)
     assert (code, "commitment" in said) == (1, True)
-
-
-def test_an_opening_holds_its_seeds_to_the_round_that_was_named(tmp_path, monkeypatch):
-    public, folder = OwnBeacon(), Folder(tmp_path / "playground.db-studies")
-    monkeypatch.setattr(beacon, "QUICKNET", replace(public.after(0), round=1))
-    config, policies = EnvConfig("random", 7, 9), {"policies": ("random",), "debrief_policy": None}
-    folder.create(evaluation_of_task("agents", config, "mars", 1, Agents(), **policies))
-    named = public.after(now_ms() + 1000)
-    folder.freeze("agents", beacon=named)
-    folder.open("agents", public.sign(named))
-    Store(tmp_path / "playground.db").close()
-    assert run("evaluation", "close", "agents", "--yes", *paths(tmp_path)) == 0
-    opening = read_signed(tmp_path / "playground.db-studies/agents/opening.json", OPENING_FORMAT)
-
-    def wrong(**changes):
-        return {each.what for each in check_opening({**opening, **changes})}
-
-    assert wrong() == set()
-    earlier = replace(named, round=1)
-    assert wrong(beacon_signature=public.sign(earlier)) == {"beacon_signature"}
-    assert wrong(beacon=None) == {"beacon_signature"}
-    of_before = {"beacon": asdict(earlier), "beacon_signature": public.sign(earlier)}
-    assert wrong(**of_before) == {"beacon's round"}
-    monkeypatch.undo()
-    assert wrong() == {"beacon"}, "its operator's own"
 
 
 def test_a_file_that_is_no_receipt_is_refused(tmp_path, capsys, files):

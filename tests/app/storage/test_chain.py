@@ -358,7 +358,7 @@ def test_verify_prints_the_head_and_where_an_earlier_one_stood(copy, tmp_path, c
     ("args", "said"),
     [
         (("--database", "a.db", "--head", "12"), "--head is the 64 hexadecimal digits"),
-        (("--dataset", "a", "--head", "0" * 64), "--head and --stamp go with --database"),
+        (("--dataset", "a", "--head", "0" * 64), "--head goes with --database"),
     ],
 )
 def test_a_head_that_is_none_is_refused_in_a_sentence(capsys, args, said):
@@ -398,7 +398,6 @@ def test_a_merge_takes_over_every_freezing_that_its_sources_know(copy, tmp_path)
             "commitment": "c0",
             "protocol_hash": "",
             "frozen_ms": 1,
-            "beacon": None,
         }
         chain.append_note(conn, "frozen", tried)
     merge([path], tmp_path / "merged.db")

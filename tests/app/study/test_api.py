@@ -43,7 +43,7 @@ def test_a_study_publishes_hash_and_commitment_and_its_secret_when_closed(server
     described = client.get("/api/studies/small").json()
     assert described == {
         "name": "small", "title": study.protocol.title, "status": "open", "protocol_hash": study.protocol_hash,
-        "commitment": study.commitment, "secret": None, "beacon": None, "beacon_signature": None,
+        "commitment": study.commitment, "secret": None,
         "task": describe(study.protocol.rules),
         "level": "random", "rows": 7, "cols": 9,
         "config": study.protocol.env_config.to_dict(),

@@ -137,7 +137,6 @@ def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
     assert set(frozen_json) == {
         "protocol_hash",
         "commitment",
-        "beacon",
         "frozen_at",
         "core_version",
         "software_version",

@@ -110,22 +110,16 @@ def new(
 
 @evaluation.command(short_help="Fix the protocol and draw the secret.")
 @argument("name")
-@flag("--beacon", "As of `study freeze`, for instances of its own.")
 @DATABASE_AND_STUDIES
-def freeze(name: str, beacon: bool, folder: Folder, database: Path) -> None:
+def freeze(name: str, folder: Folder, database: Path) -> None:
     """Fix an evaluation's protocol for good, and print its hash and its commitment: publish them before any agent plays."""
     studies.check_kind("evaluation", "freeze", name, folder)
-    found = studies.frozen(name, beacon, folder, database)
+    found = studies.frozen(name, folder, database)
     echo(f"The evaluation {name!r} is frozen.\n{studies.hashes(found)}")
     if (paired := found.paired) is not None:
         of = f"Its instances are the ranked terrains of {paired.name!r}"
         echo(f"{of}:\n{studies.hashes(paired)}")
-    if found.waits_for_beacon:
-        echo(f"Then `marsexplorer evaluation open {name}`")
     echo(f"`marsexplorer evaluation card {name} --author NAME` makes an address for an agent")
-
-
-evaluation.add_command(studies.open_, "open")
 
 
 @evaluation.command(short_help="Issue a card to the author of an agent.")

@@ -46,12 +46,8 @@ if TYPE_CHECKING:
     from humanplay.series.protocol import Protocol
 
 
-RELAY = "https://api.drand.sh"
-"""Where the rounds of drand's beacons are told; any other relay will do, since a signature is checked."""
 NOTED_S = 10
 """Seconds that a server may take to note that a study was closed."""
-BEACON_DELAY_MS = 600_000
-"""How long after freezing the round comes out that --beacon names, in milliseconds."""
 
 
 @click.group(short_help="Plan, freeze and close a study of how well people play.")
@@ -67,7 +63,6 @@ def study() -> None:
     Examples:
       marsexplorer study new pilot --players 10
       marsexplorer study freeze pilot         prints its power and what participants will read
-      marsexplorer study freeze strict --beacon; marsexplorer study open strict
       marsexplorer study preregister pilot --out pilot.md
       marsexplorer study invite pilot 10      ten links, each for one person
       marsexplorer serve
@@ -202,12 +197,8 @@ def _asked() -> dict[str, str]:
 @flag(
     "--underpowered", "Freeze although the planned difference is seen in less than 50 % of studies."
 )
-@flag(
-    "--beacon",
-    "Name a later round of a public beacon, so that nobody can have chosen the secret; `study open` enters it.",
-)
 @DATABASE_AND_STUDIES
-def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database: Path) -> None:
+def freeze(name: str, underpowered: bool, folder: Folder, database: Path) -> None:
     """Fix a study's protocol for good, draw its secret, and print what participants will read and what to publish.
 
     Placeholders in its texts are filled in. The power is simulated, printed and fixed with the protocol, and a study that
@@ -217,12 +208,8 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
     Publish hash and commitment before anybody plays (in a preregistration, say): they prove later that neither the
     protocol nor a terrain was chosen afterwards. Keep a copy of the study's folder; whoever reads the file `secret`
     knows every terrain.
-
-    With --beacon the terrains follow from a round of the public beacon drand quicknet too, which comes out ten minutes later:
-    the report then need not warn that secrets may have been tried out. Nobody can take part before `study open`.
     """
     from humanplay.report.statistics.planning import AT_FREEZING
-    from humanplay.series.files import iso
     from humanplay.series.folder import BEGINNINGS, beginnings
     from humanplay.series.protocol import PLANNED
 
@@ -235,7 +222,7 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
     if not underpowered:
         _check_power(protocol)
     planned = {field: getattr(protocol, field) for field in PLANNED}
-    found = frozen(name, beacon, folder, database, planned)
+    found = frozen(name, folder, database, planned)
     echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
     _echo_power(found.protocol)
     for policy, digest in found.protocol.policy_hashes.items():
@@ -250,12 +237,8 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
             "Caution: no lowest score is declared (`bounds` of the environment's file): there is no mean score of everybody "
             "who began, nobody who gives up is in the per-protocol estimate, and no difference in score is tested"
         )
-    echo(f"The study {name!r} is frozen.\n{hashes(found)}")
-    if found.beacon is not None:
-        out = f"Round {found.beacon.round} of the beacon comes out at {iso(found.beacon.round_ms)}"
-        echo(f"{out}; then `marsexplorer study open {name}`")
-    else:
-        echo(f"A running server offers it at once, at /study/{name}")
+    echo(f"The study {name!r} is frozen. Publish this line before anybody plays:\n{hashes(found)}")
+    echo(f"A running server offers it at once, at /study/{name}")
     if found.protocol.recruitment == "invitation":
         invite = f"marsexplorer study invite {name} {found.protocol.players}"
         echo(f"It is by invitation: `{invite}` makes the links")
@@ -276,7 +259,6 @@ def check_kind(
 
 def frozen(
     name: str,
-    beacon: bool,
     folder: Folder,
     database: Path,
     planned: Mapping[str, Any] = MappingProxyType({}),
@@ -285,24 +267,18 @@ def frozen(
 
     planned  as of `Folder.freeze`
     """
-    from humanplay.series.beacon import QUICKNET
-    from humanplay.series.files import now_ms
-
     _check_database(database)
     with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
-        named = QUICKNET.after(now_ms() + BEACON_DELAY_MS) if beacon else None
-        found = folder.freeze(name, advance, named, planned=planned)
-    said = f"An entry of the chain of {database} says so; `marsexplorer stamp` has it time-stamped"
+        found = folder.freeze(name, advance, planned=planned)
+    said = f"An entry of the chain of {database} says so"
     later = f"There is no database {database} yet: the server that makes it notes this in its chain"
     echo(said if _note_freezing(found, database) else later)
     return found
 
 
 def hashes(found: Study) -> str:
-    """Return what freezing fixed, as it is printed."""
-    beacon = found.beacon
-    named = f"\nbeacon         drand quicknet, round {beacon.round}" if beacon else ""
-    return f"protocol hash  {found.protocol_hash}\ncommitment     {found.commitment}{named}"
+    """The line to publish, with the hashes of the protocol and of the secret."""
+    return f"{found.name}: protocol {found.protocol_hash}, secret {found.commitment} (SHA-256)"
 
 
 def _check_database(database: Path) -> None:
@@ -315,7 +291,7 @@ def _check_database(database: Path) -> None:
 
 
 def _note_freezing(found: Study, database: Path) -> bool:
-    """Append the freezing and the opening to the chain of the database, and return whether there is one; a server may run."""
+    """Append the freezing to the chain of the database, and return whether there is one; a server may run."""
     from humanplay.db.chain import append_marks, freezing_of
     from humanplay.db.database import writing
 
@@ -325,34 +301,8 @@ def _note_freezing(found: Study, database: Path) -> bool:
         failures(f"the study {found.name!r} is as asked, but its entry in the chain is missing"),
         writing(database) as conn,
     ):
-        append_marks(conn, freezing_of(found.row()))
+        append_marks(conn, [freezing_of(found.row())])
     return True
-
-
-@study.command("open", short_help="Enter the beacon's round, so that people can take part.")
-@argument("name")
-@option("--signature", help="The round's signature, 96 hexadecimal digits.  [default: by --relay]")
-@option("--relay", default=RELAY, help="Where the beacon's rounds can be fetched.")
-@DATABASE_AND_STUDIES
-def open_(name: str, signature: str | None, relay: str, folder: Folder, database: Path) -> None:
-    """Enter the signature of the beacon's round that was named when the study was frozen: the terrains follow from it.
-
-    The signature is checked with the beacon's public key, whoever it comes from, and again by `verify` and the report.
-
-    \b
-    Examples:
-      marsexplorer study open pilot
-      marsexplorer study open pilot --signature b44679b9a59a...
-    """
-    _check_database(database)
-    with study_errors():
-        found = folder.study(name)
-        if found.waits_for_beacon and found.beacon is not None and signature is None:
-            signature = found.beacon.fetch(relay)
-    with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
-        found = folder.open(name, signature or "", advance)
-    _note_freezing(found, database)
-    echo(f"The study {name!r} is open, at /study/{name}")
 
 
 @study.command(short_help="End the study and reveal its secret.")
