@@ -80,9 +80,7 @@ function paint() {
   live.sync(boards);
   by("live-count").textContent = boards.length === 0 ? "nobody plays at this moment" : boards.length > MAX_BOARDS ? `${MAX_BOARDS} of ${boards.length}` : String(boards.length);
   tables.paintHealth(by("health"), overview.health, overview.now_ms);
-  tables.paintActions(by("actions", HTMLTableElement), overview.actions, overview.now_ms);
   tables.paintNames(by("names", HTMLTableElement), overview, (name, hidden) => run(() => request("admin/names", { name, hidden })));
-  by("operator").textContent = `you are ${overview.operator}`;
   if (study) paintStudy(study, state.task, overview);
 }
 
@@ -140,7 +138,7 @@ by("login").addEventListener("submit", async (event) => {
   event.preventDefault();
   by("wrong").textContent = "";
   try {
-    await request("admin/login", { name: by("name", HTMLInputElement).value, password: password.value });
+    await request("admin/login", { password: password.value });
     password.value = "";
     await load();
   } catch (error) {

@@ -107,12 +107,3 @@ export function paintNames(table, { names, now_ms }, onHide) {
   });
   table.tBodies[0].replaceChildren(...(rows.length ? rows : [create("tr", create("td", "Nobody has chosen one yet.", { colspan: "3" }))]));
 }
-
-/** @param {HTMLTableElement} table @param {Admin.Action[]} actions the newest first @param {number} now_ms */
-export function paintActions(table, actions, now_ms) {
-  table.tBodies[0].replaceChildren(...actions.map(({ at_ms, operator, action, study, status }) => {
-    const answer = status === null ? "not ended" : status < 300 ? "done" : `refused (${status})`;
-    const texts = [action.replaceAll("_", " "), study ?? "", answer].map((text) => create("td", text));
-    return create("tr", [create("th", operator, { scope: "row" }), ...texts, create("td", ago(now_ms - at_ms), { class: "number" })]);
-  }));
-}

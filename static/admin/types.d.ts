@@ -11,10 +11,9 @@ declare namespace Admin {
   };
   type Listed = {name: string, title: string, status: string, error: string | null};
   type Overview = {
-    studies: Listed[], boards: BoardInfo[], health: Health, actions: Action[], operator: string, now_ms: number,
+    studies: Listed[], boards: BoardInfo[], health: Health, now_ms: number,
     names: {name: string, chosen_ms: number, hidden: boolean}[],
   };
-  type Action = {at_ms: number, operator: string, action: string, study: string | null, status: number | null};
   type Stage = {stage: string, human: number, script: number};
   type Participant = {
     id: string, label: string, kind: "human" | "script", script: string | null, stage: string, joined_ms: number,

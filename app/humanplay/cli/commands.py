@@ -14,7 +14,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "server": (
         "PIL", "fastapi", "starlette", "uvicorn", "h11", "websockets", "sqlite_utils",
         "pydantic_settings", "pydantic", "itsdangerous", "limits", "secure", "jinja2", "click", "rich", "scipy",
-        "prometheus_client", "pythonjsonlogger", "argon2", "openskill", "isal",
+        "prometheus_client", "pythonjsonlogger", "openskill", "isal",
     ),
     "networks": ("torch",),
     "train": ("tensorboardX", "matplotlib", "click", "rich", "scipy"),
@@ -67,7 +67,6 @@ COMMANDS = {
     "forget": ("database", "study", "Erase a participant from a database."),
     "backup": ("database", "play", "Copy the database into one verified file while people play."),
     "restore": ("database", "play", "Put a backup in the place of the database."),
-    "operator": ("database", "play", "Let operators log in at /admin by name."),
 }  # fmt: skip
 """Name -> its module below humanplay.cli, the extra that brings all it needs, and its line in `marsexplorer --help`. The
 command NAME is the object NAME of its module; `import`, which Python keeps for itself, is `import_release`."""

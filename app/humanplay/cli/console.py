@@ -74,14 +74,11 @@ def failures(what: str, way_out: str = "") -> Iterator[None]:
     what  "{file}" in it stands for the file that could not be read or written
     """
     from humanplay.db.database import StoreError
-    from humanplay.db.operators import OperatorError
     from humanplay.release.errors import ReleaseError
     from humanplay.series.protocol import StudyError
 
     try:
         yield
-    except OperatorError as error:
-        raise UsageError(str(error)) from error
     except (ReleaseError, StoreError, StudyError) as error:
         raise ClickException(str(error)) from error
     except OSError as error:

@@ -1,9 +1,8 @@
-"""Commands about what a server recorded: export, verify, back up, restore, merge, forget a participant; its operators."""
+"""Commands about what a server recorded: export, verify, back up, restore, merge, forget a participant."""
 
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 from click import UsageError, argument, echo, option
 
-from humanplay.cli.console import failures, pins_file, place, print_table, progress
+from humanplay.cli.console import failures, pins_file, place, progress
 from humanplay.cli.options import KEY, PATH, database_option, flag, path_option
 from humanplay.task import counted
 
@@ -351,81 +350,3 @@ def forget(
             f"released with the participant in it: version {versions} of {done.study}; publish the successor, "
             f"`marsexplorer release --study {done.study} --out DIR`, and withdraw the other"
         )
-
-
-@click.group(short_help="Let operators log in at /admin by name.")
-def operator() -> None:
-    """Add, list and remove the operators who may log in at /admin by name.
-
-    The password MARS_ADMIN_PASSWORD of a server stays valid beside them. A server that is started with an operator in its
-    database has the page /admin. Operators are added and removed while it runs; whoever is removed is logged out at once.
-
-    \b
-    Examples:
-      marsexplorer operator add ada
-      marsexplorer operator list
-      marsexplorer operator log                   what operators did, the newest first
-      marsexplorer operator remove ada
-    """
-
-
-@operator.command(short_help="Add an operator.")
-@argument("name")
-@database_option(SERVERS)
-def add(name: str, database: Path) -> None:
-    """Add an operator; the password is asked for twice, or is the first line of standard input where that is no terminal."""
-    from humanplay.db.operators import add_operator
-
-    if sys.stdin.isatty():
-        password = click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True)
-    else:
-        password = sys.stdin.readline().rstrip("\n")
-    with failures("cannot read the database"):
-        add_operator(database, name, password)
-    echo(
-        f"{name} may log in at /admin of the server that records in {database}; one without that page needs a new start"
-    )
-
-
-@operator.command("list", short_help="List the operators.")
-@database_option(SERVERS)
-def list_(database: Path) -> None:
-    """List the operators: by name, and since when."""
-    from humanplay.db.operators import list_operators
-
-    with failures("cannot read the database"):
-        found = list_operators(database)
-    rows = [(each.name, _time(each.created_ms)) for each in found]
-    print_table("Operators", ("name", "since (UTC)"), rows)
-
-
-@operator.command(short_help="Remove an operator.")
-@argument("name")
-@database_option(SERVERS)
-def remove(name: str, database: Path) -> None:
-    """Remove an operator; what they did stays in the log."""
-    from humanplay.db.operators import remove_operator
-
-    with failures("cannot read the database"):
-        remove_operator(database, name)
-    echo(f"{name} cannot log in any more")
-
-
-@operator.command(short_help="Print what operators did.")
-@option("--count", type=click.IntRange(1), default=100, help="Actions to print.")
-@database_option(SERVERS)
-def log(count: int, database: Path) -> None:
-    """Print the newest actions of operators, with the status of the server's answer (200 to 299: done)."""
-    from humanplay.db.operators import read_actions
-
-    with failures("cannot read the database"):
-        found = read_actions(database, count)
-    rows = [
-        (_time(each["at_ms"]), each["operator"], each["action"], each["study"] or "", str(each["status"] or "not ended"))
-        for each in found
-    ]  # fmt: skip
-    print_table("What operators did", ("time (UTC)", "operator", "action", "study", "status"), rows)
-
-
-def _time(at_ms: int) -> str:
-    return datetime.fromtimestamp(at_ms / 1000, UTC).strftime("%Y-%m-%d %H:%M:%S")

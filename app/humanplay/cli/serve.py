@@ -87,8 +87,7 @@ def serve(
     The server answers for IP addresses, localhost, the names of this machine and the host of --public-url. Behind a proxy,
     --trusted-proxy names it, so that visitors are told apart; what others put into X-Forwarded headers is ignored.
 
-    The operator's page /admin is open with --admin, when MARS_ADMIN_PASSWORD holds its password, and where the database has
-    operators by name (marsexplorer operator add NAME); else there is none.
+    The operator's page /admin is open with --admin, and when MARS_ADMIN_PASSWORD holds its password; else there is none.
 
     With --metrics-port, Prometheus finds counts, latencies and the state of the disk at /metrics of that port, which is not
     the port of the page. --log-format json logs each request with an id that its answer carries in X-Request-ID. Neither

@@ -19,7 +19,7 @@ from marsexplorer.files import replace_whole
 
 NOT_MERGED = (
     *("meta", "series", "event_batches", "page_loads", "forgotten", "forgotten_people", "chain"),
-    *("chain_salts", "operators", "operator_actions", "volunteers", "volunteer_figures", "names"),
+    *("chain_salts", "volunteers", "volunteer_figures", "names"),
     *("rated_games", "ratings"),
 )
 """Series and the forgotten are merged by themselves. The key that signs cookies and the secret of daily terrains stay where

@@ -93,12 +93,12 @@ def remember_player(
     cookie.set(response, connection, services_of(connection).player_tokens.sign(player_id))
 
 
-async def is_operator(connection: HTTPConnection) -> bool:
+def is_operator(connection: HTTPConnection) -> bool:
     """Return whether the operator asks; False on a server without an operator's page."""
     admin = services_of(connection).admin
     if admin is None:
         return False
-    return await admin.login.operator_of(ADMIN.token(connection)) is not None
+    return admin.login.is_valid(ADMIN.token(connection))
 
 
 def is_owner(connection: HTTPConnection, session: Session) -> bool:

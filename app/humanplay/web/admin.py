@@ -32,7 +32,6 @@ from humanplay.series.folder import SEALED
 from humanplay.series.invitations import MAX_INVITATIONS, token_of
 from humanplay.series.protocol import DraftStudyError, StudyError, UnknownStudyError
 from humanplay.web.access import ADMIN, close, is_operator, services_of
-from humanplay.web.errors import status_of
 from humanplay.web.operator import participants
 from humanplay.web.operator.exports import ExportError, ExportKind
 from humanplay.web.operator.login import TooManyAttemptsError, WrongPasswordError
@@ -48,9 +47,8 @@ MAX_BOARDS = 60
 
 
 class Login(Message):
-    """What the operator types: the name is left empty with the server's one password."""
+    """What the operator types."""
 
-    name: str = Field(default="", max_length=64)
     password: str = Field(max_length=1024)
 
 
@@ -102,7 +100,7 @@ async def check_operator(request: Request, response: Response) -> AdminServices:
     """Return the operator's services; HTTPException 401 or 403 unless the operator asks from our page."""
     response.headers["Cache-Control"] = "no-store"
     await check_page(request)
-    if not await is_operator(request):
+    if not is_operator(request):
         raise HTTPException(401, "log in at /admin first: this is the operator's alone")
     return _admin_of(request)
 
@@ -116,14 +114,11 @@ def _admin_of(connection: Request | WebSocket) -> AdminServices:
 Operator = Annotated[AdminServices, Depends(check_operator)]
 
 
-class LoggedRoute(APIRoute):
-    """A route that logs what an operator asks for, before it is done: every change, and every file that is taken.
-
-    The login logs itself, since only it knows who came. What is wrong with a study is told as it is.
-    """
+class StudyRoute(APIRoute):
+    """A route that tells what is wrong with a study as it is."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """Return the handler with its entry in the log around it."""
+        """Return the handler with its errors turned into answers."""
         handle = super().get_route_handler()
 
         async def handler(request: Request) -> Response:
@@ -133,28 +128,7 @@ class LoggedRoute(APIRoute):
                 is_none = isinstance(error, (UnknownStudyError, DraftStudyError))
                 raise HTTPException(404 if is_none else 409, str(error)) from error
 
-        reads = (self.methods or set()) <= {"GET", "HEAD"}
-        if self.name == "login" or (reads and self.name != "download"):
-            return handler
-
-        async def logged(request: Request) -> Response:
-            admin = _admin_of(request)
-            who = await admin.login.operator_of(ADMIN.token(request))
-            if who is None:
-                return await handler(request)
-            number = await admin.actions.begin(who, self.name, request.path_params.get("name"))
-            status = 500
-            try:
-                response = await handler(request)
-                status = response.status_code
-            except Exception as error:
-                status = status_of(error)
-                raise
-            finally:
-                await admin.actions.end(number, status)
-            return response
-
-        return logged
+        return handler
 
 
 WATCHED = (
@@ -166,15 +140,14 @@ WATCHED = (
 )
 """Gauges that the page shows."""
 
-router = APIRouter(include_in_schema=False, route_class=LoggedRoute)
+router = APIRouter(include_in_schema=False, route_class=StudyRoute)
 
 
 @router.post("/api/admin/login", dependencies=[Depends(check_page)])
 async def login(request: Request, response: Response, given: Login) -> dict[str, Any]:
     """Log in: set the operator's cookie for the right password."""
     try:
-        address, name = client_address(request), given.name.strip()
-        token = await _admin_of(request).login.issue(address, name, given.password)
+        token = _admin_of(request).login.issue(client_address(request), given.password)
     except WrongPasswordError as error:
         raise HTTPException(401, str(error)) from error
     except TooManyAttemptsError as error:
@@ -186,14 +159,14 @@ async def login(request: Request, response: Response, given: Login) -> dict[str,
 @router.post("/api/admin/logout", dependencies=[Depends(check_page)])
 async def logout(request: Request, response: Response) -> dict[str, Any]:
     """Log out: revoke the token and delete the cookie."""
-    await _admin_of(request).login.revoke(ADMIN.token(request))
+    _admin_of(request).login.revoke(ADMIN.token(request))
     ADMIN.set(response, request, "")
     return {"in": False}
 
 
 @router.get("/api/admin/overview")
 async def overview(request: Request, admin: Operator) -> dict[str, Any]:
-    """Return the studies, the boards being played, the server's health, and what operators did last."""
+    """Return the studies, the boards being played and the server's health."""
     health = await asyncio.to_thread(admin.health.state)
     lobby = admin.progress.lobby
     watched = await asyncio.to_thread(lobby.store.metrics.values, *WATCHED)
@@ -208,8 +181,6 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
             "sessions": len(lobby),
             "up_s": round(time.monotonic() - admin.began),
         },
-        "operator": await admin.login.operator_of(ADMIN.token(request)),
-        "actions": await admin.actions.newest(),
         "names": await lobby.store.read(partial(ratings.newest_names, lobby.store)),
         "core_version": lobby.task.version,
         "now_ms": lobby.sources.clock_ms(),
@@ -328,7 +299,7 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
     if has_own_origin(websocket) is not True:
         await close(websocket, NOT_OUR_PAGE, "the Origin of this page is not this server's")
         return
-    if not await is_operator(websocket):
+    if not is_operator(websocket):
         await close(websocket, NOT_LOGGED_IN, "log in at /admin first")
         return
 
@@ -343,7 +314,7 @@ async def _send(websocket: WebSocket, session: Session) -> None:
     store = services_of(websocket).store
     async with aclosing(board_messages(store, session)) as messages:
         async for message in messages:
-            if not await is_operator(websocket):
+            if not is_operator(websocket):
                 await close(websocket, NOT_LOGGED_IN, "logged out")
                 return
             await websocket.send_text(message)

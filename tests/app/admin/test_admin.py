@@ -2,6 +2,7 @@
 
 import re
 import time
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import pytest
@@ -9,7 +10,13 @@ from itsdangerous import TimestampSigner
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from humanplay.web.access import ADMIN_COOKIE
-from humanplay.web.operator.login import ATTEMPTS_PER_MINUTE, TOKEN_S, AdminPassword
+from humanplay.web.operator.login import (
+    ATTEMPTS_PER_MINUTE,
+    TOKEN_S,
+    AdminPassword,
+    Attempts,
+    TooManyAttemptsError,
+)
 from humanplay.web.settings import Settings
 from tests.support.command import command
 from tests.support.servers import eventually, forged
@@ -107,6 +114,43 @@ def test_a_wrong_password_and_too_many_of_them(admin):
     assert 0 < wait <= 60
     said = f"too many wrong attempts from this address: wait {wait} seconds, then try again"
     assert answer.json()["detail"] == said
+
+
+def test_attempts_at_the_same_time_are_no_way_around_the_limit(admin):
+    clients = [admin.page() for _ in range(3 * ATTEMPTS_PER_MINUTE)]
+
+    def status(client):
+        return client.post("/api/admin/login", json={"password": "wrong-wrong"}).status_code
+
+    with ThreadPoolExecutor(len(clients)) as pool:
+        statuses = list(pool.map(status, clients))
+    assert (statuses.count(401), statuses.count(429)) == (
+        ATTEMPTS_PER_MINUTE,
+        2 * ATTEMPTS_PER_MINUTE,
+    )
+
+
+def test_attempts_are_limited_by_the_minute_and_by_the_hour_for_one_address_until_one_is_right(
+    monkeypatch,
+):
+    now = [1_800_000_000.0]
+    monkeypatch.setattr("time.time", lambda: now[0])
+    attempts = Attempts()
+
+    def begin(address="1.2.3.4"):
+        try:
+            attempts.begin(address)
+        except TooManyAttemptsError as error:
+            return error.wait_s
+        return 0
+
+    for _ in range(6):
+        assert [begin() for _ in range(ATTEMPTS_PER_MINUTE)] == [0] * ATTEMPTS_PER_MINUTE
+        assert (begin(), begin("5.6.7.8")) == (60, 0)
+        now[0] += 61
+    assert begin() == 3600 - 6 * 61, "thirty in an hour"
+    attempts.forgive("1.2.3.4")
+    assert begin() == 0
 
 
 def test_the_cookie_is_strict_and_cannot_be_forged_outlived_or_used_after_logout(

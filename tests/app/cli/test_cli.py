@@ -111,7 +111,6 @@ def test_the_extras_are_those_of_the_package():
         "pillow": "PIL",
         "pyyaml": "yaml",
         "python-json-logger": "pythonjsonlogger",
-        "argon2-cffi": "argon2",
         "pygame-ce": "pygame",
     }
     assert set(declared) == set(EXTRAS)
@@ -215,7 +214,6 @@ def test_a_wrong_setting_of_the_server_stops_no_command_that_does_not_need_it(
     monkeypatch.setenv("MARS_DATABASE", str(database))
     assert run("export", "--out", tmp_path / "out")[0] == 0
     assert run("study", "list")[0] == 0
-    assert run("operator", "list")[0] == 0
 
 
 def test_a_variable_that_is_no_setting_is_named_with_the_one_that_was_meant(run, monkeypatch):

@@ -320,10 +320,6 @@ OPENING = {
     "forget": "ada --yes --database FILE",
     "backup": "new.db --database FILE",
     "restore": "FILE --yes --database play.db",
-    "operator add": "ada --database FILE",
-    "operator list": "--database FILE",
-    "operator log": "--database FILE",
-    "operator remove": "ada --database FILE",
 }
 """Each command that opens a database, and words with which it does."""
 

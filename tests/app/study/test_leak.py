@@ -374,8 +374,6 @@ READING = (
     "study power small --pilot small",
     "costs --study small --json {out}/costs.json",
     "verify",
-    "operator list",
-    "operator log",
 )
 """Commands that read a database, with what they are asked for."""
 NOT_OF_EPISODES = r"^chain: .*\n|[\d,]+ episodes simulated.*|\"made_at\": .*"

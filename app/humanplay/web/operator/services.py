@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from humanplay.db.operators import ActionLog
 from humanplay.jobs import Jobs
 from humanplay.series.progress import ParticipantProgress
 from humanplay.series.protocol import StudyError
@@ -31,8 +30,8 @@ class AdminServices:
         downloads: Downloads,
     ) -> None:
         store = progress.lobby.store
-        self.actions, self.progress, self.health = ActionLog(store), progress, health
-        self.login = AdminLogin(password, store, self.actions)
+        self.progress, self.health = progress, health
+        self.login = AdminLogin(password)
         self.figures = participants.LiveFigures(store.path)
         self.exports = Exports(store.path, jobs, downloads)
         self.began = time.monotonic()
