@@ -94,7 +94,7 @@ export function reading({ board, people }) {
       `Policies and frontier rules play ${many(board.terrains, "fixed terrain")} of the same kind, kept from all training; their interval is over terrains. In a closed study both play the very same terrains.`];
   }
   const set = people?.set === "everybody" ? " who began a ranked episode" : " who finished as its protocol asks";
-  return [`People are the participants of this closed study${set}; each weighs once, and the interval is over players. Coverage and visits are over the ranked episodes of everybody who took part; scripts never enter.`,
+  return [`People are the participants of this closed study${set}; each weighs once, and the interval is the one of its report. Coverage and visits are over the ranked episodes of everybody who took part; scripts never enter.`,
     `Policies and frontier rules play exactly the study's ${many(board.terrains, "ranked terrain")}; their interval is over terrains. The report compares them pair by pair.`];
 }
 

@@ -96,6 +96,7 @@ function paint(before) {
   paintDebrief(before, colours);
   if (game.notices !== before?.game.notices) paintNotices(by("notices"), game.notices, (id) => dispatch({ kind: "dismiss", id }));
   paintLink(by("link"), game.link === "connecting" && participant && !participant.session ? "open" : game.link, "connected");
+  by("link").hidden = state.problem !== null;
 }
 
 const mayDrive = () => isDriving(state) && !isDialogOpen();

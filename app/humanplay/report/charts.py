@@ -20,7 +20,6 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from humanplay.report.model import GroupReport, Report
-from humanplay.report.statistics.formatting import counted
 from humanplay.report.statistics.intervals import Interval
 from humanplay.series.flow import BEGAN, EARLY, ENDED, STATUS_IN_WORDS, ParticipantFlow, Status
 
@@ -153,9 +152,7 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
         axes.set_ylim(-1.2 - len(labels) + 0.3, tallest + 1)
         axes.axhline(-0.6, color="#c5ccd3", linewidth=0.6)
         axes.set_title(title)
-        axes.set_xlabel(
-            f"mean of a player ({counted(len(players), 'player')}; hollow: not finished)"
-        )
+        axes.set_xlabel("mean of a player")
         axes.spines["left"].set_visible(False)
         axes.tick_params(left=False)
 

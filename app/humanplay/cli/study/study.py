@@ -718,8 +718,10 @@ def _ways(protocol: Protocol) -> list[str]:
         least, power = reachable_difference(design)
     if fewest is not None:
         ways.append(f"plan about {counted(fewest, 'player')}, for {100 * WANTED_POWER:.0f} %")
-    elif difference is None:
+    elif not design.is_tested:
         ways.append("plan five players and five ranked episodes or more")
+    elif difference is None:
+        ways.append("plan more players and more ranked episodes")
     if least is not None:
         why = (
             "" if fewest is not None else f" ({MOST_PARTICIPANTS} players are too few for this one)"

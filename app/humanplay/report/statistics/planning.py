@@ -297,6 +297,10 @@ def power_in_words(protocol: Protocol) -> str:
             f"A policy that is better than people by {difference} is seen in {100 * power.policy_better:.0f} % of studies, "
             f"one that is worse by as much in {100 * power.people_better:.0f} %: the lower share is the power."
         )
+    else:
+        sentences.append(
+            f"No difference is seen in {100 * POSSIBLE_POWER:.0f} % of studies of this size."
+        )
     if power.half_width is not None:
         sentences.append(
             f"The 95 % interval of the mean of those who finish is ±{power.half_width:.3g} wide on average."

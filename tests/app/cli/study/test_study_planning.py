@@ -187,6 +187,14 @@ def test_people_who_leave_are_part_of_what_freezing_refuses(study, tmp_path):
     assert (frozen.assumed_leaver_share, frozen.power.lower < 0.5) == (0.4, True)
 
 
+def test_a_study_that_can_see_no_difference_is_told_to_plan_more_of_both(study, tmp_path):
+    study("new", "mine", "--size", "9x13", "--warm-up", "2", "--ranked", "5", "--players", "6")
+    edit(tmp_path, declarations=DECLARATIONS)
+    _, _, err = study("freeze", "mine")
+    assert "No difference is seen in 60 % of studies of this size." in err
+    assert ": plan more players and more ranked episodes; or freeze with --underpowered" in err
+
+
 def test_a_file_of_declarations_with_a_wrong_key_is_refused(study, tmp_path):
     path = tmp_path / "declared.json"
     path.write_text(json.dumps({"poplation": "adults"}))
