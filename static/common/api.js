@@ -64,7 +64,6 @@ export const api = {
   maps: () => request("maps"),
   replay: (id) => request(`episodes/${encodeURIComponent(id)}/replay`),
   history: () => request("me/history?limit=200"),
-  rating: (episode) => request(`me/rating?episode=${encodeURIComponent(episode)}`),
   policies: () => request("policies"),
   episode: (id) => request(`episodes/${encodeURIComponent(id)}`),
   costs: (id) => request(`episodes/${encodeURIComponent(id)}/costs`, undefined, 600_000),

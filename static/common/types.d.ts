@@ -29,7 +29,7 @@ type ApiRequest = <T>(path: string, body?: unknown, timeout_ms?: number, rest?: 
 type Wished = Record<string, unknown>;
 type Api = {
   health(): Promise<unknown>, task(): Promise<TaskAbout>, levels(): Promise<Mars.Level[]>, maps(): Promise<Mars.GivenMap[]>,
-  policies(): Promise<Choice[]>, history(): Promise<Me.History>, rating(episode: string): Promise<Me.Standing>,
+  policies(): Promise<Choice[]>, history(): Promise<Me.History>,
   episode(id: string): Promise<{seed: number | null, level: string, rows: number, cols: number, actions: string[]}>,
   replay(id: string): Promise<ReplayData>,
   /** Of a finished episode. */

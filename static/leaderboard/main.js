@@ -42,8 +42,8 @@ function show(view) {
 }
 
 async function loadPeople() {
-  const found = /** @type {Leaderboard.Ratings} */ (await request("people"));
-  paintPeople(by("rated", HTMLTableElement), by("own"), found);
+  const found = /** @type {Leaderboard.Named} */ (await request("people"));
+  paintPeople(by("named", HTMLTableElement), by("own"), found);
   schedule(LATER_MS);
 }
 

@@ -1,22 +1,23 @@
-// The people who chose a name, by their ratings, with the policies among them.
+// The people who chose a name, by how many moves more than Expert they need.
 import { create } from "../common/page.js";
-import { beatenText } from "../me/words.js";
-import { policyName } from "../task/mars/names.js";
+import { signed } from "../common/words.js";
 
-/** Fill the table, and the line about the player's own rating.
- * @param {HTMLTableElement} table @param {HTMLElement} own @param {Leaderboard.Ratings} found */
-export function paintPeople(table, own, { people, policies, you }) {
-  const rows = [...people.map((each) => ({ ...each, isPolicy: false })), ...policies.map(({ name, rating }) => ({ name: policyName(name), rating, games: 0, days: 0, beaten: {}, you: false, isPolicy: true }))]
-    .sort((one, other) => other.rating - one.rating);
-  let place = 0;
-  table.tBodies[0].replaceChildren(...rows.map((each) => {
-    const beaten = policies.map(({ name }) => (each.games ? `${/** @type {Record<string, number>} */ (each.beaten)[name] ?? 0} of ${each.games}` : "\u2013"));
-    const counts = each.isPolicy ? ["", "", "", ""] : [String(each.games), ...beaten, String(each.days)];
-    const cells = counts.map((text, index) => create("td", text, { class: `number${index === 1 ? "" : " wide"}` }));
-    const name = create("th", [each.name, ...(each.isPolicy ? [create("small", "policy")] : each.you ? [create("small", "you")] : [])], { scope: "row" });
-    return create("tr", [create("td", each.isPolicy ? "" : String(++place), { class: "number place" }), name, create("td", String(each.rating), { class: "number" }), ...cells], each.you ? { "aria-current": "true" } : {});
-  }));
-  if (!people.length) table.tBodies[0].append(create("tr", [create("td", "Nobody has chosen a name yet. Play ranked, choose one, and you are the first.", { class: "empty", colspan: "7" })]));
-  own.replaceChildren(...(you?.rating ? [`${beatenText(you)} `] : ["You have no rating yet: it begins with your first ranked terrain. ", create("a", "Play", { href: "./" })]),
-    ...(you?.rating && !you.name ? [create("a", "Choose a name to stand here", { href: "me#name" })] : []));
+/** Fill the table, and the line about the player's own name.
+ * @param {HTMLTableElement} table @param {HTMLElement} own @param {Leaderboard.Named} found */
+export function paintPeople(table, own, { people, you }) {
+  const rows = people.map(({ name, gap, episodes, you: isYou }, index) => {
+    const label = create("th", [name, ...(isYou ? [create("small", "you")] : [])], { scope: "row" });
+    const cells = [
+      create("td", String(index + 1), { class: "number place" }),
+      label,
+      create("td", signed(gap), { class: "number" }),
+      create("td", String(episodes), { class: "number wide" }),
+    ];
+    return create("tr", cells, isYou ? { "aria-current": "true" } : {});
+  });
+  const nobody = "Nobody with a name has five ranked terrains yet. Play ranked, choose a name, and you are the first.";
+  const empty = create("tr", [create("td", nobody, { class: "empty", colspan: "4" })]);
+  table.tBodies[0].replaceChildren(...(rows.length ? rows : [empty]));
+  const choose = create("a", "Choose a name to stand here", { href: "me#name" });
+  own.replaceChildren(...(you?.name ? [] : [choose]));
 }

@@ -25,7 +25,7 @@ declare namespace Leaderboard {
   type Detail = {board: BoardListing, people: People | null, policies: Policy[]};
   type ChartPlace = {chart: HTMLElement, legend: HTMLElement, note: HTMLElement};
   type Measure = "steps" | "score";
-  type Ratings = {people: (Me.Standing & {name: string, rating: number, you: boolean})[], policies: {name: string, rating: number}[], you: Me.Standing | null};
+  type Named = {people: {name: string, gap: number, episodes: number, you: boolean}[], you: Me.Named | null};
   type View = "people" | "policies";
   type State = {view: View, boards: BoardListing[], board: string, measure: Measure, detail: Detail | null, evaluates: boolean};
   type Row = {who: string, name: string, colour: string, dash: string, figure: Figure | null, policy: Policy | null};

@@ -6,7 +6,7 @@ import { ticks, tickText } from "../common/chart_scale.js";
 import { chartColours, create, by, put } from "../common/page.js";
 import { loadTask } from "../common/task.js";
 import { percent, score } from "../common/words.js";
-import { beatenText, bestText, gapsText, kindText, standingText, summary, terrainText } from "./words.js";
+import { bestText, gapsText, kindText, standingText, summary, terrainText } from "./words.js";
 
 /** @type {Task} */
 let task;
@@ -58,7 +58,7 @@ async function load() {
     put(by("sentence"), summary(task, history));
     if (!shown) {
       by("bests").replaceChildren(...history.bests.map(bestPanel));
-      if (history.total && task.play) loadStanding();
+      if (history.total && task.play) loadName();
     }
     by("rows").append(...history.episodes.map(episodeRow));
     shown += history.episodes.length;
@@ -74,16 +74,15 @@ async function load() {
     setTimeout(load, 2000);
   }
 }
-/** Show the place among people, as soon as the server says it. */
-function loadStanding() {
-  request("people").then(({ you }) => showStanding(you), () => setTimeout(loadStanding, 2000));
+/** Show the name, as soon as the server says it. */
+function loadName() {
+  request("people").then(({ you }) => showName(you), () => setTimeout(loadName, 2000));
 }
-/** @param {Me.Standing} standing */
-function showStanding(standing) {
-  put(by("rating"), beatenText(standing));
-  by("name", HTMLInputElement).value = standing.name ?? "";
-  by("remove-name").hidden = !standing.name;
-  if (standing.hidden) put(by("name-note"), "The operator of this server has hidden your name: nobody sees it.");
+/** @param {Me.Named} named */
+function showName(named) {
+  by("name", HTMLInputElement).value = named.name ?? "";
+  by("remove-name").hidden = !named.name;
+  if (named.hidden) put(by("name-note"), "The operator of this server has hidden your name: nobody sees it.");
   by("name-part").hidden = false;
   if (location.hash === "#name") by("name").focus();
 }
@@ -92,7 +91,7 @@ function showStanding(standing) {
  * @param {object | undefined} body */
 async function setName(body) {
   try {
-    showStanding(await request("me/name", body, undefined, { method: body ? "PUT" : "DELETE" }));
+    showName(await request("me/name", body, undefined, { method: body ? "PUT" : "DELETE" }));
     put(by("name-note"), body ? "Saved. The leaderboard shows it." : "Removed. Your episodes stay, without a name.");
   } catch (error) {
     put(by("name-note"), /** @type {Error} */ (error).message);

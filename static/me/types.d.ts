@@ -10,7 +10,7 @@ declare namespace Me {
     level: string, rows: number, cols: number, max_steps: number, episodes: number, explored: number,
     best: Episode | null, people: {means: number[], you: number | null, ranked: number, missing: number},
   };
-  type Standing = {name: string | null, rating: number | null, before?: number | null, rated?: boolean, games: number, days: number, beaten: Record<string, number>, hidden?: boolean};
+  type Named = {name: string | null, hidden: boolean};
   /** An episode beside Expert's: the moves that it counts more, below 0 for fewer. */
   type Gap = {gap: number, isFinished: boolean};
   type History = {total: number, episodes: Episode[], bests: Best[]};

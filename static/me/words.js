@@ -1,6 +1,6 @@
 // The sentences of a player's own page; no document here, so that node can test every one.
 import { many, signed, wholePercent } from "../common/words.js";
-import { levelName, policyName } from "../task/mars/names.js";
+import { levelName } from "../task/mars/names.js";
 
 /** @param {{level: string, rows: number | null, cols: number | null}} terrain without a size where a task has none */
 export const terrainText = ({ level, rows, cols }) => levelName(level) + (rows ? ` ${rows} \u00d7 ${cols}` : "");
@@ -50,20 +50,6 @@ export function standingText({ people: { means, you, ranked, missing } }) {
   if (means.length < 2) return `${mean}. You are the only person with so many so far.`;
   const better = means.filter((each) => each < you).length;
   return `${mean}: place ${better + 1} of ${many(means.length, "person", "people")}. A terrain that was not finished counts the limit.`;
-}
-
-/** @param {Me.Standing} standing @returns a player's rating, and how often each policy was beaten */
-export function beatenText({ rating, games, days, beaten }) {
-  if (rating === null) return "No rating yet: it begins with your first ranked terrain.";
-  const won = ["ppo", "frontier-cost"].filter((policy) => policy in beaten).map((policy) => `${policyName(policy)} ${beaten[policy]} of ${games}`);
-  const daily = days ? ` ${many(days, "daily terrain")} among people.` : "";
-  return `Your rating is ${rating}.${won.length ? ` You beat ${won.join(", ")}.` : ""}${daily}`;
-}
-
-/** @param {Me.Standing} standing after a ranked episode, which may not be in it yet @returns what became of the rating */
-export function ratingText({ rating, before = null, rated }) {
-  if (!rated) return rating === null ? "Your first rating is being worked out." : `Your rating was ${rating}; what it is now is being worked out.`;
-  return before === null ? `Your first rating is ${rating}.` : `Your rating was ${before}, and is ${rating} now.`;
 }
 
 /** @param {Task} task @param {Me.Best} best */

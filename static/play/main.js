@@ -7,7 +7,7 @@ import { showPeople } from "../common/people.js";
 import { startBoards } from "../common/socket.js";
 import { loadTask, promptText, showTask } from "../common/task.js";
 import { many, notCounted } from "../common/words.js";
-import { personalText, ratingText } from "../me/words.js";
+import { personalText } from "../me/words.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
 import { createPanel, hasTwoBoards, offerPolicies, paintBar, paintEndCard, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
@@ -133,7 +133,7 @@ function dispatch(event) {
     const said = task.announcement(before.player?.frame ?? null, frame);
     if (said) announce(said);
     if (state.mode === "ranked" && frame.outcome && wish()) sessions.replay(state);
-    if (frame.episode !== before.player?.frame.episode) part["end-own"].hidden = part.rating.hidden = true;
+    if (frame.episode !== before.player?.frame.episode) part["end-own"].hidden = true;
     if (frame.outcome && !before.player?.frame.outcome) {
       if (state.mode !== "watch") localStorage.setItem(PLAYED, String(Number(localStorage.getItem(PLAYED)) + 1));
       sayOwn(frame.episode);
@@ -236,27 +236,13 @@ function followVisit(before, after) {
   repaint(true);
 }
 
-/** Say after the end of an episode that was to count when it does not, else what becomes of the rating. */
+/** Say after the end of an episode that was to count when it does not. */
 async function countedEnded() {
   const { mode, counts, player } = state;
   const about = mode === "ranked" && counts && player ? await api.about(player.session).catch(() => null) : null;
   if (about?.not_attested) {
     dispatch({ kind: "begun", about });
     dispatch({ kind: "notice", text: notCounted(about.not_attested, about.attestation), tone: "note" });
-  } else if (about && modules) sayRating(about.frame.episode); // other environments have no ratings
-}
-
-/** Say on the end card what became of the rating: it is worked out some seconds after the end.
- * @param {string} episode */
-async function sayRating(episode) {
-  for (let tries = 0, isRated = false; tries < 8 && !isRated; tries++) {
-    const standing = await api.rating(episode).catch(() => null);
-    if (state.player?.frame.episode !== episode) return;
-    isRated = Boolean(standing?.rated);
-    part.rating.hidden = !standing;
-    put(part["rating-text"], standing ? ratingText(standing) : "");
-    part["choose-name"].hidden = !isRated || Boolean(standing?.name);
-    await new Promise((resolve) => { setTimeout(resolve, 1500 * (tries + 1)); });
   }
 }
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from humanplay.db import volunteers
 from humanplay.db.columns import TABLES
 from humanplay.db.database import transaction
-from humanplay.db.reader import HUMAN_SCORE_CONDITION, JOINED, now_ms, utc_day
+from humanplay.db.reader import now_ms, utc_day
 from humanplay.db.store import Store
 from humanplay.db.trial import parse_config
 from humanplay.series.daily import day_before
@@ -72,21 +72,11 @@ def make_episodes(
             _copy(conn)
             conn.execute("DROP TABLE copies")
             volunteers.renew(conn)
-            _rate(conn)
+            conn.execute(
+                "INSERT INTO names SELECT id, id, id, 0, 0 FROM players WHERE id GLOB 'player-*'"
+            )
     finally:
         store.close()
-
-
-def _rate(conn) -> None:
-    """Give every player a name and a rating, and say that each counted episode was rated."""
-    counted = f"SELECT e.id, e.ended_ms FROM episodes e {JOINED} WHERE {HUMAN_SCORE_CONDITION} ORDER BY e.ended_ms"
-    conn.execute(
-        f"""INSERT INTO rated_games SELECT row_number() OVER (), ended_ms, id, NULL, '{{"ppo": 9}}' FROM ({counted})"""
-    )
-    conn.execute("INSERT INTO names SELECT id, id, id, 0, 0 FROM players WHERE id GLOB 'player-*'")
-    conn.execute(
-        """INSERT INTO ratings SELECT id, 25, 8, random() % 1000, 900, 10, 1, '{"ppo": 3}' FROM players"""
-    )
 
 
 def public_reads(path: Path) -> list[str]:

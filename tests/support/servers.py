@@ -204,14 +204,10 @@ def shipped_policies():
 def running_server(policies, /, sources=None, **settings):
     """Yield a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
     from humanplay.board.sources import Sources
-    from humanplay.web import ratings
     from humanplay.web.listening import bound_connections, listen, uvicorn_config
     from humanplay.web.server import Prepared, create_app
     from humanplay.web.settings import Settings
 
-    ratings.LOOK_S = (
-        3600.0  # it rates what it finds at its start, or each test's episodes would cost a process
-    )
     sock = listen("127.0.0.1", 0)
     bound_connections(sock, settings["limits"].answer_s)
     clock = MovableClock()

@@ -14,7 +14,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "server": (
         "PIL", "fastapi", "starlette", "uvicorn", "h11", "websockets", "sqlite_utils",
         "pydantic_settings", "pydantic", "itsdangerous", "limits", "secure", "jinja2", "click", "rich", "scipy",
-        "prometheus_client", "pythonjsonlogger", "openskill", "isal",
+        "prometheus_client", "pythonjsonlogger", "isal",
     ),
     "networks": ("torch",),
     "train": ("tensorboardX", "matplotlib", "click", "rich", "scipy"),

@@ -246,7 +246,7 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
 
     What two of them hold alike is taken once; two contents under one id are refused. Whoever was forgotten in one of them is
     left out. The key that signs cookies is not taken along, so the new file knows no browser again; names that players
-    chose, and their ratings, stay in their servers' own files, where they can be changed. A server may go on writing meanwhile.
+    chose stay in their servers' own files, where they can be changed. A server may go on writing meanwhile.
 
     \b
     Examples:
@@ -298,7 +298,7 @@ def forget(
 ) -> None:
     """Erase a participant, named by id, the label of their page, the outside id of their link or an agent's card, for good.
 
-    With --player it is a player of the playground, by the name that they chose: name, rating and all that they played go.
+    With --player it is a player of the playground, by the name that they chose: name and all that they played go.
 
     Their outside ids, cookie and completion code go, and their episodes with every move and key press, those outside the
     study too, unless the study's protocol keeps episodes: then these stay under new ids. The file is written anew and its

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from humanplay.db import chain, ratings, volunteers
+from humanplay.db import chain, names, volunteers
 from humanplay.db.backup import check_room
 from humanplay.db.chain import Thing
 from humanplay.db.database import StoreError, open_database, reading, rows, transaction
@@ -213,7 +213,7 @@ def find_player(database: Path, name: str) -> None:
 
 
 def _named(conn: sqlite3.Connection, database: Path, name: str) -> str:
-    if (player := ratings.named(conn, name)) is None:
+    if (player := names.named(conn, name)) is None:
         raise ParticipantLookupError(
             f"no player of {database} chose the name {name!r}: the page /leaderboard has the names"
         )
@@ -221,8 +221,8 @@ def _named(conn: sqlite3.Connection, database: Path, name: str) -> str:
 
 
 def _delete_player(conn: sqlite3.Connection, player_id: str) -> None:
-    """Delete a player's name, rating and row; the row stays where a study knows it."""
-    ratings.forget(conn, player_id)
+    """Delete a player's name and row; the row stays where a study knows it."""
+    conn.execute("DELETE FROM names WHERE player_id = ?", [player_id])
     sql = "DELETE FROM players WHERE id = ?1 AND NOT EXISTS (SELECT 1 FROM participants WHERE player_id = ?1)"
     conn.execute(sql, [player_id])
 
@@ -280,7 +280,6 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
             "input_events",
             "steps",
             "series_episodes",
-            "rated_games",
         ):
             conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
         conn.execute("DELETE FROM episodes WHERE id = ?", [ident])

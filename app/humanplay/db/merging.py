@@ -20,11 +20,10 @@ from marsexplorer.files import replace_whole
 NOT_MERGED = (
     *("meta", "series", "event_batches", "page_loads", "forgotten", "forgotten_people", "chain"),
     *("chain_salts", "volunteers", "volunteer_figures", "names"),
-    *("rated_games", "ratings"),
 )
 """Series and the forgotten are merged by themselves. The key that signs cookies and the secret of daily terrains stay where
-they are. So do names and ratings: without that key nobody could change a name in the new file, two servers may have one name
-twice, and ratings follow from the order of one server's games. So does the chain: two of them cannot be one, so the target's
+they are. So do names: without that key nobody could change a name in the new file, and two servers may have one name
+twice. So does the chain: two of them cannot be one, so the target's
 own goes on, with an entry that holds the heads of the sources."""
 
 MERGED = {name: table for name, table in TABLES.items() if table.names() and name not in NOT_MERGED}

@@ -20,7 +20,7 @@ from typing import Any, Literal
 
 from humanplay.board.attestation import COPIED, Conditions, attest, key_map_of
 from humanplay.board.clock import controls_of
-from humanplay.db import checks, ratings, volunteers
+from humanplay.db import checks, volunteers
 from humanplay.db.checks import (
     ChainState,
     EarlierHead,
@@ -127,7 +127,6 @@ def verify_moment(
     if study is None:
         findings += checks.check_owners(conn)
         findings += volunteers.differences(conn)
-        findings += ratings.differences(conn)
     # another version is no tampering: whether a row was changed is said before that
     findings.sort(key=lambda each: each.what == "core_version")
     still_open = checks.count_unfinished(conn, study)

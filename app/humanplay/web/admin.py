@@ -21,7 +21,7 @@ from pydantic import Field
 from humanplay.board.lobby import Lobby
 from humanplay.board.messages import Message
 from humanplay.board.session import Session
-from humanplay.db import ratings
+from humanplay.db import names
 from humanplay.db.reader import Reader
 from humanplay.db.series import StudyStore
 from humanplay.db.store import Store
@@ -181,7 +181,7 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
             "sessions": len(lobby),
             "up_s": round(time.monotonic() - admin.began),
         },
-        "names": await lobby.store.read(partial(ratings.newest_names, lobby.store)),
+        "names": await lobby.store.read(partial(names.newest_names, lobby.store)),
         "core_version": lobby.task.version,
         "now_ms": lobby.sources.clock_ms(),
     }
@@ -282,7 +282,7 @@ async def download(admin: Operator, name: str, file: str) -> FileResponse:
 async def hide_name(admin: Operator, chosen: ShownName) -> None:
     """Show a player's name no more, or again; 404 where nobody has it."""
     store = admin.progress.lobby.store
-    if not await store.change(ratings.hide_name, chosen.name, chosen.hidden):
+    if not await store.change(names.hide_name, chosen.name, chosen.hidden):
         raise HTTPException(404, f"nobody is called {chosen.name!r} any more")
 
 

@@ -1,4 +1,4 @@
-"""People by the names that they chose: the list with their ratings, and one's own name.
+"""People by the names that they chose: how far each is from Expert, and one's own name.
 
 A name is no account: it belongs to the player's cookie, and nothing of a study knows that cookie.
 """
@@ -8,13 +8,14 @@ from __future__ import annotations
 import re
 import unicodedata
 from functools import partial
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, HTTPException, Query, Request
+from fastapi import APIRouter, HTTPException, Request
 from pydantic import Field
 
 from humanplay.board.messages import Message
-from humanplay.db import ratings
+from humanplay.db import names
+from humanplay.report.statistics.human_level import LEAST_EPISODES
 from humanplay.web.access import player_of, services_of
 from humanplay.web.protection import has_own_origin
 
@@ -73,24 +74,24 @@ def cleaned(text: str) -> str:
     return name
 
 
-@router.get("/people", summary="People by their ratings")
+@router.get("/people", summary="People by their distance from Expert")
 async def get_people(request: Request) -> dict[str, Any]:
-    """Return the people who chose a name, the highest rating first; the policies that they are rated against; and you.
+    """Return who chose a name, the nearest to Expert first; and you, None without a cookie.
 
-    Ratings follow from ranked episodes beside what policies need on the same terrain, and from daily terrains.
+    `gap` is how many moves more than Expert they need on terrains of the same configurations, over their `episodes`: the ranked
+    ones that count, five at least.
     """
-    store, player_id = services_of(request).store, player_of(request)
+    services, player_id = services_of(request), player_of(request)
 
     def read() -> tuple[list[dict[str, Any]], dict[str, Any] | None]:
-        you = None if player_id is None else ratings.standing(store, player_id)
-        return ratings.people(store), you
+        you = None if player_id is None else names.own(services.store, player_id)
+        expert_steps = services.leaderboard.expert_steps
+        return names.people(services.store, expert_steps, LEAST_EPISODES), you
 
-    people, you = await store.read(read)
+    people, you = await services.store.read(read)
     for each in people:
         each["you"] = each.pop("player_id") == player_id
-    known = ratings.MEASURED.items()
-    policies = [{"name": name, "rating": round(ratings.shown(mu, 0))} for name, mu in known]
-    return {"people": people, "policies": policies, "you": you}
+    return {"people": people, "you": you}
 
 
 @router.put("/me/name", summary="Choose the name by which you are shown")
@@ -101,33 +102,21 @@ async def set_name(request: Request, wanted: NewName) -> dict[str, Any]:
         name = cleaned(wanted.name)
         store, at_ms = services.store, services.lobby.sources.clock_ms()
         chosen = player_id, name, likeness(name), at_ms
-        if not await store.change(ratings.set_name, *chosen):
+        if not await store.change(names.set_name, *chosen):
             raise HTTPException(409, NOTHING_PLAYED)
-    except ratings.NameTakenError as error:
+    except names.NameTakenError as error:
         raise HTTPException(409, str(error)) from error
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
-    return await store.read(partial(ratings.standing, store, player_id))
-
-
-@router.get("/me/rating", summary="Your rating, and what it was")
-async def get_rating(
-    request: Request, episode: Annotated[str, Query(max_length=128)] = ""
-) -> dict[str, Any]:
-    """Return your name and rating, by your cookie alone, and what it was before its newest game.
-
-    Games are rated some seconds after their end: `rated` says whether the `episode` is in it already.
-    """
-    store, player_id = services_of(request).store, player_of(request)
-    return await store.read(partial(ratings.standing, store, player_id or "", episode))
+    return await store.read(partial(names.own, store, player_id))
 
 
 @router.delete("/me/name", summary="Be shown no more")
 async def remove_name(request: Request) -> dict[str, Any]:
     """Remove your name; what was played stays, without one."""
     player_id, store = _own_player(request), services_of(request).store
-    await store.change(ratings.remove_name, player_id)
-    return await store.read(partial(ratings.standing, store, player_id))
+    await store.change(names.remove_name, player_id)
+    return await store.read(partial(names.own, store, player_id))
 
 
 def _own_player(request: Request) -> str:

@@ -92,7 +92,6 @@ from humanplay.web.protection import (
     StoredBytes,
     own_names,
 )
-from humanplay.web.ratings import Ratings
 from humanplay.web.replays.service import Replays
 from humanplay.web.requests import NotedRoute, ObservedRequests
 from humanplay.web.services import Services
@@ -156,7 +155,7 @@ def _app_of(
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
                 running = [lobby.sweep(), page_boards.sweep(), metrics.measure_lag()]
-                running += [services.progress.watch_closing(), services.ratings.keep()]
+                running += [services.progress.watch_closing()]
                 if (backups := _backups(settings, store)) is not None:
                     running.append(backups.run())
                 if store.ended_well:
@@ -290,7 +289,6 @@ def _services(
         debriefs=Debriefs(store, task),
         leaderboard=Leaderboard(store.path, offers, jobs, task.name),
         replays=Replays(store.path, offers, jobs, task, replayer),
-        ratings=Ratings(lobby, jobs),
         health=health,
         admin=None
         if password is None

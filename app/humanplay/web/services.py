@@ -21,7 +21,6 @@ from humanplay.web.downloads import Downloads
 from humanplay.web.leaderboard.leaderboard import Leaderboard
 from humanplay.web.operator.health import Health
 from humanplay.web.operator.services import AdminServices
-from humanplay.web.ratings import Ratings
 from humanplay.web.replays.service import Replays
 
 
@@ -45,7 +44,6 @@ class Services:
     debriefs       what participants are shown at the end
     leaderboard    people and policies compared
     replays        finished episodes as they went, and policies on their terrains
-    ratings        rates people by what they and policies need on the same terrains
     health         the state of the disk and the database
     admin          the operator's part; None on a server without an operator's page
     """
@@ -66,7 +64,6 @@ class Services:
     debriefs: Debriefs
     leaderboard: Leaderboard
     replays: Replays
-    ratings: Ratings
     health: Health
     admin: AdminServices | None = None
 

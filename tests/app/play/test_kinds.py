@@ -5,7 +5,7 @@ from contextlib import closing
 import pytest
 
 from humanplay.board.sources import Sources
-from humanplay.db import ratings
+from humanplay.db import names
 from humanplay.db.erasure import forget_player
 from humanplay.db.merging import merge
 from humanplay.db.store import Store
@@ -27,7 +27,7 @@ def against(tmp_path):
     with closing(Store(tmp_path / "playground.db")) as store:
         row = play(store, 4, "ada", explore=True, config=EnvConfig.of("random", (9, 12)))
         with store.transaction():
-            ratings.set_name(store.connection, "ada", "Ada", "ada", NOW)
+            names.set_name(store.connection, "ada", "Ada", "ada", NOW)
     return row.id
 
 

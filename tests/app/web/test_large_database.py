@@ -107,8 +107,6 @@ def test_public_reads_cost_no_more_in_a_database_ten_times_as_large(
             folder / "playground.db", folder / "playground.db-studies", episodes, (SMALL,), PLAYERS
         )
     monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Counting))
-    # what was played is not rated meanwhile
-    monkeypatch.setattr("humanplay.db.ratings.next_game", lambda reader, now_ms: None)
     (reads, few), (_, many) = (costs(folder, shipped_policies) for folder in folders)
     grown = []
     for path, (at_few, _), (at_many, listed) in zip(reads, few, many, strict=True):

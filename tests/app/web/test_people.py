@@ -1,14 +1,12 @@
-"""Names and ratings: chosen by oneself, following from what was played, and no part of a study or a human figure."""
+"""Names: chosen by oneself, shown with a gap to Expert, and no part of a study or a human figure."""
 
-import asyncio
 import io
-import sqlite3
 import zipfile
 from contextlib import closing
 
 import pytest
 
-from humanplay.db import ratings
+from humanplay.db import names
 from humanplay.db.columns import TABLES
 from humanplay.db.database import StoreError, reading
 from humanplay.db.erasure import forget_player
@@ -18,24 +16,26 @@ from humanplay.series.daily import day_before
 from humanplay.series.verification import verify_database
 from humanplay.web.access import PARTICIPANT_COOKIE, PLAYER_COOKIE
 from humanplay.web.people import cleaned, likeness
+from marsexplorer.config import EnvConfig
 from tests.support.command import command
 from tests.support.recorded import NOW, play
 from tests.support.recorded_daily import play_daily
-from tests.support.servers import eventually
 from tests.support.study import freeze
 
 PEOPLE = ("ada", "bob", "cid")
+RANDOM_21 = EnvConfig.of("random", 21)
 
 
 @pytest.fixture
 def played(tmp_path):
-    """A database in which Ada explored three ranked terrains, Bob left two, and all three played yesterday's terrain."""
+    """A database in which Ada explored five ranked terrains, Bob left five, Cid explored four, and all played yesterday's."""
     yesterday = day_before(utc_day(NOW))
     with closing(Store(tmp_path / "playground.db")) as store:
-        for seed in range(3):
-            play(store, seed, "ada", explore=True)
-        for seed in range(2):
-            play(store, 10 + seed, "bob")
+        for seed in range(5):
+            play(store, seed, "ada", explore=True, config=RANDOM_21)
+            play(store, 10 + seed, "bob", config=RANDOM_21)
+            if seed:
+                play(store, 20 + seed, "cid", explore=True, config=RANDOM_21)
         for player in PEOPLE:
             play_daily(store, player, yesterday, explore=player != "bob")
     return tmp_path / "playground.db"
@@ -49,84 +49,26 @@ def named(server, player, name):
     return page_of(server, player).put("/api/me/name", json={"name": name})
 
 
-def all_rated(server, games=6):
-    """Wait until the games are rated: five episodes and a day."""
-    count = "SELECT count(*) AS n FROM rated_games"
-    eventually(lambda: server.services.store.query(count) == [{"n": games}])
-
-
-def test_people_are_rated_by_what_policies_and_others_need_on_the_same_terrains(serve, played):
+def test_people_stand_by_their_moves_beyond_expert_once_five_episodes_count(serve, played):
     server = serve()
+    sql = "SELECT steps FROM volunteers WHERE player_id = 'ada' AND episodes = 5"
+    (own,) = server.services.store.query(sql)
     for player in PEOPLE:
         assert named(server, player, f"{player.title()} 7").status_code == 200
-    all_rated(server)
     found = page_of(server, "ada").get("/api/people").json()
-    ada, bob, cid = (
-        next(each for each in found["people"] if each["name"] == f"{name} 7")
-        for name in ("Ada", "Bob", "Cid")
-    )
-    # the recorded tours are those of frontier-cost: no better than it, and no worse
-    assert (ada["games"], ada["days"], ada["beaten"]["frontier-cost"]) == (3, 1, 0)
-    assert (bob["games"], bob["beaten"]) == (2, {"frontier-cost": 0, "ppo": 0})
-    assert (cid["games"], cid["days"], cid["beaten"]) == (0, 1, {})
-    assert ada["rating"] > 1000 > bob["rating"], "to leave is to lose"
-    assert [each["rating"] for each in found["people"]] == sorted(
-        (each["rating"] for each in found["people"]), reverse=True
-    )
-    assert (ada["you"], bob["you"]) == (True, False)
-    assert found["you"]["rating"] == ada["rating"]
-    (kept,) = server.services.store.query("SELECT * FROM ratings WHERE player_id = 'ada'")
-    games = "SELECT g.episode_id AS id FROM rated_games g JOIN episodes e ON e.id = g.episode_id ORDER BY g.number"
-    first = server.services.store.query(games)[0]["id"]
-    page, asked = page_of(server, "ada"), "/api/me/rating?episode="
-    told = page.get(asked + first).json()
-    assert (told["before"], told["rating"]) == (round(kept["before"]), ada["rating"])
-    assert told["before"] != told["rating"]
-    assert (told["rated"], page.get(asked + "another").json()["rated"]) == (True, False)
-    assert server.client().get(asked + first).json()["rating"] is None, "nobody else's"
-    server.close()
-    assert verify_database(played).findings == ()
-    with closing(sqlite3.connect(played, isolation_level=None)) as conn:
-        conn.row_factory = None
-        ratings.renew(conn)
-        assert list(ratings.differences(conn)) == []
-        conn.execute("UPDATE ratings SET mu = mu + 1 WHERE player_id = 'bob'")
-        conn.execute("UPDATE ratings SET before = before + 1 WHERE player_id = 'ada'")
-    assert [each.where for each in verify_database(played).findings] == ["ratings"] * 2
-
-
-def test_rating_goes_on_after_errors_and_one_that_nobody_foresaw_is_logged(
-    serve, played, monkeypatch, caplog
-):
-    fails, next_game = [RuntimeError("unforeseen")], ratings.next_game
-
-    def read_or_fail(*given):
-        if fails:
-            raise fails.pop()
-        return next_game(*given)
-
-    def unknown(task):
-        raise ValueError(f"no task {task}")
-
-    async def begin_again():
-        return asyncio.create_task(server.services.ratings.keep())
-
-    monkeypatch.setattr(ratings, "next_game", read_or_fail)
-    server = serve()
-    eventually(lambda: "a task beside play has failed" in caplog.text, 5)
-    monkeypatch.setattr("humanplay.web.ratings.LOOK_S", 0.01)
-    monkeypatch.setattr("humanplay.web.ratings.rules_of", unknown)
-    fails.append(sqlite3.OperationalError("disk I/O error"))
-    task = server.on_loop(begin_again())
-    all_rated(server)
-    assert not task.done()
-    assert "no game was rated: disk I/O error" in caplog.text
-    assert "no task mars" in caplog.text
+    board = server.client().get("/api/leaderboard/random-21x21").json()
+    (expert,) = (each for each in board["policies"] if each["name"] == "ppo")
+    ada, bob = found["people"]
+    assert [each["name"] for each in (ada, bob)] == ["Ada 7", "Bob 7"], "Cid has played four"
+    assert ada["gap"] == pytest.approx(own["steps"] / 5 - expert["figure"]["steps"]["mean"])
+    assert (ada["episodes"], ada["you"], bob["you"]) == (5, True, False)
+    assert bob["gap"] == pytest.approx(RANDOM_21.limit - expert["figure"]["steps"]["mean"])
+    assert found["you"] == {"name": "Ada 7", "hidden": False}
+    assert server.client().get("/api/people").json()["you"] is None
 
 
 def test_a_name_is_changed_hidden_and_removed_and_no_two_look_alike(serve, played):
     server = serve(admin=True, admin_password="correct horse battery")
-    all_rated(server)
 
     def shown():
         return [each["name"] for each in server.client().get("/api/people").json()["people"]]
@@ -155,30 +97,25 @@ def test_a_name_is_changed_hidden_and_removed_and_no_two_look_alike(serve, playe
 
 def test_forget_erases_a_player_by_name(played, capsys):
     with closing(Store(played)) as store, store.transaction():
-        ratings.set_name(store.connection, "ada", "Lovelace", "lovelace", NOW)
-        while (game := ratings.next_game(store, NOW + 1_000_000)) is not None:
-            ratings.rate(store.connection, game, {"ppo": 9} if game.episode_id else None)
+        names.set_name(store.connection, "ada", "Lovelace", "lovelace", NOW)
     assert command(capsys, "forget", "Lovelace", "--player", "--database", str(played), "--yes")[
         ::2
     ] == (0, "")
     assert b"Lovelace" not in played.read_bytes()
     with reading(played) as conn:
-        for table, whose in (("sessions", "owner_id"), ("ratings", "player_id")):
-            sql = f"SELECT count(*) FROM {table} WHERE {whose} = 'ada'"
-            assert conn.execute(sql).fetchone() == (0,), table
+        sql = "SELECT count(*) FROM sessions WHERE owner_id = 'ada'"
+        assert conn.execute(sql).fetchone() == (0,)
     assert verify_database(played).findings == ()
     with pytest.raises(StoreError, match="chose the name"):
         forget_player(played, "Lovelace")
 
 
-def test_no_name_and_no_rating_reaches_a_study_or_a_human_figure(serve, played, tmp_path):
-    for table in ("names", "rated_games", "ratings"):
-        for place in ("chain", "export", "bundle", "bundle database", "scores"):
-            assert TABLES[table].columns(place) == (), (table, place)
+def test_no_name_reaches_a_study_or_a_human_figure(serve, played, tmp_path):
+    for place in ("chain", "export", "bundle", "bundle database", "scores"):
+        assert TABLES["names"].columns(place) == (), place
     freeze(tmp_path / "playground.db-studies")
     server = serve()
     assert named(server, "ada", "Lovelace").status_code == 200
-    all_rated(server)
     own = page_of(server, "ada")
     own.post("/api/studies/small/join", json={}).raise_for_status()
     told = [

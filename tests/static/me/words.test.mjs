@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { beatenText, ratingText, bestText, gapsText, kindText, personalText, standingText, summary, terrainText } from "../../../static/me/words.js";
+import { bestText, gapsText, kindText, personalText, standingText, summary, terrainText } from "../../../static/me/words.js";
 
 const task = taskOf();
 const best = { level: "random", rows: 21, cols: 42, max_steps: 882, episodes: 4, explored: 3, best: null, people: { means: [80, 90.5, 120], you: 90.5, ranked: 5, missing: 0 } };
@@ -57,13 +57,4 @@ test("the curve of gaps to Expert is said in words, and an unfinished episode en
   assert.equal(of(-7, null, null), "You needed 7.0 moves fewer than Expert in 1 finished episode. 2 episodes were not finished (crosses).");
   assert.equal(of(1, -1), "You needed as many moves as Expert on average, over 2 finished episodes. +1.0 in the first half, \u22121.0 in the second.");
   assert.equal(of(null), "1 episode was not finished (a cross).");
-});
-
-test("a rating is said with what was beaten", () => {
-  const standing = { name: null, rating: 1240, games: 10, days: 1, beaten: { "frontier-cost": 6, ppo: 3 } };
-  assert.equal(beatenText(standing), "Your rating is 1240. You beat Expert 3 of 10, Nearest 6 of 10. 1 daily terrain among people.");
-  assert.match(beatenText({ ...standing, rating: null }), /^No rating yet/);
-  assert.equal(ratingText({ ...standing, before: 1198, rated: true }), "Your rating was 1198, and is 1240 now.");
-  assert.equal(ratingText({ ...standing, before: null, rated: true }), "Your first rating is 1240.");
-  assert.equal(ratingText({ ...standing, rated: false }), "Your rating was 1240; what it is now is being worked out.");
 });

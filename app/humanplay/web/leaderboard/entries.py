@@ -26,7 +26,7 @@ from humanplay.report.statistics.study_figures import live_figure
 from humanplay.report.statistics.summaries import EpisodeSummary, summarize_groups, trial_summaries
 from humanplay.series.data import StudyData, load, trial_records
 from humanplay.series.policy_episodes import closed_seeds
-from humanplay.series.policy_files import FOLDER, PolicyFiles
+from humanplay.series.policy_files import EXPERT, FOLDER, PolicyFiles
 from humanplay.task import MARS, Configuration, PolicyError, rules_of
 from humanplay.web.leaderboard.evaluations import (
     Evaluation,
@@ -233,6 +233,16 @@ def offered() -> tuple[Configuration, ...]:
 def offered_boards() -> dict[str, LeaderboardEntry]:
     """Return the boards on offer by their ids."""
     return {entry.id: entry for entry in map(entry_of, offered())}
+
+
+def expert_steps(shipped: ShippedFigures) -> dict[str, float]:
+    """Expert's mean moves to 99 %, by the hash of each configuration on offer that has its figure."""
+    found = {}
+    for config in offered():
+        figure = shipped.find(Evaluation(EXPERT, config, held_out_seeds(config)))
+        if figure is not None:
+            found[config.hash] = float(figure.figure["steps"]["mean"])
+    return found
 
 
 def make_board(

@@ -23,7 +23,12 @@ from humanplay.report.statistics.summaries import (
     visit_counts,
 )
 from humanplay.task import MARS, Configuration, PolicyOffer
-from humanplay.web.leaderboard.entries import ClosedStudies, LeaderboardEntry, list_entries
+from humanplay.web.leaderboard.entries import (
+    ClosedStudies,
+    LeaderboardEntry,
+    expert_steps,
+    list_entries,
+)
 from humanplay.web.leaderboard.evaluations import PolicyEvaluations, ShippedFigures
 
 
@@ -36,7 +41,8 @@ class Leaderboard:
 
     There is one reading at a time, and all who ask while one is under way share the next.
 
-    volunteers  their figures, which other requests read as well
+    volunteers    their figures, which other requests read as well
+    expert_steps  Expert's mean moves to 99 %, by the hash of each configuration on offer; none of another task
     """
 
     def __init__(
@@ -48,7 +54,9 @@ class Leaderboard:
     ) -> None:
         self._database, self._offers, self._task = database, offers, task
         figures = database.with_name(database.name + "-figures.json")
-        self._evaluations = PolicyEvaluations(figures, jobs, ShippedFigures())
+        shipped = ShippedFigures()
+        self._evaluations = PolicyEvaluations(figures, jobs, shipped)
+        self.expert_steps = expert_steps(shipped) if task == MARS else {}
         self.volunteers = VolunteerFigures()
         self._people = HumanSummaries()
         self._studies = ClosedStudies(studies_beside(database))

@@ -1,0 +1,83 @@
+"""The names that players gave themselves, and how far each named player is from Expert."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Mapping
+from typing import Any
+
+from humanplay.db.reader import Reader
+
+SHOWN = 100
+"""People in the list."""
+
+# a player's moves beyond those that Expert needs on such terrains, over all configurations that Expert has a mean for
+_GAPS = """SELECT v.player_id, sum(v.episodes) AS episodes,
+        (sum(v.steps) - sum(v.episodes * x.value)) / sum(v.episodes) AS gap
+    FROM volunteers v JOIN json_each(?) x ON x.key = v.config_hash"""
+_PEOPLE = f"""SELECT n.player_id, n.name, g.episodes, g.gap
+    FROM names n JOIN ({_GAPS} GROUP BY v.player_id) g ON g.player_id = n.player_id
+    WHERE NOT n.hidden AND g.episodes >= ? ORDER BY g.gap, n.chosen_ms LIMIT {SHOWN}"""
+_OWN = """SELECT n.name, n.hidden FROM (SELECT ? AS id) p LEFT JOIN names n ON n.player_id = p.id"""
+
+
+class NameTakenError(ValueError):
+    """Somebody has this name, or one that looks like it."""
+
+
+def people(
+    reader: Reader, expert_steps: Mapping[str, float], least_episodes: int
+) -> list[dict[str, Any]]:
+    """Named players and their ids, those nearest to Expert first, without the hidden ones.
+
+    Args:
+        expert_steps: Expert's mean moves, by the hash of a configuration.
+        least_episodes: Ranked episodes that a gap is of, at least.
+    """
+    return reader.query(_PEOPLE, [json.dumps(dict(expert_steps)), least_episodes])
+
+
+def own(reader: Reader, player_id: str) -> dict[str, Any]:
+    """A player's own name, None for none, and whether an operator has hidden it."""
+    (row,) = reader.query(_OWN, [player_id])
+    return {"name": row["name"], "hidden": bool(row["hidden"])}
+
+
+def set_name(
+    conn: sqlite3.Connection, player_id: str, name: str, likeness: str, at_ms: int
+) -> bool:
+    """Give a player a name, and return whether there is such a player: who has played; NameTakenError for one that is taken.
+
+    One that an operator has hidden stays hidden, whatever the new name is.
+    """
+    sql = """INSERT INTO names SELECT id, ?2, ?3, ?4, 0 FROM players WHERE id = ?1
+        ON CONFLICT (player_id) DO UPDATE SET name = ?2, likeness = ?3, chosen_ms = ?4"""
+    try:
+        return conn.execute(sql, (player_id, name, likeness, at_ms)).rowcount > 0
+    except sqlite3.IntegrityError as error:
+        raise NameTakenError(
+            "somebody has this name, or one that looks like it: choose another"
+        ) from error
+
+
+def remove_name(conn: sqlite3.Connection, player_id: str) -> None:
+    """Let a player have no name; one that is hidden stays, so that it is not chosen again."""
+    conn.execute("DELETE FROM names WHERE player_id = ? AND NOT hidden", [player_id])
+
+
+def hide_name(conn: sqlite3.Connection, name: str, hidden: bool) -> bool:
+    """Show a name no more, or again; return whether anybody has it."""
+    return conn.execute("UPDATE names SET hidden = ? WHERE name = ?", (hidden, name)).rowcount > 0
+
+
+def newest_names(reader: Reader) -> list[dict[str, Any]]:
+    """The names that were chosen last, and whether each is hidden."""
+    sql = "SELECT name, chosen_ms, hidden FROM names ORDER BY chosen_ms DESC LIMIT ?"
+    return [{**row, "hidden": bool(row["hidden"])} for row in reader.query(sql, [SHOWN])]
+
+
+def named(conn: sqlite3.Connection, name: str) -> str | None:
+    """The id of the player with a name; None for nobody's."""
+    found = conn.execute("SELECT player_id FROM names WHERE name = ?", [name]).fetchone()
+    return None if found is None else str(found[0])
