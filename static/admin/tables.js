@@ -70,7 +70,7 @@ export function paintHealth(list, health, now_ms) {
   const facts = [
     ["Disk", `${size(disk.free)} free of ${size(disk.total)}`, disk.is_low ? "warn" : ""],
     ["Database", `${database.name}, ${size(database.size)}, and ${size(database.wal_size)} waiting in its log`, ""],
-    ["Stored today, or kept free", stored.join(", ") || "nothing", owners.some(({ bytes, budget }) => bytes > 0.8 * budget) ? "warn" : ""],
+    ["Stored today, or charged to open boards", stored.join(", ") || "nothing", owners.some(({ bytes, budget }) => bytes > 0.8 * budget) ? "warn" : ""],
     ["Newest backup", age < 0 ? "none is made (--backup-every)" : `verified ${ago(1000 * age)}`, age > 86400 || watched.backup_failures ? "warn" : ""],
     ["Moves", watched.move_p99_seconds ? `99 of 100 took at most ${Math.round(1000 * watched.move_p99_seconds)} ms` : "none since the start", watched.move_p99_seconds > 0.1 ? "warn" : ""],
     ["Waiting", `${many(watched.waiting_jobs, "job")}, ${many(watched.waiting_writes, "write")}`, watched.waiting_jobs > 20 || watched.waiting_writes > 100 ? "warn" : ""],

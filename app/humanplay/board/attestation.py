@@ -23,7 +23,12 @@ from typing import Any, get_args
 
 from humanplay.board.clock import PAUSE_MS, Controls, Held
 from humanplay.db.chain import BegunHash, begin_hash
-from humanplay.db.input_events import count_input_events, has_copied_timing, input_events
+from humanplay.db.input_events import (
+    count_input_events,
+    event_bytes,
+    has_copied_timing,
+    input_events,
+)
 from humanplay.db.store import Store
 from humanplay.db.trial import Attestation
 
@@ -212,11 +217,13 @@ class Ending:
     """What the end of an episode needs of its input events, found before it on another thread than that of the writes.
 
     events      their hash, for the chain
+    event_bytes  what they take of the database's file
     conditions  by which they were compared with the moves; None for a script's episode
     attested    the level, other episodes' timing not compared yet; None for a script's episode
     """
 
     events: BegunHash
+    event_bytes: int
     conditions: Conditions | None = None
     attested: Attested | None = None
 
@@ -230,10 +237,13 @@ def prepare_end(
     last        the move that ends it and is not stored yet, a row of the table `steps`; None when it is abandoned
     """
     events = begin_hash(store.connection, episode_id)
+    stored = event_bytes(store, episode_id)
     if conditions is None:
-        return Ending(events)
+        return Ending(events, stored)
     moves = [*store.steps(episode_id), *([] if last is None else [last])]
-    return Ending(events, conditions, attest(moves, input_events(store, episode_id), conditions))
+    return Ending(
+        events, stored, conditions, attest(moves, input_events(store, episode_id), conditions)
+    )
 
 
 def attest_stored(

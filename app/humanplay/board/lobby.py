@@ -29,8 +29,9 @@ from humanplay.board.agent import (
     DecisionQueue,
 )
 from humanplay.board.attestation import Attested
+from humanplay.board.charges import Charges
 from humanplay.board.messages import ChangePace, Pace, PaceMode
-from humanplay.board.session import HUMAN, Participation, Session, Storage, Unlimited, first_bytes
+from humanplay.board.session import HUMAN, Participation, Session
 from humanplay.board.sources import Sources, WatchIds
 from humanplay.db.reader import Reader
 from humanplay.db.store import Control, Resumable, SessionRow, Store, Trial
@@ -98,11 +99,11 @@ class Lobby:
         idle_s: float,
         participation_of: ParticipationOf = no_participation,
         decision_s: float = DECISION_S,
-        storage: Storage | None = None,
+        charges: Charges | None = None,
     ) -> None:
         self.store, self.task, self.sources, self._idle_s = store, task, sources, idle_s
         self.watch_ids = WatchIds(store)
-        self._storage: Storage = storage or Unlimited()
+        self.charges = charges or Charges()
         self._participation_of = participation_of
         self._groups: dict[str, BoardGroup] = {}
         self._resuming = Locks()
@@ -252,7 +253,8 @@ class Lobby:
 
     def forget(self, deleted: Sequence[str], episodes: Sequence[str] = ()) -> None:
         """Unload some sessions, which are deleted with their episodes."""
-        self._storage.release(episodes)
+        for episode in episodes:
+            self.charges.close(episode, 0)
         for session_id in deleted:
             # somebody asked for it just then
             if (group := self._groups.get(session_id)) is not None:
@@ -267,7 +269,7 @@ class Lobby:
 
     def _session(self, row: SessionRow, participation: Participation | None = None) -> Session:
         clock = self.sources.clock_ms
-        return Session(row, self.task, self.store, clock, participation, self._storage)
+        return Session(row, self.task, self.store, clock, self.charges, participation)
 
     def _session_rows(
         self, drivers: list[str], player_id: str, control: Control, challenges: str | None = None
@@ -345,7 +347,7 @@ class Lobby:
                 )
                 for board, record in zip(boards, [each.record() for each in runs], strict=True)
             ]
-            held.enter_context(self._reserving(boards, rows))
+            held.enter_context(self._charging(boards, rows))
             running = [each for each in (*boards, *left) if each.number and not each.shown.ended]
             abandoned = [
                 (board, board.current, await board.take_abandoned(), board.now_ms())
@@ -367,7 +369,8 @@ class Lobby:
 
             def publish(found: tuple[list[Attested | None], list[bool], list[Trial]]) -> None:
                 levels, hidden, opened = found
-                self._storage.release(current.id for _, current, *_ in abandoned)
+                for (board, current, run, _), ending in zip(abandoned, endings, strict=True):
+                    board.settle(current, run.view().steps, ending)
                 for board, row, run, hides in zip(boards, opened, runs, hidden, strict=True):
                     board.begin(row, run, hides)
                 for (board, current, run, _), level in zip(abandoned, levels, strict=True):
@@ -378,16 +381,16 @@ class Lobby:
             await self.store.write(record, then=publish)
 
     @contextmanager
-    def _reserving(self, boards: list[Session], rows: list[Trial]) -> Iterator[None]:
-        """Check that episodes may begin, and keep free what they can store, unless they fail to."""
-        self._storage.check(boards[0].study)
+    def _charging(self, boards: list[Session], rows: list[Trial]) -> Iterator[None]:
+        """Check that episodes may begin, and charge the most that they can store, unless they fail to begin."""
+        self.charges.check(boards[0].study)
         for board, row in zip(boards, rows, strict=True):
-            self._storage.reserve(row.id, board.study, board.most_bytes(row))
-            self._storage.count(row.id, board.study, first_bytes(row))
+            self.charges.open(row.id, board.study, board.most_bytes(row))
         try:
             yield
         except Exception:
-            self._storage.release(row.id for row in rows)
+            for row in rows:
+                self.charges.close(row.id, 0)
             raise
 
     def _add_group(self, boards: list[Session]) -> BoardGroup:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
-import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -31,14 +30,18 @@ from humanplay.board.attestation import (
     level_reaches,
     prepare_end,
 )
+from humanplay.board.charges import Charges
 from humanplay.board.clock import PAUSE_MS, TAKES_KEYS, Allowed, BoardClock, Held, controls_of
 from humanplay.board.messages import KEY_CODES, UNIDENTIFIED, Events, Pace, Remade
 from humanplay.db.input_events import (
+    EVENT_BYTES,
     MAX_EVENTS_PER_EPISODE,
+    TOO_MANY_EVENTS,
     InputEventRow,
     PageLoad,
     TooManyEventsError,
     add_input_events,
+    batch_bytes,
     input_events,
 )
 from humanplay.db.store import Closing, Notice, SessionRow, StepRow, Store, StoreError, Trial
@@ -164,52 +167,12 @@ daily, study  a person's attempt at the day's terrain, a participant's
 UNKEPT = "the key press before this move could not be recorded: nothing has changed; press again in a moment"
 
 
-STEP_BYTES, EVENT_BYTES, BATCH_BYTES, EPISODE_BYTES = 85, 80, 90, 1000
-"""Bytes of the database's file that a move, an input event, a batch of them, and a board with its episode take. The batch's id
-(in two trees) comes on top, and the terrain twice (a row of a 128x128 board fills a page)."""
+STEP_BYTES, EPISODE_BYTES = 85, 2000
+"""Bytes of the database's file that a move takes, and a board with its ended episode. On top come the terrain, twice (a row of
+a 128x128 board fills a page), and the input events."""
 EVENTS_PER_MOVE, LEAST_EVENTS = 20, 10_000
 """For how many input events an episode has room: so many for each move that it may have, and never fewer than for a key that
 repeats for five minutes."""
-TOO_MANY_EVENTS = "this episode has more input events than are kept; the rest is dropped"
-
-
-class Storage(Protocol):
-    """What may be stored for whoever asks just now, or for their study ("" for none): bytes of the database's file."""
-
-    def check(self, study: str) -> None:
-        """Check that an episode may begin; an error of its own otherwise."""
-
-    def reserve(self, episode: str, study: str, size: int) -> None:
-        """Keep the most that an episode can store free for it; nothing where that was done before."""
-
-    def room(self, episode: str, study: str) -> float:
-        """Return what is left of a reservation; of an episode without one, what whoever asks may still store today."""
-
-    def count(self, episode: str, study: str, size: int) -> None:
-        """Count what is stored of an episode, and take it from its reservation."""
-
-    def release(self, episodes: Iterable[str]) -> None:
-        """Give back what is left of the reservations of some episodes, which have ended or were deleted."""
-
-
-class Unlimited:
-    """`Storage` of a board away from a server: nothing is counted."""
-
-    def check(self, study: str) -> None:
-        """Let everything begin."""
-
-    def reserve(self, episode: str, study: str, size: int) -> None:
-        """Keep nothing free."""
-
-    def room(self, episode: str, study: str) -> float:
-        """Return that there is always room."""
-        return math.inf
-
-    def count(self, episode: str, study: str, size: int) -> None:
-        """Count nothing."""
-
-    def release(self, episodes: Iterable[str]) -> None:
-        """Give nothing back."""
 
 
 def first_bytes(row: Trial) -> int:
@@ -311,8 +274,8 @@ class Session:
         task: Task,
         store: Store,
         clock: Callable[[], int],
+        charges: Charges,
         participation: Participation | None = None,
-        storage: Storage | None = None,
     ) -> None:
         self.id, self.task = row.id, task
         self.participation = participation
@@ -334,9 +297,7 @@ class Session:
         self._paired_with: Session | None = None
         self._is_second = row.rival_of is not None
         self._store = store
-        self._storage: Storage = storage or Unlimited()
-        self._uncounted, self._is_reserved = 0, False
-        """Bytes of moves that the storage has not been told of yet, and whether it knows the running episode."""
+        self._charges = charges
         self._clock = clock
         self._keeping: asyncio.Future[None] | None = None
         """The write of the newest input events."""
@@ -511,12 +472,13 @@ class Session:
 
         def publish(found: tuple[Attested | None, bool]) -> None:
             self.go_on(current, run, held, *found)
+            if held.ended:
+                self.settle(current, held.steps, ending)
             metrics, seconds = self._store.metrics, time.perf_counter() - began
             metrics.moves[move.driver.partition(":")[0]].inc()
             metrics.step.observe(seconds)
             metrics.newest_s.append(seconds)
 
-        self._count(STEP_BYTES)
         await self._store.writes.put(record, notice, publish, waits)
 
     async def abandon(
@@ -562,9 +524,11 @@ class Session:
                 attested = self._close(current, run, at_ms, ending)
             return attested, self.hides_scores(current.id)
 
-        await self._store.write(
-            record, then=lambda found: self.go_on(current, run, run.view(), *found)
-        )
+        def publish(found: tuple[Attested | None, bool]) -> None:
+            self.go_on(current, run, run.view(), *found)
+            self.settle(current, self.shown.steps, ending)
+
+        await self._store.write(record, then=publish)
 
     def now_ms(self) -> int:
         """Return the time in the current episode, which goes on where the server's clock is set back."""
@@ -591,8 +555,10 @@ class Session:
         self._event_ms = self._newest_ms = self._read_ms = max(row.started_ms, newest_ms)
         self._ahead_ms = 0
         self.number, self.fault = row.number, None
-        self._uncounted, self._is_reserved = 0, False
-        self.go_on(row, run, run.view(), None, hides_scores)
+        shown = run.view()
+        if not shown.ended:
+            self._charges.open(row.id, self.study, self.most_bytes(row))
+        self.go_on(row, run, shown, None, hides_scores)
 
     def go_on(
         self, current: Trial, run: Run, shown: View, attested: Attested | None, hides_scores: bool
@@ -606,16 +572,12 @@ class Session:
         self.remade = None
         if self.clock is not None and (shown.ended or self.clock.state.episode != current.id):
             self.clock.stand(is_new=True)
-        if shown.ended:
-            self._count(0, now=True)
-            self._storage.release([current.id])
         self.channel.publish(shown.frame(current.id, hides_scores))
 
     async def take_abandoned(self) -> Run:
         """Return the run, abandoned, for `go_on` once that is recorded; call it with `changing` held."""
         run = await self._take_run()
         run.abandon()
-        self._count(0, now=True)
         return run
 
     async def _take_run(self) -> Run:
@@ -676,21 +638,16 @@ class Session:
 
         The next move need not wait: it is written behind them, with the same commit.
         """
-        size = len(events.events) * EVENT_BYTES + BATCH_BYTES + 2 * len(events.batch)
         async with self.changing:
-            if self._keeps_events:
-                of_moves = 0
-                if events.episode == self.current.id and not self.shown.ended:
-                    self._count(0, now=True)
-                    of_moves = (self.current.config.limit - self.shown.steps) * STEP_BYTES
-                if size > self._storage.room(events.episode, self.study) - of_moves:
+            is_current = events.episode == self.current.id and not self.shown.ended
+            if self._keeps_events and not is_current:
+                if self._charges.is_full(self.study):
                     raise RefusedError(TOO_MANY_EVENTS)
-                self._storage.count(events.episode, self.study, size)
+                self._charges.add(self.study, batch_bytes(len(events.events), events.batch))
             self._lacks_events = True
             self._event_ms = self.now_ms()
             keep = partial(self._keep_events, events, self._event_ms)
             self._keeping = keeping = self._store.put_write(keep)
-            is_current = events.episode == self.current.id and not self.shown.ended
             if self.clock is not None and is_current and events.batch not in self._taken:
                 self._taken.add(events.batch)
                 self.clock.take(events.events)
@@ -703,23 +660,28 @@ class Session:
             raise
 
     def most_bytes(self, row: Trial) -> int:
-        """Return the most that an episode of this board stores: its beginning, its moves and its input events."""
+        """The most that an episode of this board stores: its beginning, its moves and its input events."""
+        limit: int = row.config.limit
+        return first_bytes(row) + limit * STEP_BYTES + self._event_room(row)
+
+    def settle(self, current: Trial, steps: int, ending: Ending | None) -> None:
+        """Charge what an episode has stored, which has ended.
+
+        Args:
+            ending: What `prepare_end` returned.
+        """
+        of_events = 0 if ending is None else ending.event_bytes
+        self._charges.close(current.id, first_bytes(current) + steps * STEP_BYTES + of_events)
+
+    def _event_room(self, row: Trial) -> int:
+        """Bytes that the input events of an episode may take."""
         limit: int = row.config.limit
         events = min(max(LEAST_EVENTS, EVENTS_PER_MOVE * limit), MAX_EVENTS_PER_EPISODE)
-        kept = events * EVENT_BYTES if self._keeps_events else 0
-        return first_bytes(row) + limit * STEP_BYTES + kept
+        return events * EVENT_BYTES if self._keeps_events else 0
 
     @property
     def _keeps_events(self) -> bool:
         return self.is_human and self.takes_persons_moves
-
-    def _count(self, size: int, now: bool = False) -> None:
-        """Count what is stored of the running episode, some moves at once, and reserve for one of before the server's start."""
-        self._uncounted += size
-        if now or not self._is_reserved or self._uncounted >= EPISODE_BYTES:
-            self._storage.reserve(self.current.id, self.study, self.most_bytes(self.current))
-            self._storage.count(self.current.id, self.study, self._uncounted)
-            self._uncounted, self._is_reserved = 0, True
 
     def _keep_events(self, events: Events, came_ms: int) -> None:
         try:
@@ -750,7 +712,10 @@ class Session:
         rows = [InputEventRow(**each) for each in told]
         page_load = PageLoad(events.page_load, events.tab)
         try:
-            add_input_events(self._store, events.episode, rows, came_ms, events.batch, page_load)
+            room = self._event_room(self.current)
+            add_input_events(
+                self._store, events.episode, rows, came_ms, events.batch, page_load, room
+            )
         except TooManyEventsError as error:
             raise RefusedError(str(error)) from None
 

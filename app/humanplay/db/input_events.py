@@ -5,6 +5,7 @@ Works on a store's connection and in its transactions.
 
 from __future__ import annotations
 
+import math
 import sqlite3
 from collections.abc import Sequence
 from itertools import pairwise
@@ -17,6 +18,8 @@ from humanplay.db.store import Store
 
 MAX_EVENTS_PER_EPISODE = 50_000
 """Most input events kept of an episode: some hours of typing."""
+EVENT_BYTES, BATCH_BYTES = 80, 90
+"""Bytes of the database's file that an input event takes, and a batch of them, whose id (in two trees) comes on top."""
 MAX_PAGE_LOADS = 200
 """Most loads of the page that an episode's input events may come from."""
 COPIED_GAPS = (12, 40)
@@ -28,11 +31,16 @@ COMPARED_EPISODES = 5_000
 _FIRST = "SELECT coalesce(max(number) + 1, 0) AS first FROM input_events WHERE episode_id = ?"
 _ENDED = "SELECT ended_ms FROM episodes WHERE id = ?"
 _BATCH = "SELECT 1 FROM event_batches WHERE episode_id = ? AND batch = ?"
+_BYTES = f"""SELECT (SELECT coalesce(max(number) + 1, 0) FROM input_events WHERE episode_id = ?1) * {EVENT_BYTES}
+    + (SELECT coalesce(sum({BATCH_BYTES} + 2 * length(batch)), 0) FROM event_batches WHERE episode_id = ?1) AS n"""
 _LOADS = "SELECT number, tab, load_id, tab_id FROM page_loads WHERE episode_id = ? ORDER BY number"
 _GAP = """(SELECT b.key_down_ms - a.key_down_ms FROM steps a JOIN steps b ON b.episode_id = a.episode_id AND b.step = a.step + 1
     WHERE a.episode_id = f.id AND a.step = {step})"""
 _COMPARED = """(SELECT id FROM episodes WHERE driver = 'human' AND ended_ms IS NOT NULL AND id != ?1
     ORDER BY ended_ms DESC LIMIT ?2) f"""
+
+
+TOO_MANY_EVENTS = "this episode has more input events than are kept; the rest is dropped"
 
 
 class TooManyEventsError(ValueError):
@@ -58,6 +66,21 @@ class InputEventRow(NamedTuple):
     round_trip_ms: float | None
 
 
+def batch_bytes(events: int, batch: str) -> int:
+    """Bytes of the database's file that a batch takes.
+
+    Args:
+        events: How many are in it.
+        batch: Its id.
+    """
+    return events * EVENT_BYTES + BATCH_BYTES + 2 * len(batch)
+
+
+def event_bytes(reader: Reader, episode_id: str) -> int:
+    """Bytes of the database's file that the input events of an episode take."""
+    return int(reader.query(_BYTES, [episode_id])[0]["n"])
+
+
 def add_input_events(
     store: Store,
     episode_id: str,
@@ -65,6 +88,7 @@ def add_input_events(
     at_ms: int,
     batch: str,
     page_load: PageLoad,
+    room: float = math.inf,
 ) -> None:
     """Keep a batch of input events of an episode once, however often it comes.
 
@@ -74,8 +98,11 @@ def add_input_events(
     What comes after the end of the episode is stored with a later time than the end, so that the rows say what was there when
     it ended.
 
+    Args:
+        room: Bytes that all input events of the episode may take.
+
     Raises:
-        TooManyEventsError: beyond MAX_EVENTS_PER_EPISODE or MAX_PAGE_LOADS; nothing of the batch is kept.
+        TooManyEventsError: beyond the room, MAX_EVENTS_PER_EPISODE or MAX_PAGE_LOADS; nothing of the batch is kept.
     """
     if not events:
         return
@@ -84,10 +111,9 @@ def add_input_events(
         if conn.execute(_BATCH, (episode_id, batch)).fetchone():
             return
         first: int = conn.execute(_FIRST, [episode_id]).fetchone()[0]
-        if first + len(events) > MAX_EVENTS_PER_EPISODE:
-            raise TooManyEventsError(
-                "this episode has more input events than are kept; the rest is dropped"
-            )
+        taken = event_bytes(store, episode_id) + batch_bytes(len(events), batch)
+        if first + len(events) > MAX_EVENTS_PER_EPISODE or taken > room:
+            raise TooManyEventsError(TOO_MANY_EVENTS)
         numbers = _number_load(conn, episode_id, page_load)
         (ended_ms,) = conn.execute(_ENDED, [episode_id]).fetchone()
         at_ms = at_ms if ended_ms is None else max(at_ms, ended_ms + 1)

@@ -170,7 +170,7 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
     health = await asyncio.to_thread(admin.health.state)
     lobby = admin.progress.lobby
     watched = await asyncio.to_thread(lobby.store.metrics.values, *WATCHED)
-    owners = request.app.state.protection.stored.largest()
+    owners = request.app.state.protection.charges.largest()
     return {
         "studies": await asyncio.to_thread(admin.studies),
         "boards": await list_boards(lobby, admin.progress.study_store),

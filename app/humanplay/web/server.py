@@ -85,11 +85,11 @@ from humanplay.web.operator.login import AdminPassword
 from humanplay.web.operator.services import AdminServices
 from humanplay.web.protection import (
     WHERE,
+    BudgetedCharges,
     Gate,
     LimitedClients,
     Protection,
     Proxies,
-    StoredBytes,
     own_names,
 )
 from humanplay.web.replays.service import Replays
@@ -148,9 +148,9 @@ def _app_of(
         if task is None:
             task = await asyncio.to_thread(_task, settings, prepared.policies)
         with _opened(settings, prepared.store, metrics) as store:
-            sources, stored = prepared.sources or Sources(), protection.stored
+            sources, charges = prepared.sources or Sources(), protection.charges
             jobs = prepared.jobs or _jobs()
-            made = _services(settings, store, task, sources, stored, jobs, password)
+            made = _services(settings, store, task, sources, charges, jobs, password)
             async with _threads_of(store), aclosing(made) as services:
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
@@ -210,8 +210,8 @@ def _add_protection(
     what = "Sockets that are open."
     metrics.add_gauge("sockets", what, lambda: protection.sockets)
     for kind in WHERE:
-        what = f"Bytes stored today (UTC) or kept free for boards, of the {kind} with the most."
-        metrics.add_gauge(f"stored_bytes_{kind}", what, partial(protection.stored.most, kind))
+        what = f"Bytes stored today (UTC) or charged to open boards, of the {kind} with the most."
+        metrics.add_gauge(f"stored_bytes_{kind}", what, partial(protection.charges.most, kind))
     app.add_middleware(NotedRoute)
     app.add_middleware(LimitedClients, protection=protection, most_bytes=MAX_MESSAGE_BYTES)
     app.add_middleware(
@@ -253,7 +253,7 @@ def _services(
     store: Store,
     task: Task,
     sources: Sources,
-    stored: StoredBytes,
+    charges: BudgetedCharges,
     jobs: Jobs,
     password: AdminPassword | None,
 ) -> Services:
@@ -264,7 +264,7 @@ def _services(
     folder, study_store = Folder.beside(store.path), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
     limits = settings.limits
-    lobby = Lobby(store, task, sources, settings.idle_s, of_session, limits.decision_s, stored)
+    lobby = Lobby(store, task, sources, settings.idle_s, of_session, limits.decision_s, charges)
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     downloads, replayer = Downloads(store.path, jobs), Replayer()
     _add_gauges(store.metrics, lobby, health)

@@ -25,8 +25,8 @@ def test_nothing_in_memory_goes_by_the_ids_of_a_session_that_has_left(serve):
     assert server.on_loop(_watched(server, begun["watch"])) == begun["session"]
 
     eventually(lambda: len(server.services.lobby) == 0)
-    reserved = server.services.lobby._storage._reservations  # for an episode that has not ended
-    eventually(lambda: all(each is reserved for each in _keyed_by(ids, server.services)), 10)
+    charged = server.services.lobby.charges._open  # an episode that has not ended
+    eventually(lambda: all(each is charged for each in _keyed_by(ids, server.services)), 10)
 
 
 def _keyed_by(ids, root):

@@ -1,6 +1,6 @@
 """Bytes that are stored for an address, a player and a study: what begins is refused, what is open goes on.
 
-A board keeps free what it can store, so that whatever is open never comes to more than the budget.
+An open board is charged what it can store, so that whatever is open never comes to more than the budget.
 """
 
 import itertools
@@ -13,8 +13,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from humanplay.board.session import EVENT_BYTES, LEAST_EVENTS
-from humanplay.web.protection.limits import ASKER, Asker, StoredBytes
+from humanplay.board.session import LEAST_EVENTS
+from humanplay.db.input_events import EVENT_BYTES
+from humanplay.web.protection.limits import ASKER, Asker, BudgetedCharges
 from humanplay.web.settings import Limits
 from tests.support.page_loads import LOAD
 from tests.support.recorded import ask
@@ -96,12 +97,13 @@ def test_a_full_budget_refuses_what_begins_and_no_move_or_key_event_of_what_is_o
 
 
 def test_metrics_are_read_on_their_own_thread_while_bytes_are_counted(tmp_path):
-    stored, until, asked = StoredBytes(Limits(), tmp_path / "play.db"), time.monotonic() + 1, []
+    charges, until = BudgetedCharges(Limits(), tmp_path / "play.db"), time.monotonic() + 1
+    asked = []
     app = SimpleNamespace(state=SimpleNamespace(cookies=""))
 
     def read():
         while time.monotonic() < until:
-            asked.append(stored.most("address"))
+            asked.append(charges.most("address"))
 
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)
@@ -114,10 +116,9 @@ def test_metrics_are_read_on_their_own_thread_while_bytes_are_counted(tmp_path):
                 client = f"10.0.{number // 250 % 250}.{number % 250}", 1
                 scope = {"type": "http", "headers": [], "client": client, "app": app}
                 ASKER.set(Asker(scope, True))
-                stored.reserve(str(number), "", 9)
-                stored.count(str(number), "", 5)
+                charges.open(str(number), "", 9)
                 if number >= 300:
-                    stored.release([str(number - 300)])
+                    charges.close(str(number - 300), 5)
             reading.result()
     finally:
         sys.setswitchinterval(interval)
@@ -130,6 +131,29 @@ def test_a_player_has_a_budget_of_their_own(serve):
     client = server.client()
     assert [begin(client).status_code for _ in range(3)] == [201, 201, 429]
     assert begin(server.client()).status_code == 201
+
+
+def test_short_episodes_count_until_midnight_and_are_refused_at_their_cookies_budget(
+    serve, monkeypatch
+):
+    """Each is charged far more while it is open, and what it has stored once it has ended."""
+    fast = "100000+100000/s"
+    rates = dict.fromkeys(("episodes_per_address", "episodes_per_player", "messages"), fast)
+    server = serve(limits=Limits(stored_player_percent=percent(1_500_000), **rates))
+    client = server.page()
+    session = begin(client).json()["session"]
+    began = 1
+    while (answer := client.post(f"/api/sessions/{session}/episodes")).status_code == 201:
+        frame = answer.json()["frame"]
+        act = {"episode": frame["episode"], "step": 0, "action": "south"}
+        client.post(f"/api/sessions/{session}/act", json=act)
+        began += 1
+        assert began < 2_000
+    assert "this browser may store 1.5 MB a day" in answer.json()["detail"]
+    assert began > 200
+    tomorrow = time.time() + 86_400
+    monkeypatch.setattr(time, "time", lambda: tomorrow)
+    assert client.post(f"/api/sessions/{session}/episodes").status_code == 201
 
 
 def test_a_class_of_participants_plays_on_where_their_address_has_spent_its_budget(serve, tmp_path):
@@ -186,17 +210,15 @@ def test_boards_that_are_filled_from_one_address_store_a_hundredth_of_the_disk_a
             crash(server, client, session)
             fill(server, client, session, episode, 1000 * round_ + 500)
             client.post(f"/api/sessions/{session}/episodes")
-    grown, counted = file_bytes(server) - before, max(server.protection.stored.today().values())
-    one = 1000 + 81 * 85 + LEAST_EVENTS * EVENT_BYTES
+    grown, counted = file_bytes(server) - before, max(server.protection.charges.today().values())
+    one = 2000 + 81 * 85 + LEAST_EVENTS * EVENT_BYTES
     print(f"{len(boards)} boards, grown {grown}, counted {counted}, allowed {disk // 100}")
     assert 0.004 * disk < counted <= 0.005 * disk + one
     assert grown <= 0.01 * disk
-    assert server.protection.stored.largest(1)[0]["bytes"] >= counted
+    assert server.protection.charges.largest(1)[0]["bytes"] >= counted
 
 
-def test_what_an_open_board_can_store_stays_kept_free_over_midnight_until_it_ends(
-    serve, monkeypatch
-):
+def test_what_an_open_board_can_store_stays_charged_over_midnight_until_it_ends(serve, monkeypatch):
     budget = 1_000_000
     server = serve(limits=Limits(stored_address_percent=percent(budget)))
     boards = []
@@ -230,7 +252,7 @@ def test_an_episode_keeps_as_many_events_as_it_has_room_for_and_every_move(serve
         assert frame["step"] == step + 1
 
 
-def test_an_open_episode_is_reserved_for_again_after_a_restart(serve):
+def test_an_open_episode_is_charged_again_after_a_restart(serve):
     limits = Limits(stored_address_percent=percent(20_000))
     server = serve(limits=limits)
     client = server.page()
@@ -238,7 +260,7 @@ def test_an_open_episode_is_reserved_for_again_after_a_restart(serve):
     server.stop()
     again = serve(limits=limits)
     page = again.page(cookies=client.cookies)
-    assert again.protection.stored.taken() == {}
+    assert again.protection.charges.today() == {}
     with again.socket(board["session"], page) as socket:
         frame = socket.receive("frame")
         assert send_batch(socket, board["frame"]["episode"], 0, 100) == 100
@@ -250,28 +272,21 @@ def test_an_open_episode_is_reserved_for_again_after_a_restart(serve):
 @pytest.mark.parametrize("what", ["boards", "large boards", "moves", "events"])
 def test_what_is_counted_is_what_the_file_grows_by(serve, what):
     server = serve()
-    client = server.page()
-    board = begin(client, size=21).json()
-    stored = server.protection.stored.today()
-    with server.socket(board["session"], client) as socket:
-        frame = socket.receive("frame")
-        before, counted = file_bytes(server), max(stored.values())
-        if what == "events":
-            send_events(socket, frame["episode"], 40)
-        elif what == "moves":
-            for step in range(400):
-                action = "east" if step % 2 == 0 else "west"
-                act = {"episode": frame["episode"], "step": step, "action": action}
-                path = f"/api/sessions/{board['session']}/act"
-                assert client.post(path, json=act).status_code == 200
-        else:
-            side = 128 if what == "large boards" else 9
-            for _ in range(60):
-                one = server.client()
-                board = begin(one, size=side).json()
-                frame = board["frame"]
-                act = {"episode": frame["episode"], "step": 0, "action": "south"}
-                one.post(f"/api/sessions/{board['session']}/act", json=act)
-    grown, counted = file_bytes(server) - before, max(stored.values()) - counted
+    client, before = server.page(), file_bytes(server)
+    sides = {"large boards": 128, "moves": 42}
+    for number in range(60 if "boards" in what else 1):
+        client = server.client() if number else client
+        board = begin(client, size=sides.get(what, 21)).json()
+        episode, steps = board["frame"]["episode"], 1200 if what == "moves" else 0
+        with server.socket(board["session"], client) as socket:
+            socket.receive("frame")
+            if what == "events":
+                send_events(socket, episode, 40)
+        for step in range(steps + 1):  # it ends by leaving the grid
+            action = "north" if step == steps else ("east", "west")[step % 2]
+            act = {"episode": episode, "step": step, "action": action}
+            path = f"/api/sessions/{board['session']}/act"
+            assert client.post(path, json=act).status_code == 200
+    grown, counted = file_bytes(server) - before, max(server.protection.charges.today().values())
     print(f"{what}: grown {grown}, counted {counted}")
     assert 0.7 * grown < counted < 1.5 * grown

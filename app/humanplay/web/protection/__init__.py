@@ -6,9 +6,22 @@
 from humanplay.web.protection.gate import Gate, RefusedRequestError, has_own_origin
 from humanplay.web.protection.headers import NO_CACHE, SHARED, page_policy, viewer_policy
 from humanplay.web.protection.hosts import Proxies, client_address, is_secure, own_names
-from humanplay.web.protection.limits import WHERE, LimitedClients, Protection, StoredBytes
+from humanplay.web.protection.limits import WHERE, BudgetedCharges, LimitedClients, Protection
 
 __all__ = [
-    "NO_CACHE", "SHARED", "WHERE", "Gate", "LimitedClients", "Protection", "Proxies", "RefusedRequestError", "StoredBytes",
-    "client_address", "has_own_origin", "is_secure", "own_names", "page_policy", "viewer_policy",
+    "NO_CACHE",
+    "SHARED",
+    "WHERE",
+    "BudgetedCharges",
+    "Gate",
+    "LimitedClients",
+    "Protection",
+    "Proxies",
+    "RefusedRequestError",
+    "client_address",
+    "has_own_origin",
+    "is_secure",
+    "own_names",
+    "page_policy",
+    "viewer_policy",
 ]  # fmt: skip

@@ -16,7 +16,7 @@ import re
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -28,6 +28,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from humanplay.board.charges import DAY_S, Charges, Owner
 from humanplay.web.protection.gate import RefusedRequestError
 from humanplay.web.protection.hosts import client_address
 from humanplay.web.settings import Limits, read_bucket
@@ -56,7 +57,6 @@ WHAT = {
     "episodes": "new episodes",
 }
 WHERE = {"address": "this network", "player": "this browser", "study": "this study"}
-DAY_S = 86_400
 
 POLICY_VIOLATION = 1008
 """The close code (RFC 6455, section 7.4.1) of a socket that was sent too much."""
@@ -169,7 +169,7 @@ class Asker:
     scope: Scope
     is_limited: bool
 
-    def owners(self, study: str) -> tuple[tuple[str, str], ...]:
+    def owners(self, study: str) -> tuple[Owner, ...]:
         """Return against whom what is stored counts, on a board of a study or ("") on another."""
         player = _player_of(self.scope, PARTICIPANT_COOKIE if study else PLAYER_COOKIE)
         address = client_address(HTTPConnection(self.scope))
@@ -181,21 +181,8 @@ ASKER: ContextVar[Asker | None] = ContextVar("asker", default=None)
 """None where the server acts by itself."""
 
 
-@dataclass
-class Reservation:
-    """What an episode may still store, and for whom; nothing is kept free for one of a study."""
-
-    owners: tuple[tuple[str, str], ...]
-    left: int
-    is_kept_free: bool
-
-
-class StoredBytes:
-    """What may be stored for each address, player and study on a day (UTC): what was, and what open episodes still can.
-
-    It is `Storage` of the boards. A budget refuses what begins, and never what is written of an episode that has begun:
-    all that this one can store is kept free for it, until it ends. What is a study's counts when it is stored. All of it is in
-    memory alone.
+class BudgetedCharges(Charges):
+    """What was charged to each address, player and study, against their budgets for a day.
 
     count_refusal  called where something may not begin
     """
@@ -203,37 +190,13 @@ class StoredBytes:
     def __init__(
         self, limits: Limits, database: Path, count_refusal: Callable[[], None] = lambda: None
     ) -> None:
+        super().__init__()
         self._limits, self._folder, self._count_refusal = limits, database.parent, count_refusal
-        self._day, self._of = 0, Counter[tuple[str, str]]()
-        self._reservations: dict[str, Reservation] = {}
-        self._kept_free = Counter[tuple[str, str]]()
 
-    def today(self) -> Counter[tuple[str, str]]:
-        """Return the bytes that were stored by (kind, name), kinds being "address", "player" and "study"."""
-        if (day := int(time.time() // DAY_S)) != self._day:
-            self._day, self._of = day, Counter()
-        return self._of
-
-    def taken(self) -> Counter[tuple[str, str]]:
-        """Return the bytes by (kind, name) that were stored today or are kept free for open episodes."""
-        # copies, since metrics are read on another thread, while bytes are counted
-        return Counter(dict(self.today())) + Counter(dict(self._kept_free))
-
-    def largest(self, count: int = 3) -> list[dict[str, str | int]]:
-        """Return `kind`, `bytes` and `budget` of those with the most bytes taken, and a study's `name`; of nobody else."""
-        return [
-            {
-                "kind": kind,
-                "name": name if kind == "study" else "",
-                "bytes": size,
-                "budget": self._budget(kind),
-            }
-            for (kind, name), size in self.taken().most_common(count)
-        ]
-
-    def most(self, kind: str) -> int:
-        """Return the bytes of the address, player or study that has taken most."""
-        return max((size for (each, _), size in self.taken().items() if each == kind), default=0)
+    def owners(self, study: str) -> tuple[Owner, ...]:
+        """Who asks just now; nobody where the server acts by itself."""
+        asker = ASKER.get()
+        return () if asker is None else asker.owners(study)
 
     def check(self, study: str) -> None:
         """Check that an episode may begin; RefusedRequestError (507 for a full disk, 429 for a full budget)."""
@@ -242,56 +205,32 @@ class StoredBytes:
             return
         try:
             self._check_disk()
-            for owner in asker.owners(study):
-                self._check_budget(*owner)
+            for kind, _ in self._full(asker.owners(study)):
+                raise self._refusal(kind)
         except RefusedRequestError:
             self._count_refusal()
             raise
 
-    def reserve(self, episode: str, study: str, size: int) -> None:
-        """Keep bytes free for an episode; nothing where that was done before."""
-        if episode not in self._reservations:
-            asker = ASKER.get()
-            owners = () if asker is None else asker.owners(study)
-            self._reservations[episode] = kept = Reservation(owners, size, not study)
-            self._keep_free(kept, size)
-
-    def room(self, episode: str, study: str) -> float:
-        """Return what is left of a reservation; of an episode without one, what the asker's budgets leave."""
-        if (kept := self._reservations.get(episode)) is not None:
-            return kept.left
+    def is_full(self, study: str) -> bool:
+        """Whether who asks just now has spent their budget."""
         asker = ASKER.get()
-        if asker is None or not asker.is_limited:
-            return math.inf
-        return min(self._budget(each[0]) - self._taken_by(each) for each in asker.owners(study))
+        return asker is not None and asker.is_limited and bool(self._full(asker.owners(study)))
 
-    def count(self, episode: str, study: str, size: int) -> None:
-        """Count what is stored of an episode, and take it from its reservation."""
-        kept, of = self._reservations.get(episode), self.today()
-        if kept is None:
-            asker = ASKER.get()
-            owners = () if asker is None else asker.owners(study)
-        else:
-            owners, of_it = kept.owners, min(size, kept.left)
-            kept.left -= of_it
-            self._keep_free(kept, -of_it)
-        for owner in owners:
-            of[owner] += size
+    def largest(self, count: int = 3) -> list[dict[str, str | int]]:
+        """Return `kind`, `bytes` and `budget` of those with the most bytes, and a study's `name`; of nobody else."""
+        return [
+            {
+                "kind": kind,
+                "name": name if kind == "study" else "",
+                "bytes": size,
+                "budget": self._budget(kind),
+            }
+            for (kind, name), size in self.today().most_common(count)
+        ]
 
-    def release(self, episodes: Iterable[str]) -> None:
-        """Give back what is left of the reservations of episodes."""
-        for episode in episodes:
-            if (kept := self._reservations.pop(episode, None)) is not None:
-                self._keep_free(kept, -kept.left)
-
-    def _keep_free(self, kept: Reservation, size: int) -> None:
-        for owner in kept.owners if kept.is_kept_free else ():
-            self._kept_free[owner] += size
-            if not self._kept_free[owner]:
-                del self._kept_free[owner]
-
-    def _taken_by(self, owner: tuple[str, str]) -> int:
-        return self.today()[owner] + self._kept_free[owner]
+    def most(self, kind: str) -> int:
+        """Return the bytes of the address, player or study that was charged most."""
+        return max((size for (owner, _), size in self.today().items() if owner == kind), default=0)
 
     def _check_disk(self) -> None:
         free = self._limits.free_mb
@@ -300,15 +239,17 @@ class StoredBytes:
             way_out = "new boards begin once its operator has made room"
             raise RefusedRequestError(507, f"{why}, and {way_out}")
 
-    def _check_budget(self, kind: str, name: str) -> None:
-        most = self._budget(kind)
-        if self._taken_by((kind, name)) >= most:
-            raise RefusedRequestError(
-                429,
-                f"{WHERE[kind]} may store {most / 1e6:.3g} MB a day, and all of it was stored or is kept free for boards that "
-                "are open: these go on, and new ones begin when they have ended, or after midnight (UTC)",
-                DAY_S - int(time.time()) % DAY_S,
-            )
+    def _full(self, owners: tuple[Owner, ...]) -> list[Owner]:
+        charged = self.today()
+        return [owner for owner in owners if charged[owner] >= self._budget(owner[0])]
+
+    def _refusal(self, kind: str) -> RefusedRequestError:
+        return RefusedRequestError(
+            429,
+            f"{WHERE[kind]} may store {self._budget(kind) / 1e6:.3g} MB a day, and all of it was stored or is charged to "
+            "boards that are open: these go on, and new ones begin when they have ended, or after midnight (UTC)",
+            DAY_S - int(time.time()) % DAY_S,
+        )
 
     def _budget(self, kind: str) -> int:
         percent: float = getattr(self._limits, f"stored_{kind}_percent")
@@ -320,7 +261,7 @@ class Protection:
 
     refusals    how often something was refused, by reason; `count` is called with each reason too
     sockets     how many are open, but for those that came with the operator's token
-    stored      what was written for whom
+    charges     what was written for whom
     turns       in which agents have their moves made
     """
 
@@ -328,7 +269,7 @@ class Protection:
         self, limits: Limits, database: Path, count: Callable[[str], None] = lambda reason: None
     ) -> None:
         self.limits, self._count = limits, count
-        self.stored = StoredBytes(limits, database, lambda: self.count_refusal("stored"))
+        self.charges = BudgetedCharges(limits, database, lambda: self.count_refusal("stored"))
         self.turns = Turns()
         self.refusals: Counter[str] = Counter()
         self.sockets = 0
