@@ -126,8 +126,8 @@ def test_others_wait_no_longer_while_an_episode_comes_to_fifty_thousand_events(s
 
 
 def boards_full_of_events(path, boards):
-    """Store boards with a move and as many input events as are kept; return their sessions."""
-    times_ms = [100.0 + number for number in range(MAX_EVENTS_PER_EPISODE)]
+    """Store boards with as many input events as are kept, the last of them a move; return their sessions."""
+    times_ms = [100.0 + number for number in range(MAX_EVENTS_PER_EPISODE - 1)]
     events = [InputEventRow("keydown", "KeyW", False, True, at_ms, 0, 2.5) for at_ms in times_ms]
     sessions = []
     with closing(Store(path)) as store:
