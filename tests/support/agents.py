@@ -1,12 +1,18 @@
-"""A sealed evaluation, and agents who play it with cards through the server's own `Cards`."""
+"""An evaluation of agents, and agents who play it with cards through the server's own `Cards`."""
 
 import re
 
 import numpy as np
 
-from humanplay.series.evaluation import CardList, card_link, evaluation_of_study, evaluation_of_task
+from humanplay.agents.evaluation import (
+    begin_evaluation,
+    changing,
+    evaluation_named,
+    issue_card,
+    looking,
+)
+from humanplay.series.files import now_ms
 from humanplay.series.folder import Folder
-from humanplay.series.protocol import Agents
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from tests.support.command import run
@@ -20,36 +26,47 @@ def codes_of(grid):
     return np.array([[CODES[each] for each in row] for row in grid], np.uint8)
 
 
-def sealed(root, name="agents", of="small", **agents):
-    """Return a frozen evaluation on the ranked terrains of a frozen study."""
-    folder = Folder(root)
-    folder.create(evaluation_of_study(folder, name, of, Agents(**agents)))
-    return folder.freeze(name)
+def begun(database, name="agents", of="small", **rest):
+    """Return a new evaluation on the ranked terrains of a frozen study."""
+    folder = Folder.beside(database)
+    return begin_evaluation(database, folder, {"name": name, "study": of, **rest}, now_ms())
 
 
-def own(root, name="agents", task="gymnasium:FrozenLake-v1", instances=3, config=None, **agents):
-    """Return a frozen evaluation of a task on instances of its own."""
+def own(database, name="agents", task="gymnasium:FrozenLake-v1", instances=3, config=None, **rest):
+    """Return a new evaluation of a task on instances of its own."""
     from humanplay.task import rules_of
 
-    folder = Folder(root)
     config = rules_of(task).configuration({}) if config is None else config
-    folder.create(evaluation_of_task(name, config, task, instances, Agents(**agents)))
-    return folder.freeze(name)
+    wanted = {"name": name, "task": task, "instances": instances, "config": config.to_dict()}
+    return begin_evaluation(database, Folder.beside(database), {**wanted, **rest}, now_ms())
 
 
-def token_of(root, author="Ann", name="agents"):
+def evaluation_of(database, name="agents"):
+    """Return an evaluation as it stands."""
+    with looking(database) as conn:
+        return evaluation_named(conn, Folder.beside(database), name)
+
+
+def token_of(database, author="Ann", name="agents"):
     """Issue a card and return its token."""
-    folder = Folder(root)
-    issued = CardList(folder).issue(name, author)
-    return re.search(r"/agents/(\w+)$", card_link(folder.study(name), issued.id, "http://h"))[1]
+    with changing(database) as conn:
+        evaluation = evaluation_named(conn, Folder.beside(database), name)
+        issued = issue_card(conn, evaluation, author, now_ms())
+    return re.search(r"/agents/(\w+)$", evaluation.link(issued.id, "http://h"))[1]
+
+
+def rows_of(database, sql):
+    """Return what a query of the room's tables finds."""
+    with looking(database) as conn:
+        return conn.execute(sql).fetchall()
 
 
 class Agent:
     """Who plays with a card of a server in this process."""
 
     def __init__(self, server, token):
-        self.server, self.cards = server, server.services.cards
-        self.token, self.card = token, server.on_loop(server.services.cards.find(token))
+        self.server, self.cards = server, server.app.state.agents
+        self.token, self.card = token, server.on_loop(self.cards.find(token))
 
     def call(self, name, *given, **named):
         """Return what a method of `Cards` returns; the card is looked up as for each request."""
@@ -80,9 +97,9 @@ class Agent:
             self.play(index, policy)
 
 
-def best_way(root, index, study="dunes", tries=60):
+def best_way(database, index, study="dunes", tries=60):
     """Return the shortest of many ways through an instance's terrain, which only somebody who has seen it can know."""
-    found = Folder(root).study(study)
+    found = Folder.beside(database).study(study)
     ways = []
     for attempt in range(tries):
         episode = Episode.begin(found.protocol.env_config, seed=found.seed("ranked", index))
@@ -112,22 +129,22 @@ def closed_evaluation(root, policies):
     from tests.support.servers import hasty_limits, running_server
     from tests.support.stored_studies import freeze, play_study
 
-    studies, database = root / "playground.db-studies", root / "playground.db"
+    database = root / "playground.db"
     study = freeze(
-        studies, close=False, draw=lambda count: bytes(count)
+        root / "playground.db-studies", close=False, draw=lambda count: bytes(count)
     )  # the rule has not the best ways there
     play_study(database, study)
-    Folder(studies).close("dunes", seals=True)
-    sealed(studies, of="dunes")
-    tokens = [token_of(studies, author) for author in ("Ann", "ann ", "Bo")]
+    assert run("study", "close", "dunes", "--keep-secret", "--yes", *paths(root)) == 0
+    begun(database, of="dunes")
+    tokens = [token_of(database, author) for author in ("Ann", "ann ", "Bo")]
     where = {"database": database, "limits": hasty_limits()}
     with running_server(policies, **where) as server:
         first, second, third = (Agent(server, token) for token in tokens)
         first.call("describe", {"agent": "Mapper", "model": "rule", "prompts_sha256": "0" * 64})
         first.play_all()
         for index in range(3):
-            second.follow(index, best_way(studies, index))
+            second.follow(index, best_way(database, index))
         third.play(1)
         third.play(2, moves=2)
-    assert run("evaluation", "close", "agents", "--yes", "--now", *paths(root)) == 0
+    assert run("agents", "close", "agents", "--yes", "--now", *paths(root)) == 0
     return root

@@ -1,13 +1,13 @@
 """How far a person's episode is attested: its moves compared with the input events that the page sent before them.
 
 `attest` is a pure function of stored rows, so that anybody who has the rows can derive the level again. A level says that
-the rows are consistent with a person at a page: each move has a press of its own, the presses and the server's receipts fit
+the rows are consistent with a person at a page: each move has a press of its own, the presses and their times of arrival fit
 one clock, and no hand would have to be faster than hands are. It is no proof. A program that invents presses at a person's
 pace, with a clock that runs as a page's does, is attested as well.
 
 The clock is compared by cause and effect alone. A page cannot answer a frame before the server had committed it, and the
 server cannot receive a move before the page has sent it. With `offset` = server's clock - page's clock, each move says
-    time of the frame - time of sending  <=  offset  <=  time of receipt - time of sending
+    time of the frame - time of sending  <=  offset  <=  time of arrival - time of sending
 and all moves of one load of the page, which their presses name, must leave room for one offset. However late a network
 delivers, these hold; a clock that runs faster or slower than the server's, or times that were made up, do not fit them for
 long.

@@ -25,6 +25,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "any": ("pygame",),
     "hub": ("huggingface_hub", "httpx2", "click", "rich"),
     "video": ("av",),
+    "agents": ("cryptography", "openenv", "openai"),
 }  # fmt: skip
 """Extra -> the modules that it brings itself, by the names they are imported by."""
 
@@ -39,6 +40,7 @@ INCLUDED: dict[str, tuple[str, ...]] = {
     "ray": ("train",),
     "hub": ("mars", "onnx"),
     "video": ("play",),
+    "agents": ("study",),
 }
 """Extra -> the extras that it includes."""
 
@@ -54,7 +56,7 @@ COMMANDS = {
     "refine": ("training.refine", "train", "Improve a trained policy by trying other moves."),
     "sweep": ("training.sweep", "train", "Train on many levels and seeds."),
     "study": ("study.study", "study", "Plan, freeze, open and close a study with participants."),
-    "evaluation": ("study.evaluation", "export", "Evaluate agents on terrains that stay sealed, with signed receipts."),
+    "agents": (".agents.commands", "agents", "Evaluate other people's agents on instances that stay secret."),
     "simulate": ("study.simulate", "study", "Let synthetic players take part in a study."),
     "report": ("study.report", "study", "Write a study's figures with their intervals, as a page and as JSON."),
     "costs": ("study.report", "study", "Show where the players of a study lose moves."),
@@ -68,7 +70,7 @@ COMMANDS = {
     "backup": ("database", "play", "Copy the database into one verified file while people play."),
     "restore": ("database", "play", "Put a backup in the place of the database."),
 }  # fmt: skip
-"""Name -> its module below humanplay.cli, the extra that brings all it needs, and its line in `marsexplorer --help`. The
+"""Name -> its module, relative to humanplay.cli, the extra that brings all it needs, and its line in `marsexplorer --help`. The
 command NAME is the object NAME of its module; `import`, which Python keeps for itself, is `import_release`."""
 
 

@@ -296,7 +296,7 @@ def forget(
     database: Path,
     yes: bool,
 ) -> None:
-    """Erase a participant, named by id, the label of their page, the outside id of their link or an agent's card, for good.
+    """Erase a participant, named by id, the label of their page or the outside id of their link, for good.
 
     With --player it is a player of the playground, by the name that they chose: name and all that they played go.
 
@@ -339,11 +339,6 @@ def forget(
     kept = ", and the episodes of the study stay without a person, as its protocol says"
     erased = f"one participant of {done.study}, {counted(done.episodes, 'episode')}"
     echo(f"erased from {database}: {erased}{kept if done.keeps else ''}")
-    if found["kind"] == "script" and found["invitation"]:
-        echo(
-            f"once {done.study} is closed, `marsexplorer evaluation close {done.study}` writes its files without the card; "
-            "its list of cards keeps the author, so that another card of theirs does not rank"
-        )
     if done.outdated:
         versions = ", ".join(map(str, done.outdated))
         echo(

@@ -39,7 +39,7 @@ class Commands(click.Group):
         del ctx
         if cmd_name not in COMMANDS:
             return None
-        module = import_module(f"humanplay.cli.{COMMANDS[cmd_name][0]}")
+        module = import_module(f".{COMMANDS[cmd_name][0]}", "humanplay.cli")
         command = getattr(module, "import_release" if cmd_name == "import" else cmd_name)
         assert isinstance(command, click.Command)
         return command

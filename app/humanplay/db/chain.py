@@ -246,15 +246,13 @@ def freezing_of(study: SeriesRow) -> tuple[Mark, str]:
     return "frozen", _note({**named, **fixed, "configuration": configuration})
 
 
-def configuration_hash(protocol: str) -> str | None:
-    """Return SHA-256 (hex) over a protocol's task and configuration; None for an evaluation of agents, which is of no people.
+def configuration_hash(protocol: str) -> str:
+    """Return SHA-256 (hex) over a protocol's task and configuration.
 
     Args:
         protocol: JSON.
     """
     found = json.loads(protocol)
-    if found.get("agents") is not None:
-        return None
     played = [found.get("task"), found.get("config")]
     return hashlib.sha256(json.dumps(played, sort_keys=True).encode()).hexdigest()
 

@@ -74,7 +74,7 @@ def forget(
 ) -> Erasure:
     """Erase a participant, write the file anew and return what was erased.
 
-    name      a participant's id, the label their page shows, an outside id of theirs or the id of an agent's card
+    name      a participant's id, the label their page shows or an outside id of theirs
     asked_by  who asked for it; None: the participant if they did so on their page, else that is not said
 
     The database must not be in use: StoreError while a server, or any other program, has it open.
@@ -120,14 +120,14 @@ def _rewritten(database: Path) -> Iterator[sqlite3.Connection]:
 
 def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None) -> dict[str, Any]:
     sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
-        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1) OR (p.invitation = ?1 AND p.kind = 'script'))
+        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1))
         AND (?2 IS NULL OR p.study = ?2)"""
     conn.create_function("label", 1, participant_label, deterministic=True)
     found = rows(conn, sql, name, study)
     if not found:
         where = f"the study {study!r} of {database}" if study else str(database)
         raise ParticipantLookupError(
-            f"no participant {name!r} in {where}: give their id, label, the outside id of their link or a card's id"
+            f"no participant {name!r} in {where}: give their id, label or the outside id of their link"
         )
     if len(found) > 1:
         studies = ", ".join(sorted({person["study"] for person in found}))
@@ -148,8 +148,7 @@ def _erase_rows(
     keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
     # who stays without a name still came then
     hashes = person_hashes(person)[:1] if keeps else person_hashes(person)
-    used = person["consent_ms"] is not None or person["kind"] == "script"  # a card has no consent
-    if person["invitation"] is not None and used:
+    if person["invitation"] is not None and person["consent_ms"] is not None:
         hashes = (*hashes, invitation_hash(person["study"], person["invitation"]))
     values = [(each, now) for each in hashes]
     conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", values)

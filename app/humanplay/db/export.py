@@ -59,7 +59,7 @@ def export_table(
     public   True leaves out the episodes of studies that are not closed, and of days that are not over
     at_ms    when a public export is made (None: now)
     player   what they drove alone
-    open_studies  True takes in episodes of studies that are not closed; sealed ones never
+    open_studies  True takes in episodes of studies that are not closed; those whose secrets are kept never
     """
     _check(table, who)
     reader = Reader.open(
@@ -151,8 +151,8 @@ def export_to(
     with closing(Reader.open(database, open_studies=open_studies)) as reader:
         total, studies = 2 * reader.count(who), reader.open_studies()
     folder.mkdir(parents=True, exist_ok=True)
-    sealed = [study.name for study in studies if study.sealed_ms is not None]
-    running = [study for study in studies if study.sealed_ms is None]
+    kept = [study.name for study in studies if study.secret_kept_ms is not None]
+    running = [study for study in studies if study.secret_kept_ms is None]
     if open_studies and running:
         with writing(database) as conn:  # before anything of them is written
             append_marks(conn, map(export_of, running))
@@ -169,8 +169,8 @@ def export_to(
     count, moves = (n - 1 for n in lines)
     why = "did not replay as recorded: see the column verified"
     warning = f"; {unverified} of them {why}" if unverified else ""
-    if sealed:
-        warning += f"; left out: {', '.join(sealed)}, sealed until the evaluation of agents closes"
+    if kept:
+        warning += f"; left out, since their secrets are kept: {', '.join(kept)}"
     names = ", ".join(study.name for study in running)
     if running and open_studies:
         warning += f"; taken in although open, which the chain and their reports say: {names}"

@@ -236,7 +236,7 @@ def _check_equal(
             )
 
 
-ENDS = ("closed_ms", "secret", "sealed_ms")
+ENDS = ("closed_ms", "secret", "secret_kept_ms")
 """What the end of a study writes into its row."""
 
 

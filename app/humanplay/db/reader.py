@@ -37,8 +37,8 @@ make a figure of their own."""
 FINISHED_CONDITION = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
     AND o.ended_ms IS NULL AND o.terrain_hash = e.terrain_hash))"""
 
-SEALED_CONDITION = "(y.sealed_ms IS NOT NULL AND y.closed_ms IS NULL)"
-"""The condition (SQL) for a series to be an evaluation of agents that is open, or a study whose terrains are kept for one."""
+SECRET_KEPT_CONDITION = "(y.secret_kept_ms IS NOT NULL AND y.closed_ms IS NULL)"
+"""The condition (SQL) for a study to be closed while its secret is kept."""
 
 TRIAL = "e.*, s.owner_id, x.series"
 """What `Trial.of` takes of an episode `e`, its session `s` and its place `x` in a series `y` (SQL)."""
@@ -72,7 +72,7 @@ class Reader:
 
     A public one sees nothing of a series that is open: of a study before it is closed, of a daily terrain before its day is
     over. It reads at `at_ms` (None: now). Others see nothing of a study that is open either, unless `open_studies`. None sees
-    anything of one that is sealed (`SEALED_CONDITION`).
+    anything of one whose secret is kept (`SECRET_KEPT_CONDITION`).
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Reader:
         if public:
             is_over = f"y.closed_ms <= {at_ms:d}"
         elif open_studies:
-            is_over = f"NOT {SEALED_CONDITION}"
+            is_over = f"NOT {SECRET_KEPT_CONDITION}"
         self._select = f"{_SELECT} AND (x.series IS NULL OR {is_over})"
         self._select_played = f"{_SELECT} AND (x.participant_id IS NULL OR {is_over})"
         self._release = hold(path)
@@ -130,7 +130,7 @@ class Reader:
         return int(row["n"])
 
     def open_studies(self) -> list[SeriesRow]:
-        """The studies that are not closed, those whose terrains are sealed too."""
+        """The studies that are not closed, those whose secrets are kept too."""
         sql = "SELECT * FROM series WHERE kind = 'study' AND closed_ms IS NULL ORDER BY name"
         return [SeriesRow(**row) for row in self.query(sql)]
 

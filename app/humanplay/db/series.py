@@ -37,7 +37,7 @@ _NEXT_ORDER_NUMBER = f"""SELECT coalesce(max(json_extract(v.detail, '$.number'))
 _IS_OPEN = (
     "SELECT 1 FROM series WHERE (name, protocol_hash, commitment) = (?, ?, ?) AND closed_ms IS NULL"
 )
-_NOTE_CLOSED = "UPDATE series SET closed_ms = ?, secret = ?, sealed_ms = ? WHERE name = ?"
+_NOTE_CLOSED = "UPDATE series SET closed_ms = ?, secret = ?, secret_kept_ms = ? WHERE name = ?"
 _PHASE_AND_STAGE = """SELECT t.phase, p.stage FROM series_episodes t
     JOIN participants p ON p.id = t.participant_id WHERE t.episode_id = ?"""
 
@@ -65,14 +65,14 @@ class StudyStore:
         return self._store.connection
 
     def note_closed(self, study: SeriesRow) -> None:
-        """Write that a study was sealed, or its end and secret, if anybody had joined it; a running study changes nothing."""
-        if study.closed_ms is None and study.sealed_ms is None:
+        """Write the end of a study that somebody had joined, with its secret unless that is kept."""
+        if study.closed_ms is None and study.secret_kept_ms is None:
             return
         with self._store.transaction():
             fixed = (study.name, study.protocol_hash, study.commitment)
             if self._conn.execute(_IS_OPEN, fixed).fetchone():
                 with chain.changing(self._conn, "series", study.name):
-                    values = (study.closed_ms, study.secret, study.sealed_ms, study.name)
+                    values = (study.closed_ms, study.secret, study.secret_kept_ms, study.name)
                     self._conn.execute(_NOTE_CLOSED, values)
                 chain.append_marks(self._conn)
 
@@ -88,9 +88,9 @@ class StudyStore:
         return found is not None
 
     def open_names(self) -> dict[str, bool]:
-        """Return the names of studies that the database does not know to be closed, each with whether it is sealed there."""
-        sql = "SELECT name, sealed_ms IS NOT NULL FROM series WHERE closed_ms IS NULL"
-        return {name: bool(is_sealed) for name, is_sealed in self._conn.execute(sql).fetchall()}
+        """Return the studies that the database does not know to be closed, by name: whether it keeps the secret."""
+        sql = "SELECT name, secret_kept_ms IS NOT NULL FROM series WHERE closed_ms IS NULL"
+        return {name: bool(is_kept) for name, is_kept in self._conn.execute(sql).fetchall()}
 
     def participant(self, participant_id: str) -> Participant:
         """Return a participant as the database has them now."""
@@ -107,10 +107,6 @@ class StudyStore:
         sql = """id = (SELECT participant_id FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
             WHERE e.session_id = ? LIMIT 1)"""
         return self._find(f"session_id = ?1 OR {sql.replace('?', '?1')}", session_id)
-
-    def card(self, evaluation: str, ident: str) -> Participant | None:
-        """Return the participant who plays an evaluation with a card; None before its first use."""
-        return self._find("study = ? AND invitation = ? AND kind = 'script'", evaluation, ident)
 
     def participant_with_identity(self, study: str, name: str, value: str) -> Participant | None:
         """Return the participant who came with an outside id; None when nobody did."""

@@ -21,7 +21,7 @@ class SeriesRow(NamedTuple):
 
     closed_ms  from when on everything of it is public; None while a study is open
     secret     hex; None while a study is open. That of a day is told to nobody before the day is over
-    sealed_ms  since when terrains are kept for agents alone: of an evaluation of agents its freezing; None where they are not
+    secret_kept_ms  since when nobody can take part while the secret is kept; None where it is not
     """
 
     name: str
@@ -32,7 +32,7 @@ class SeriesRow(NamedTuple):
     closed_ms: int | None = None
     secret: str | None = None
     kind: SeriesKind = "study"
-    sealed_ms: int | None = None
+    secret_kept_ms: int | None = None
 
 
 class Frozen(Protocol):

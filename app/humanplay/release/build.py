@@ -8,7 +8,7 @@ import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import astuple, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,6 @@ from humanplay.release.manifest import (
 )
 from humanplay.release.minari_data import MinariWriter, dataset_id
 from humanplay.release.pseudonyms import count_arrivals, write_pseudonymized
-from humanplay.release.receipts import EVALUATIONS, Published, published_of
 from humanplay.release.tables import QUERIES, released_episodes, write_tables
 from humanplay.report.costs import (
     CostRow,
@@ -59,7 +58,7 @@ from humanplay.report.statistics.formatting import utc
 from humanplay.series.closing import UNNOTED
 from humanplay.series.data import Person, StudyData, load
 from humanplay.series.files import now_ms
-from humanplay.series.folder import SEALED, Advance, Folder
+from humanplay.series.folder import SECRET_KEPT, Advance, Folder
 from humanplay.series.invitations import Invitation, Invitations
 from humanplay.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
 from humanplay.series.policy_files import EXPERT, FOLDER, PolicyFiles
@@ -80,7 +79,6 @@ class ReleaseRequest:
     without_policies  that the report leaves out although the protocol names them
     invitations  of the study by id; None where it has none, or its folder is not at hand
     policy_folder  in which the files of the policies are kept; None where it is not at hand
-    evaluations  of agents on its terrains: the folders of what was published, by name
     with_report  False: a release without the study's report, and without the tables that it is made from
     """
 
@@ -93,7 +91,6 @@ class ReleaseRequest:
     without_policies: tuple[str, ...] = ()
     invitations: Mapping[str, Invitation] | None = None
     policy_folder: Path | None = None
-    evaluations: Mapping[str, Path] = field(default_factory=dict)
     with_report: bool = False
 
 
@@ -117,7 +114,6 @@ def request_of(
         without_policies=without_policies,
         invitations=Invitations(folder).of(study) or None,
         policy_folder=folder.root / study / FOLDER,
-        evaluations=published_of(folder, study),
         with_report=True,
     )
 
@@ -194,8 +190,6 @@ def _write_report(
             with bar("cost of each move") as advance:
                 costs = list(cost_rows(reader, data, ranked_of_people(data), estimator, advance))
             header = replace(header, expert_hash=data.policy_files.hashes[EXPERT])
-        for name, path in request.evaluations.items():
-            Published.read(path).write_to(folder / EVALUATIONS / name, data)
     _write_derived(folder / BUNDLE_DATABASE, data, episodes, costs)
     return header
 
@@ -210,11 +204,6 @@ def _new_header(
         where = f"{request.study!r} in {request.database}"
         raise ReleaseError(f"nobody has joined a study {where}; {known}")
     row = found[0]
-    if _protocol(row).agents is not None:
-        raise ReleaseError(
-            f"{request.study!r} is an evaluation of agents: its opening and receipts are published when it closes, in its "
-            "folder, on its page, and in the release of the study whose people it is compared with, where there is one"
-        )
     closed = (row["closed_ms"], row["secret"])
     if closed[0] is None and request.secrets and request.study in request.secrets:
         closed_ms, secret = request.secrets[request.study]
@@ -223,8 +212,8 @@ def _new_header(
             WHERE x.series = ? AND e.ended_ms IS NULL"""
         if closed_ms is not None and rows(conn, running, request.study):
             raise ReleaseError(UNNOTED.format(request.study, request.database))
-    if closed[0] is None and row["sealed_ms"] is not None:
-        raise ReleaseError(SEALED.format(request.study))
+    if closed[0] is None and row["secret_kept_ms"] is not None:
+        raise ReleaseError(SECRET_KEPT.format(request.study))
     if closed[0] is None or closed[1] is None:
         raise ReleaseError(
             f"the study {request.study!r} is still open and a release would give its terrains away: close it first with "

@@ -17,7 +17,6 @@ from typing import Any
 from humanplay.db.resimulation import Finding
 from humanplay.release.bundle import Bundle
 from humanplay.release.manifest import check_files
-from humanplay.release.receipts import EVALUATIONS, Published, check_opened, check_receipt, seed_of
 from humanplay.release.signing import SignerCheck, check_signer, fingerprint_of
 from humanplay.report.costs import (
     CostSummary,
@@ -31,7 +30,6 @@ from humanplay.report.costs import (
 from humanplay.report.making import REPORT_STEMS, has_played, make_report, play_compared
 from humanplay.report.model import Report
 from humanplay.report.page import pages
-from humanplay.series.evaluation import COMPARISON
 from humanplay.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
 from humanplay.task import PolicyError
 
@@ -144,7 +142,6 @@ class _Derivation:
                 for synthetic in held:
                     self._compare_report(synthetic, kept)
             self._replay_policies()
-            self._compare_evaluations()
         else:
             episodes = self._episodes
             if not episodes and has_played(self._data, synthetic=False):
@@ -219,29 +216,6 @@ class _Derivation:
             self._made.compare(section, f"{where}: seed", each.seed, seeds.get(each.terrain))
             found = each.replayed_hash(self._data.protocol.rules, self._data.protocol.env_config)
             self._made.compare(section, f"{where}: trajectory hash", each.trajectory_hash, found)
-
-    def _compare_evaluations(self) -> None:
-        """Check every receipt by its opening, and compare the comparison of agents with people, for each evaluation."""
-        for path in sorted((self._bundle.folder / EVALUATIONS).glob("*")):
-            found = Published.read(path)
-            for receipt in found.receipts:
-                wrong = list(check_receipt(receipt, of=path.name))
-                wrong += check_opened(receipt, found.opening)
-                where = f"{path.name}, card {receipt['card']['id']}"
-                nothing = "nothing wrong"
-                told = "; ".join(map(str, wrong)) or nothing
-                self._made.compare("receipts of agents", where, nothing, told)
-            for each in found.episodes:
-                replayed = each.replayed_hash(found.protocol.rules, found.protocol.env_config)
-                made = (replayed, seed_of(found.opening, each.terrain))
-                where = f"{path.name}, {each.policy}, instance {each.terrain}"
-                stored = (each.trajectory_hash, each.seed)
-                self._made.compare("receipts of agents", where, stored, made)
-            recorded = json.loads((path / COMPARISON).read_bytes())
-            again = json.loads(json.dumps(found.comparison(self._data)))
-            sections = compare_reports(recorded, again)
-            for name, section in sections.items():
-                self._made.sections[f"{path.name}: agents and people, {name}"] = section
 
     def _play_again(self) -> None:
         """Play each policy again whose file is at hand and the same, and compare the moves."""

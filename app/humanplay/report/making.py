@@ -21,7 +21,7 @@ from humanplay.report.statistics.summaries import curve_and_visits, summarize_gr
 from humanplay.series.closing import UNNOTED
 from humanplay.series.data import StudyData, load
 from humanplay.series.flow import with_invitations
-from humanplay.series.folder import SEALED, Folder
+from humanplay.series.folder import SECRET_KEPT, Folder
 from humanplay.series.invitations import Invitations
 from humanplay.series.policy_episodes import PolicyEpisode, compared_policies, play_policies
 from humanplay.series.policy_files import FOLDER
@@ -147,14 +147,13 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
     policies = folder.root / name / FOLDER
     row = find_study(reader, name)
     joined = row is not None
-    if (study is not None and study.is_sealed) or (
-        study is None and row is not None and row.sealed_ms is not None and row.closed_ms is None
+    if (study is not None and study.keeps_secret) or (
+        study is None
+        and row is not None
+        and row.secret_kept_ms is not None
+        and row.closed_ms is None
     ):
-        raise StudyError(SEALED.format(name))
-    if study is not None and study.protocol.agents is not None:
-        raise StudyError(
-            f"{name!r} is an evaluation of agents: its figures are on its page and in {folder.path(name) / 'comparison.json'}"
-        )
+        raise StudyError(SECRET_KEPT.format(name))
     if study is None:
         data = load(reader, name).with_policies_in(policies)
         return data, data.seeds()

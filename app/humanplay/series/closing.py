@@ -28,16 +28,21 @@ ACTIVE_MS = 10 * 60_000
 
 
 def close_study(
-    folder: Folder, reader: Reader | None, name: str, now_ms: int, now: bool, seals: bool = False
+    folder: Folder,
+    reader: Reader | None,
+    name: str,
+    now_ms: int,
+    now: bool,
+    keeps_secret: bool = False,
 ) -> Study:
     """Close a study and return it; StudyError while somebody is at it, unless `now`.
 
-    reader  of the database in which it is played; None where there is none
-    seals   keep its terrains secret (`Folder.close`)
+    reader        of the database in which it is played; None where there is none
+    keeps_secret  `Folder.close`
     """
     if not now:
         check_nobody_is_at_it(folder, reader, name, now_ms)
-    return folder.close(name, seals)
+    return folder.close(name, keeps_secret)
 
 
 def check_nobody_is_at_it(folder: Folder, reader: Reader | None, name: str, now_ms: int) -> None:
@@ -45,16 +50,15 @@ def check_nobody_is_at_it(folder: Folder, reader: Reader | None, name: str, now_
     active = 0 if reader is None else len(_active(reader, name, now_ms))
     if not active or not folder.study(name).is_running:
         return
-    is_of_agents = folder.study(name).protocol.agents is not None
-    words = ("agent has", "agents have") if is_of_agents else ("person has", "people have")
     raise StudyError(
-        f"{counted(active, *words)} moved in {name!r} within the last ten minutes: nothing was closed; wait until they have "
-        "finished, or close it now (--now), which abandons their episodes and counts them as interrupted"
+        f"{counted(active, 'person has', 'people have')} moved in {name!r} within the last ten minutes: "
+        "nothing was closed; wait until they have finished, or close it now (--now), which abandons their episodes and counts "
+        "them as interrupted"
     )
 
 
 def note_closed(store: Store, study: Study, left: Mapping[str, Record] | None = None) -> list[str]:
-    """Write the end of a closed or sealed study into the database, if anybody had joined it, and abandon what is open in it.
+    """Write the end of a closed study into the database, if anybody had joined it, and abandon what is open in it.
 
     Return the sessions whose episodes were abandoned. A running study, or one whose end is written already, changes nothing.
 
@@ -65,7 +69,9 @@ def note_closed(store: Store, study: Study, left: Mapping[str, Record] | None = 
     if ended_ms is None or row is None:
         return []
     with store.transaction():
-        for participant_id in _active(store, study.name, ended_ms) if row.sealed_ms is None else ():
+        for participant_id in (
+            _active(store, study.name, ended_ms) if row.secret_kept_ms is None else ()
+        ):
             known.add_stage_event(participant_id, ended_ms, INTERRUPTED, {})
         opened = left_open(store, study)
         for trial, steps in opened:
@@ -79,10 +85,10 @@ def note_closed(store: Store, study: Study, left: Mapping[str, Record] | None = 
 
 def _unnoted_ms(study: Study, row: SeriesRow | None) -> int | None:
     """Return when a study ended whose end is still to be written; None where nothing is."""
-    ended_ms = study.closed_ms if study.sealed_ms is None else study.sealed_ms
+    ended_ms = study.closed_ms if study.secret_kept_ms is None else study.secret_kept_ms
     if row is None or row.closed_ms is not None or not is_same_study(row, study):
         return None
-    return None if study.is_open and row.sealed_ms is not None else ended_ms
+    return None if study.is_open and row.secret_kept_ms is not None else ended_ms
 
 
 def left_open(reader: Reader, study: Study) -> list[tuple[Trial, list[dict[str, Any]]]]:
@@ -114,11 +120,11 @@ def left_record(trial: Trial, steps: Sequence[Mapping[str, Any]], rules: Rules) 
 
 
 def _active(reader: Reader, name: str, now_ms: int) -> list[str]:
-    """Return the people, and agents with cards, who have moved shortly before a time, and have not come to their end."""
+    """Return the people who have moved shortly before a time, and have not come to their end."""
     unfinished = {
         person.id
         for person in participants(reader, name)
-        if (person.kind == "human" or person.invitation is not None)
+        if person.kind == "human"
         and person.completed_ms is None
         and person.stage not in ("withdrawn", "complete")
     }

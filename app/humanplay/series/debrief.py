@@ -14,7 +14,7 @@ from typing import Any, Literal
 from humanplay.db.store import Store
 from humanplay.db.study_rows import Participant
 from humanplay.db.trial import Trial
-from humanplay.series.folder import SEALED, Study
+from humanplay.series.folder import SECRET_KEPT, Study
 from humanplay.series.progress import StageError
 from humanplay.task import PolicyError, Record, RunEndedError, Task, on_threads
 
@@ -103,8 +103,8 @@ def own_trial(study: Study, trials: Sequence[Trial], phase: Shown, index: int) -
 
     StageError for a ranked one of an open study, NoTerrainError when there is none.
     """
-    if phase == "ranked" and study.is_sealed:
-        raise StageError(SEALED.format(study.name))
+    if phase == "ranked" and study.keeps_secret:
+        raise StageError(SECRET_KEPT.format(study.name))
     if phase == "ranked" and study.is_open:
         raise StageError("ranked terrains are shown once the study is closed: come back then")
     for trial in trials:

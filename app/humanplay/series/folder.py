@@ -4,11 +4,10 @@
     NAME/draft.json      the protocol as it was before freezing filled its texts in
     NAME/frozen.json     its hash, the commitment to the secret, when and by what it was frozen
     NAME/secret          the study's secret (hex): whoever reads it knows every terrain
-    NAME/sealed.json     when nobody could take part any more, while the secret is kept for agents; only where it was sealed
+    NAME/secret_kept.json   since when nobody can take part while the secret is kept; only where it was closed so
     NAME/closed.json     the secret revealed, and when
     NAME/policies/       see `humanplay.series.policy_files`
     NAME/invitations.json   see `humanplay.series.invitations`
-    NAME/cards.json      of an evaluation of agents, see `humanplay.series.evaluation`
     played/              see `humanplay.series.terrain_spread`
 
 `frozen.json` is written last, so a freeze cut short leaves a draft. A server sees a freeze or a close at the next use.
@@ -20,15 +19,14 @@ import hashlib
 import re
 import secrets
 from collections.abc import Callable, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, Literal
 
 from humanplay.db.file import studies_beside
-from humanplay.db.study_rows import SeriesRow, is_same_study
+from humanplay.db.study_rows import SeriesRow
 from humanplay.series.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
 from humanplay.series.policy_files import EXPERT, FOLDER, PolicyFiles, record_files
 from humanplay.series.protocol import (
@@ -55,14 +53,14 @@ from humanplay.task import PolicyError
 
 __all__ = ["Folder", "Study", "StudyError"]
 
-Status = Literal["draft", "open", "sealed", "closed"]
-"""Of a sealed study nobody can take part any more, and its terrains stay secret until agents have been evaluated on them."""
+Status = Literal["draft", "open", "secret kept", "closed"]
+"""Of a study whose secret is kept nobody can take part any more, and its terrains stay secret until it is closed again."""
 Advance = Callable[[int, int], None]
 
 
-SEALED = (
-    "{!r} is sealed: nothing of its terrains is shown, released or exported before the evaluation of agents on them closes, by "
-    "`marsexplorer evaluation close`"
+SECRET_KEPT = (
+    "{0!r} is closed and its secret kept: nothing of its terrains is shown, released or exported before "
+    "`marsexplorer study close {0}` reveals it"
 )
 
 
@@ -73,8 +71,7 @@ class Study:
     closed_ms   milliseconds since 1970; None while it is open
     secret      32 bytes; the operator alone may see it until the study is closed
     policy_files  of the policies that it compares with
-    sealed_ms   since when nobody can take part while the secret is kept; None where it was not sealed
-    paired      the study whose ranked terrains an evaluation of agents plays; None for any other
+    secret_kept_ms  since when nobody can take part while the secret is kept; None where it is not
     """
 
     name: str
@@ -85,8 +82,7 @@ class Study:
     closed_ms: int | None
     secret: bytes = field(repr=False)
     policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False, compare=False)
-    sealed_ms: int | None = None
-    paired: Study | None = field(default=None, repr=False)
+    secret_kept_ms: int | None = None
 
     @property
     def is_open(self) -> bool:
@@ -95,20 +91,20 @@ class Study:
 
     @property
     def is_running(self) -> bool:
-        """Whether people, or cards of an evaluation, can go on: it is neither sealed nor closed."""
-        return self.closed_ms is None and self.sealed_ms is None
+        """Whether people can go on."""
+        return self.closed_ms is None and self.secret_kept_ms is None
 
     @property
-    def is_sealed(self) -> bool:
-        """Whether its terrains are secret while agents play them, or until they do."""
-        return self.is_open and (self.sealed_ms is not None or self.protocol.agents is not None)
+    def keeps_secret(self) -> bool:
+        """Whether nobody can take part any more and its terrains are secret still."""
+        return self.is_open and self.secret_kept_ms is not None
 
     @property
     def status(self) -> Status:
-        """How far it is: `open`, `sealed` or `closed`."""
+        """How far it is: `open`, `secret kept` or `closed`."""
         if self.is_running:
             return "open"
-        return "sealed" if self.is_open else "closed"
+        return "secret kept" if self.is_open else "closed"
 
     def row(self) -> SeriesRow:
         """Return what the database keeps of the study."""
@@ -122,13 +118,11 @@ class Study:
             self.frozen_ms,
             closed_ms=self.closed_ms,
             secret=secret,
-            sealed_ms=self.sealed_ms if self.protocol.agents is None else self.frozen_ms,
+            secret_kept_ms=self.secret_kept_ms,
         )
 
     def seed(self, label: SeedLabel, i: int) -> int:
-        """Return the seed of a terrain of this study, which is that of the study whose terrains are played."""
-        if self.paired is not None:
-            return self.paired.seed(label, i)
+        """Return the seed of a terrain of this study."""
         return seed(self.secret, self.protocol_hash, label, i)
 
     def balanced_order(self, group: str, number: int) -> list[int]:
@@ -188,11 +182,9 @@ class Folder:
         path = self._existing(name)
         if not (path / "frozen.json").exists():
             return "draft"
-        ended: tuple[Status, ...] = ("closed", "sealed")
-        for status in ended:
-            if (path / f"{status}.json").exists():
-                return status
-        return "open"
+        if (path / "closed.json").exists():
+            return "closed"
+        return "secret kept" if (path / "secret_kept.json").exists() else "open"
 
     def draft(self, name: str) -> Protocol:
         """Return a study's protocol as its file stands, frozen or not; StudyError when it does not hold."""
@@ -206,12 +198,11 @@ class Folder:
     def study(self, name: str) -> Study:
         """Return a frozen study, read again when its files have changed; StudyError for a draft or a thawed protocol."""
         path = self._existing(name)
-        files = [f"{each}.json" for each in ("protocol", "frozen", "sealed", "closed")]
+        files = [f"{each}.json" for each in ("protocol", "frozen", "secret_kept", "closed")]
         stamp = tuple(stamp_of(path / each) for each in (*files, "secret"))
         known = self._known.get(name)
         if known is not None and known[0] == stamp:
-            of = known[1].paired
-            return known[1] if of is None else replace(known[1], paired=self.study(of.name))
+            return known[1]
         study = self._load(name, path)
         self._known[name] = (stamp, study)
         return study
@@ -250,17 +241,8 @@ class Folder:
         hashes = _record_policies(protocol, path / FOLDER)
         protocol = protocol.model_copy(update={"policy_hashes": hashes, "lock": rules.lock()})
         secret, now = draw(32), now_ms()
-        paired = self._paired(protocol)
-        if paired is not None and not paired.is_open:
-            raise StudyError(
-                f"the study {paired.name!r} was closed meanwhile, and its terrains are known: begin another evaluation of it, "
-                "which draws its own"
-            )
-        if paired is not None and (other := self.evaluation_of(paired.name)) is not None:
-            what = f"the terrains of {paired.name!r} already: close that first"
-            raise StudyError(f"the evaluation {other!r} plays {what}")
         fixed = protocol_hash(protocol), commitment(secret), now, None, secret
-        study = Study(name, protocol, *fixed, paired=paired)
+        study = Study(name, protocol, *fixed)
         _check_terrains(study, advance)
         write_object(path / "secret", secret.hex(), private=True)
         write_object(path / "draft.json", template.model_dump(mode="json", exclude_unset=True))
@@ -279,7 +261,7 @@ class Folder:
         path = self.path(name)
         protocol = fill(self._template(name))  # every field set from now on
         unanswered = protocol.declarations.unanswered()
-        if unanswered and protocol.agents is None:
+        if unanswered:
             raise StudyError(
                 f"the study {name!r} declares nothing as {', '.join(unanswered)}: write each into declarations of "
                 f'{path / "protocol.json"} (an honest "none" is an answer, TODO is not), or begin the study with '
@@ -293,64 +275,30 @@ class Folder:
             )
         return protocol
 
-    def close(self, name: str, seals: bool = False) -> Study:
+    def close(self, name: str, keeps_secret: bool = False) -> Study:
         """Close a study and return it: nobody can join or go on, and its secret is revealed.
 
-        seals  keep the secret until an evaluation of agents on its terrains closes
-
-        Closing an evaluation reveals the secret of the study whose terrains it played too.
+        keeps_secret  until it is closed again without it
         """
-        study = self.check_closable(name, seals)
+        study = self.check_closable(name, keeps_secret)
         closed_at = iso(now_ms())
-        if seals:
-            write_object(self.path(name) / "sealed.json", {"sealed_at": closed_at})
-            return self.study(name)
-        if (paired := study.paired) is not None and paired.is_open:
-            self._reveal(paired, closed_at)
-        self._reveal(study, closed_at)
+        if keeps_secret:
+            write_object(self.path(name) / "secret_kept.json", {"closed_at": closed_at})
+        else:
+            told = {"secret": study.secret.hex(), "closed_at": closed_at}
+            write_object(self.path(name) / "closed.json", told)
         return self.study(name)
 
-    def check_closable(self, name: str, seals: bool = False) -> Study:
+    def check_closable(self, name: str, keeps_secret: bool = False) -> Study:
         """Return a study that `close` would close; StudyError for any other."""
         study = self.study(name)
         if not study.is_open:
-            why = ": its terrains are known, and it cannot be sealed" if seals else ""
+            why = ", and its secret is known" if keeps_secret else ""
             since = iso(study.closed_ms or 0)
             raise StudyError(f"the study {name!r} is closed already, since {since}{why}")
-        if seals:
-            if study.protocol.agents is not None or not study.is_running:
-                what = "an evaluation" if study.protocol.agents is not None else "sealed already"
-                raise StudyError(f"{name!r} is {what}: there is nothing to seal")
-            return study
-        if (evaluation := self.evaluation_of(name)) is not None:
-            raise StudyError(
-                f"agents are evaluated on the terrains of the study {name!r} (`{evaluation}`): close it with --sealed, and "
-                f"`marsexplorer evaluation close {evaluation}` reveals them"
-            )
-        if (paired := study.paired) is not None and paired.is_running:
-            raise StudyError(
-                f"people still play these terrains in the study {paired.name!r}: close that first, with --sealed"
-            )
+        if keeps_secret and study.keeps_secret:
+            raise StudyError(f"the study {name!r} is closed and its secret kept already")
         return study
-
-    def _reveal(self, study: Study, closed_at: str) -> None:
-        told = {"secret": study.secret.hex(), "closed_at": closed_at}
-        write_object(self.path(study.name) / "closed.json", told)
-
-    def evaluations(self) -> list[Study]:
-        """Return the frozen evaluations of agents, those with damaged files left out."""
-        found = []
-        for name in self.names():
-            with suppress(StudyError):  # a draft, or `evaluation show` says what is wrong with it
-                study = self.study(name)
-                found += [study] if study.protocol.agents is not None else []
-        return found
-
-    def evaluation_of(self, name: str) -> str | None:
-        """Return the evaluation that plays the terrains of a study and is not closed; None for none."""
-        open_ones = (each for each in self.evaluations() if each.is_open)
-        found = (each.name for each in open_ones if each.paired and each.paired.name == name)
-        return next(found, None)
 
     def known_secrets(self) -> dict[str, tuple[int | None, bytes]]:
         """Return (closed_ms or None while open, secret) by study; drafts and damaged studies are left out."""
@@ -393,7 +341,9 @@ class Folder:
                 "put the frozen text back, or begin another study"
             )
         closed = read_object(path / "closed.json") if (path / "closed.json").exists() else None
-        sealed = read_object(path / "sealed.json") if (path / "sealed.json").exists() else None
+        kept = (
+            read_object(path / "secret_kept.json") if (path / "secret_kept.json").exists() else None
+        )
         try:
             told = closed["secret"] if closed else (path / "secret").read_text().strip()
             secret = bytes.fromhex(told)
@@ -403,7 +353,7 @@ class Folder:
                 "protocol_hash": frozen["protocol_hash"],
                 "commitment": frozen["commitment"],
                 "frozen_ms": frozen_ms,
-                "sealed_ms": ms_of(sealed["sealed_at"]) if sealed else None,
+                "secret_kept_ms": ms_of(kept["closed_at"]) if kept else None,
             }
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise StudyError(
@@ -415,21 +365,8 @@ class Folder:
         protocol = parse_protocol(raw)
         files = PolicyFiles.of(protocol, path / FOLDER)
         return Study(
-            name, protocol, **fixed, closed_ms=closed_ms, secret=secret, policy_files=files,
-            paired=self._paired(protocol),
-        )  # fmt: skip
-
-    def _paired(self, protocol: Protocol) -> Study | None:
-        """Return the study whose terrains an evaluation plays, None for none; StudyError where it is not what was frozen."""
-        of = None if protocol.agents is None else protocol.agents.study
-        if of is None or (protocol.agents is not None and protocol.agents.unpaired):
-            return None
-        study = self.study(of.name)
-        if not is_same_study(study, of):
-            raise StudyError(
-                f"the evaluation {protocol.name!r} is of another study {of.name!r} than the one in {self.root}: put that back"
-            )
-        return study
+            name, protocol, **fixed, closed_ms=closed_ms, secret=secret, policy_files=files
+        )
 
 
 def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:

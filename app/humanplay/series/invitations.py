@@ -16,7 +16,7 @@ from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Generic, Literal, TypeVar
+from typing import Literal
 
 from humanplay.db.reader import Reader
 from humanplay.db.series import participants
@@ -40,8 +40,8 @@ ID_LENGTH, _SIGNATURE_LENGTH = 4, 12  # 60 bits that nobody can guess
 
 
 @dataclass(frozen=True, kw_only=True)
-class Issued:
-    """What the operator issued for a study; times are ISO 8601, `revoked_at` is None while it holds."""
+class Invitation:
+    """An invitation; times are ISO 8601, `revoked_at` is None while it holds."""
 
     id: str
     issued_at: str
@@ -58,49 +58,6 @@ class Issued:
         return None if self.revoked_at is None else ms_of(self.revoked_at)
 
 
-E = TypeVar("E", bound=Issued)
-
-
-class IssuedList(Generic[E]):
-    """What was issued for every study in a folder, of one kind; a file is read again when it has changed."""
-
-    name: str
-    """What the file calls them."""
-    kind: type[E]
-
-    def __init__(self, folder: Folder) -> None:
-        self._folder = folder
-        self._known: dict[str, tuple[object, dict[str, E]]] = {}
-
-    def of(self, name: str) -> dict[str, E]:
-        """Return what was issued for a study by id, in the order of issuing; StudyError when the file is damaged."""
-        path = self._path(name)
-        stamp = stamp_of(path)
-        known = self._known.get(name)
-        if known is None or known[0] != stamp:
-            try:
-                rows = [] if stamp is None else read_object(path)[self.name]
-                found = {row["id"]: self.kind(**row) for row in rows}
-                _ = [(each.issued_ms, each.revoked_ms) for each in found.values()]
-            except (KeyError, TypeError, ValueError) as error:
-                raise StudyError(f"{path} is damaged: {error!r}; restore a backup") from error
-            known = self._known[name] = (stamp, found)
-        return known[1]
-
-    @contextmanager
-    def _changing(self, name: str) -> Iterator[dict[str, E]]:
-        """Yield what was issued for a study, to be changed, and write it."""
-        with locked(self._folder.path(name)):
-            found = dict(self.of(name))
-            yield found
-            told = [asdict(each) for each in found.values()]
-            content = {"format": f"marsexplorer-{self.name}-1", self.name: told}
-            write_object(self._path(name), content)
-
-    def _path(self, name: str) -> Path:
-        return self._folder.path(name) / f"{self.name}.json"
-
-
 def new_id(known: Container[str]) -> str:
     """Return an id of four characters that is not known yet."""
     while (ident := "".join(secrets.choice(ALPHABET) for _ in range(ID_LENGTH))) in known:
@@ -108,14 +65,40 @@ def new_id(known: Container[str]) -> str:
     return ident
 
 
-class Invitation(Issued):
-    """An invitation."""
+class Invitations:
+    """The invitations of every study in a folder; a file is read again when it has changed."""
 
+    def __init__(self, folder: Folder) -> None:
+        self._folder = folder
+        self._known: dict[str, tuple[object, dict[str, Invitation]]] = {}
 
-class Invitations(IssuedList[Invitation]):
-    """The invitations of every study in a folder."""
+    def of(self, name: str) -> dict[str, Invitation]:
+        """Return a study's invitations by id, in the order of issuing; StudyError when the file is damaged."""
+        path = self._path(name)
+        stamp = stamp_of(path)
+        known = self._known.get(name)
+        if known is None or known[0] != stamp:
+            try:
+                rows = [] if stamp is None else read_object(path)["invitations"]
+                found = {row["id"]: Invitation(**row) for row in rows}
+                _ = [(each.issued_ms, each.revoked_ms) for each in found.values()]
+            except (KeyError, TypeError, ValueError) as error:
+                raise StudyError(f"{path} is damaged: {error!r}; restore a backup") from error
+            known = self._known[name] = (stamp, found)
+        return known[1]
 
-    name, kind = "invitations", Invitation
+    @contextmanager
+    def _changing(self, name: str) -> Iterator[dict[str, Invitation]]:
+        """Yield a study's invitations, to be changed, and write them."""
+        with locked(self._folder.path(name)):
+            found = dict(self.of(name))
+            yield found
+            told = [asdict(each) for each in found.values()]
+            content = {"format": "marsexplorer-invitations-1", "invitations": told}
+            write_object(self._path(name), content)
+
+    def _path(self, name: str) -> Path:
+        return self._folder.path(name) / "invitations.json"
 
     def issue(self, name: str, count: int) -> list[Invitation]:
         """Issue new invitations to an open study and return them; StudyError when it takes none."""

@@ -99,22 +99,6 @@ class StudyParticipation:
             ) from error
 
 
-class CardParticipation(StudyParticipation):
-    """The participation of an agent with a card (`humanplay.series.cards`): nobody sees a score before the evaluation
-    closes."""
-
-    def hides_scores(self, episode_id: str) -> bool:
-        """Return whether the evaluation is open."""
-        return self._study().is_open
-
-    def note_end(self) -> None:
-        """Note when the last attempt of all has ended."""
-        trials = self._study_store.trials(self._participant.id)
-        if sum(each.ended_ms is not None for each in trials) >= self._study().protocol.ranked:
-            now, stage = self._clock(), self._study_store.participant(self._participant.id).stage
-            self._study_store.set_stage(self._participant.id, now, stage, completed_ms=now)
-
-
 class Participations:
     """Finds the participation that a session belongs to; a lobby asks it when it resumes a session."""
 
@@ -128,6 +112,4 @@ class Participations:
 
     def of(self, participant: Participant) -> StudyParticipation:
         """Return the participation of a participant."""
-        has_card = participant.kind == "script" and participant.invitation is not None
-        made = CardParticipation if has_card else StudyParticipation
-        return made(participant, self._folder, self._study_store, self._sources)
+        return StudyParticipation(participant, self._folder, self._study_store, self._sources)

@@ -68,8 +68,6 @@ class ParticipantProgress:
         """Return a frozen study as the public may see it; or UnknownStudyError, DraftStudyError, StageError."""
         try:
             study = self.folder.study(name)
-            if study.protocol.agents is not None:
-                raise UnknownStudyError(f"{name!r} is an evaluation of agents: no people take part")
         except (UnknownStudyError, DraftStudyError):
             raise
         except StudyError as error:
@@ -80,12 +78,12 @@ class ParticipantProgress:
         return study
 
     async def note_if_closed(self, study: Study) -> None:
-        """Note in the database that a study is closed or sealed, where it does not know so yet."""
+        """Note in the database that a study is closed, where it does not know so yet."""
         store = self.lobby.store
         if study.is_running:
             return
-        is_sealed = (await store.read(self.study_store.open_names)).get(study.name)
-        if is_sealed is not None and not (study.is_open and is_sealed):
+        is_noted = (await store.read(self.study_store.open_names)).get(study.name)
+        if is_noted is not None and not (study.is_open and is_noted):
             task, left = self.lobby.task, {}
             for trial, steps in await store.read(partial(left_open, store, study)):
                 rules = task if trial.task == task.name else trial.rules
@@ -109,7 +107,7 @@ class ParticipantProgress:
             with suppress(StoreError, sqlite3.Error):  # it is tried again
                 for name in await self.lobby.store.read(self.study_store.open_names):
                     try:
-                        if self.folder.status(name) in ("closed", "sealed"):
+                        if self.folder.status(name) in ("closed", "secret kept"):
                             await self.note_if_closed(self.folder.study(name))
                     except (StudyError, StoreError, sqlite3.Error):
                         pass  # it is named at its next use, or tried again
@@ -121,7 +119,7 @@ class ParticipantProgress:
         return self.check_open(self.study(name))
 
     def check_open(self, study: Study) -> Study:
-        """Return a study, or an evaluation of agents, that can be played; StageError when it is not open or of other rules."""
+        """Return a study that can be played; StageError when it is not open or of other rules."""
         name = study.name
         if not study.is_running or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))

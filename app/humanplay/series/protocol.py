@@ -108,37 +108,6 @@ class Question(_Part):
         return self
 
 
-class PairedStudy(_Part):
-    """The study on whose ranked terrains agents are evaluated, as it was frozen."""
-
-    name: str = Field(pattern=f"^{NAME}$")
-    protocol_hash: str = Field(pattern=r"^[0-9a-f]{64}$")
-    commitment: str = Field(pattern=r"^[0-9a-f]{64}$")
-
-
-Sees = Literal["picture", "observation", "both"]
-"""What an agent may see: what people see as a picture or text, what the environment gives a policy, or both."""
-
-
-class Agents(_Part):
-    """What makes a series a sealed evaluation of agents: nobody but holders of cards take part in it.
-
-    sees      what they are shown
-    hours     from a card's first attempt until it is closed, with what runs abandoned
-    minutes   from the beginning of an attempt until it is abandoned; None: no limit but that of the moves
-    calls     calls that a card may make for each of its attempts, of whatever kind, since the server's start
-    study     whose ranked terrains are played, or with `unpaired` others of the same distribution; None: of a task alone
-    unpaired  why terrains of their own are played although a study is named; "" otherwise
-    """
-
-    sees: Sees = "both"
-    hours: float = Field(default=168, gt=0, le=8760, allow_inf_nan=False)
-    minutes: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    calls: int = Field(default=20_000, ge=1)
-    study: PairedStudy | None = None
-    unpaired: str = Field(default="", max_length=500)
-
-
 Declared = Annotated[str, Field(max_length=2_000)]
 _NO_ANSWER = re.compile(
     r"\W*|\W*(to ?do|tb[acdns]|fixme|xxx+|to be (added|announced|confirmed|decided|defined|determined|done|stated))\b.*",
@@ -245,7 +214,6 @@ class Protocol(_Part):
     policy_difference    between a policy and the people, in the primary metric: what the study is planned to see
     power                what freezing found the study to see
     declarations         what only the authors know; freezing asks for all of them
-    agents               of a sealed evaluation of agents: nobody else takes part; None: a study of people
     """
 
     format: Literal["marsexplorer-study-1"] = "marsexplorer-study-1"
@@ -291,7 +259,6 @@ class Protocol(_Part):
     policy_difference: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     power: Power | None = None
     declarations: Declarations = Declarations()
-    agents: Agents | None = None
 
     @field_validator("task")
     @classmethod

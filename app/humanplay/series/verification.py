@@ -37,12 +37,12 @@ from humanplay.db.checks import (
 )
 from humanplay.db.database import reading
 from humanplay.db.resimulation import Finding
-from humanplay.db.study_rows import SeriesRow, is_same_study
+from humanplay.db.study_rows import SeriesRow
 from humanplay.jobs import Jobs, cores
 from humanplay.series import seeds
 from humanplay.series.daily import START_SLACK_MS, DailyTerrain
 from humanplay.series.folder import Advance, Folder
-from humanplay.series.protocol import Agents, Protocol, StudyError, canonical_json, parse_protocol
+from humanplay.series.protocol import Protocol, StudyError, canonical_json, parse_protocol
 from humanplay.task import rules_of
 
 PARALLEL_FROM = 4_000
@@ -183,15 +183,11 @@ Level = tuple[str | None, str | None]
 
 @dataclass(frozen=True)
 class _Expected:
-    """What the episodes of a series are checked against; `key`, which the seeds follow from, is None where it is not known.
-
-    of  hash of the protocol that the seeds follow from
-    """
+    """What the episodes of a series are checked against; `key`, which the seeds follow from, is None where it is not known."""
 
     series: SeriesRow
     config_hash: str
     key: bytes | None
-    of: str
 
 
 def check_series(
@@ -215,8 +211,6 @@ def _check_series(
         of = parse_protocol(data) if row.kind == "study" else DailyTerrain.of(row)
         config = of.env_config if isinstance(of, Protocol) else of.config
         secret = _secret(row, secrets)
-        drawn_by = _paired(conn, of.agents, row) if isinstance(of, Protocol) and of.agents else row
-        drawn_from = None if drawn_by is None else _secret(drawn_by, secrets)
     except (ValueError, TypeError, KeyError, StudyError) as error:
         yield Finding(where, "protocol or secret", "something unreadable", str(error))
         return
@@ -229,7 +223,7 @@ def _check_series(
             else " in the folder beside the database, which may be another server's"
         )
         yield Finding(where, "commitment", row.commitment, f"{bound} from the secret{of_folder}")
-    expected = _Expected(row, config.hash, drawn_from, (drawn_by or row).protocol_hash)
+    expected = _Expected(row, config.hash, secret)
     if isinstance(of, Protocol):
         yield from _check_participants(conn, of, expected)
     else:
@@ -238,15 +232,6 @@ def _check_series(
 
 def _secret(row: SeriesRow, secrets: Mapping[str, bytes]) -> bytes | None:
     return bytes.fromhex(row.secret) if row.secret else secrets.get(row.name)
-
-
-def _paired(conn: sqlite3.Connection, agents: Agents, row: SeriesRow) -> SeriesRow | None:
-    """Return the series whose terrains an evaluation plays: its own, or the study's, None where that is not in the database."""
-    of = agents.study
-    if of is None or agents.unpaired:
-        return row
-    found = (each for each in series(conn, of.name) if each.kind == "study")
-    return next((each for each in found if is_same_study(each, of)), None)
 
 
 def _check_participants(
@@ -259,9 +244,7 @@ def _check_participants(
             wanted = f"{frozen_ms} or later, when the study was frozen"
             yield Finding(f"participant {participant}", "time of joining", joined_ms, wanted)
         episodes = episodes_of(conn, participant)
-        order = None
-        if protocol.agents is None:  # agents choose theirs
-            order = yield from _ranked_order(conn, participant, episodes, protocol, expected)
+        order = yield from _ranked_order(conn, participant, episodes, protocol, expected)
         yield from _check_order(participant, episodes, protocol, order)
         for row in episodes:
             yield from _check_cause(row, expected)
@@ -343,7 +326,7 @@ def _check_cause(row: dict[str, Any], expected: _Expected) -> Iterator[Finding]:
         seed = seeds.TUTORIAL_SEED
     elif expected.key is not None:
         label: Literal["ranked", "warm-up"] = "ranked" if row["phase"] == "ranked" else "warm-up"
-        seed = seeds.seed(expected.key, expected.of, label, row["terrain_index"])
+        seed = seeds.seed(expected.key, expected.series.protocol_hash, label, row["terrain_index"])
     if seed is not None and row["seed"] != seed:
         what = f"seed of {row['phase']} terrain {row['terrain_index']} (trial {row['trial']})"
         yield Finding(where, what, row["seed"], f"{seed} from the secret")

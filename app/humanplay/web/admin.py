@@ -28,7 +28,7 @@ from humanplay.db.store import Store
 from humanplay.db.study_rows import Participant, participant_label
 from humanplay.db.trial import Trial
 from humanplay.series.closing import close_study as close_study_of
-from humanplay.series.folder import SEALED
+from humanplay.series.folder import SECRET_KEPT
 from humanplay.series.invitations import MAX_INVITATIONS, token_of
 from humanplay.series.protocol import DraftStudyError, StudyError, UnknownStudyError
 from humanplay.web.access import ADMIN, close, is_operator, services_of
@@ -261,8 +261,8 @@ async def begin_export(
 ) -> dict[str, Any]:
     """Begin to make the report or the release; a release needs a closed study."""
     found = admin.progress.folder.study(name)
-    if found.is_sealed:
-        raise HTTPException(409, SEALED.format(name))
+    if found.keeps_secret:
+        raise HTTPException(409, SECRET_KEPT.format(name))
     if what == "release" and found.is_open:
         raise HTTPException(409, f"the study {name!r} is open: close it first, then release it")
     admin.exports.begin(name, what, tuple(wanted.authors) if wanted else ())

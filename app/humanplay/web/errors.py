@@ -18,7 +18,6 @@ from humanplay.board.messages import NO_BODY, describe_errors
 from humanplay.board.spectators import UnwatchableError
 from humanplay.db.store import StoreError
 from humanplay.jobs import REMEMBERED_S, RETRY_S, JobError, JobsFullError
-from humanplay.series.cards import CardError
 from humanplay.task import TaskFullError
 from humanplay.web.protection.headers import headers_of
 from humanplay.web.replays.episodes import UnknownReplayError
@@ -59,7 +58,6 @@ def add_error_handlers(app: FastAPI) -> None:
     for kind in STATUSES:
         app.add_exception_handler(kind, _answer_error)
     app.add_exception_handler(HTTPException, _answer_http_error)
-    app.add_exception_handler(CardError, _answer_card_error)
     app.add_exception_handler(JobsFullError, _answer_undone)
     app.add_exception_handler(JobError, _answer_undone)
     app.add_exception_handler(sqlite3.DatabaseError, _answer_database_error)
@@ -103,11 +101,6 @@ def answer(
 
 async def _answer_error(request: Request, error: Exception) -> Response:
     return answer(request, status_of(error), str(error))
-
-
-async def _answer_card_error(request: Request, error: Exception) -> Response:
-    assert isinstance(error, CardError)
-    return answer(request, error.status, str(error))
 
 
 async def _answer_undone(request: Request, error: Exception) -> Response:

@@ -24,8 +24,8 @@ _WORDS = re.compile(r"[a-z]+(?:[_-][a-z]+)*|[A-Z][a-z]+(?:[A-Z][a-z]+)*")
 """Long words of prose, of options and of classes, which stay."""
 
 
-_CARD = re.compile(r"(/agents/)[^/\s\"'?]+")
-"""A card's address; its token lets anybody play with the card."""
+_SECRET_ADDRESS = re.compile(r"(/agents/)[^/\s\"'?]+")
+"""An address that is a password: whoever has it acts by it."""
 
 
 def mask(text: str) -> str:
@@ -37,7 +37,7 @@ class _TextFormatter(logging.Formatter):
     def formatException(self, ei: Any) -> str:  # noqa: N802 - the name of the standard library
         """Return the end of the traceback: the innermost places and, cut, what was raised there."""
         lines = [_on_one_line(each[:200]) for each in super().formatException(ei).split("\n")]
-        return _CARD.sub(r"\1***", "\n".join(lines)[-MOST_CHARACTERS:])
+        return _SECRET_ADDRESS.sub(r"\1***", "\n".join(lines)[-MOST_CHARACTERS:])
 
 
 class _SafeFormatter(JsonFormatter):
@@ -72,7 +72,7 @@ class _CutAndRated(logging.Filter):
             self._left_out[place] += 1
             return False
         said = _on_one_line(record.getMessage().strip()[:MOST_CHARACTERS])[:MOST_CHARACTERS]
-        said = _CARD.sub(r"\1***", said)
+        said = _SECRET_ADDRESS.sub(r"\1***", said)
         if count := self._left_out.pop(place, 0):
             said += f" (after {count} more from here, which are left out)"
         record.msg, record.args, record.request_id = said, (), request_id.get()

@@ -28,6 +28,7 @@ from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
 from starlette.types import Receive, Scope, Send
 
+from humanplay.agents import wiring as agents
 from humanplay.board.lobby import Lobby
 from humanplay.board.messages import MAX_MESSAGE_BYTES
 from humanplay.board.ranked import PageBoards
@@ -40,7 +41,6 @@ from humanplay.db.metrics import Metrics
 from humanplay.db.series import StudyStore
 from humanplay.db.store import Store
 from humanplay.jobs import Jobs
-from humanplay.series.cards import Cards
 from humanplay.series.daily import DailyBoards
 from humanplay.series.debrief import Debriefs
 from humanplay.series.folder import Folder
@@ -50,12 +50,9 @@ from humanplay.task import MARS, Policies, Rules, Task, rules_of
 from humanplay.web import (
     access,
     admin,
-    agents,
     api,
     api_docs,
     daily,
-    evaluations,
-    mcp,
     pages,
     people,
     replay,
@@ -153,6 +150,7 @@ def _app_of(
             made = _services(settings, store, task, sources, charges, jobs, password)
             async with _threads_of(store), aclosing(made) as services:
                 app.state.services = services
+                await agents.start(app, services)
                 lobby, page_boards = services.lobby, services.page_boards
                 running = [lobby.sweep(), page_boards.sweep(), metrics.measure_lag()]
                 running += [services.progress.watch_closing()]
@@ -185,11 +183,12 @@ def _app_of(
     app.mount("/static", pages.static_files, name="static")
     boards = api.board_router(rules_of(settings.task).messages)
     modules = [pages, sockets, api, watch, results, people, replay, daily, study]
-    modules += [evaluations, agents, mcp, viewer]
+    modules += [viewer]
     further = (results.mine, results.leaderboard, api.probes)
     for router in (boards, *(module.router for module in modules), *further):
         # as they are: `include_router` would build each again for this app
         app.router.routes.extend(router.routes)
+    agents.add_routes(app)
     if password is not None:
         app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
     return app
@@ -268,7 +267,7 @@ def _services(
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     downloads, replayer = Downloads(store.path, jobs), Replayer()
     _add_gauges(store.metrics, lobby, health)
-    what = "Jobs that wait: ghosts, costs, exports, evaluations."
+    what = "Jobs that wait: ghosts, costs, exports, policies' episodes."
     store.metrics.add_gauge("waiting_jobs", what, jobs.waiting)
     return Services(
         store=store,
@@ -285,7 +284,6 @@ def _services(
         viewer=task.viewer(),
         player_tokens=PlayerTokens(store.secret()),
         progress=progress,
-        cards=Cards(progress),
         debriefs=Debriefs(store, task),
         leaderboard=Leaderboard(store.path, offers, jobs, task.name),
         replays=Replays(store.path, offers, jobs, task, replayer),

@@ -12,7 +12,6 @@ from humanplay.board.sources import PlayerTokens
 from humanplay.board.spectators import Replayer, Spectators
 from humanplay.db.store import Store
 from humanplay.jobs import Jobs
-from humanplay.series.cards import Cards
 from humanplay.series.daily import DailyBoards
 from humanplay.series.debrief import Debriefs
 from humanplay.series.progress import ParticipantProgress
@@ -40,7 +39,6 @@ class Services:
     viewer         the 3-D view of the sessions: its `page`, `serve(websocket, session)` and `close()`; None where there is none
     player_tokens  signs and reads players' ids
     progress       the participants of the studies
-    cards          what agents with cards do in sealed evaluations
     debriefs       what participants are shown at the end
     leaderboard    people and policies compared
     replays        finished episodes as they went, and policies on their terrains
@@ -60,7 +58,6 @@ class Services:
     viewer: Any
     player_tokens: PlayerTokens
     progress: ParticipantProgress
-    cards: Cards
     debriefs: Debriefs
     leaderboard: Leaderboard
     replays: Replays

@@ -15,6 +15,7 @@ from datetime import UTC, datetime, timedelta
 import click
 import pytest
 from click.testing import CliRunner
+from humanplay.series.evaluation import evaluation_of_task
 
 from humanplay.cli.main import cli
 from humanplay.db import backup
@@ -22,7 +23,6 @@ from humanplay.db.backup import Backups, StoppedError, back_up, restore
 from humanplay.db.checks import quick_check
 from humanplay.db.database import StoreError
 from humanplay.db.store import Store
-from humanplay.series.evaluation import evaluation_of_task
 from humanplay.series.folder import Folder
 from humanplay.series.protocol import Agents, default_protocol
 from humanplay.series.verification import verify_database

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from humanplay.report.agents import compare_agents
 
 from humanplay.db.trial import Trial
 from humanplay.db.volunteers import Sums
 from humanplay.report import cautions
-from humanplay.report.agents import compare_agents
 from humanplay.report.statistics.exclusion_sets import everybody_of, people_of
 from humanplay.report.statistics.intervals import estimate
 from humanplay.report.statistics.study_figures import study_figures

@@ -13,7 +13,7 @@ from contextlib import ExitStack, closing, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 from click import ClickException, UsageError, argument, echo, option
@@ -213,7 +213,6 @@ def freeze(name: str, underpowered: bool, folder: Folder, database: Path) -> Non
     from humanplay.series.folder import BEGINNINGS, beginnings
     from humanplay.series.protocol import PLANNED
 
-    check_kind("study", "freeze", name, folder)
     _check_database(database)
     with study_errors():
         draft = folder.filled(name)
@@ -246,24 +245,13 @@ def freeze(name: str, underpowered: bool, folder: Folder, database: Path) -> Non
         echo(f"Links are signed: `marsexplorer study invite {name} --ids FILE` makes them")
 
 
-def check_kind(
-    group: Literal["study", "evaluation"], command: str, name: str, folder: Folder
-) -> None:
-    """Refuse an evaluation of agents to a command of studies of people and the reverse, and name the other one's."""
-    with study_errors():
-        is_of_agents = folder.draft(name).agents is not None
-    other, of = ("evaluation", "agents") if is_of_agents else ("study", "people")
-    if other != group:
-        raise UsageError(f"{name!r} is of {of}: `marsexplorer {other} {command} {name}`")
-
-
 def frozen(
     name: str,
     folder: Folder,
     database: Path,
     planned: Mapping[str, Any] = MappingProxyType({}),
 ) -> Study:
-    """Freeze a study or an evaluation, note it in the chain of the database, say so, and return it.
+    """Freeze a study, note it in the chain of the database, say so, and return it.
 
     planned  as of `Folder.freeze`
     """
@@ -309,31 +297,34 @@ def _note_freezing(found: Study, database: Path) -> bool:
 @argument("name")
 @flag("--yes", "Do not ask.")
 @flag("--now", "Close it also while somebody is at it.")
-@flag("--sealed", "Keep the secret, so that agents can be evaluated on the same terrains.")
+@flag("--keep-secret", "Keep the secret behind its terrains.")
 @DATABASE_AND_STUDIES
-def close(name: str, yes: bool, now: bool, sealed: bool, folder: Folder, database: Path) -> None:
+def close(
+    name: str, yes: bool, now: bool, keep_secret: bool, folder: Folder, database: Path
+) -> None:
     """End a study: nobody can join or go on, and the secret behind its terrains is revealed.
 
-    With --sealed the secret is kept until an evaluation of agents on these terrains closes (`marsexplorer evaluation`), or the
-    study is closed again without it. Till then debrief, report, costs, replays, exports and release show nothing of them.
+    With --keep-secret nobody can join or go on either, and the secret is kept until the study is closed again without it. Till
+    then debrief, report, costs, replays, exports and release show nothing of its terrains, so that others can play them unseen.
 
     Episodes that are open are abandoned. While somebody has moved within the last ten minutes nothing is closed without --now;
     with it they count as interrupted. There is no way back: whoever knows the secret knows every terrain. A running server
     sees it at once.
     """
-    check_kind("study", "close", name, folder)
     question = f"Close the study {name!r} for ever? Participants on their way cannot finish"
-    found = closed(name, None if yes else question, now, sealed, folder, database)
+    found = closed(name, None if yes else question, now, keep_secret, folder, database)
     if found.is_open:
-        echo(f"The study {name!r} is sealed: `marsexplorer evaluation new NAME --of {name}`")
+        echo(
+            f"The study {name!r} is closed, its secret kept; `marsexplorer study close {name}` reveals it"
+        )
     else:
         echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
 
 
 def closed(
-    name: str, question: str | None, now: bool, seals: bool, folder: Folder, database: Path
+    name: str, question: str | None, now: bool, keeps_secret: bool, folder: Folder, database: Path
 ) -> Study:
-    """Close a study or an evaluation, have it noted in the database, and return it.
+    """Close a study, have it noted in the database, and return it.
 
     question  what is asked before an open one is closed; None: nothing is
     """
@@ -345,17 +336,16 @@ def closed(
         has_file = database.exists()
         reader = stack.enter_context(closing(Reader.open(database))) if has_file else None
         if folder.status(name) == "open" and question is not None:
-            folder.check_closable(name, seals)
+            folder.check_closable(name, keeps_secret)
             if not now:
                 check_nobody_is_at_it(folder, reader, name, now_ms())
             _confirm(question)
-        found = close_study(folder, reader, name, now_ms(), now, seals)
-    for each in (found, *([] if found.paired is None else [found.paired])):
-        if not _note_in_database(each, database):
-            echo(
-                f"{database} is in use, and its server has not taken note yet: it does so at its next start at the latest, and "
-                "no report or release is made while episodes of the study are open"
-            )
+        found = close_study(folder, reader, name, now_ms(), now, keeps_secret)
+    if not _note_in_database(found, database):
+        echo(
+            f"{database} is in use, and its server has not taken note yet: it does so at its next start at the latest, and "
+            "no report or release is made while episodes of the study are open"
+        )
     return found
 
 
@@ -387,7 +377,7 @@ def _note_in_database(found: Study, database: Path) -> bool:
             row = find_study(reader, found.name)
         if row is None or row.closed_ms is not None or not is_same_study(row, found):
             return True
-        if found.is_open and row.sealed_ms is not None:
+        if found.is_open and row.secret_kept_ms is not None:
             return True
         time.sleep(0.1)
     return False
@@ -425,8 +415,6 @@ def list_(folder: Folder) -> None:
     for name in folder.names():
         with study_errors():
             protocol = folder.draft(name)
-        if protocol.agents is not None:
-            continue
         plan = f"{protocol.players} x ({protocol.warm_up} + {protocol.ranked})"
         rows.append((name, folder.status(name), plan, protocol.title))
     if not rows:

@@ -37,10 +37,8 @@ class AdminServices:
         self.began = time.monotonic()
 
     def studies(self) -> list[dict[str, Any]]:
-        """Return every study of people in the folder: drafts and broken ones too, with what is wrong."""
-        folder, of_agents = self.progress.folder, self.progress.folder.evaluations()
-        left_out = {each.name for each in of_agents}
-        return [self._listed(name) for name in folder.names() if name not in left_out]
+        """Return every study in the folder: drafts and broken ones too, with what is wrong."""
+        return [self._listed(name) for name in self.progress.folder.names()]
 
     def _listed(self, name: str) -> dict[str, Any]:
         folder = self.progress.folder

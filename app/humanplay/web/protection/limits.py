@@ -16,12 +16,12 @@ import re
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from contextlib import suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
@@ -71,9 +71,6 @@ PENALTY = 100
 FULL_WAIT_S = 30
 """When a browser may come again that found all places for sockets taken."""
 
-TURN_S, REST = 1.0, 3.0
-"""Seconds that an agent's turn takes at most, and the rest after it, in the time that it took: agents have a quarter of all."""
-
 MAX_BUCKETS = 10_000
 """Addresses or players whose rates are remembered; beyond, those that have a full bucket go."""
 
@@ -115,28 +112,6 @@ class TokenBucket:
         self._tokens = min(self._burst, self._tokens + (now_s - self._at_s) * self._rate)
         self._at_s = now_s
         return self._tokens
-
-
-class Turns:
-    """Lets what agents ask for be done one at a time, and leaves everybody else REST times as long after each turn."""
-
-    def __init__(self) -> None:
-        self._turn = asyncio.Lock()
-
-    async def take(self, doing: Coroutine[Any, Any, T]) -> T:
-        """Return what comes of something once it has had its turn, which ends after TURN_S whether or not it is done."""
-        try:
-            await self._turn.acquire()
-        except BaseException:
-            doing.close()
-            raise
-        loop = asyncio.get_running_loop()
-        began_s, task = loop.time(), asyncio.ensure_future(doing)
-        try:
-            await asyncio.wait([task], timeout=TURN_S)
-        finally:
-            loop.call_later(REST * (loop.time() - began_s), self._turn.release)
-        return await task
 
 
 class Buckets:
@@ -262,7 +237,6 @@ class Protection:
     refusals    how often something was refused, by reason; `count` is called with each reason too
     sockets     how many are open, but for those that came with the operator's token
     charges     what was written for whom
-    turns       in which agents have their moves made
     """
 
     def __init__(
@@ -270,7 +244,6 @@ class Protection:
     ) -> None:
         self.limits, self._count = limits, count
         self.charges = BudgetedCharges(limits, database, lambda: self.count_refusal("stored"))
-        self.turns = Turns()
         self.refusals: Counter[str] = Counter()
         self.sockets = 0
         self._sockets_of: Counter[str] = Counter()
@@ -306,7 +279,7 @@ class Protection:
                 self._take(action, player, "player")
 
     def check_episode(self, scope: Scope) -> None:
-        """Count an agent's episode that begins; RefusedRequestError (429) where it is one too many."""
+        """Count an episode that begins by another call than the API's; RefusedRequestError (429) where it is one too many."""
         self._take("episodes", client_address(HTTPConnection(scope)))
 
     def open_socket(self, address: str) -> None:

@@ -9,18 +9,18 @@ from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field, ValidationError
 
+from humanplay.agents import wire
+from humanplay.agents.cards import CardError
+from humanplay.agents.wire import Agent, AgentOf, NameOf, read, told_of
 from humanplay.board.messages import Message, describe_errors
-from humanplay.series.cards import CardError
 from humanplay.task import counted
-from humanplay.web import agents
-from humanplay.web.agents import Agent, AgentOf, NameOf, read, told_of
 
 VERSIONS = ("2025-11-25", "2025-06-18", "2025-03-26", "2024-11-05")
 """Whose handshake is answered; whoever asks for another one is offered the first."""
 INVALID_REQUEST, NO_METHOD, INVALID_PARAMS = -32600, -32601, -32602
 """Codes of JSON-RPC 2.0."""
 
-router = APIRouter(prefix=agents.router.prefix, tags=["agents"])
+router = APIRouter(prefix=wire.router.prefix, tags=["agents"])
 
 
 class Call(BaseModel):
@@ -73,9 +73,9 @@ async def mcp(request: Request, agent: AgentOf, name: NameOf) -> Response:
         case "ping":
             return _told(call.id, {})
         case "openenv/session/create":  # a card is one session: it holds nothing but the record
-            return _told(call.id, {"session_id": agent.card.id})
-        case "openenv/session/close" if call.params.get("session_id") == agent.card.id:
-            return _told(call.id, {"session_id": agent.card.id, "closed": True})
+            return _told(call.id, {"session_id": agent.card.row.id})
+        case "openenv/session/close" if call.params.get("session_id") == agent.card.row.id:
+            return _told(call.id, {"session_id": agent.card.row.id, "closed": True})
         case "openenv/session/close":
             return _told(call.id, error=(INVALID_PARAMS, "expected the session_id that was given"))
     return _told(call.id, error=(NO_METHOD, f"no method {call.method[:40]!r} here"))

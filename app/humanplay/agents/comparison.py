@@ -1,31 +1,59 @@
 """Agents of a closed evaluation, policies and people on one scale: derived from receipts, policies' episodes and a study.
 
 Where the instances are those that people played, each agent is compared with them instance by instance, by the test of
-`humanplay.report.statistics.comparisons`; where they are others of the same distribution, only the means stand side by side.
+`humanplay.report.statistics.comparisons`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from humanplay.agents.evaluation import Protocol
 from humanplay.db.trial import LEFT
-from humanplay.report.making import runs_of
-from humanplay.report.model import PolicyRun
 from humanplay.report.statistics.comparisons import compare_policy
 from humanplay.report.statistics.exclusion_sets import METRICS, members, people_of
 from humanplay.report.statistics.first_attempts import first_attempts
 from humanplay.report.statistics.study_figures import live_figure, worst_value
 from humanplay.series.data import StudyData
 from humanplay.series.policy_episodes import PolicyEpisode
-from humanplay.series.protocol import Protocol
 from marsexplorer.intervals import Floats
 
 
-def compare_agents(
+@dataclass(frozen=True)
+class _Played:
+    """What somebody came to on each instance; what has not succeeded took all the moves that there are."""
+
+    name: str
+    score: Floats
+    steps: Floats
+    outcomes: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls, name: str, protocol: Protocol, episodes: Mapping[int, Mapping[str, Any]]
+    ) -> _Played:
+        """Take episodes by instance; what was left has the score that it has for people (`Trial.as_left`)."""
+        rules, config = protocol.rules, protocol.env_config
+        cause: Any = SimpleNamespace(config=config)
+        score, steps = np.full((2, protocol.instances), np.nan)
+        outcomes = [""] * protocol.instances
+        for index, episode in episodes.items():
+            outcome = outcomes[index] = episode["outcome"]
+            score[index] = episode["score"]
+            if outcome in LEFT:
+                score[index] = rules.forfeited_score(
+                    cause, outcome, episode["total"], episode["score"]
+                )
+            steps[index] = episode["steps"] if outcome in rules.successes else config.limit
+        return cls(name, score, steps, tuple(outcomes))
+
+
+def compare(
     protocol: Protocol,
     receipts: Sequence[Mapping[str, Any]],
     episodes: Sequence[PolicyEpisode],
@@ -35,83 +63,82 @@ def compare_agents(
 
     data  of the closed study whose people the agents are compared with; None for none
     """
-    agents = protocol.agents
-    assert agents is not None
-    is_paired = data is not None and not agents.unpaired
     tables: dict[str, Floats] = {}
-    if data is not None and is_paired:
+    if data is not None:
         cohort = people_of(data)
         ids = members(cohort, data.protocol.per_protocol)
         tables = {name: cohort.table(ids, name) for name in METRICS} if ids else {}
-    policies = runs_of(episodes, protocol) if protocol.rules.players is not None else ()
-    random = next((run for run in policies if run.name == "random"), None)
-    named = ({"kind": "policy", "name": run.name, "rank": None} for run in policies)
-    made = (_figures(run, protocol, tables, random) for run in policies)
-    rows = [{**each, **own} for each, own in zip(named, made, strict=True)]
+    is_drawn = data is not None and data.protocol.terrains_drawn
+    policies = _policies(protocol, episodes)
+    random = next((policy for policy in policies if policy.name == "random"), None)
+    rows = []
+    for policy in policies:
+        figures = _figures(policy, protocol, tables, random, is_drawn)
+        rows.append({"kind": "policy", "name": policy.name, "rank": None, **figures})
     for receipt in receipts:
-        run = _run_of(receipt, protocol)
-        about = {name: receipt[name] for name in ("card", "agent", "sees", "seen_by")}
-        begun = sum(each["begun"] for each in receipt["episodes"])
-        name = receipt["agent"].get("agent") or f"card {receipt['card']['id']}"
-        figures = _figures(run, protocol, tables, random)
-        row = {"kind": "agent", "name": name, "rank": None, "attempts": begun}
-        rows.append({**row, **about, **figures})
+        own = {episode["index"]: episode for episode in receipt["episodes"]}
+        agent = _Played.of(receipt["card"]["id"], protocol, own)
+        rows.append(
+            {
+                "kind": "agent",
+                "name": receipt["agent"].get("agent") or f"card {receipt['card']['id']}",
+                "rank": None,
+                "attempts": sum(episode["begun"] for episode in receipt["episodes"]),
+                **{name: receipt[name] for name in ("card", "agent", "sees", "seen_by")},
+                **_figures(agent, protocol, tables, random, is_drawn),
+            }
+        )
     better, words = protocol.rules.metrics[0].is_better, protocol.rules.words
     sign = 1 if better == "higher" else -1
     ranked = [row for row in rows if row["kind"] == "agent" and row["card"]["ranks"]]
     means = [sign * row["score"]["mean"] for row in ranked]
-    for row, own in zip(ranked, means, strict=True):
-        row["rank"] = 1 + sum(mean > own for mean in means)
+    for row, mean in zip(ranked, means, strict=True):
+        row["rank"] = 1 + sum(other > mean for other in means)
+    people = None
+    if data is not None:
+        people = {**live_figure(data), "sees": protocol.rules.sees(protocol.env_config)}
     return {
-        "paired": is_paired,
-        "unpaired": agents.unpaired or None,
         "words": {"score": words.score, "steps": words.steps, "definition": words.definition},
-        "terrains_drawn": protocol.terrains_drawn,
+        "terrains_drawn": is_drawn,
         "better": better,
         "limit": int(protocol.env_config.limit),
-        "people": None
-        if data is None
-        else {**live_figure(data), "sees": protocol.rules.sees(protocol.env_config)},
-        "instances": _instances(data) if data is not None and is_paired else [],
+        "people": people,
+        "instances": [] if data is None else _instances(data),
         "rows": rows,
     }
 
 
-def _run_of(receipt: Mapping[str, Any], protocol: Protocol) -> PolicyRun:
-    """Return a card's episodes by instance; what has not succeeded took all the moves that there are.
-
-    What was left has the score that it has for people (`Trial.as_left`).
-    """
-    cause: Any = SimpleNamespace(config=protocol.env_config)
-    score, steps = np.full((2, protocol.ranked), np.nan)
-    outcomes = [""] * protocol.ranked
-    for each in receipt["episodes"]:
-        succeeded = each["outcome"] in protocol.rules.successes
-        score[each["index"]] = each["score"]
-        if each["outcome"] in LEFT:
-            came_to = (each[name] for name in ("outcome", "total", "score"))
-            score[each["index"]] = protocol.rules.forfeited_score(cause, *came_to)
-        steps[each["index"]] = each["steps"] if succeeded else protocol.env_config.limit
-        outcomes[each["index"]] = each["outcome"]
-    return PolicyRun(receipt["card"]["id"], score, steps, tuple(outcomes))
+def _policies(protocol: Protocol, episodes: Sequence[PolicyEpisode]) -> list[_Played]:
+    """What each policy came to, its episodes replayed."""
+    rules, config = protocol.rules, protocol.env_config
+    by_policy: dict[str, dict[int, dict[str, Any]]] = {}
+    for episode in episodes:
+        record = episode.replay(rules, config).record()
+        came_to = {name: getattr(record, name) for name in ("outcome", "score", "steps", "total")}
+        by_policy.setdefault(episode.policy, {})[episode.terrain] = came_to
+    return [_Played.of(name, protocol, own) for name, own in by_policy.items()]
 
 
 def _figures(
-    run: PolicyRun, protocol: Protocol, tables: Mapping[str, Floats], random: PolicyRun | None
+    played: _Played,
+    protocol: Protocol,
+    tables: Mapping[str, Floats],
+    random: _Played | None,
+    is_drawn: bool,
 ) -> dict[str, Any]:
     """Return the mean in each metric, its difference to people with intervals where they are paired, and each instance's."""
-    found: dict[str, Any] = {"outcomes": list(run.outcomes)}
+    found: dict[str, Any] = {"outcomes": list(played.outcomes)}
     for metric in METRICS:
-        values = run.values(metric)
+        values: Floats = getattr(played, metric)
         mean = float(values.mean())
         row: dict[str, Any] = {"mean": mean, "values": values.tolist(), "difference": None}
         if metric in tables:
             shared = ~np.isnan(tables[metric]).all(axis=0)
-            zero = None if random is None else random.values(metric)[shared]
+            zero = None if random is None else getattr(random, metric)[shared]
             people = tables[metric][:, shared]
             worst = worst_value(protocol.rules, protocol.env_config, metric)
             compared = compare_policy(
-                run.name, metric, values[shared], people, zero, worst, protocol.terrains_drawn
+                played.name, metric, values[shared], people, zero, worst, is_drawn
             )
             names = ("terrains", "difference", "interval", "normalized")
             row |= {name: getattr(compared, name) for name in names}

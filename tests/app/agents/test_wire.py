@@ -1,6 +1,5 @@
 """A card's address speaks OpenEnv's protocol and MCP: what it tells, what it refuses, and that it goes on after a lost line."""
 
-import itertools
 import json
 import logging
 import threading
@@ -10,18 +9,15 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from humanplay.series.cards import NO_CARD
-from humanplay.series.evaluation import CardList
-from humanplay.series.folder import Folder
-from humanplay.series.verification import verify_database
+from humanplay.agents.cards import NO_CARD
 from humanplay.tasks.mars.run import MarsRun, text_frame
 from humanplay.web.logs import log_config
-from humanplay.web.protection.limits import Turns
 from humanplay.web.settings import Limits
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
-from tests.support.agents import codes_of, own, token_of
+from tests.support.agents import codes_of, own, rows_of, token_of
+from tests.support.command import command
 from tests.support.servers import PATIENCE_S
 
 MARS = {"task": "mars", "config": EnvConfig("random", 7, 9, sensor_radius=3), "instances": 3}
@@ -89,14 +85,14 @@ def free_way(seen):
 
 
 @pytest.fixture
-def root(tmp_path):
-    own(tmp_path / "playground.db-studies", **MARS)
-    return tmp_path / "playground.db-studies"
+def database(tmp_path):
+    own(tmp_path / "playground.db", **MARS)
+    return tmp_path / "playground.db"
 
 
 @pytest.fixture
-def wire(serve, root):
-    token = token_of(root)
+def wire(serve, database):
+    token = token_of(database)
     return Wire(serve(), token)
 
 
@@ -105,7 +101,7 @@ def error(answer):
     return answer["data"]["code"], answer["data"]["message"]
 
 
-def test_a_series_is_played_to_its_end_and_no_score_is_told(wire, root):
+def test_a_series_is_played_to_its_end_and_no_score_is_told(wire, database):
     with wire.socket() as ask:
         answers = [each for index in (0, 2, 1) for each in wire.play(ask, index)]
         state = ask("state")
@@ -121,15 +117,8 @@ def test_a_series_is_played_to_its_end_and_no_score_is_told(wire, root):
         assert seen["picture"].startswith("data:image/png;base64,")
     told = json.dumps([answers, state, wire.get().json(), wire.get("/metadata").json()])
     assert not any(word in told for word in ('"return"', '"score"', '"outcome"', '"seed"'))
-    study = Folder(root).study("agents")
-    rows = wire.server.services.store.connection.execute(
-        "SELECT e.driver, e.attestation, p.kind, x.terrain, e.outcome, e.seed FROM episodes e JOIN series_episodes x "
-        "ON x.episode_id = e.id JOIN participants p ON p.id = x.participant_id ORDER BY x.terrain"
-    ).fetchall()
-    assert rows == [
-        ("script", None, "script", index, "explored", study.seed("ranked", index))
-        for index in range(3)
-    ]
+    sql = "SELECT instance, json_extract(came_to, '$.outcome') FROM agents_attempts ORDER BY id"
+    assert rows_of(database, sql) == [(0, "explored"), (2, "explored"), (1, "explored")]
     assert wire.post("/close", {}).json() == {"closed": True}
     assert wire.get().status_code == 404
 
@@ -149,8 +138,8 @@ def test_a_lost_line_goes_on_where_the_record_stands(wire):
         assert ask("step", action=1, step=1)["data"]["observation"]["step"] == 2
 
 
-def test_a_kill_while_agents_act_loses_no_move_that_was_answered(spawn, root, tmp_path):
-    server, tokens = spawn(), [token_of(root, author) for author in ("Ann", "Bob")]
+def test_a_kill_while_agents_act_loses_no_move_that_was_answered(spawn, database):
+    server, tokens = spawn(), [token_of(database, author) for author in ("Ann", "Bob")]
     told, enough = {}, threading.Event()
 
     def act(wire):
@@ -179,7 +168,6 @@ def test_a_kill_while_agents_act_loses_no_move_that_was_answered(spawn, root, tm
         assert moves[0] <= moves[1] <= moves[0] + 1  # a move may have been kept and not answered
         assert moves[0] < moves[1] or now == last
     server.kill()
-    assert not verify_database(tmp_path / "playground.db").findings
 
 
 REFUSED = [
@@ -223,19 +211,22 @@ def test_a_finished_instance_is_not_reset(wire):
         assert error(ask("step", action="east")) == ("EXECUTION_ERROR", said)
 
 
-def test_a_guessed_token_a_closed_and_a_revoked_card_are_told_alike_on_every_route(serve, root):
-    issued = token_of(root, "Cyd")
+def test_a_guessed_token_a_closed_and_a_revoked_card_are_told_alike_on_every_route(
+    serve, database, capsys
+):
+    issued = token_of(database, "Cyd")
     tokens = {
         "guessed": issued[:-1] + ("A" if issued[-1] != "A" else "B"),
-        "closed": token_of(root, "Ann"),
-        "revoked": token_of(root, "Bob"),
+        "closed": token_of(database, "Ann"),
+        "revoked": token_of(database, "Bob"),
         "a card's number": issued[:4],
         "long": "x" * 500,
     }
     server = serve()
     assert Wire(server, tokens["revoked"]).get().status_code == 200
     assert Wire(server, tokens["closed"]).post("/close", {}).status_code == 200
-    CardList(Folder(root)).revoke("agents", tokens["revoked"][:4])
+    revoked = "agents", "revoke", "agents", tokens["revoked"][:4], "--database", database
+    assert command(capsys, *revoked)[0] == 0
     gets = (
         "",
         "/health",
@@ -345,8 +336,8 @@ def test_mcp_has_a_handshake_and_two_tools(wire):
     [("picture", {"picture"}), ("observation", {"observation", "text"})],
 )
 def test_an_agent_sees_what_the_protocol_shows_and_nothing_else(serve, tmp_path, sees, shown):
-    own(tmp_path / "playground.db-studies", **MARS, sees=sees)
-    wire = Wire(serve(), token_of(tmp_path / "playground.db-studies"))
+    own(tmp_path / "playground.db", **MARS, sees=sees)
+    wire = Wire(serve(), token_of(tmp_path / "playground.db"))
     with wire.socket() as ask:
         seen = ask("reset", index=0)["data"]["observation"]
     assert set(seen) == {"index", "step", *shown}
@@ -362,8 +353,8 @@ def known(answer):
 
 def test_instances_that_look_alike_so_far_are_told_alike(serve, tmp_path):
     config = EnvConfig("random", 9, 9, sensor_radius=1)
-    own(tmp_path / "playground.db-studies", task="mars", config=config, instances=12)
-    wire = Wire(serve(), token_of(tmp_path / "playground.db-studies"))
+    own(tmp_path / "playground.db", task="mars", config=config, instances=12)
+    wire = Wire(serve(), token_of(tmp_path / "playground.db"))
     with wire.socket() as ask:
         firsts = {index: ask("reset", index=index) for index in range(12)}
         alike = {}
@@ -394,8 +385,8 @@ def test_instances_that_look_alike_so_far_are_told_alike(serve, tmp_path):
         assert pairs
 
 
-def test_a_budget_that_is_used_up_refuses_what_begins_and_nothing_else(serve, root):
-    token = token_of(root)
+def test_a_budget_that_is_used_up_refuses_what_begins_and_nothing_else(serve, database):
+    token = token_of(database)
     server = serve(limits=Limits(episodes_per_address="2+0.001/s"))
     wire = Wire(server, token)
     with wire.socket() as ask:
@@ -404,24 +395,13 @@ def test_a_budget_that_is_used_up_refuses_what_begins_and_nothing_else(serve, ro
         assert "too many new episodes" in error(ask("reset", index=2))[1]
         assert ask("reset", index=0)["type"] == "observation"  # it goes on
         assert ask("step", action="east")["type"] == "observation"
-    server.stop()
-    server = serve(limits=Limits(stored_study_percent=1e-9))
-    wire = Wire(server, token)
-    with wire.socket() as ask:
-        ask("reset", index=1)
-        for action in ("east", "west") * 20:
-            ask("step", action=action)
-        assert "this study may store" in error(ask("reset", index=2))[1]
-        refused = wire.post(
-            "/mcp",
-            {
-                "jsonrpc": "2.0",
-                "id": 1,
-                "method": "tools/call",
-                "params": {"name": "begin", "arguments": {"index": 2}},
-            },
-        )
-        assert refused.status_code == 429
+        body = {
+            "jsonrpc": "2.0",
+            "id": 1,
+            "method": "tools/call",
+            "params": {"name": "begin", "arguments": {"index": 2}},
+        }
+        assert wire.post("/mcp", body).status_code == 429
 
 
 def test_a_token_is_masked_in_the_log():
@@ -431,40 +411,6 @@ def test_a_token_is_masked_in_the_log():
     )
     assert filter_.filter(record)
     assert record.getMessage() == "GET /agents/***/ws?x=1 failed"
-
-
-async def _nothing():
-    return 7
-
-
-def test_agents_take_turns_and_leave_others_three_times_as_long():
-    import asyncio
-
-    async def check():
-        turns, running, spans = Turns(), [], []
-        loop = asyncio.get_running_loop()
-
-        async def work():
-            running.append(1)
-            assert len(running) == 1
-            began = loop.time()
-            await asyncio.sleep(0.02)
-            spans.append((began, loop.time()))
-            running.pop()
-            return 7
-
-        assert await asyncio.gather(*(turns.take(work()) for _ in range(5))) == [7] * 5
-        rests = [later[0] - earlier[1] for earlier, later in itertools.pairwise(spans)]
-        assert min(rests) >= 0.05
-
-        async def fails():
-            raise ValueError("no")
-
-        with pytest.raises(ValueError, match="no"):
-            await turns.take(fails())
-        assert await turns.take(_nothing()) == 7
-
-    asyncio.run(check())
 
 
 @pytest.mark.parametrize("size", [(5, 5), (21, 21), (25, 60), (42, 42), (128, 128)])

@@ -17,10 +17,10 @@ from fastapi.openapi.utils import get_openapi
 from pydantic import Field, ValidationError, model_validator
 from starlette.requests import HTTPConnection
 
+from humanplay.agents.cards import SPLIT, Card, CardError, Cards, Seen
 from humanplay.board.messages import Message, describe_errors
 from humanplay.db.store import StoreError
-from humanplay.series.cards import SPLIT, Card, CardError, Cards, Seen
-from humanplay.web.access import close, services_of
+from humanplay.web.access import close
 from humanplay.web.protection import Protection, RefusedRequestError
 from humanplay.web.sockets import UNKNOWN_SESSION
 
@@ -73,22 +73,18 @@ class Agent:
     async def begin(self, index: int) -> Seen:
         """Return what is seen of an attempt; one that begins is checked against the budgets of who asks."""
         if index not in self.cards.begun(self.card):
-            self._protection.check_episode(self.connection.scope)
-        return await self._protection.turns.take(self.cards.begin(self.card, index))
+            protection: Protection = self.connection.app.state.protection
+            protection.check_episode(self.connection.scope)
+        return await self.cards.turns.take(self.cards.begin(self.card, index))
 
     async def move(self, index: int, action: str | int, step: int | None = None) -> Seen:
         """Return what is seen after a move."""
-        return await self._protection.turns.take(self.cards.act(self.card, index, action, step))
-
-    @property
-    def _protection(self) -> Protection:
-        protection: Protection = self.connection.app.state.protection
-        return protection
+        return await self.cards.turns.take(self.cards.act(self.card, index, action, step))
 
 
 async def agent_of(connection: HTTPConnection, token: str) -> Agent:
     """Return who asks; CardError 404 for whoever has no open card."""
-    cards = services_of(connection).cards
+    cards: Cards = connection.app.state.agents
     return Agent(connection, cards, await cards.find(token))
 
 
@@ -183,14 +179,14 @@ async def instances(
 async def get_card(agent: AgentOf) -> dict[str, Any]:
     """Return what the author says of the agent, what is played, and which attempts were begun and finished; no score."""
     card, state = agent.card, await agent.cards.state(agent.card)
-    told = {"author": card.author, "number": card.number, "agent": dict(card.description)}
+    told = {"author": card.row.author, "number": card.row.number, "agent": card.description}
     return {**told, **agent.cards.about(card), "state": state}
 
 
 @router.post("")
 async def describe(agent: AgentOf, given: dict[str, Any]) -> dict[str, Any]:
     """Keep `agent`, `version`, `model`, `prompts_sha256` and `cost`; all but the cost before the first attempt."""
-    return {"agent": dict((await agent.cards.describe(agent.card, given)).description)}
+    return {"agent": await agent.cards.describe(agent.card, given)}
 
 
 @router.post("/close")

@@ -1,0 +1,153 @@
+"""Evaluations of agents for everybody: what was fixed, and once one is closed what came of it, with the receipts."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path as FilePath
+from typing import Annotated, Any
+
+from fastapi import APIRouter, HTTPException, Path, Request
+from fastapi.responses import FileResponse, HTMLResponse, Response
+
+from humanplay.agents.evaluation import (
+    COMPARISON,
+    OPENING,
+    POLICIES,
+    RECEIPTS,
+    Evaluation,
+    EvaluationError,
+    cards_of,
+    evaluation_named,
+    evaluations,
+    published_folder,
+)
+from humanplay.series.protocol import StudyError
+from humanplay.web.access import services_of
+from humanplay.web.protection import NO_CACHE
+from humanplay.web.templates import environment, root_of
+
+router = APIRouter(tags=["agents"])
+Name = Annotated[str, Path(max_length=100, description="of the evaluation")]
+NONE_HERE = "there is no such evaluation here: check the link"
+
+
+@router.get("/api/evaluations", summary="The evaluations of agents of this server")
+async def list_evaluations(request: Request) -> list[dict[str, Any]]:
+    """List the evaluations of agents; `status` is "open" or "closed"."""
+    services = services_of(request)
+    store, folder = services.store, services.progress.folder
+    try:
+        found = await store.read(lambda: evaluations(store.connection, folder))
+    except StudyError as error:  # `marsexplorer agents show` says what is wrong
+        raise HTTPException(503, "the evaluations cannot be shown now") from error
+    return [_about(evaluation) for evaluation in found]
+
+
+@router.get("/api/evaluations/{name}", summary="What an evaluation has published")
+async def get_evaluation(request: Request, name: Name) -> dict[str, Any]:
+    """Return what fixes the instances before any agent plays; once it is closed, the comparison of agents, people and policies.
+
+    `cards` is how many were issued; `secret` and `comparison` are null while it is open.
+    """
+    evaluation, cards = await _found(request, name)
+    comparison = _path(request, evaluation, COMPARISON)
+    return {
+        **_about(evaluation),
+        "cards": cards,
+        "protocol": evaluation.protocol.model_dump(mode="json"),
+        "secret": evaluation.secret.hex() if evaluation.closed_ms is not None else None,
+        "comparison": await asyncio.to_thread(_read, comparison) if comparison else None,
+    }
+
+
+@router.get("/api/evaluations/{name}/files/{file:path}", summary="A receipt, or the opening")
+async def get_file(request: Request, name: Name, file: str) -> FileResponse:
+    """Send `opening.json`, `receipts/ID.json`, `policies.json` or `comparison.json`, as the server has written them."""
+    evaluation, _ = await _found(request, name)
+    path = _path(request, evaluation, file)
+    if path is None:
+        raise HTTPException(404, f"the evaluation {name!r} has published no file {file[:60]!r}")
+    return FileResponse(path, filename=path.name, headers=NO_CACHE)
+
+
+@router.get("/evaluations", include_in_schema=False)
+@router.get("/evaluations/{name}", include_in_schema=False)
+async def evaluations_page(request: Request, name: str | None = None) -> Response:
+    """Serve the page of an evaluation, or of all."""
+    found = None if name is None else await get_evaluation(request, name)
+    listed = await list_evaluations(request) if name is None else []
+    text = environment.get_template("agents/index.html").render(
+        root=root_of(request), of=found, listed=listed, rows=_rows(found and found["comparison"])
+    )
+    return HTMLResponse(text, headers=NO_CACHE)
+
+
+async def _found(request: Request, name: str) -> tuple[Evaluation, int]:
+    """The evaluation of a name, and how many cards it has."""
+    services = services_of(request)
+    store, folder = services.store, services.progress.folder
+
+    def read() -> tuple[Evaluation, int]:
+        found = evaluation_named(store.connection, folder, name)
+        return found, len(cards_of(store.connection, name))
+
+    try:
+        return await store.read(read)
+    except EvaluationError as error:
+        raise HTTPException(404, NONE_HERE) from error
+    except StudyError as error:
+        raise HTTPException(503, "the evaluation cannot be shown now") from error
+
+
+def _about(evaluation: Evaluation) -> dict[str, Any]:
+    protocol = evaluation.protocol
+    return {
+        "name": evaluation.name,
+        "status": "open" if evaluation.closed_ms is None else "closed",
+        "task": protocol.rules.title,
+        "where": protocol.rules.where(protocol.env_config),
+        "instances": protocol.instances,
+        "protocol_hash": protocol.hash,
+        "commitment": evaluation.commitment,
+        "sees": protocol.sees,
+        "hours": protocol.hours,
+        "minutes": protocol.minutes,
+        "calls": protocol.calls,
+        "study": protocol.study and protocol.study.model_dump(),
+    }
+
+
+def _path(request: Request, evaluation: Evaluation, file: str) -> FilePath | None:
+    """A published file of a closed evaluation, None for anything else."""
+    folder = published_folder(services_of(request).store.path, evaluation.name)
+    receipts = (folder / RECEIPTS).glob("*.json")
+    published = (*(folder / name for name in (OPENING, COMPARISON, POLICIES)), *receipts)
+    found = (path for path in published if str(path.relative_to(folder)) == file)
+    return None if evaluation.closed_ms is None else next(filter(FilePath.is_file, found), None)
+
+
+def _read(path: FilePath) -> Any:
+    return json.loads(path.read_bytes())
+
+
+def _rows(comparison: dict[str, Any] | None) -> list[dict[str, Any]]:
+    """The rows of the table, the best first, with where each stands on the common scale, in percent of its width."""
+    if comparison is None:
+        return []
+    rows = [{**row, "low": None, "high": None} for row in comparison["rows"]]
+    people = comparison["people"]
+    if people is not None and people["score"] is not None:
+        told = {"kind": "people", "name": "people", "rank": None, "sees": people["sees"]}
+        ends = {name: people["score"][name] for name in ("low", "high")}
+        figures = {name: {**people[name], "difference": None} for name in ("score", "steps")}
+        rows.append({**told, **ends, **figures})
+    spots = [(row["score"]["mean"], row["low"], row["high"]) for row in rows]
+    known = [value for spot in spots for value in spot if value is not None] or [0.0]
+    low, width = min(known), max(max(known) - min(known), 1e-9)
+    for row, spot in zip(rows, spots, strict=True):
+        row["at"], row["from"], row["to"] = (
+            None if value is None else round(2 + 96 * (value - low) / width, 2) for value in spot
+        )
+    sign = -1 if comparison["better"] == "higher" else 1
+    return sorted(rows, key=lambda row: sign * row["score"]["mean"])
