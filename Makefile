@@ -112,10 +112,10 @@ $(RESEARCH)/.done: pyproject.toml research/requirements.txt research/constraints
 	$(RESEARCH)/bin/python $(PIP) --constraint research/constraints.txt --requirement research/requirements.txt --editable '.[study,train]'
 	@touch $@
 
-$(AGENTS)/.done: constraints-agents.txt
+$(AGENTS)/.done: pyproject.toml
 	@$(MAKE) --no-print-directory VENV=$(AGENTS) $(AGENTS)/bin/python
 	@echo "Installing what agents need into $(AGENTS): about 0.9 GB, some minutes when nothing has been downloaded before."
-	$(AGENTS)/bin/python $(PIP) --no-deps --requirement constraints-agents.txt
+	$(AGENTS)/bin/python $(PIP) --editable '.[agents]'
 	@touch $@
 
 clean: ## remove the virtual environments and caches (never data/)

@@ -300,10 +300,10 @@ def test_every_test_that_a_page_names_exists(page):
 
 
 def test_the_drawing_of_the_units_is_their_contract():
-    """Ten units at most on seven floors; what one imports of another counts as one arrow, of which there are at most 35."""
+    """Eleven units at most on eight floors; what one imports of another is an arrow, at most 35 without the room of agents."""
     pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text())
     contracts = {each["name"]: each for each in pyproject["tool"]["importlinter"]["contracts"]}
-    layers = contracts["ten units of humanplay on seven floors"]["layers"]
+    layers = contracts["eleven units of humanplay on eight floors"]["layers"]
     text = (ROOT / "docs" / "architecture.md").read_text()
     drawn = [(line[4:14], line[14:27]) for line in re.findall(r"^\d   .*$", text, re.M)]
     assert [[name.strip() for name in floor if name.strip()] for floor in drawn] == [
@@ -316,6 +316,6 @@ def test_the_drawing_of_the_units_is_their_contract():
         for imported in graph.find_modules_directly_imported_by(module) - {"humanplay"}
         if module.split(".")[1] != imported.split(".")[1]
     }
-    assert len(layers) <= 7
-    assert len({unit for arrow in arrows for unit in arrow}) <= 10
-    assert len(arrows) <= 35
+    assert len(layers) <= 8
+    assert len({unit for arrow in arrows for unit in arrow}) <= 11
+    assert len([arrow for arrow in arrows if "agents" not in arrow]) <= 35

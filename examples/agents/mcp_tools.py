@@ -11,7 +11,7 @@ import asyncio
 import json
 
 import httpx
-from mcp import Client
+from fastmcp import Client
 from openai import AsyncOpenAI
 
 TASK = "Play instance {index} to its end: begin it, then move until it is finished."
@@ -21,7 +21,7 @@ REMEMBERED = 30
 
 def as_tool(tool):
     """Return a tool of MCP as the API takes it."""
-    told = {"name": tool.name, "description": tool.description, "parameters": tool.input_schema}
+    told = {"name": tool.name, "description": tool.description, "parameters": tool.inputSchema}
     return {"type": "function", "function": told}
 
 
@@ -35,9 +35,9 @@ def recent(messages):
 
 async def play(client, api, model, index):
     """Let the model call tools until an instance is finished; return the moves made, None where it calls no more."""
-    tools = [as_tool(each) for each in (await client.list_tools()).tools]
+    tools = [as_tool(each) for each in await client.list_tools()]
     messages = [
-        {"role": "system", "content": client.instructions},
+        {"role": "system", "content": client.initialize_result.instructions},
         {"role": "user", "content": TASK.format(index=index)},
     ]
     while True:
@@ -53,7 +53,7 @@ async def play(client, api, model, index):
                 given = json.loads(call.function.arguments)
             except ValueError:
                 given = {}
-            result = await client.call_tool(call.function.name, given)
+            result = await client.call_tool(call.function.name, given, raise_on_error=False)
             text = "\n".join(each.text for each in result.content if each.type == "text")
             messages.append({"role": "tool", "tool_call_id": call.id, "content": text})
             seen = result.structured_content

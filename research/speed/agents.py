@@ -122,15 +122,15 @@ def served(folder: Path, task: str) -> Iterator[SimpleNamespace]:
 
 
 def prepared(folder: Path, task: str, agents: int) -> list[str]:
-    """Freeze an evaluation of a task and return the tokens of so many cards."""
-    own(folder / "play.db-studies", task=task, instances=INSTANCES, sees="observation")
-    return [token_of(folder / "play.db-studies", f"author {number}") for number in range(agents)]
+    """Begin an evaluation of a task and return the tokens of so many cards."""
+    own(folder / "play.db", task=task, instances=INSTANCES, sees="observation")
+    return [token_of(folder / "play.db", f"author {number}") for number in range(agents)]
 
 
 def lost(folder: Path, told: dict[str, dict[str, int]]) -> tuple[int, int]:
     """Return how many moves were answered, and how many of them are not in the database."""
-    sql = """SELECT p.invitation, x.terrain, count(s.step) FROM series_episodes x JOIN participants p ON p.id = x.participant_id
-        LEFT JOIN steps s ON s.episode_id = x.episode_id GROUP BY 1, 2"""
+    sql = """SELECT a.card, a.instance, count(m.step) FROM agents_attempts a
+        LEFT JOIN agents_moves m ON m.attempt = a.id GROUP BY 1, 2"""
     with closing(sqlite3.connect(folder / "play.db")) as conn:
         stored = {(card, str(index)): moves for card, index, moves in conn.execute(sql)}
     answered = missing = 0

@@ -32,7 +32,7 @@ declare namespace Admin {
     state: "making" | "ready" | "failed", began_ms: number, error: string | null, files: {name: string, size: number}[],
   };
   type Study = {
-    name: string, title: string, status: "open" | "sealed" | "closed", frozen_ms: number, closed_ms: number | null, level: string,
+    name: string, title: string, status: "open" | "secret kept" | "closed", frozen_ms: number, closed_ms: number | null, level: string,
     where: string, max_steps: number, planned: number, warm_up: number, ranked: number, stages: Stage[],
     participants: Participant[], figure: Figure | null,
     labels: {label: string, episodes: number, participants: string[]}[],

@@ -49,7 +49,7 @@ declare namespace Study {
     | {kind: "looked-back", looksBack: boolean};
   type Asked = Promise<Participant>;
   type Api = {
-    show(): Promise<{status: "open" | "sealed" | "closed", rows: number, cols: number}>,
+    show(): Promise<{status: "open" | "secret kept" | "closed", rows: number, cols: number}>,
     join(outside_ids: Record<string, string>, invitation: string | null): Asked, me(): Asked,
     consent(version: string, agree: boolean): Asked, advance(from: Stage): Asked, answers(answers: number[]): Asked,
     next(): Asked, giveUp(episode: string, step: number): Asked,

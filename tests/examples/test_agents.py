@@ -1,4 +1,4 @@
-"""The ready-made agents play whole sealed series with the clients of others: OpenEnv's, verifiers' and the official MCP client.
+"""The ready-made agents play whole evaluations with OpenEnv's client and the MCP client that comes with it.
 
 They run in the environment that `make agents` makes; no model is asked, but a scripted stand-in of an OpenAI-compatible API.
 """
@@ -15,7 +15,7 @@ import pytest
 
 from humanplay.task import rules_of
 from marsexplorer.config import EnvConfig
-from tests.support.agents import own, token_of
+from tests.support.agents import own, rows_of, token_of
 from tests.support.scripted_model import scripted_model
 
 ROOT = Path(__file__).parents[2]
@@ -45,44 +45,42 @@ def run(program, *arguments, **variables):
 
 
 @pytest.fixture(scope="module")
-def frozen(tmp_path_factory):
-    """`frozen(task)` is a folder with an evaluation of two short instances: the environment is examined once, and verifiers'
-    loop starts a program of its own for each answer of the model, which takes a second where nothing else runs."""
-    root, done = tmp_path_factory.mktemp("frozen"), set()
+def begun(tmp_path_factory):
+    """`begun(task)` is a database with an evaluation of two short instances: the environment is examined once."""
+    root, done = tmp_path_factory.mktemp("begun"), set()
 
-    def freeze(task):
-        studies = root / task.replace(":", "-")
+    def begin(task):
+        database = root / f"{task.replace(':', '-')}.db"
         if task not in done:
             config = (
                 EnvConfig("random", 7, 9, sensor_radius=4)
                 if task == MARS
                 else rules_of(task).configuration({"max_steps": 12})
             )
-            own(studies, task=task, config=config, instances=2)
+            own(database, task=task, config=config, instances=2)
             done.add(task)
-        return studies
+        return database
 
-    return freeze
+    return begin
 
 
 @pytest.fixture
-def card(serve, frozen, tmp_path):
+def card(serve, begun, tmp_path):
     """`card(task)` serves an evaluation on a database of its own, and returns the server and a card's address."""
 
     def begin(task):
-        studies = shutil.copytree(frozen(task), tmp_path / "playground.db-studies")
+        database = shutil.copy(begun(task), tmp_path / "playground.db")
         server = serve(task=task)
-        return server, f"{server.url}/agents/{token_of(studies)}"
+        return server, f"{server.url}/agents/{token_of(Path(database))}"
 
     return begin
 
 
 def ends(server):
-    """Return outcome and moves of every episode as it is stored."""
-    sql = "SELECT outcome, (SELECT count(*) FROM steps WHERE episode_id = id) FROM episodes ORDER BY started_ms"
-    return server.on_loop(
-        server.services.store.read(lambda: server.services.store.connection.execute(sql).fetchall())
-    )
+    """Return outcome and moves of every attempt as it is stored."""
+    sql = """SELECT json_extract(came_to, '$.outcome'), (SELECT count(*) FROM agents_moves WHERE attempt = id)
+        FROM agents_attempts ORDER BY id"""
+    return rows_of(server.services.store.path, sql)
 
 
 @pytest.mark.parametrize("task", [MARS, ROOMS])
@@ -129,27 +127,11 @@ def test_a_model_of_vision_plays_a_series_by_pictures(card):
 
 
 @pytest.mark.parametrize("task", [MARS, ROOMS])
-def test_a_model_plays_a_series_by_the_official_mcp_client(card, task):
+def test_a_model_plays_a_series_by_the_mcp_client(card, task):
     server, address = card(task)
     with scripted_model(TURNS) as (_, api):
         given = (AGENTS / "mcp_tools.py", address, "--model", "scripted")
         said = run(CLIENTS / "python", *given, OPENAI_BASE_URL=api)
     assert said.count("moves\n") == 2
-    if task == MARS:
-        assert [outcome for outcome, _ in ends(server)] == ["explored", "explored"]
-
-
-@pytest.mark.parametrize("task", [MARS, ROOMS])
-def test_verifiers_loop_plays_a_series(card, task, tmp_path):
-    server, address = card(task)
-    with scripted_model(TURNS) as (_, api):
-        given = ("--model", "scripted", "--output-dir", tmp_path / "out", "--no-rich")
-        places = ("--env.taskset.base-url", address, "--client.base-url", api)
-        run(CLIENTS / "vf-eval", "@", AGENTS / "verifiers.toml", *given, *places)
-    (traces,) = (tmp_path / "out").rglob("traces.jsonl")
-    rewards = [json.loads(line) for line in traces.read_text().splitlines()]
-    assert len(rewards) == 2
-    assert len(ends(server)) == 2
-    assert all(outcome for outcome, _ in ends(server))
     if task == MARS:
         assert [outcome for outcome, _ in ends(server)] == ["explored", "explored"]

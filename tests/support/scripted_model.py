@@ -45,9 +45,6 @@ class ScriptedModel:
             each["function"]["name"] for each in body["tools"]
         }:
             return self._tool_call(content)
-        if content.startswith("{"):  # verifiers' loop
-            observation = json.loads(content)["observation"]
-            content = f'"step": {observation["step"]}\n{observation.get("text", "")}'
         return {"role": "assistant", "content": f"I see.\n{self.action(content)}"}
 
     def _tool_call(self, content):
@@ -80,16 +77,9 @@ def scripted_model(actions=COMPASS):
                 "index": 0,
                 "finish_reason": "tool_calls" if message.get("tool_calls") else "stop",
             }
-            if body.get("stream"):
-                # verifiers' loop takes the whole message as one piece, and its reply without a word before
-                said = {**message, "content": message["content"].split("\n")[-1]}
-                piece = {**whole, "object": "chat.completion.chunk", "usage": usage}
-                piece["choices"] = [{**end, "delta": said}]
-                told, kind = f"data: {json.dumps(piece)}\n\ndata: [DONE]\n\n", "text/event-stream"
-            else:
-                choices = [{**end, "message": message}]
-                answer = {**whole, "object": "chat.completion", "choices": choices, "usage": usage}
-                told, kind = json.dumps(answer), "application/json"
+            choices = [{**end, "message": message}]
+            answer = {**whole, "object": "chat.completion", "choices": choices, "usage": usage}
+            told, kind = json.dumps(answer), "application/json"
             self.send_response(200)
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(told)))

@@ -25,7 +25,7 @@ from humanplay.web.protection import Protection, RefusedRequestError
 from humanplay.web.sockets import UNKNOWN_SESSION
 
 M = TypeVar("M", bound=Message)
-NO_SEED = "a reset names an instance, by index or as task by its id, and no seed: what a seed draws stays sealed"
+NO_SEED = "a reset names an instance, by index or as task by its id, and no seed: what a seed draws stays secret"
 
 router = APIRouter(prefix="/agents/{token}", tags=["agents"])
 
@@ -137,7 +137,7 @@ async def schema(agent: AgentOf) -> dict[str, Any]:
 @router.get("/openapi.json")
 async def openapi(agent: AgentOf) -> dict[str, Any]:
     """Return these calls, by their paths under the card's address."""
-    routes, title = agent.connection.app.routes, "A sealed evaluation of agents"
+    routes, title = agent.connection.app.routes, "An evaluation of agents"
     own = [each for each in routes if getattr(each, "path", "").startswith(router.prefix)]
     told = get_openapi(title=title, version="1", routes=own)
     paths = {path.removeprefix(router.prefix): each for path, each in told["paths"].items()}

@@ -264,7 +264,7 @@ def _note(progress: ParticipantProgress, study: Study, participant: Participant)
 async def list_studies(progress: ProgressOf) -> list[dict[str, str | int]]:
     """List the studies whose protocol is frozen.
 
-    `status` is "open", "sealed" or "closed"; `recruitment` is "invitation", "panel" or "open".
+    `status` is "open", "secret kept" or "closed"; `recruitment` is "invitation", "panel" or "open".
     """
     found: list[dict[str, str | int]] = []
     for name in progress.folder.names():

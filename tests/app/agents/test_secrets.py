@@ -163,7 +163,7 @@ def test_what_may_be_evaluated_and_closed_in_which_order(tmp_path, capsys):
     assert (second[0], "plays the terrains of 'dunes' already" in second[1]) == (2, True)
     close = "agents", "close", "agents", "--yes"
     early = asked(*close)
-    assert (early[0], "people still play these terrains" in early[1]) == (1, True)
+    assert (early[0], "people still play these terrains" in early[1]) == (2, True)
     kept = asked("study", "close", "dunes", "--keep-secret", "--yes")
     assert (kept[0], folder.status("dunes")) == (0, "secret kept"), kept
     assert asked(*close)[0] == 0
@@ -181,7 +181,7 @@ def test_an_evaluation_is_not_closed_while_an_agent_is_at_it(serve, tmp_path, ca
     agent.play(0, moves=1)
     close = "agents", "close", "agents", "--yes", *paths(tmp_path)
     code, _, said = command(capsys, *close)
-    assert (code, "1 agent has moved" in said, evaluation_of(database).is_open) == (1, True, True)
+    assert (code, "1 agent has moved" in said, evaluation_of(database).is_open) == (2, True, True)
     assert command(capsys, *close, "--now")[0] == 0
     sql = "SELECT json_extract(came_to, '$.outcome') FROM agents_attempts"
     assert rows_of(database, sql) == [("abandoned",)]
@@ -255,7 +255,7 @@ def test_the_rooms_words_stand_in_the_room_and_its_page_alone():
         f"{path.relative_to(top)}: {line.strip()}"
         for folder in ("app/humanplay", "static")
         for path in sorted((top / folder).rglob("*"))
-        if path.suffix in {".py", ".txt", ".sql", ".js", ".html", ".css", ".toml"}
+        if path.suffix in {".py", ".txt", ".sql", ".js", ".ts", ".html", ".css", ".toml"}
         and "agents" not in path.relative_to(top).parts
         for line in path.read_text(encoding="utf-8").splitlines()
         if ROOM.search(line)

@@ -245,7 +245,7 @@ def test_two_databases_share_no_study_and_one_option_names_both(run, tmp_path):
     assert "dunes" in run("study", "list", "--database", tmp_path / "link.db")[1]
     options = {
         name
-        for group in (cli, *(cli.get_command(None, name) for name in ("study", "evaluation")))
+        for group in (cli, *(cli.get_command(None, name) for name in ("study", "agents")))
         for name, each in (
             (name, group.get_command(None, name)) for name in group.list_commands(None)
         )

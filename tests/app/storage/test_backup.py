@@ -15,7 +15,6 @@ from datetime import UTC, datetime, timedelta
 import click
 import pytest
 from click.testing import CliRunner
-from humanplay.series.evaluation import evaluation_of_task
 
 from humanplay.cli.main import cli
 from humanplay.db import backup
@@ -24,9 +23,8 @@ from humanplay.db.checks import quick_check
 from humanplay.db.database import StoreError
 from humanplay.db.store import Store
 from humanplay.series.folder import Folder
-from humanplay.series.protocol import Agents, default_protocol
+from humanplay.series.protocol import default_protocol
 from humanplay.series.verification import verify_database
-from tests.support.agents import own
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS
 from tests.support.recorded import (
@@ -304,8 +302,12 @@ OPENING = {
     "serve": "--database FILE --port 0",
     "play": "--no-browser --database FILE",
     "export": "--database FILE --out new",
-    "evaluation close": "agents --yes --database FILE",
-    "evaluation freeze": "sealed --database FILE",
+    "agents new": "rooms --task mars --instances 1 --database FILE",
+    "agents card": "rooms --author Ann --database FILE",
+    "agents show": "--database FILE",
+    "agents revoke": "rooms 7K3M --database FILE",
+    "agents forget": "rooms 7K3M --yes --database FILE",
+    "agents close": "rooms --yes --database FILE",
     "replay": "a1b2 --database FILE --out new.html",
     "study close": "open --yes --database FILE",
     "study freeze": "draft --underpowered --database FILE",
@@ -347,8 +349,6 @@ def test_every_command_refuses_a_trigger_a_view_and_a_pipe_at_once(database, tmp
     freeze(studies.root, "open", close=False)
     play_study(tmp_path / "study.db", freeze(studies.root, "closed"))
     studies.create(default_protocol("draft", CONFIG, policies=(), declarations=DECLARATIONS))
-    studies.create(evaluation_of_task("sealed", CONFIG, "mars", 3, Agents()))
-    own(studies.root, task="mars", config=CONFIG)
 
     def run(name, words):
         answers = "a long password\n" * 2

@@ -11,18 +11,14 @@ import pytest
 from humanplay.board.attestation import COPIED
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
-from humanplay.db.series import add_series
 from humanplay.series import verification
 from humanplay.series.verification import check_attestation, verify_database
 from tests.app.play.test_attestation import STARTED, burst
-from tests.support.agents import sealed
 from tests.support.command import command
 from tests.support.recorded import ask
 from tests.support.stored_studies import (
-    BEGAN,
     StudyRecorder,
     freeze,
-    freezing_at,
     play_study,
     write_chain_anew,
 )
@@ -443,17 +439,6 @@ def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_i
     found = {finding.what: str(finding) for finding in wrong.findings}
     assert "in the folder beside the database, which may be another server's" in found["commitment"]
     assert any(finding.what.startswith("seed of warm_up") for finding in wrong.findings)
-
-
-def test_seeds_of_an_evaluation_are_not_held_to_another_freezing_of_its_study(tmp_path):
-    other = freeze(tmp_path / "others")
-    freeze(tmp_path / "play.db-studies", close=False)
-    with freezing_at(BEGAN):
-        agents = sealed(tmp_path / "play.db-studies", of="dunes")
-    with closing(StudyRecorder(tmp_path / "play.db", agents)) as recorder:
-        recorder.play(recorder.join(0, "script"), "ranked", 0)
-        add_series(recorder.store, other.row())
-    assert verify_database(tmp_path / "play.db").findings == ()
 
 
 def test_people_who_joined_and_began_nothing_leave_nothing_to_find(serve, tmp_path):
