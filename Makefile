@@ -114,7 +114,7 @@ $(RESEARCH)/.done: pyproject.toml research/requirements.txt research/constraints
 
 $(AGENTS)/.done: pyproject.toml
 	@$(MAKE) --no-print-directory VENV=$(AGENTS) $(AGENTS)/bin/python
-	@echo "Installing what agents need into $(AGENTS): about 0.9 GB, some minutes when nothing has been downloaded before."
+	@echo "Installing what agents need into $(AGENTS): about 1.1 GB, some minutes when nothing has been downloaded before."
 	$(AGENTS)/bin/python $(PIP) --editable '.[agents]'
 	@touch $@
 
