@@ -1,7 +1,6 @@
 // Wires the leaderboard: address -> question -> answer -> one repaint; asks again while policies are being evaluated.
 import { request } from "../common/api.js";
 import { all, by, create, reader } from "../common/page.js";
-import { showPeople } from "../common/people.js";
 import { loadTask } from "../common/task.js";
 import { levelName } from "../task/mars/names.js";
 import { paintPeople } from "./people.js";
@@ -132,7 +131,6 @@ boardSelect.addEventListener("change", () => { set({ board: boardSelect.value, d
 by("evaluate").addEventListener("click", () => { set({ evaluates: true }); load(); });
 for (const button of all("[data-measure]")) button.addEventListener("click", () => set({ measure: /** @type {Leaderboard.Measure} */ (button.dataset.measure) }));
 addEventListener("theme", () => paint());
-showPeople();
 for (const button of all("button[data-view]")) button.addEventListener("click", () => show(/** @type {Leaderboard.View} */ (button.dataset.view)));
 new ResizeObserver(() => paint()).observe(by("coverage"));
 show(state.view);

@@ -14,14 +14,11 @@ export function paintRanks(table, marks, rows, scale, measure) {
   const gap = breakOf(scale);
   marks.replaceChildren(...[...scale.ticks, ...scale.farTicks].map((tick) =>
     create("i", tickText(tick), { class: scale.farTicks.includes(tick) ? "far" : "", style: left(tick) })));
-  const hasLikeness = rows.some(({ policy }) => typeof policy?.human_likeness === "number");
-  const head = table.tHead?.querySelector("[data-testid=likeness-head]");
-  if (head) /** @type {HTMLElement} */ (head).hidden = !hasLikeness;
   const human = rows.find(({ who }) => who === "people")?.figure?.[measure].mean;
   table.tBodies[0].replaceChildren(...rows.map((row) => {
     const summary = row.policy?.summary ? [create("small", row.policy.summary, { class: "wide", title: row.policy.summary })] : [];
     const head = create("th", [create("i", [], { class: "swatch" }), policyName(row.name), ...summary], { scope: "row" });
-    const cells = row.figure ? standing(row, row.figure[measure]) : [missing(row, hasLikeness ? 6 : 5)];
+    const cells = row.figure ? standing(row, row.figure[measure]) : [missing(row, 5)];
     return create("tr", [head, ...cells],
       { "data-who": row.who, "data-testid": `rank-${row.policy?.name ?? row.who}`, style: `--mine: ${row.colour}` });
   }));
@@ -40,7 +37,7 @@ export function paintRanks(table, marks, rows, scale, measure) {
     const wide = { class: "number wide" };
     return [create("td", place, { class: "scale" }), create("td", shown(value.mean, measure), { class: "number" }),
       create("td", intervalText(value, measure), wide), create("td", completed, wide),
-      ...(hasLikeness ? [create("td", likenessText(row.policy?.human_likeness), wide)] : []), create("td", source(row), wide)];
+      create("td", source(row), wide)];
   }
 }
 
@@ -55,12 +52,9 @@ export function invitation(board) {
   const line = study
     ? create("span", "Nobody finished this study.")
     : create("span", [`${text[0].toUpperCase()}${text.slice(1)} `, create("a", board.players ? "Play ranked" : "Be the first", { href: "./", "data-testid": "be-the-first" })]);
-  const cell = create("td", create("div", line, { class: "idle" }), { colspan: "6" });
+  const cell = create("td", create("div", line, { class: "idle" }), { colspan: "5" });
   return create("tr", [head, cell], { "data-who": "nobody", "data-testid": "rank-nobody" });
 }
-
-/** @param {number | null | undefined} share @returns a share of people's moves as text, a dash where it is not known */
-const likenessText = (share) => typeof share === "number" ? `${Math.round(100 * share)} %` : "\u2013";
 
 /** @param {Leaderboard.Row} row @param {number} columns @returns the row of a policy without a figure: how far it is */
 function missing({ policy }, columns) {

@@ -105,10 +105,9 @@ export function ranksNote({ board, people, policies }, isBroken) {
   const parts = people ? [`The dashed line is the mean of ${board.study ? "the study's people" : "the volunteers"}.`] : [];
   if (isBroken) parts.push("The axis is broken at the hatched strip: who stands beyond it is far off.");
   const came = policies.filter(({ shipped }) => shipped);
-  const origin = came[0]?.shipped;
-  if (origin) {
+  if (came.length) {
     const whose = came.length === policies.length ? "The policies' figures" : `The figures of ${came.map(({ name }) => policyName(name)).join(", ")}`;
-    parts.push(`${whose} come with MarsExplorer; \u201c${origin.command}\u201d makes them again.`);
+    parts.push(`${whose} come with MarsExplorer.`);
   }
   return parts.join(" ");
 }

@@ -13,7 +13,7 @@ declare namespace Leaderboard {
   type People = Figure & {players: number, trials: Trial[], set?: string, everybody?: {players: number, steps: {mean: number} | null}, claim?: string, abandoned?: number};
   type Policy = {
     name: string, state: "ready" | "missing" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null,
-    error: string | null, human_likeness?: number | null, summary?: string,
+    error: string | null, summary?: string,
     shipped?: {command: string} | null,
   };
   type BoardListing = {

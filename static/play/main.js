@@ -3,7 +3,6 @@ import { api, ApiError } from "../common/api.js";
 import { paintLegend, paintProgress } from "../common/chart.js";
 import { apply, ghostOf, initialState, isDriven, isPractice } from "../common/game_state.js";
 import { all, boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, createSlow, paintLink, paintNotices, put } from "../common/page.js";
-import { showPeople } from "../common/people.js";
 import { startBoards } from "../common/socket.js";
 import { loadTask, promptText, showTask } from "../common/task.js";
 import { many, notCounted } from "../common/words.js";
@@ -319,5 +318,4 @@ part["coach-close"].addEventListener("click", () => {
 });
 terrainDialog?.offer(levels, policies, maps);
 isReady = true;
-showPeople();
 restore(found);

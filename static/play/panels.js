@@ -1,7 +1,7 @@
 // What the page of the playground is filled with, touched only where it changed: boards' words and numbers, the top bar, the end card.
 import { all, by, paintLink, put } from "../common/page.js";
 import { paintNumbers } from "../common/task.js";
-import { score, signed, within } from "../common/words.js";
+import { score, within } from "../common/words.js";
 import { challengeHash } from "./challenge.js";
 
 /** Paint the end card of the player's board; return whether it has just appeared.
@@ -62,8 +62,6 @@ export function paintPanel({ role, root, part }, task, board) {
   put(part.outcome, task.outcome(board.frame.outcome));
   root.style.setProperty("--share", String(share));
   root.dataset.outcome = board.frame.outcome ?? "running";
-  put(part.reward, signed(board.frame.reward));
-  put(part.return, signed(board.frame.return));
 }
 
 /** Offer the policies that a board can be given.

@@ -99,7 +99,8 @@ def test_leaving_a_ranked_episode_asks_by_keyboard_and_costs_what_abandoning_cos
     assert (me.state()["episode"], me.state()["step"]) == (episode, 2)
 
     me.page.get_by_test_id("open-settings").click()
-    me.page.get_by_test_id("level").select_option("2-1-1")
+    me.page.get_by_test_id("more-levels").click()
+    me.page.get_by_role("button", name="2-1-1").click()
     me.page.get_by_test_id("start").click()
     dialog.wait_for(state="visible")
     me.page.keyboard.press("Escape")

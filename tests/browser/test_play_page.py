@@ -149,10 +149,6 @@ def test_a_rival_follows_the_player_and_keeps_its_own_pace_when_asked_to(serve, 
     me.shows("steps-player", "10")
     me.shows("steps-rival", "10")
     assert me.page.get_by_test_id("badge").is_hidden(), "nothing counts beside a policy"
-    me.shows(
-        "people",
-        "How well people explore: 0 of 10 people played the paper’s study. What a study is",
-    )
 
     me.page.get_by_test_id("pace-timed-rival").click()
     me.wait("window.mars.state.rival.frame.step > 14")
@@ -199,7 +195,8 @@ def test_watching_two_policies_and_then_on_a_map(serve, player, tmp_path):
     assert pictures.all_inner_texts() == ["Open", "Scattered", "Boulders", "Building", "Cave"]
     pictures.filter(has_text="Cave").click()
     assert me.page.get_by_test_id("level").input_value() == "cave"
-    me.page.get_by_test_id("level").select_option("map:warehouse")
+    me.page.get_by_test_id("more-levels").click()
+    me.page.get_by_role("button", name="warehouse").click()
     assert {each.get_attribute("aria-pressed") for each in pictures.all()} == {"false"}
     assert me.page.get_by_test_id("seed").is_hidden(), "a map has a terrain of its own"
     me.page.get_by_test_id("start").click()
@@ -287,9 +284,9 @@ def test_enter_at_the_end_opens_what_has_the_focus(serve, player):
     me.press("north")
     episode = me.state()["episode"]
     me.page.get_by_test_id("end-card").wait_for(state="visible")
-    me.page.get_by_label("Reward and return").first.focus()
+    me.page.get_by_test_id("open-settings").focus()
     me.page.keyboard.press("Enter")
-    me.page.get_by_text("Return so far").first.wait_for()
+    me.page.get_by_test_id("terrain-dialog").wait_for(state="visible")
     assert me.state()["episode"] == episode
 
 

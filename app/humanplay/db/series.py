@@ -323,12 +323,6 @@ def count_participants(reader: Reader, study: str) -> int:
     return int(reader.query(sql, [study])[0]["n"])
 
 
-def count_finished(reader: Reader, study: str) -> int:
-    """Return how many people, no scripts, have played a study's ranked episodes to the last."""
-    sql = "SELECT count(*) AS n FROM participants WHERE study = ? AND kind = 'human' AND completed_ms IS NOT NULL"
-    return int(reader.query(sql, [study])[0]["n"])
-
-
 def count_freezings(reader: Reader, study: str) -> int:
     """Return how often a study of this name was frozen, as the chain says: secrets that were tried out stand there."""
     sql = "SELECT count(*) AS n FROM chain WHERE kind = 'frozen' AND json_extract(note, '$.study') = ?"

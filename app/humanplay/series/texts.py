@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-PAPER_STUDY = "koutras2021"
-"""The study with the paper's own settings: its people are counted on the pages, as so many of those planned."""
-PAPER_PLAYERS = 10
-"""People whose figure Koutras et al. 2021 (section 4) print."""
-
 RECRUITMENT = """\
 {title}
 

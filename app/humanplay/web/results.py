@@ -14,14 +14,11 @@ from fastapi.responses import Response
 from humanplay.board.session import HUMAN
 from humanplay.db.export import ExportTable, write_human_scores, write_table
 from humanplay.db.reader import Reader
-from humanplay.db.series import count_finished
 from humanplay.db.trial import Trial
 from humanplay.db.volunteers import Sums, player_sums, players_of
 from humanplay.report.costs import cost_cache
 from humanplay.report.statistics.human_level import LEAST_EPISODES
 from humanplay.series.policy_files import EXPERT, PolicyFiles
-from humanplay.series.protocol import StudyError
-from humanplay.series.texts import PAPER_PLAYERS, PAPER_STUDY
 from humanplay.task import Configuration, PolicyError, Record
 from humanplay.web.access import owner_of, player_of, services_of
 from humanplay.web.leaderboard.leaderboard import UnknownEntryError
@@ -58,27 +55,6 @@ def get_human_level(request: Request) -> dict[str, Any]:
     """
     with _reader(request) as reader:
         return services_of(request).leaderboard.volunteers.human_level(reader)
-
-
-@router.get("/paper-study", tags=["results"], summary="How far the paper's own study is")
-def get_paper_study(request: Request) -> dict[str, Any]:
-    """Return how many people have finished the study koutras2021, of how many, and its page.
-
-    `status` is absent where this server has no such study, and invited while one needs a link of one's own; `link` then leads
-    to what studies are.
-    """
-    name = PAPER_STUDY
-    try:
-        study = services_of(request).progress.folder.study(name)
-        status, players = str(study.status), study.protocol.players
-        if status == "open" and study.protocol.recruitment != "open":
-            status = "invited"
-    except StudyError:
-        status, players = "absent", PAPER_PLAYERS
-    with _reader(request) as reader:
-        people = count_finished(reader, name)
-    link = "study" if status in ("absent", "invited") else f"study/{name}"
-    return {"study": name, "status": status, "people": people, "of": players, "link": link}
 
 
 @router.get("/episodes", tags=["results"], summary="Finished episodes")

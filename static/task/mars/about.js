@@ -1,6 +1,5 @@
 // The pictures of the page about the rules: real boards, painted as on the playground.
 import { boardColours } from "../../common/page.js";
-import { showPeople } from "../../common/people.js";
 import { many } from "../../common/words.js";
 import { paint } from "./board.js";
 
@@ -33,7 +32,6 @@ export function boardLine(name, { actions, coverage }) {
 }
 
 if (globalThis.document) {
-  showPeople();
   const { boards } = await (await fetch("static/about/boards.json")).json();
   new ResizeObserver(() => paintAll(boards)).observe(document.body);
 }

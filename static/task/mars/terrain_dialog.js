@@ -32,32 +32,16 @@ function fill(select, choices, chosen) {
   select.replaceChildren(...choices.map(({ name }) => new Option(policyName(name), name, false, name === chosen)));
 }
 
-/** Offer the levels: those with plain names, then the paper's codes.
- * @param {HTMLSelectElement} select @param {string[]} names */
-function fillLevels(select, names) {
-  const { plain, paper } = levelGroups(names);
-  const options = (/** @type {string[]} */ levels) => levels.map((name) => new Option(levelName(name), name, false, name === "random"));
-  select.replaceChildren(...options(plain));
-  if (!paper.length) return;
-  const group = document.createElement("optgroup");
-  group.label = "Paper levels";
-  group.append(...options(paper));
-  select.append(group);
-}
-
-/** @param {Mars.GivenMap[]} maps @returns maps as a group of options below the levels */
-function mapGroup(maps) {
-  const group = document.createElement("optgroup");
-  group.label = "Maps";
-  group.append(...maps.map(({ name, size: [rows, cols] }) => new Option(`${name} (${rows} \u00d7 ${cols})`, MAP + name)));
-  return group;
-}
-
 /** @param {Mars.Level} level @returns a button with a terrain of the level on it */
 function picture({ name, example }) {
   const rocks = example.flatMap((bits, row) => example.map((_, col) => ((bits >> col) & 1 ? `M${col} ${row}h1v1h-1z` : ""))).join("");
   const svg = createSvg("svg", { viewBox: `0 0 ${example.length} ${example.length}`, "aria-hidden": "true" }, createSvg("path", { d: rocks }));
   return create("button", [svg, levelName(name)], { type: "button", value: name });
+}
+
+/** @param {Mars.GivenMap} map @returns a button with its name and size on it */
+function mapChoice({ name, size: [rows, cols] }) {
+  return create("button", `${name} ${rows} \u00d7 ${cols}`, { type: "button", value: MAP + name });
 }
 
 /** @param {HTMLDialogElement} dialog
@@ -68,7 +52,8 @@ export function createTerrainDialog(dialog, handlers) {
   const select = (/** @type {string} */ name) => /** @type {HTMLSelectElement} */ (form.elements.namedItem(name));
   const side = /** @type {RadioNodeList} */ (form.elements.namedItem("side"));
   const hint = /** @type {HTMLElement} */ (form.querySelector("#level-hint"));
-  const pictures = /** @type {HTMLElement} */ (form.querySelector(".levels"));
+  const [plainLevels, otherLevels] = /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll(".levels"));
+  const others = /** @type {HTMLDetailsElement} */ (form.querySelector(".more-levels"));
   const custom = /** @type {HTMLElement} */ (form.querySelector(".custom"));
   const drawn = /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll("[data-drawn]"));
   /** @type {Mars.Level[]} */
@@ -76,9 +61,10 @@ export function createTerrainDialog(dialog, handlers) {
   /** @type {Mars.GivenMap[]} */
   let maps = [];
   const read = () => readWish(/** @type {Record<string, string>} */ (Object.fromEntries(new FormData(form))));
+  const choices = () => /** @type {HTMLButtonElement[]} */ ([...plainLevels.children, ...otherLevels.children]);
   function follow() {
-    const { value } = select("level");
-    for (const each of pictures.children) each.setAttribute("aria-pressed", String(/** @type {HTMLButtonElement} */ (each).value === value));
+    const { value } = input("level");
+    for (const button of choices()) button.setAttribute("aria-pressed", String(button.value === value));
     for (const each of drawn) each.hidden = value.startsWith(MAP);
     /** @type {HTMLFieldSetElement} */ (form.querySelector("fieldset")).disabled = value.startsWith(MAP);
     input("seed").disabled = value.startsWith(MAP);
@@ -86,12 +72,14 @@ export function createTerrainDialog(dialog, handlers) {
     hint.textContent = (levels.find(({ name }) => name === value) ?? maps.find(({ name }) => MAP + name === value))?.summary?.replace(" (section 3.2)", "") ?? "";
   }
   form.addEventListener("change", follow);
-  pictures.addEventListener("click", ({ target }) => {
-    const button = /** @type {Element} */ (target).closest("button");
-    if (!button) return;
-    select("level").value = button.value;
-    follow();
-  });
+  for (const group of [plainLevels, otherLevels]) {
+    group.addEventListener("click", ({ target }) => {
+      const button = /** @type {Element} */ (target).closest("button");
+      if (!button) return;
+      input("level").value = button.value;
+      follow();
+    });
+  }
   form.addEventListener("submit", (event) => {
     const wish = read();
     if (typeof wish !== "string") return handlers.onStart(wish);
@@ -114,10 +102,11 @@ export function createTerrainDialog(dialog, handlers) {
       maps = given;
       const names = policies.map(({ name }) => name);
       const best = favourite(names);
-      fillLevels(select("level"), found.map(({ name }) => name));
-      const { plain } = levelGroups(found.map(({ name }) => name));
-      pictures.replaceChildren(...plain.map((name) => picture(/** @type {Mars.Level} */ (found.find((each) => each.name === name)))));
-      if (maps.length) select("level").append(mapGroup(maps));
+      const { plain, paper } = levelGroups(found.map(({ name }) => name));
+      const pictureOf = (/** @type {string} */ name) => picture(/** @type {Mars.Level} */ (found.find((level) => level.name === name)));
+      input("level").disabled = false; // another world's form has no level
+      plainLevels.replaceChildren(...plain.map(pictureOf));
+      otherLevels.replaceChildren(...paper.map(pictureOf), ...maps.map(mapChoice));
       fill(select("rival"), policies, best);
       fill(select("player"), policies, names.find((name) => name !== best && name.includes("frontier")) ?? best);
       follow();
@@ -127,8 +116,10 @@ export function createTerrainDialog(dialog, handlers) {
     show({ level, map, frame: shown, player, rival }) {
       const frame = /** @type {Mars.Frame} */ (shown);
       input("seed").value = "";
-      select("level").value = map ? MAP + map : level;
-      if (select("level").selectedIndex < 0) select("level").value = "random"; // a map that is not on offer any more
+      const value = map ? MAP + map : level;
+      const isOffered = choices().some((button) => button.value === value);
+      input("level").value = isOffered ? value : "random"; // a map that is not on offer any more
+      others.open = [...otherLevels.children].some((button) => /** @type {HTMLButtonElement} */ (button).value === value);
       const length = frame.rows === frame.cols && [21, 42, 84].includes(frame.rows) ? String(frame.rows) : "custom";
       side.value = length;
       if (length === "custom") [input("rows").value, input("cols").value] = [String(frame.rows), String(frame.cols)];

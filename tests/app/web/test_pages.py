@@ -1,7 +1,6 @@
 """Pages where a browser asks, JSON for programs: unknown addresses, wrong methods, faults; the list of studies."""
 
 import re
-import shutil
 from urllib.parse import urljoin
 
 from jinja2 import Environment, FileSystemLoader
@@ -82,20 +81,11 @@ def test_every_page_has_the_same_bar_and_its_files_are_there(server):
             assert bar == ["./", "daily", "leaderboard", "me", "about"], path
 
 
-def test_the_list_of_studies_says_who_may_join_and_nobody_without_a_link_is_led_to_the_papers_study(
-    serve, tmp_path
-):
+def test_the_list_of_studies_says_who_may_join(serve, tmp_path):
     freeze(tmp_path / "playground.db-studies", "invited", recruitment="invitation")
     freeze(tmp_path / "playground.db-studies", "anybody", recruitment="open")
     client = serve().client()
     listed = {each["name"]: each for each in client.get("/api/studies").json()}
-    found = client.get("/api/paper-study").json()
-    assert (found["status"], found["people"], found["link"]) == ("absent", 0, "study")
-    for recruitment, leads in (("invitation", "study"), ("open", "study/koutras2021")):
-        shutil.rmtree(tmp_path / "playground.db-studies/koutras2021", ignore_errors=True)
-        freeze(tmp_path / "playground.db-studies", "koutras2021", recruitment=recruitment)
-        found = client.get("/api/paper-study").json()
-        assert (found["link"], found["of"]) == (leads, 2)
     assert listed["invited"]["recruitment"] == "invitation"
     shown = {"recruitment": "open", "warm_up": 2, "ranked": 3, "status": "open"}
     assert shown.items() <= listed["anybody"].items()

@@ -42,7 +42,7 @@ test("the note under the ranks speaks of what is drawn and of nothing else", () 
   const came = { ...ready("ppo", 78, 0.95), shipped: origin };
   assert.equal(ranksNote({ board, people: null, policies: [ready("ppo", 78, 0.95)] }, false), "");
   assert.match(ranksNote({ board, people, policies: [] }, false), /^The dashed line is the mean of the volunteers\.$/);
-  assert.match(ranksNote({ board, people: null, policies: [came] }, true), /^The axis is broken .* The policies' figures come with MarsExplorer;/);
+  assert.match(ranksNote({ board, people: null, policies: [came] }, true), /^The axis is broken .* The policies' figures come with MarsExplorer\.$/);
   assert.match(ranksNote({ board, people: null, policies: [came, waiting("mine")] }, false), /^The figures of Expert come with/);
 });
 

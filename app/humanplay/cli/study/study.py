@@ -132,7 +132,6 @@ def new(
 
     What only you know (population, payment, ethics review ...) is asked for on a terminal, or read from --declarations; what is
     left empty must be written into the file before the study is frozen. Beside it stand a text to recruit with and a checklist.
-    The study koutras2021 is the paper's own: the pages count its people, as so many of ten.
 
     \b
     Examples:

@@ -23,7 +23,6 @@ from marsexplorer.evaluation.cost import CostEstimator, check_judged
 from marsexplorer.evaluation.episodes import (
     FEW_CHUNKS,
     Agreement,
-    agreement_with,
     make_chunks,
     play_chunks,
     play_out,
@@ -44,7 +43,6 @@ __all__ = [
     "CostEstimator",
     "MistakeKind",
     "NoisyPolicy",
-    "agreement_with",
     "begin",
     "check_judged",
     "explanation_of",

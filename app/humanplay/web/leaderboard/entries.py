@@ -9,8 +9,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
-from operator import add, attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +18,11 @@ from humanplay.db.reader import Reader
 from humanplay.db.series import closed_studies, count_participants
 from humanplay.db.trial import Trial
 from humanplay.jobs import Jobs, Progress
-from humanplay.report.statistics.exclusion_sets import Cohort, members, people_of, unspoilt
+from humanplay.report.statistics.exclusion_sets import members, people_of
 from humanplay.report.statistics.human_level import VolunteerFigures
 from humanplay.report.statistics.study_figures import live_figure
 from humanplay.report.statistics.summaries import EpisodeSummary, summarize_groups, trial_summaries
-from humanplay.series.data import StudyData, load, trial_records
+from humanplay.series.data import StudyData, load
 from humanplay.series.policy_episodes import closed_seeds
 from humanplay.series.policy_files import EXPERT, FOLDER, PolicyFiles
 from humanplay.task import MARS, Configuration, PolicyError, rules_of
@@ -38,9 +36,6 @@ from humanplay.web.leaderboard.evaluations import (
 
 FIRST_SEED = 1_000_000_000
 """Policies play the terrains of this seed and the next ones: training refuses them."""
-
-SAMPLED_PLAYERS, SAMPLED_EPISODES = 20, 2
-"""Of a study, for the share of people's moves that a policy makes too."""
 
 
 @dataclass(frozen=True)
@@ -139,37 +134,7 @@ def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
         **{"completed": float(np.mean(shares)), "curve": None, "visits": None},
         **summarize_groups(reader, data, synthetic=False).get("people", {}),
         "trials": trial_summaries(groups),
-        "likeness": human_likeness(reader, data, cohort, people),
     }
-
-
-def human_likeness(
-    reader: Reader, data: StudyData, cohort: Cohort, ids: Sequence[str]
-) -> dict[str, float]:
-    """Return how much each of the protocol's policies moves like people, 0..1.
-
-    That is the mean over players of the share of moves that the policy, shown what the rover saw, would have made too.
-    The first SAMPLED_PLAYERS `ids` enter with the first SAMPLED_EPISODES ranked terrains that they finished: that takes
-    seconds. Left out are `random`, whose moves are drawn, and policies that cannot be loaded here.
-    """
-    found, rules = {}, data.protocol.rules
-    players: Any = rules.players
-    records = []
-    for player in ids[:SAMPLED_PLAYERS]:
-        own = unspoilt(cohort.ranked[player])
-        first = sorted(own, key=attrgetter("terrain_index"))[:SAMPLED_EPISODES]
-        same = [trial for trial in first if trial.core_version == rules.version]
-        records.append([record for _, record in trial_records(reader, same)])
-    for name in (each for each in data.protocol.policies if each != "random"):
-        try:
-            policy = players.load(data.policy_files.source(name), data.protocol.env_config)
-        except PolicyError:
-            continue
-        made = [[players.agreement_with(policy, record) for record in own] for own in records]
-        totals = [reduce(add, own) for own in made if own]
-        if shares := [each.share for each in totals if each.moves]:
-            found[name] = float(np.mean(shares))
-    return found
 
 
 def _totals_of(trial: Trial) -> EpisodeSummary:

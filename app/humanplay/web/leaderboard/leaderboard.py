@@ -99,11 +99,10 @@ class Leaderboard:
         wanted = found.evaluations(sources)
         summaries = {offer.source: offer.summary for offer in self._offers}
         states = self._evaluations.request(list(wanted.values()), evaluates)
-        likeness = (found.human or {}).get("likeness", {})
         policies = []
         for (name, each), state in zip(wanted.items(), states, strict=True):
             said = {"name": name, "summary": summaries.get(each.policy, "")}
-            policies.append({**said, **state, "human_likeness": likeness.get(name)})
+            policies.append({**said, **state})
         return {"board": found.to_dict(), "people": people, "policies": policies}
 
     def _people_of(self, entry: LeaderboardEntry) -> dict[str, Any] | None:
