@@ -161,6 +161,8 @@ def _sentence(figure: dict[str, Any]) -> str:
     return f"{place}: {means}. Each of {entering} weighs the same; {who} in all{left}."
 
 
-def _with_interval(value: dict[str, float], form: str, unit: str = "") -> str:
-    ends = f"95 % interval {value['low']:{form}} to {value['high']:{form}}"
+def _with_interval(value: dict[str, float | None], form: str, unit: str = "") -> str:
+    ends = "no interval"
+    if value["low"] is not None:
+        ends = f"95 % interval {value['low']:{form}} to {value['high']:{form}}"
     return f"{value['mean']:{form}}{unit and f' {unit}'} ({ends})"
