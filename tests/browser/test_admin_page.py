@@ -82,7 +82,13 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
         "move_p99_seconds": 0.2, "waiting_jobs": 21, "waiting_writes": 0, "backup_age_seconds": 90_000, "backup_failures": 0,
     }  # fmt: skip
     red = page.evaluate(RED, health)
-    assert red == ["Disk", "Stored today, or kept free", "Newest backup", "Moves", "Waiting"]
+    assert red == [
+        "Disk",
+        "Stored today, or charged to open boards",
+        "Newest backup",
+        "Moves",
+        "Waiting",
+    ]
     assert [name for name in red if f"| {name}: " not in DEPLOY.read_text()] == []
 
     person = Person(server)
