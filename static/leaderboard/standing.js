@@ -79,7 +79,7 @@ export function headline({ target }, { board, people, policies }) {
     if (board.study) return `No person finished the study ${board.study}, so it has no figure of people.${policy}`;
     return `Volunteers on this playground, ${terrain}: ${missingText(board)}${policy}`;
   }
-  const spread = people.steps.low === null ? "one player gives no interval" : `95 % interval ${intervalText(people.steps, "steps")}`;
+  const spread = people.steps.low === null ? `no interval: ${people.players < 5 ? "fewer than five players" : "these players do not differ"}` : `95 % interval ${intervalText(people.steps, "steps")}`;
   const who = board.study ? `${people.claim} in the study ${board.study}` : "Volunteers on this playground";
   const from = peopleText(people, board);
   const { everybody } = people;

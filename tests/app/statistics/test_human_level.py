@@ -110,6 +110,17 @@ def made(monkeypatch):
     return counts
 
 
+def test_volunteers_who_never_reach_the_aim_have_a_mean_and_no_interval(store):
+    seeds = itertools.count()
+    for number in range(5):
+        for _ in range(5):
+            play(store, next(seeds), f"player-{number}")
+    found = human_level(store)
+    (figure,) = found["figures"]
+    assert figure["steps"] == {"mean": SMALL.limit, "low": None, "high": None}
+    assert "(no interval)" in found["sentence"]
+
+
 def test_a_figure_is_made_again_only_when_its_counted_episodes_are_others(store, made):
     for seed in range(4):
         play(store, seed, f"player-{seed}", explore=True)

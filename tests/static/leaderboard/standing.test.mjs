@@ -64,7 +64,8 @@ test("honest words when nobody has played, too few for a mean, and enough", () =
     assert.doesNotMatch(text, /moves to 99|interval/);
   }
   const claim = "Human level";
-  assert.match(headline({ target: "99 %" }, { board: { ...board, study: "dunes" }, people: { ...people, claim, players: 1, steps: interval(90) }, policies }), /one player gives no interval\), from 1 player and/);
+  assert.match(headline({ target: "99 %" }, { board: { ...board, study: "dunes" }, people: { ...people, claim, players: 1, steps: interval(90) }, policies }), /\(no interval: fewer than five players\), from 1 player and/);
+  assert.match(headline({ target: "99 %" }, { board, people: { ...people, players: 5, steps: interval(441) }, policies }), /\(no interval: these players do not differ\), from 5/);
   assert.match(headline({ target: "99 %" }, { board, people, policies }), /^Volunteers on this playground, Scattered 21 \u00d7 21: 90\.0 moves to 99 % \(95 % interval 88\.0 to 92\.0\), from 5 players and 38 episodes; 2 players with fewer episodes are not in it\. The best policy, Expert, takes 78\.0/);
   assert.doesNotMatch(headline({ target: "99 %" }, { board, people, policies: [...policies, waiting("planner")] }), /best policy/, "not before all are known");
 });
