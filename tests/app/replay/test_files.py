@@ -141,5 +141,5 @@ def test_without_pyav_no_video_is_offered_and_the_error_names_the_extra(courses,
     monkeypatch.setitem(sys.modules, "av", None)
     monkeypatch.setattr("humanplay.web.replays.files.find_spec", lambda name: None)
     assert "mp4" not in offered()
-    with pytest.raises(VideoMissingError, match=r"pip install 'marsexplorer-playground\[video\]'"):
+    with pytest.raises(VideoMissingError, match=r"pip install 'humanplay\[video\]'"):
         file_of("mp4", "e", courses)

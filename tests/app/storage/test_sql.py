@@ -1,4 +1,4 @@
-"""SQL stands in `app/humanplay/db` and in the release writer, `app/humanplay/release`."""
+"""SQL stands in `db`, in the release writer, and in the room of agents, which has tables of its own."""
 
 import ast
 import re
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[3]
-SPEAKERS = ("app/humanplay/db", "app/humanplay/release")
+SPEAKERS = ("app/humanplay/agents", "app/humanplay/db", "app/humanplay/release")
 STATEMENT = re.compile(
     r"""\s*(select\s.+\sfrom\s | select\s+1\b | insert\s+(or\s+\w+\s+)?into\s | update\s+(or\s+\w+\s+)?\w+\s+set\s
     | delete\s+from\s | (create|drop)\s+(unique\s+|temp\s+)?(table|index|view|trigger)\s | alter\s+table\s | pragma\s+\w

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from humanplay.report.agents import compare_agents
 
 from humanplay.db.trial import Trial
 from humanplay.db.volunteers import Sums
@@ -231,24 +230,3 @@ def test_what_was_left_is_worth_what_is_spoilt_and_a_score_beyond_its_bounds_sto
     (said,) = cautions._about_bounds(data)
     assert "1 ranked episode of 5 ended with a score outside the bounds" in said
     assert estimate(np.array([[120.0], [300.0], [0.0]]), (1, 500), 1).mean == 140
-
-
-def test_what_an_agent_left_is_worth_what_people_get_for_leaving():
-    task = f"gymnasium:{Description(id='FrozenLake-v1', bounds=(1, 500)).told}"
-    protocol = default_protocol("lake", rules_of(task).default, task, ranked=3, agents={})
-    ends = [("abandoned", 499.0), ("environment_failed", 400.0), ("ended", 450.0)]
-    episodes = [
-        {
-            "index": index,
-            "begun": True,
-            "outcome": outcome,
-            "steps": 9,
-            "score": score,
-            "total": score,
-        }
-        for index, (outcome, score) in enumerate(ends)
-    ]
-    card = {"id": "c", "ranks": True}
-    told = {"card": card, "agent": {}, "sees": "both", "seen_by": {}, "episodes": episodes}
-    (row,) = compare_agents(protocol, [told], [], None)["rows"]
-    assert row["score"]["values"] == [1, 1, 450]
