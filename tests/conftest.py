@@ -3,6 +3,7 @@
 import gc
 import os
 import shutil
+import signal
 import tempfile
 from contextlib import closing, suppress
 
@@ -17,6 +18,9 @@ if "TMPDIR" not in os.environ:
     with suppress(OSError):
         if shutil.disk_usage(IN_MEMORY).free >= ROOM:
             os.environ["TMPDIR"] = tempfile.tempdir = IN_MEMORY
+
+# whoever starts the tests in the background of a shell has them ignore Ctrl-C, which some of them press
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 gc.disable()  # the libraries that the tests import make half a million objects, and none of them is garbage
 
