@@ -40,7 +40,7 @@ function episodeRow(episode) {
   const { outcome, moves, coverage } = episode;
   const [kind, reason] = kindText(episode);
   const when = create("a", timeText(episode.ended_ms), { href: `watch/${encodeURIComponent(episode.episode)}` });
-  const kindCell = create("td", kind, { class: "wide" });
+  const kindCell = create("td", kind);
   kindCell.title = reason;
   return create("tr", [
     create("th", when, { scope: "row" }), create("td", terrainText(episode)), kindCell,

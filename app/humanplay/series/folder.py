@@ -49,6 +49,7 @@ from humanplay.series.seeds import (
     seed,
 )
 from humanplay.series.templates import fill
+from humanplay.series.texts import ERASURE
 from humanplay.task import PolicyError
 
 __all__ = ["Folder", "Study", "StudyError"]
@@ -266,6 +267,11 @@ class Folder:
                 f"the study {name!r} declares nothing as {', '.join(unanswered)}: write each into declarations of "
                 f'{path / "protocol.json"} (an honest "none" is an answer, TODO is not), or begin the study with '
                 "`marsexplorer study new --declarations FILE`"
+            )
+        if protocol.keep_episodes_when_forgotten and ERASURE in protocol.consent.text:
+            raise StudyError(
+                f"the consent of the study {name!r} promises that what was played is erased on request, but "
+                "keep_episodes_when_forgotten is true: let the consent say what is kept, or set it to false"
             )
         rules = protocol.rules
         if protocol.core_version != rules.version:

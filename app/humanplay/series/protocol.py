@@ -354,7 +354,10 @@ def default_protocol(name: str, config: Configuration, task: str = "mars", **res
     Its texts are templates: `humanplay.series.templates.fill` gives what participants read.
     """
     known = dict(rules_of(task).study(config))
-    text = consent(known.pop("opening"), bool(known["questions"]), known.pop("things"))
+    keeps_episodes = bool(rest.get("keep_episodes_when_forgotten"))
+    text = consent(
+        known.pop("opening"), bool(known["questions"]), known.pop("things"), keeps_episodes
+    )
     title = str(known["title"]).replace("{name}", name)
     named = {} if task == "mars" else {"task": task}
     parts = {"name": name, **named, "config": config.to_dict(), **known}

@@ -52,6 +52,16 @@ _DURATION = (
     "It takes about {{minutes}} minutes: a short tutorial, {questions}{{warm_up}} practice {things} and {{ranked}} {things} "
     "that count, with breaks whenever you like."
 )
+ERASURE = (
+    "You then choose: what you have played is kept without your name, or it is erased, with the moves, the keys, your answers "
+    "and the number from a recruiting site; that somebody was erased stays noted. You can ask for that later too: write to "
+    "the address above, and give the name by which this page calls you."
+)
+"""What the consent promises, unless the study keeps the episodes of whoever is forgotten."""
+KEPT = (
+    "What you have played and answered until then is kept without your name. You can have the number from a recruiting site "
+    "deleted: write to the address above, and give the name by which this page calls you."
+)
 _REST = (
     "We record every move and every key press in the game with its time, whether the page was in view, and your answers to "
     "the questions. We do not record your name, your screen, sound or anything outside this page. If a recruiting site sent "
@@ -59,19 +69,23 @@ _REST = (
     "The recorded moves will be published under a pseudonym, so that others can check and reuse the results (licence "
     "{licence}). What is published cannot be called back. How long the rest is stored: {retention}",
     "Responsible for the data, and whom to write to: {contact}",
-    "Taking part is voluntary. You can stop at any moment without giving a reason, by the button Leave the study. You then "
-    "choose: what you have played is kept without your name, or it is erased, with the moves, the keys, your answers and the "
-    "number from a recruiting site; that somebody was erased stays noted. You can ask for that later too: write to the address "
-    "above, and give the name by which this page calls you. There are no known risks beyond those of looking at a screen.",
+)
+_LEAVING = (
+    "Taking part is voluntary. You can stop at any moment without giving a reason, by the button Leave the study. "
+    "{leaving} There are no known risks beyond those of looking at a screen."
 )
 
 
-def consent(opening: str, with_questions: bool, things: str) -> str:
-    """Return what a participant agrees to, paragraphs split by blank lines.
+def consent(opening: str, with_questions: bool, things: str, keeps_episodes: bool) -> str:
+    """What a participant agrees to, paragraphs split by blank lines.
 
-    opening  what is played, in the task's words
-    things   what is counted: terrains, rounds
+    Args:
+        opening: What is played, in the task's words.
+        with_questions: Whether questions are asked.
+        things: What is counted: terrains, rounds.
+        keeps_episodes: Whether the study keeps the episodes of whoever is forgotten.
     """
     questions = "{questions} questions, " if with_questions else ""
     duration = _DURATION.format(questions=questions, things=things)
-    return "\n\n".join((opening, duration, *_REST))
+    leaving = _LEAVING.format(leaving=KEPT if keeps_episodes else ERASURE)
+    return "\n\n".join((opening, duration, *_REST, leaving))

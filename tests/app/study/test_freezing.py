@@ -64,3 +64,18 @@ def test_a_time_of_freezing_that_was_changed_before_anybody_joined_is_found(tmp_
         recorder.join(0)
     (found,) = verify_database(path).findings
     assert (found.where, found.what) == ("series dunes", "what the chain says was frozen")
+
+
+def test_a_consent_that_promises_erasure_is_not_frozen_where_episodes_are_kept(tmp_path, capsys):
+    folder, database = Folder(tmp_path / "play.db-studies"), ("--database", tmp_path / "play.db")
+    freeze = ("study", "freeze", "dunes", "--underpowered", *database)
+    folder.create(default_protocol("dunes", CONFIG, **REST))
+    draft = folder.path("dunes") / "protocol.json"
+    protocol = json.loads(draft.read_text())
+    draft.write_text(json.dumps({**protocol, "keep_episodes_when_forgotten": True}))
+    code, _, error = command(capsys, *freeze)
+    assert (code, "promises that what was played is erased on request" in error) == (2, True)
+    kept = default_protocol("dunes", CONFIG, **REST, keep_episodes_when_forgotten=True)
+    draft.write_text(json.dumps({**protocol, **kept.model_dump(mode="json", exclude_unset=True)}))
+    assert command(capsys, *freeze)[0] == 0
+    assert "erased, with the moves" not in folder.study("dunes").protocol.consent.text
