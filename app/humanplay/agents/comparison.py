@@ -114,8 +114,8 @@ def _policies(protocol: Protocol, episodes: Sequence[PolicyEpisode]) -> list[_Pl
     by_policy: dict[str, dict[int, dict[str, Any]]] = {}
     for episode in episodes:
         record = episode.replay(rules, config).record()
-        came_to = {name: getattr(record, name) for name in ("outcome", "score", "steps", "total")}
-        by_policy.setdefault(episode.policy, {})[episode.terrain] = came_to
+        ending = {name: getattr(record, name) for name in ("outcome", "score", "steps", "total")}
+        by_policy.setdefault(episode.policy, {})[episode.terrain] = ending
     return [_Played.of(name, protocol, own) for name, own in by_policy.items()]
 
 
@@ -127,7 +127,7 @@ def _figures(
     is_drawn: bool,
 ) -> dict[str, Any]:
     """Return the mean in each metric, its difference to people with intervals where they are paired, and each instance's."""
-    found: dict[str, Any] = {"outcomes": list(played.outcomes)}
+    figures: dict[str, Any] = {"outcomes": list(played.outcomes)}
     for metric in METRICS:
         values: Floats = getattr(played, metric)
         mean = float(values.mean())
@@ -142,8 +142,8 @@ def _figures(
             )
             names = ("terrains", "difference", "interval", "normalized")
             row |= {name: getattr(compared, name) for name in names}
-        found[metric] = row
-    return found
+        figures[metric] = row
+    return figures
 
 
 def _instances(data: StudyData) -> list[dict[str, Any]]:
@@ -155,10 +155,10 @@ def _instances(data: StudyData) -> list[dict[str, Any]]:
     ids = members(cohort, {})
     own = [trial for person in ids for trial in cohort.ranked[person]]
     tables = {name: cohort.table(ids, name) for name in METRICS}
-    found = []
+    rows = []
     for attempts in first_attempts(cohort).terrains:
-        here = [each for each in own if each.terrain_index == attempts.terrain]
-        moves = [each.steps for each in here if each.succeeded]
+        here = [trial for trial in own if trial.terrain_index == attempts.terrain]
+        moves = [trial.steps for trial in here if trial.succeeded]
         row: dict[str, Any] = {
             "index": attempts.terrain, "players": attempts.played, "completed": attempts.completed,
             "upper_median": attempts.upper_median, "best": min(filter(None, moves), default=None),
@@ -166,5 +166,5 @@ def _instances(data: StudyData) -> list[dict[str, Any]]:
         for metric, table in tables.items():
             column = table[:, attempts.terrain]
             row[metric] = None if np.isnan(column).all() else float(np.nanmean(column))
-        found.append(row)
-    return found
+        rows.append(row)
+    return rows

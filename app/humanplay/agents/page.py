@@ -1,4 +1,4 @@
-"""Evaluations of agents for everybody: what was fixed, and once one is closed what came of it, with the receipts."""
+"""Evaluations of agents for everybody: what was fixed, and their results and receipts once they are closed."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ async def list_evaluations(request: Request) -> list[dict[str, Any]]:
     services = services_of(request)
     store, folder = services.store, services.progress.folder
     try:
-        found = await store.read(lambda: evaluations(store.connection, folder))
+        rows = await store.read(lambda: evaluations(store.connection, folder))
     except StudyError as error:  # `marsexplorer agents show` says what is wrong
         raise HTTPException(503, "the evaluations cannot be shown now") from error
-    return [_about(evaluation) for evaluation in found]
+    return [_about(evaluation) for evaluation in rows]
 
 
 @router.get("/api/evaluations/{name}", summary="What an evaluation has published")
 async def get_evaluation(request: Request, name: Name) -> dict[str, Any]:
-    """Return what fixes the instances before any agent plays; once it is closed, the comparison of agents, people and policies.
+    """What was fixed before any agent played, and the comparison once the evaluation is closed.
 
     `cards` is how many were issued; `secret` and `comparison` are null while it is open.
     """
@@ -63,7 +63,7 @@ async def get_evaluation(request: Request, name: Name) -> dict[str, Any]:
 
 @router.get("/api/evaluations/{name}/files/{file:path}", summary="A receipt, or the opening")
 async def get_file(request: Request, name: Name, file: str) -> FileResponse:
-    """Send `opening.json`, `receipts/ID.json`, `policies.json` or `comparison.json`, as the server has written them."""
+    """A published file: `opening.json`, `receipts/ID.json`, `policies.json` or `comparison.json`."""
     evaluation, _ = await _found(request, name)
     path = _path(request, evaluation, file)
     if path is None:
@@ -75,10 +75,11 @@ async def get_file(request: Request, name: Name, file: str) -> FileResponse:
 @router.get("/evaluations/{name}", include_in_schema=False)
 async def evaluations_page(request: Request, name: str | None = None) -> Response:
     """Serve the page of an evaluation, or of all."""
-    found = None if name is None else await get_evaluation(request, name)
+    evaluation = None if name is None else await get_evaluation(request, name)
     listed = await list_evaluations(request) if name is None else []
+    rows = _rows(evaluation and evaluation["comparison"])
     text = environment.get_template("agents/index.html").render(
-        root=root_of(request), of=found, listed=listed, rows=_rows(found and found["comparison"])
+        root=root_of(request), evaluation=evaluation, listed=listed, rows=rows
     )
     return HTMLResponse(text, headers=NO_CACHE)
 
@@ -89,8 +90,8 @@ async def _found(request: Request, name: str) -> tuple[Evaluation, int]:
     store, folder = services.store, services.progress.folder
 
     def read() -> tuple[Evaluation, int]:
-        found = evaluation_named(store.connection, folder, name)
-        return found, len(cards_of(store.connection, name))
+        evaluation = evaluation_named(store.connection, folder, name)
+        return evaluation, len(cards_of(store.connection, name))
 
     try:
         return await store.read(read)
@@ -123,8 +124,10 @@ def _path(request: Request, evaluation: Evaluation, file: str) -> FilePath | Non
     folder = published_folder(services_of(request).store.path, evaluation.name)
     receipts = (folder / RECEIPTS).glob("*.json")
     published = (*(folder / name for name in (OPENING, COMPARISON, POLICIES)), *receipts)
-    found = (path for path in published if str(path.relative_to(folder)) == file)
-    return None if evaluation.closed_ms is None else next(filter(FilePath.is_file, found), None)
+    if evaluation.closed_ms is None:
+        return None
+    named = (path for path in published if str(path.relative_to(folder)) == file)
+    return next(filter(FilePath.is_file, named), None)
 
 
 def _read(path: FilePath) -> Any:
@@ -138,10 +141,10 @@ def _rows(comparison: dict[str, Any] | None) -> list[dict[str, Any]]:
     rows = [{**row, "low": None, "high": None} for row in comparison["rows"]]
     people = comparison["people"]
     if people is not None and people["score"] is not None:
-        told = {"kind": "people", "name": "people", "rank": None, "sees": people["sees"]}
+        row = {"kind": "people", "name": "people", "rank": None, "sees": people["sees"]}
         ends = {name: people["score"][name] for name in ("low", "high")}
         figures = {name: {**people[name], "difference": None} for name in ("score", "steps")}
-        rows.append({**told, **ends, **figures})
+        rows.append({**row, **ends, **figures})
     spots = [(row["score"]["mean"], row["low"], row["high"]) for row in rows]
     known = [value for spot in spots for value in spot if value is not None] or [0.0]
     low, width = min(known), max(max(known) - min(known), 1e-9)

@@ -1,4 +1,4 @@
-"""What episodes may store: the largest size is charged when one opens, and at its end what was stored."""
+"""Charges for stored bytes: an episode's largest size while it is open, and what it stored from its end on."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ Owner = tuple[str, str]
 
 
 class Charges:
-    """Bytes of the database's file that were charged to their owners today (UTC), in memory alone.
+    """Bytes charged today (UTC) to the owners of episodes; kept in memory.
 
-    An open episode is charged the most that it can store, so that it goes on whatever else is stored. This class charges
-    nobody, as on a board away from a server.
+    An open episode is charged its largest size, so that it can always be finished. This class charges nobody; a server's
+    subclass does.
     """
 
     def __init__(self) -> None:
@@ -24,14 +24,14 @@ class Charges:
         self._lock = threading.Lock()  # metrics are read on another thread
 
     def owners(self, study: str) -> tuple[Owner, ...]:
-        """Who pays for what is stored just now, on a board of a study or ("") on another."""
+        """Who is charged for the current request; `study` is "" outside a study."""
         return ()
 
     def check(self, study: str) -> None:
-        """Check that an episode may begin; an error of its own otherwise."""
+        """Raise an error if no episode may begin."""
 
     def is_full(self, study: str) -> bool:
-        """Whether who asks just now has spent their budget."""
+        """Whether an owner of the current request has spent their budget."""
         return False
 
     def today(self) -> Counter[Owner]:

@@ -1,4 +1,4 @@
-"""The names that players gave themselves, and how far each named player is from Expert."""
+"""Players' names, and each named player's gap to Expert."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from humanplay.db.reader import Reader
 SHOWN = 100
 """People in the list."""
 
-# a player's moves beyond those that Expert needs on such terrains, over all configurations that Expert has a mean for
+# a player's mean moves minus Expert's, over the configurations that Expert has a mean for
 _GAPS = """SELECT v.player_id, sum(v.episodes) AS episodes,
         (sum(v.steps) - sum(v.episodes * x.value)) / sum(v.episodes) AS gap
     FROM volunteers v JOIN json_each(?) x ON x.key = v.config_hash"""
@@ -29,11 +29,11 @@ class NameTakenError(ValueError):
 def people(
     reader: Reader, expert_steps: Mapping[str, float], least_episodes: int
 ) -> list[dict[str, Any]]:
-    """Named players and their ids, those nearest to Expert first, without the hidden ones.
+    """Named players by their gap to Expert, the smallest first; hidden names are left out.
 
     Args:
         expert_steps: Expert's mean moves, by the hash of a configuration.
-        least_episodes: Ranked episodes that a gap is of, at least.
+        least_episodes: Fewest ranked episodes of a player in the list.
     """
     return reader.query(_PEOPLE, [json.dumps(dict(expert_steps)), least_episodes])
 
@@ -49,7 +49,7 @@ def set_name(
 ) -> bool:
     """Give a player a name, and return whether there is such a player: who has played; NameTakenError for one that is taken.
 
-    One that an operator has hidden stays hidden, whatever the new name is.
+    A name that an operator has hidden stays hidden after a change.
     """
     sql = """INSERT INTO names SELECT id, ?2, ?3, ?4, 0 FROM players WHERE id = ?1
         ON CONFLICT (player_id) DO UPDATE SET name = ?2, likeness = ?3, chosen_ms = ?4"""
@@ -62,12 +62,12 @@ def set_name(
 
 
 def remove_name(conn: sqlite3.Connection, player_id: str) -> None:
-    """Let a player have no name; one that is hidden stays, so that it is not chosen again."""
+    """Remove a player's name, unless it is hidden: a hidden name stays, so that nobody can choose it again."""
     conn.execute("DELETE FROM names WHERE player_id = ? AND NOT hidden", [player_id])
 
 
 def hide_name(conn: sqlite3.Connection, name: str, hidden: bool) -> bool:
-    """Show a name no more, or again; return whether anybody has it."""
+    """Hide a name or show it again; return whether anybody has it."""
     return conn.execute("UPDATE names SET hidden = ? WHERE name = ?", (hidden, name)).rowcount > 0
 
 
@@ -79,5 +79,5 @@ def newest_names(reader: Reader) -> list[dict[str, Any]]:
 
 def named(conn: sqlite3.Connection, name: str) -> str | None:
     """The id of the player with a name; None for nobody's."""
-    found = conn.execute("SELECT player_id FROM names WHERE name = ?", [name]).fetchone()
-    return None if found is None else str(found[0])
+    row = conn.execute("SELECT player_id FROM names WHERE name = ?", [name]).fetchone()
+    return None if row is None else str(row[0])

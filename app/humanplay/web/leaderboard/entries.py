@@ -202,12 +202,12 @@ def offered_boards() -> dict[str, LeaderboardEntry]:
 
 def expert_steps(shipped: ShippedFigures) -> dict[str, float]:
     """Expert's mean moves to 99 %, by the hash of each configuration on offer that has its figure."""
-    found = {}
+    means = {}
     for config in offered():
         figure = shipped.find(Evaluation(EXPERT, config, held_out_seeds(config)))
         if figure is not None:
-            found[config.hash] = float(figure.figure["steps"]["mean"])
-    return found
+            means[config.hash] = float(figure.figure["steps"]["mean"])
+    return means
 
 
 def make_board(
