@@ -1,6 +1,7 @@
 """The package is imported by its own name."""
 
 import re
+from importlib.metadata import version
 
 from humanplay import ROOT
 
@@ -14,3 +15,9 @@ def test_nothing_imports_the_package_by_the_name_of_its_folder():
     texts = [path for path in paths if path.suffix in {".py", ".md", ".toml", ".sh", ".json"}]
     assert len(texts) > 500
     assert [str(path) for path in texts if imports.search(path.read_text())] == []
+
+
+def test_documents_name_the_wheel_as_it_is_built():
+    texts = [path.read_text() for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]]
+    wheels = {name for text in texts for name in re.findall(r"dist/(\S+?)-py3-none-any", text)}
+    assert wheels == {f"humanplay-{version('humanplay')}"}
