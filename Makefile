@@ -26,7 +26,7 @@ help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
 
 play: $(PLAY) ## serve the playground on http://127.0.0.1:8000 (PORT=... for another)
-	$(BIN)/marsexplorer serve --port $(PORT)
+	$(BIN)/humanplay serve --port $(PORT)
 
 agents: $(AGENTS)/.done ## what the agents in examples/agents need, in an environment of its own (docs/agents.md)
 

@@ -1,8 +1,8 @@
 """A policy that moves as the people of a released study do: behaviour cloning (Pomerleau 1991).
 
-    pip install '.[train,export]'
+    pip install '.[play,train,export]'
     python examples/clone.py dunes-1 --out dunes-clone.onnx
-    marsexplorer serve --policy dunes-clone.onnx
+    humanplay serve --policy dunes-clone.onnx
 
 The release's tables of episodes and steps are read, each episode is played again, and the network
 of `marsexplorer train` is fitted to the moves made. A fifth of the ranked terrains trains nothing:
@@ -104,7 +104,7 @@ def agreement_on(held_out: dict[str, list[Record]], policy: policies.Policy) -> 
 def main() -> None:
     """Read a release, fit a network, write it, and print how much it moves like the players."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("release", type=Path, help="folder that `marsexplorer release` wrote")
+    parser.add_argument("release", type=Path, help="folder that `humanplay release` wrote")
     parser.add_argument("--out", type=Path, default=Path("clone.onnx"))
     parser.add_argument("--epochs", type=int, default=12, help="passes over the moves")
     parser.add_argument("--seed", type=int, default=0)

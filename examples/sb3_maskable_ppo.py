@@ -7,7 +7,7 @@ Its 100,000 moves take 215 seconds of one core; the policy then scores 0.399 on 
 The file can be evaluated and served without Stable-Baselines3:
 
     marsexplorer evaluate --policy mine.onnx --policy random
-    marsexplorer serve --policy mine.onnx
+    humanplay serve --policy mine.onnx
 
 `export` serves every actor-critic policy of Stable-Baselines3 and sb3-contrib (PPO, A2C, TRPO,
 MaskablePPO) whose observations are the state matrix float32[rows, cols], whatever its layers.

@@ -77,7 +77,7 @@ def serving(folder, *command, **variables):
     env = {
         key: value
         for key, value in os.environ.items()
-        if not key.startswith(("PYTHON", "MARS_", "VIRTUAL_ENV"))
+        if not key.startswith(("PYTHON", "HUMANPLAY_", "VIRTUAL_ENV"))
     } | variables
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen([*map(str, command)], cwd=folder, env=env, **pipes) as process:
@@ -129,7 +129,7 @@ def test_an_installed_wheel_serves_the_page_and_a_session(home, tmp_path):
         assert path.startswith(str(home.parent)), path
     with (
         serving(
-            tmp_path, home / "marsexplorer", "serve", "--port", "0", "--database", "away.db"
+            tmp_path, home / "humanplay", "serve", "--port", "0", "--database", "away.db"
         ) as url,
         httpx.Client(base_url=url, timeout=60, trust_env=False) as client,
     ):
@@ -167,7 +167,7 @@ def test_one_command_plays_a_shipped_network_from_the_wheel_without_torch(ways, 
     if installed.returncode:
         pytest.skip(f"NO {ways[0].upper()}: the package registry cannot be reached")
     own = {"UV_CACHE_DIR": f"{tmp_path}/made", "PIPX_HOME": f"{tmp_path}/made"}
-    by_spec = (tools / ways[0], *ways[1:], f"{wheel}[play]", "marsexplorer")
+    by_spec = (tools / ways[0], *ways[1:], f"{wheel}[play]", "humanplay")
     command = (*by_spec, "play", "--no-browser", "--database", "away.db")
     wanted = {"size": 9, "seed": 3, "player": "ppo"}
     with (

@@ -26,12 +26,11 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.metadata import version
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
-
-from marsexplorer.config import CORE_VERSION
 
 IDLE_S = 60.0
 """Seconds after which a worker without a job ends and gives back its memory."""
@@ -406,7 +405,7 @@ class _Cluster:
     def run(self, job: _Job) -> Any:
         given = job.arguments
         arguments = (self._send(each) if isinstance(each, bytes) else each for each in given)
-        reference = self._perform.remote(CORE_VERSION, job.function, *arguments)
+        reference = self._perform.remote(version("humanplay"), job.function, *arguments)
         until = time.monotonic() + (math.inf if job.limit_s is None else job.limit_s)
         while not self._ray.wait([reference], timeout=LOOK_S)[0]:
             if self._is_closed or time.monotonic() > until:
@@ -435,11 +434,12 @@ class _Cluster:
         return self._sent[id(content)][1]
 
 
-def _perform_there(core_version: str, function: Callable[..., T], *arguments: Any) -> T:
-    """Call a function on a machine of the cluster; ClusterError where its rules are of another version."""
-    if core_version != CORE_VERSION:
-        other = f"core version {CORE_VERSION}, this one has {core_version}"
-        raise ClusterError(f"a machine of the cluster has {other}")
+def _perform_there(release: str, function: Callable[..., T], *arguments: Any) -> T:
+    """Call a function on a machine of the cluster; ClusterError if its package is of another release."""
+    if release != version("humanplay"):
+        raise ClusterError(
+            f"a machine of the cluster has humanplay {version('humanplay')}, this one has {release}"
+        )
     return function(*arguments)
 
 

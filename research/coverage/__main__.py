@@ -9,7 +9,7 @@ from itertools import groupby, product
 
 import click
 
-from humanplay.cli.console import progress as progress_bar
+from humanplay.command.console import progress as progress_bar
 from humanplay.report.measured_coverage import COVERAGE_FILE, SCORE_POPULATIONS, Cell
 from humanplay.report.statistics.intervals import UNSEEN
 from marsexplorer.evaluation.table import Progress

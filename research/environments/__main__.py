@@ -31,7 +31,7 @@ def rows_of(name: str, folder: Path, steps: int) -> tuple[str, str]:
     pins = ("--constraint", f"{ROOT}/constraints.txt") if family.get("pinned", True) else ()
     pip = [python, "-m", "pip", "install", "--quiet", *pins]
     done = subprocess.run(
-        [*pip, "--editable", f"{ROOT}[any]", *family.get("install", ())],
+        [*pip, "--editable", f"{ROOT}", *family.get("install", ())],
         capture_output=True,
         text=True,
         check=False,
@@ -55,7 +55,7 @@ def rows_of(name: str, folder: Path, steps: int) -> tuple[str, str]:
 @click.option("--venvs", type=click.Path(path_type=Path), default=ROOT / ".cache" / "environments")
 @click.option("--steps", default=400, show_default=True, help="Moves for each of five seeds.")
 def main(names: tuple[str, ...], venvs: Path, steps: int) -> None:
-    """Install each family of families.toml, let `marsexplorer doctor --table` examine it, and write docs/environments.md."""
+    """Install each family of families.toml, let `humanplay doctor --table` examine it, and write docs/environments.md."""
     head, table = "", ""
     for name in names or FAMILIES:
         found, rows = rows_of(name, venvs, steps)

@@ -7,10 +7,10 @@ from functools import partial
 import click
 import numpy as np
 
-from humanplay.cli.console import print_table, progress
-from humanplay.cli.options import levels_option, sizes_option
-from humanplay.cli.training.train import configs_of
+from humanplay.command.console import print_table, progress
 from humanplay.jobs import Jobs
+from humanplay.tasks.mars.cli.options import levels_option, sizes_option
+from humanplay.tasks.mars.cli.train import configs_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import RULES, evaluate
 from marsexplorer.evaluation.table import ratio_interval

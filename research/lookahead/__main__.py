@@ -15,7 +15,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from humanplay.cli.console import print_table, progress
+from humanplay.command.console import print_table, progress
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import steps_to_target

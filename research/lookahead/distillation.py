@@ -24,8 +24,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from humanplay.cli.console import print_table, progress
-from humanplay.cli.options import PATH
+from humanplay.command.console import print_table, progress
+from humanplay.command.options import PATH
 from humanplay.jobs import Jobs, cores
 from marsexplorer.config import UNKNOWN, EnvConfig
 from marsexplorer.evaluation.episodes import play_episode

@@ -17,7 +17,7 @@ from typing import Any
 import click
 import numpy as np
 
-from humanplay.cli.console import progress as progress_bar
+from humanplay.command.console import progress as progress_bar
 from humanplay.db.erasure import AskedBy, forget
 from humanplay.db.store import Store
 from humanplay.db.study_rows import participant_label

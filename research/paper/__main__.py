@@ -12,8 +12,8 @@ from typing import Any
 
 import click
 
-from humanplay.cli.console import print_table, progress
-from humanplay.cli.options import PATH
+from humanplay.command.console import print_table, progress
+from humanplay.command.options import PATH
 from humanplay.jobs import cores
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
@@ -45,7 +45,7 @@ from research.paper.plan import (
 from research.paper.trial import Trial, carry
 
 AT_LEAST_1, AT_LEAST_2 = click.IntRange(min=1), click.IntRange(min=2)
-REPORT_FORMAT = "marsexplorer-report-1"
+REPORT_FORMAT = "humanplay-report-1"
 
 
 @click.command(context_settings={"show_default": True})
@@ -332,7 +332,7 @@ def _read_report(path: Path) -> dict[str, Any]:
         report = json.loads(path.read_text())
     if not isinstance(report, dict) or report.get("format") != REPORT_FORMAT:
         raise ValueError(
-            f"{path} is no report; write it with: marsexplorer report --study NAME --json {path}"
+            f"{path} is no report; write it with: humanplay report --study NAME --json {path}"
         )
     if report["synthetic"]:
         raise ValueError(f"{path} is of scripts, and says nothing about people")

@@ -16,8 +16,8 @@ from typing import ClassVar
 
 import click
 
-from humanplay.cli.console import progress
-from humanplay.cli.options import PATH
+from humanplay.command.console import progress
+from humanplay.command.options import PATH
 from humanplay.jobs import cores
 from marsexplorer.evaluation import Result
 from research.paper.episodes.play import DIFFICULTIES, Play

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import click
 
-from humanplay.cli.console import print_table, progress, reason
-from humanplay.cli.options import PATH
+from humanplay.command.console import print_table, progress, reason
+from humanplay.command.options import PATH
 from marsexplorer.files import write_whole
 from marsexplorer.policies import PolicyFileError, PolicyNotFoundError, load
 from research.speed import core, decisions, peers, start

@@ -67,7 +67,7 @@ def campaign(folder: Path, requests: int) -> None:
     """Serve a database and print the table of its reads."""
     database, token = folder / "playground.db", secrets.token_hex(16)
     command = [sys.executable, "-c", SERVER, str(database)]
-    environment = os.environ | {"MARS_LIMITS__TOKEN": token}
+    environment = os.environ | {"HUMANPLAY_LIMITS__TOKEN": token}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     try:
         assert process.stdout is not None
@@ -76,7 +76,7 @@ def campaign(folder: Path, requests: int) -> None:
         print(
             "times in ms, size in kB\n| read | first | median | p95 | size |\n|---|---|---|---|---|"
         )
-        headers = {"X-Mars-Token": token, "Cookie": cookie_of(database)}
+        headers = {"X-Humanplay-Token": token, "Cookie": cookie_of(database)}
         with httpx.Client(base_url=url, trust_env=False, headers=headers, timeout=300) as client:
             for path in public_reads(database):
                 print(measure(client, path, requests), flush=True)

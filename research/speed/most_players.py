@@ -113,7 +113,9 @@ class Server:
         self._asked, self.token = Path(folder) / "measure", secrets.token_hex(16)
         limits = {"TOKEN": self.token, "HANDSHAKES_PER_ADDRESS": "1000000+1000000/s"}
         limits |= dict.fromkeys(("SOCKETS", "SOCKETS_PER_ADDRESS"), "100000")
-        environment = os.environ | {f"MARS_LIMITS__{name}": each for name, each in limits.items()}
+        environment = os.environ | {
+            f"HUMANPLAY_LIMITS__{name}": each for name, each in limits.items()
+        }
         files = str(Path(folder) / "playground.db"), str(self._asked)
         command = [sys.executable, "-c", SERVER, str(core), *files]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
@@ -151,7 +153,7 @@ async def play(
     """Play at the pace for `seconds` from the moment when everybody has come; keep the round trip of each move in ms."""
     chance = random.Random(begun["session"])
     url = f"ws{server.url.removeprefix('http')}/ws/sessions/{begun['session']}"
-    token = {"X-Mars-Token": server.token}
+    token = {"X-Humanplay-Token": server.token}
     options: dict[str, Any] = {"proxy": None, "compression": None, "open_timeout": CONNECT_S}
     async with connect(url, additional_headers=token, **options) as socket:
         frame = json.loads(await socket.recv())
@@ -201,7 +203,7 @@ async def _campaign(
 
 def measure(server: Server, players: int, seconds: float) -> Level:
     """Return what `players` people come to; StarvedError when this process was too slow to say."""
-    token = {"X-Mars-Token": server.token}
+    token = {"X-Humanplay-Token": server.token}
     with httpx.Client(base_url=server.url, trust_env=False, headers=token) as client:
         boards = [client.post("/api/sessions", json={"size": 42}).json() for _ in range(players)]
         cpu, trips, lags = asyncio.run(_campaign(server, boards, seconds))

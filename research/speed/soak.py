@@ -71,7 +71,9 @@ class Soak:
             "BACKUP_TO": folder / "backups",
             "LIMITS__TOKEN": self._token,
         }
-        environment = os.environ | {f"MARS_{name}": str(each) for name, each in settings.items()}
+        environment = os.environ | {
+            f"HUMANPLAY_{name}": str(each) for name, each in settings.items()
+        }
         command = [sys.executable, "-m", "humanplay.cli", "serve"]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
         assert self.process.stdout is not None

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import click
 
-from humanplay.cli.console import print_table, progress, reason
-from humanplay.cli.options import PATH, levels_option, seed_option, sizes_option
-from humanplay.cli.training.train import configs_of
+from humanplay.command.console import print_table, progress, reason
+from humanplay.command.options import PATH
 from humanplay.jobs import cores
+from humanplay.tasks.mars.cli.options import levels_option, seed_option, sizes_option
+from humanplay.tasks.mars.cli.train import configs_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.files import write_whole
 from marsexplorer.policies.priced import TUNED, SizedRule

@@ -97,7 +97,7 @@ function paintStudies(studies, chosen) {
   /** @type {HTMLElement} */ (select.closest("label")).hidden = studies.length === 0;
   if (chosen) return;
   by("title").textContent = studies.length ? "No study is open" : "No study yet";
-  by("summary").textContent = studies.length ? "Drafts become studies with `marsexplorer study freeze NAME`." : "Begin one with `marsexplorer study new NAME`, then `marsexplorer study freeze NAME`: it appears here at once.";
+  by("summary").textContent = studies.length ? "Drafts become studies with `humanplay study freeze NAME`." : "Begin one with `humanplay study new NAME`, then `humanplay study freeze NAME`: it appears here at once.";
   by("status").hidden = true;
 }
 

@@ -59,7 +59,7 @@ export function attention({ participants, labels }, health) {
     found.push({ text: `${many(left.length, "person", "people")} left the study`, detail: [...from].map(([stage, count]) => `${count} at ${stageName(stage).toLowerCase()}`).join(", "), isWarning: false });
   }
   const asking = people.filter(({ asks_erasure: asks }) => asks);
-  if (asking.length) found.push({ text: `${many(asking.length, "person asks", "people ask")} to be erased (marsexplorer forget)`, detail: asking.map(({ label }) => label).join(", "), isWarning: true });
+  if (asking.length) found.push({ text: `${many(asking.length, "person asks", "people ask")} to be erased (humanplay forget)`, detail: asking.map(({ label }) => label).join(", "), isWarning: true });
   const quiet = people.filter(({ is_quiet: isQuiet }) => isQuiet);
   if (quiet.length) found.push({ text: `${many(quiet.length, "person", "people")} without a sign for half an hour`, detail: named(quiet), isWarning: true });
   const off = people.filter(({ deviations }) => deviations);

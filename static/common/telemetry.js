@@ -21,7 +21,7 @@ function nextBatch(waiting) {
 const drawId = () => Array.from(crypto.getRandomValues(new Uint32Array(4)), (part) => part.toString(16).padStart(8, "0")).join("");
 
 /** Where a tab keeps its id. A tab that is duplicated has its origin's until one of them is closed. */
-const TAB = "mars.tab";
+const TAB = "humanplay.tab";
 
 /** Return what this tab keeps from one load of its page to the next; each load is a tab of its own where the browser
  * blocks storage.

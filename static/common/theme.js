@@ -1,7 +1,7 @@
 // The choice of colours: automatic (as the system asks), dark or light. A plain script in the head, before the style sheets, so that
 // no page is ever painted in the wrong colours. `theme` is dispatched on the window when the colours have changed.
 {
-  const KEY = "mars.theme";
+  const KEY = "humanplay.theme";
   /** @type {Record<string, {says: string, path: string}>} */
   const LOOKS = {
     auto: { says: "as your system", path: "M10 3a7 7 0 1 0 0 14z M10 3a7 7 0 0 1 0 14" },

@@ -133,7 +133,7 @@ async function begin() {
   }
 }
 
-document.body.dataset.pad = localStorage.getItem("mars.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
+document.body.dataset.pad = localStorage.getItem("humanplay.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
 
 /** How often policies that are still exploring are asked for. */
 const ASK_AGAIN_MS = 2000;

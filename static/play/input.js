@@ -8,9 +8,9 @@ import { many } from "../common/words.js";
 import { createPressQueue } from "./press_queue.js";
 
 /** Where events without an answer wait for the next load of this tab. */
-const KEPT = "mars.events";
+const KEPT = "humanplay.events";
 /** How many moves a second a held key makes in practice. */
-const REPEAT_SETTING = "mars.repeat";
+const REPEAT_SETTING = "humanplay.repeat";
 
 /** Start the controls; return the moves and the telemetry, for the server's answers.
  *   board       the player's: it can be swiped on, and says which presses were dropped
@@ -258,7 +258,7 @@ export function createSwipe({ isOn, actionOf, onSwipe, onEnd }) {
 }
 
 /** Where the choice is kept: "on" or absent. */
-export const SOUND_SETTING = "mars.sound";
+export const SOUND_SETTING = "humanplay.sound";
 /** A pentatonic scale upwards, in semitones: no two of its tones are unpleasant together. */
 const SCALE = [0, 2, 4, 7, 9, 12, 14, 16, 19, 21, 24, 26, 28];
 const LOWEST_HZ = 262;

@@ -27,11 +27,11 @@ let waiting = [];
 /** @type {number[]} key press to repaint of the matrix, ms, the newest thousand */
 const latencies = [];
 
-const VISITED = "mars.visited";
+const VISITED = "humanplay.visited";
 /** How many episodes were played to the end here: after three the legend is known (visit.js). */
-const PLAYED = "mars.played";
+const PLAYED = "humanplay.played";
 /** The mark on the page's timeline at which the player's matrix was painted for the first time. */
-const FIRST_FRAME = "mars.first-frame";
+const FIRST_FRAME = "humanplay.first-frame";
 /** @type {Set<string>} */
 const said = new Set();
 /** @type {Hint | null} */
@@ -286,7 +286,7 @@ document.addEventListener("keydown", (event) => {
 const pad = /** @type {HTMLInputElement} */ (document.querySelector("#display-dialog [name=pad]"));
 pad.checked = document.body.dataset.pad === "true";
 pad.addEventListener("change", () => {
-  localStorage.setItem("mars.pad", String(pad.checked));
+  localStorage.setItem("humanplay.pad", String(pad.checked));
   document.body.dataset.pad = String(pad.checked);
 });
 keepFocusOnBoard({ board: panels.player.root, next: () => (state.player?.frame.outcome ? part.next : null) });

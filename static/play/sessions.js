@@ -59,8 +59,8 @@ const orNull = (asked) => asked.catch((error) => {
 export async function findBoard({ api, hash, storage, watch, note }) {
   const watched = watchedInHash(hash);
   const challenged = challengedIn(hash);
-  const session = storage.getItem("mars.session");
-  if (watched && watched !== storage.getItem("mars.watch")) {
+  const session = storage.getItem("humanplay.session");
+  if (watched && watched !== storage.getItem("humanplay.watch")) {
     const about = await api.mySession({ watch: watched });
     if (about) return { about, isNewest: false };
     if (await orNull(watch(watched).then(() => true))) return undefined;
@@ -110,8 +110,8 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
   /** @param {About} about */
   async function begin(about) {
     const opponent = await opponentOf(api, about).catch((error) => error);
-    storage.setItem("mars.session", about.session);
-    if (about.watch) storage.setItem("mars.watch", about.watch);
+    storage.setItem("humanplay.session", about.session);
+    if (about.watch) storage.setItem("humanplay.watch", about.watch);
     dispatch({ kind: "begun", about });
     if (about.challenges) setHash(challengeHash(about.challenges));
     else if (about.watch) setHash(`#watch=${about.watch}`);

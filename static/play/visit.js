@@ -10,9 +10,9 @@
       return null; // a browser that keeps nothing
     }
   };
-  const isFirst = kept("mars.visited") === null;
+  const isFirst = kept("humanplay.visited") === null;
   body.dataset.visit = isFirst ? "first" : "again";
-  body.dataset.knows = String(Number(kept("mars.played")) >= 3);
+  body.dataset.knows = String(Number(kept("humanplay.played")) >= 3);
   body.dataset.boards = isFirst ? "1" : "2";
-  body.dataset.pad = kept("mars.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
+  body.dataset.pad = kept("humanplay.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
 }

@@ -2,7 +2,7 @@
 import { create, by, put } from "../common/page.js";
 import { keyName } from "../common/task.js";
 
-const KEPT = "mars.study.settings";
+const KEPT = "humanplay.study.settings";
 
 /** Return the choices that were kept, with defaults for what is missing or wrong.
  * @param {Partial<Record<keyof Study.Choices, unknown>> | null} kept

@@ -78,7 +78,7 @@ def player(open_browser):
         browser = open_browser(flags)
         profile = browser.new_context(viewport={"width": width, "height": height}, **context)
         if not is_new:
-            visited = 'localStorage.setItem("mars.visited", "yes")'
+            visited = 'localStorage.setItem("humanplay.visited", "yes")'
             profile.add_init_script(f'if (location.protocol.startsWith("http")) {visited}')
         profile.set_default_timeout(1000 * PATIENCE_S)
         return Player(profile.new_page(), server if isinstance(server, str) else server.url)

@@ -19,7 +19,7 @@ FIVE = {
     "lander": (str(ROOT / "examples/environments/lander.toml"), ("ArrowUp", "ArrowLeft")),
     "crafter": ("humanplay.tasks.gymnasium.adapters:Crafter-v0", ("ArrowRight", "Space")),
 }
-"""What `marsexplorer play` is given, and two keys to press."""
+"""What `humanplay play` is given, and two keys to press."""
 QUICK = ("rooms", "breakout")
 
 

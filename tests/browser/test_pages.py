@@ -87,7 +87,7 @@ def test_pages_that_are_read_have_nothing_that_axe_finds(site, open_browser):
     assert light.page.evaluate(ground) == night, "the choice holds on every page"
     light.page.goto(f"{server.url}/study/dunes")
     assert light.page.evaluate(ground) == night
-    light.page.evaluate("() => localStorage.setItem('mars.theme', 'light')")
+    light.page.evaluate("() => localStorage.setItem('humanplay.theme', 'light')")
     light.page.reload()
     assert light.page.evaluate(ground) == night, "a study shows every participant the same colours"
 

@@ -18,19 +18,19 @@ from tests.support.browser import free_port
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PYTHON = shutil.which("python3.11", path="/usr/local/bin:/usr/bin")
 """Where everybody may run it, as in the image."""
-ENVIRONMENT = (DEPLOY / "systemd" / "marsexplorer.env").read_text()
+ENVIRONMENT = (DEPLOY / "systemd" / "humanplay.env").read_text()
 
 
 def settings_of(pairs, monkeypatch):
     """Return the settings that variables of the environment give; a name that is no setting fails."""
     for name, value in pairs.items():
-        assert name.removeprefix("MARS_").lower() in Settings.model_fields, name
+        assert name.removeprefix("HUMANPLAY_").lower() in Settings.model_fields, name
         monkeypatch.setenv(name, value)
     return Settings()
 
 
 def test_the_environment_of_the_unit_is_read_as_settings(monkeypatch):
-    pairs = dict(re.findall(r"^#?(MARS_\w+)=(.*)$", ENVIRONMENT, re.M))
+    pairs = dict(re.findall(r"^#?(HUMANPLAY_\w+)=(.*)$", ENVIRONMENT, re.M))
     settings = settings_of(pairs, monkeypatch)
     assert settings.public_url == "https://mars.example"
     assert settings.trusted_proxies == ("127.0.0.1/32",)
@@ -40,22 +40,24 @@ def test_the_environment_of_the_unit_is_read_as_settings(monkeypatch):
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")
 def test_systemd_reads_the_units(tmp_path):
-    for name in ("marsexplorer.service", "marsexplorer.socket"):
+    for name in ("humanplay.service", "humanplay.socket"):
         text = (DEPLOY / "systemd" / name).read_text()
-        text = text.replace("/opt/marsexplorer/venv/bin/marsexplorer", "/bin/true")
+        text = text.replace("/opt/humanplay/venv/bin/humanplay", "/bin/true")
         (tmp_path / name).write_text(text.replace("User=marsexplorer", "User=root"))
-    units = [tmp_path / "marsexplorer.service", tmp_path / "marsexplorer.socket"]
+    units = [tmp_path / "humanplay.service", tmp_path / "humanplay.socket"]
     verify = ["systemd-analyze", "verify", "--man=no", *units]
     done = subprocess.run(verify, capture_output=True, text=True)
     said = (done.stdout + done.stderr).splitlines()
-    assert [line for line in said if "marsexplorer" in line] == []
+    assert [line for line in said if "humanplay" in line] == []
 
 
 def test_the_compose_file_gives_settings_and_opens_the_ports_of_caddy_alone(monkeypatch):
     compose = yaml.safe_load((DEPLOY / "docker" / "compose.yaml").read_text())
     playground, caddy = compose["services"]["playground"], compose["services"]["caddy"]
-    text = json.dumps(playground["environment"]).replace("${MARS_ADMIN_PASSWORD:-}", "")
-    given = json.loads(text.replace("${MARS_NAME:?the name that visitors open}", "mars.example"))
+    text = json.dumps(playground["environment"]).replace("${HUMANPLAY_ADMIN_PASSWORD:-}", "")
+    given = json.loads(
+        text.replace("${HUMANPLAY_NAME:?the name that visitors open}", "mars.example")
+    )
     settings = settings_of(given, monkeypatch)
     (subnet,) = (each["subnet"] for each in compose["networks"]["inside"]["ipam"]["config"])
     assert settings.trusted_proxies == (subnet,), "Caddy's address, and nobody else's"
@@ -67,7 +69,7 @@ def test_the_compose_file_gives_settings_and_opens_the_ports_of_caddy_alone(monk
 
 def test_the_image_runs_as_nobody_in_particular_and_copies_files_that_exist():
     root, lines = DEPLOY.parent, (DEPLOY / "docker" / "Dockerfile").read_text()
-    assert lines.index("USER marsexplorer") < lines.index('CMD ["marsexplorer", "serve"]')
+    assert lines.index("USER humanplay") < lines.index('CMD ["humanplay", "serve"]')
     kept = set(re.findall(r"^!(.*)$", (root / ".dockerignore").read_text(), re.M))
     copies = re.findall(r"^COPY (?!--)(.*)$", lines, re.M)
     copied = [name for line in copies for name in line.split()[:-1]]
@@ -105,7 +107,7 @@ def test_the_steps_of_the_image_run_without_a_container_engine():
         (root / "bin/python").symlink_to(PYTHON)
         base = {"PATH": f"{root}/bin:/usr/bin:/bin"}
         own = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
-        install = install.replace("/opt/marsexplorer", f"{root}/venv")
+        install = install.replace("/opt/humanplay", f"{root}/venv")
         made = subprocess.run(
             ["sh", "-c", install], cwd=root / "src", env=own | base, capture_output=True, text=True
         )
@@ -115,7 +117,7 @@ def test_the_steps_of_the_image_run_without_a_container_engine():
         data.mkdir()
         os.chown(data, user, user)
         env = {key: value.replace("/data", str(data)) for key, value in variables.items()}
-        env |= {"PATH": f"{root}/venv/bin:/usr/bin:/bin", "MARS_PORT": str(port)}
+        env |= {"PATH": f"{root}/venv/bin:/usr/bin:/bin", "HUMANPLAY_PORT": str(port)}
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
         who = {"user": user, "group": user, "extra_groups": []}
         server = [f"{root}/venv/bin/{json.loads(command)[0]}", *json.loads(command)[1:]]
@@ -133,7 +135,7 @@ def test_the_steps_of_the_image_run_without_a_container_engine():
 
 def test_litestream_copies_the_database_of_the_unit():
     (database,) = yaml.safe_load((DEPLOY / "litestream.yml").read_text())["dbs"]
-    assert f"MARS_DATABASE={database['path']}\n" in ENVIRONMENT
+    assert f"HUMANPLAY_DATABASE={database['path']}\n" in ENVIRONMENT
 
 
 def test_every_file_of_the_folder_is_named_in_the_document():

@@ -147,7 +147,9 @@ def test_the_example_trains_and_writes_what_evaluate_scores(tmp_path):
     said = run(home("sb3_maskable_ppo.py"), "examples/sb3_maskable_ppo.py", *given, cwd=ROOT)
     assert "1,024 moves learnt from" in said
     rest = ["--policy", out, "--size", 8, "--episodes", 3]
-    assert "mine" in run(sys.executable, "-m", "humanplay.cli", "evaluate", *rest, cwd=ROOT)
+    assert "mine" in run(
+        sys.executable, "-m", "humanplay.tasks.mars.cli", "evaluate", *rest, cwd=ROOT
+    )
 
 
 def test_the_cleanrl_loop_learns_and_saves_what_beats_chance(tmp_path):

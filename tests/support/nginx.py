@@ -12,7 +12,7 @@ import pytest
 from tests.support.servers import eventually
 
 CONFIG = Path(__file__).parents[2] / "deploy" / "nginx" / "marsexplorer.conf"
-STREAM = CONFIG.with_name("marsexplorer-stream.conf")
+STREAM = CONFIG.with_name("humanplay-stream.conf")
 MODULE = Path("/usr/lib/nginx/modules/ngx_stream_module.so")
 AROUND = """{module} user root; daemon off; worker_processes 1; pid {folder}/nginx.pid; error_log {folder}/error.log;
 events {{ worker_connections 8192; }}
@@ -47,8 +47,8 @@ def shipped(front, plain, port, *changes):
     for was, now in (
         ("/etc/letsencrypt/live/mars.example/fullchain.pem", "{folder}/certificate.pem"),
         ("/etc/letsencrypt/live/mars.example/privkey.pem", "{folder}/key.pem"),
-        ("/var/log/nginx/marsexplorer.log", "{folder}/site.log"),
-        ("/run/marsexplorer-front.sock", "{folder}/front.sock"),
+        ("/var/log/nginx/humanplay.log", "{folder}/site.log"),
+        ("/run/humanplay-front.sock", "{folder}/front.sock"),
         ("listen 443 ssl", f"listen 127.0.0.1:{front} ssl"),
         ("listen 80", f"listen 127.0.0.1:{plain}"),
         ("server 127.0.0.1:8000", f"server 127.0.0.1:{port}"),

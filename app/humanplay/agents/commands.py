@@ -1,4 +1,4 @@
-"""The command `marsexplorer agents`: evaluations on instances that stay secret, cards for authors, receipts."""
+"""The command `humanplay agents`: evaluations on instances that stay secret, cards for authors, receipts."""
 
 from __future__ import annotations
 
@@ -10,16 +10,11 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import ClickException, UsageError, argument, echo, option
 
-from humanplay.cli.console import (
-    default_config,
-    env_config_of,
-    failures,
-    print_table,
-    progress,
-    study_errors,
-    task_name,
-)
-from humanplay.cli.options import DATABASE_AND_STUDIES, KEY, PATH, SizeType, flag, path_option
+from humanplay.cli.options import DATABASE_AND_STUDIES
+from humanplay.cli.settings import default_config, failures, study_errors, task_name
+from humanplay.command.console import print_table, progress
+from humanplay.command.options import KEY, PATH, SizeType, flag, path_option
+from humanplay.tasks.mars.cli.options import env_config_of
 
 if TYPE_CHECKING:
     from humanplay.agents.evaluation import Evaluation
@@ -35,12 +30,12 @@ def agents() -> None:
 
     \b
     Examples:
-      marsexplorer study close pilot --keep-secret
-      marsexplorer agents new pilot-agents --of pilot --sees picture
-      marsexplorer agents card pilot-agents --author "Ann Lee"       the address for her agent
-      marsexplorer serve
-      marsexplorer agents close pilot-agents
-      marsexplorer agents verify receipt.json --opening opening.json
+      humanplay study close pilot --keep-secret
+      humanplay agents new pilot-agents --of pilot --sees picture
+      humanplay agents card pilot-agents --author "Ann Lee"       the address for her agent
+      humanplay serve
+      humanplay agents close pilot-agents
+      humanplay agents verify receipt.json --opening opening.json
     """
 
 
@@ -79,8 +74,8 @@ def new(
 
     \b
     Examples:
-      marsexplorer agents new pilot-agents --of pilot
-      marsexplorer agents new lake-agents --task FrozenLake-v1 --instances 50 --sees observation
+      humanplay agents new pilot-agents --of pilot
+      humanplay agents new lake-agents --task FrozenLake-v1 --instances 50 --sees observation
     """
     from humanplay.agents.evaluation import begin_evaluation
     from humanplay.series.files import now_ms
@@ -97,7 +92,7 @@ def new(
     with failures(f"cannot write {database}"), study_errors():
         begun = begin_evaluation(database, folder, wanted, now_ms())
     echo(f"The evaluation {name!r} is open.\n{_hashes(begun)}")
-    echo(f"`marsexplorer agents card {name} --author NAME` makes an address for an agent")
+    echo(f"`humanplay agents card {name} --author NAME` makes an address for an agent")
 
 
 @agents.command(short_help="Issue a card to the author of an agent.")
@@ -112,7 +107,7 @@ def card(name: str, author: str, base: str, folder: Folder, database: Path) -> N
 
     \b
     Examples:
-      marsexplorer agents card pilot-agents --author "Ann Lee" --base https://mars.example.org
+      humanplay agents card pilot-agents --author "Ann Lee" --base https://mars.example.org
     """
     from humanplay.agents.evaluation import changing, evaluation_named, issue_card
     from humanplay.series.files import now_ms
@@ -137,7 +132,7 @@ def show(name: str | None, folder: Folder, database: Path) -> None:
         found = [evaluation_named(conn, folder, name)] if name else evaluations(conn, folder)
         cards = cards_of(conn, name) if name else []
     if not found:
-        echo(f"no evaluations in {database}; `marsexplorer agents new NAME` begins one")
+        echo(f"no evaluations in {database}; `humanplay agents new NAME` begins one")
     elif name is None:
         rows = []
         for listed in found:
@@ -190,7 +185,7 @@ def revoke(name: str, ident: str, folder: Folder, database: Path) -> None:
 def forget(name: str, ident: str, yes: bool, folder: Folder, database: Path) -> None:
     """Erase a card by its id, with its author and all that was played with it, for good.
 
-    Of a closed evaluation, `marsexplorer agents close` then writes the files again without it.
+    Of a closed evaluation, `humanplay agents close` then writes the files again without it.
     """
     from humanplay.agents.evaluation import card_named, changing, evaluation_named, forget_card
 
@@ -248,8 +243,8 @@ def verify(
 
     \b
     Examples:
-      marsexplorer agents verify 7K3M.json --key 15f592c2...
-      marsexplorer agents verify 7K3M.json --opening opening.json --card 7K3M
+      humanplay agents verify 7K3M.json --key 15f592c2...
+      humanplay agents verify 7K3M.json --opening opening.json --card 7K3M
     """
     from humanplay.agents import receipts
     from humanplay.db.resimulation import Finding

@@ -246,7 +246,7 @@ def evaluation_named(conn: sqlite3.Connection, folder: Folder, name: str) -> Eva
         return _evaluation(row, folder)
     known = ", ".join(row[0] for row in conn.execute("SELECT name FROM agents_evaluations"))
     raise EvaluationError(
-        f"no evaluation {name!r}; there are: {known or 'none'} (`marsexplorer agents new` begins one)"
+        f"no evaluation {name!r}; there are: {known or 'none'} (`humanplay agents new` begins one)"
     )
 
 

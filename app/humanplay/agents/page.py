@@ -39,7 +39,7 @@ async def list_evaluations(request: Request) -> list[dict[str, Any]]:
     store, folder = services.store, services.progress.folder
     try:
         rows = await store.read(lambda: evaluations(store.connection, folder))
-    except StudyError as error:  # `marsexplorer agents show` says what is wrong
+    except StudyError as error:  # `humanplay agents show` says what is wrong
         raise HTTPException(503, "the evaluations cannot be shown now") from error
     return [_about(evaluation) for evaluation in rows]
 

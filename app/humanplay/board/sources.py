@@ -114,7 +114,7 @@ class PlayerTokens:
     """Signs players' ids and reads them back; `secret` is the database's, so that tokens outlive a restart."""
 
     def __init__(self, secret: str) -> None:
-        self._signer = Signer(secret, salt="mars-player")
+        self._signer = Signer(secret, salt="humanplay-player")
 
     def sign(self, player_id: str) -> str:
         """Return the token of a player."""

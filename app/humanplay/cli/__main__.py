@@ -1,4 +1,4 @@
-"""`python -m humanplay.cli` is the command `marsexplorer`."""
+"""`python -m humanplay.cli` is the command `humanplay`."""
 
 from humanplay.cli.main import main
 

@@ -8,17 +8,11 @@ from typing import TYPE_CHECKING
 import click
 from click import ClickException, argument, echo, option
 
-from humanplay.cli.console import failures, pins_file, print_table, progress
-from humanplay.cli.options import (
-    DATABASE_AND_STUDIES,
-    KEY,
-    PATH,
-    database_option,
-    flag,
-    path_option,
-    several,
-)
+from humanplay.cli.options import DATABASE_AND_STUDIES, database_option
+from humanplay.cli.settings import failures, pins_file
 from humanplay.cli.study.report import show
+from humanplay.command.console import print_table, progress
+from humanplay.command.options import KEY, PATH, flag, path_option, several
 from humanplay.task import counted
 
 if TYPE_CHECKING:
@@ -55,9 +49,9 @@ def release(
 
     \b
     Examples:
-      marsexplorer release --study dunes --out dunes-1 --author "Ada Lovelace"
-      marsexplorer verify --dataset dunes-1
-      marsexplorer reproduce dunes-1
+      humanplay release --study dunes --out dunes-1 --author "Ada Lovelace"
+      humanplay verify --dataset dunes-1
+      humanplay reproduce dunes-1
     """
     from humanplay.release.errors import check_libraries
 
@@ -80,7 +74,7 @@ def release(
     what = f"{counted(rows['episodes'], 'episode')}, {counted(rows['steps'], 'move')}"
     echo(f"{out}: version {built.header.version} of {study}, {what}")
     if built.header.chain_head:
-        what = f"the head of the database's chain, for `marsexplorer verify --head {out}`"
+        what = f"the head of the database's chain, for `humanplay verify --head {out}`"
         echo(f"{what}: {built.header.chain_head}")
     echo(f"the signing key's fingerprint, to publish beside it: {built.signer}")
 
@@ -98,8 +92,8 @@ def reproduce(folder: Path, key: str | None, recorded: bool) -> int:
 
     \b
     Examples:
-      marsexplorer reproduce dunes-1
-      marsexplorer reproduce dunes-1 --key 15f592c2...
+      humanplay reproduce dunes-1
+      humanplay reproduce dunes-1 --key 15f592c2...
     """
     from humanplay.release import reproduce as derivation
 
@@ -147,8 +141,8 @@ def import_release(folder: Path, database: Path, key: str | None) -> None:
 
     \b
     Examples:
-      marsexplorer import dunes-1 --database dunes.db
-      marsexplorer report --study dunes --database dunes.db
+      humanplay import dunes-1 --database dunes.db
+      humanplay report --study dunes --database dunes.db
     """
     from humanplay.release import bundle
     from humanplay.release.manifest import read_manifest

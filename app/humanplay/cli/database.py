@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING
 import click
 from click import UsageError, argument, echo, option
 
-from humanplay.cli.console import failures, pins_file, place, progress
-from humanplay.cli.options import KEY, PATH, database_option, flag, path_option
+from humanplay.cli.options import database_option
+from humanplay.cli.settings import failures, pins_file, place
+from humanplay.command.console import progress
+from humanplay.command.options import KEY, PATH, flag, path_option
 from humanplay.task import counted
 
 if TYPE_CHECKING:
@@ -44,8 +46,8 @@ def export(database: Path, out: Path, who: Who, open_studies: bool) -> None:
 
     \b
     Examples:
-      marsexplorer export --out results
-      marsexplorer export --database lab.db --out results --who human
+      humanplay export --out results
+      humanplay export --database lab.db --out results --who human
     """
     from humanplay.db.export import export_to
 
@@ -84,11 +86,11 @@ def verify(
 
     \b
     Examples:
-      marsexplorer verify
-      marsexplorer verify --database lab.db
-      marsexplorer verify --head 9c0d1ab2...
-      marsexplorer verify --head dunes-1
-      marsexplorer verify --dataset dunes-1 --key 15f592c2...
+      humanplay verify
+      humanplay verify --database lab.db
+      humanplay verify --head 9c0d1ab2...
+      humanplay verify --head dunes-1
+      humanplay verify --dataset dunes-1 --key 15f592c2...
     """
     if database is not None and dataset is not None:
         raise UsageError("give --database or --dataset, not both")
@@ -196,12 +198,12 @@ def backup(file: Path, database: Path) -> None:
     """Write the database as it is now into FILE, a new file, and verify it: every page, every reference, the chain.
 
     FILE is there when the copy is whole, and not before: Ctrl-C leaves nothing. A server makes backups by itself with
-    `serve --backup-every MINUTES --backup-to DIR`; `marsexplorer restore FILE` puts one back.
+    `serve --backup-every MINUTES --backup-to DIR`; `humanplay restore FILE` puts one back.
 
     \b
     Examples:
-      marsexplorer backup monday.db
-      marsexplorer backup /mnt/backups/lab.db --database lab.db
+      humanplay backup monday.db
+      humanplay backup /mnt/backups/lab.db --database lab.db
     """
     from humanplay.db.backup import back_up
 
@@ -222,8 +224,8 @@ def restore(backup: Path, database: Path, yes: bool) -> None:
 
     \b
     Examples:
-      marsexplorer restore monday.db
-      marsexplorer restore /mnt/backups/lab-20261122T150000Z.db --database lab.db --yes
+      humanplay restore monday.db
+      humanplay restore /mnt/backups/lab-20261122T150000Z.db --database lab.db --yes
     """
     from humanplay.db.backup import check_restorable
     from humanplay.db.backup import restore as put_back
@@ -250,11 +252,11 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
 
     \b
     Examples:
-      marsexplorer merge berlin.db athens.db --out both.db
-      marsexplorer verify --database both.db
+      humanplay merge berlin.db athens.db --out both.db
+      humanplay verify --database both.db
     """
     if len(databases) < 2:
-        way_out = "marsexplorer merge A.db B.db --out C.db"
+        way_out = "humanplay merge A.db B.db --out C.db"
         raise UsageError(f"give two databases or more: {way_out}")
     from humanplay.db import merging
 
@@ -308,10 +310,10 @@ def forget(
 
     \b
     Examples:
-      marsexplorer forget 6ABA18A1
-      marsexplorer forget 5f3e0c9a1b2d --study dunes
-      marsexplorer forget Ada --player
-      marsexplorer forget 0123456789abcdef0123456789abcdef --database lab.db --yes
+      humanplay forget 6ABA18A1
+      humanplay forget 5f3e0c9a1b2d --study dunes
+      humanplay forget Ada --player
+      humanplay forget 0123456789abcdef0123456789abcdef --database lab.db --yes
     """
     from humanplay.db import erasure
     from humanplay.db.file import DatabaseLock
@@ -343,5 +345,5 @@ def forget(
         versions = ", ".join(map(str, done.outdated))
         echo(
             f"released with the participant in it: version {versions} of {done.study}; publish the successor, "
-            f"`marsexplorer release --study {done.study} --out DIR`, and withdraw the other"
+            f"`humanplay release --study {done.study} --out DIR`, and withdraw the other"
         )

@@ -1,4 +1,4 @@
-"""`marsexplorer doctor`: whether an environment of Gymnasium follows from its seed and its actions."""
+"""`humanplay doctor`: whether an environment of Gymnasium follows from its seed and its actions."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import json
 import click
 from click import BadParameter, UsageError, argument, echo, option
 
-from humanplay.cli.console import progress, task_name
-from humanplay.cli.options import flag
+from humanplay.cli.settings import task_name
+from humanplay.command.console import progress
+from humanplay.command.options import flag
 from humanplay.task import counted
 
 
@@ -93,11 +94,11 @@ def doctor(
 
     \b
     Examples:
-      marsexplorer doctor FrozenLake-v1
-      marsexplorer doctor minigrid:MiniGrid-FourRooms-v0 --steps 500
-      marsexplorer doctor rooms.toml --json
-      marsexplorer doctor minigrid:MiniGrid-FourRooms-v0 --toml > rooms.toml
-      marsexplorer doctor --table CartPole-v1 Acrobot-v1 rooms.toml
+      humanplay doctor FrozenLake-v1
+      humanplay doctor minigrid:MiniGrid-FourRooms-v0 --steps 500
+      humanplay doctor rooms.toml --json
+      humanplay doctor minigrid:MiniGrid-FourRooms-v0 --toml > rooms.toml
+      humanplay doctor --table CartPole-v1 Acrobot-v1 rooms.toml
     """
     from humanplay.tasks.gymnasium.doctor import description_file, examine
 

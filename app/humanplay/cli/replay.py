@@ -1,4 +1,4 @@
-"""The command `marsexplorer replay`: an episode as a file to keep or to show."""
+"""The command `humanplay replay`: an episode as a file to keep or to show."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import click
 from click import ClickException, UsageError, argument, echo, option
 
-from humanplay.cli.console import progress, write_file
-from humanplay.cli.options import database_option, path_option
+from humanplay.cli.options import database_option
+from humanplay.command.console import progress, write_file
+from humanplay.command.options import path_option
 from humanplay.task import counted
 
 if TYPE_CHECKING:
@@ -29,15 +30,15 @@ NO_GHOST = "none"
 def replay(episode: str, out: Path, database: Path, ghost: str | None, speed: float | None) -> None:
     """Write the replay of a finished EPISODE, by its id or the beginning of it.
 
-    The id is the last part of a replay's address; `marsexplorer export` lists them. A page of one file shows everything that
+    The id is the last part of a replay's address; `humanplay export` lists them. A page of one file shows everything that
     the server's does and opens without a network. What is secret is not replayed: an episode that runs, one of an open study,
     one of today's daily terrain.
 
     \b
     Examples:
-      marsexplorer replay 3f9a --out replay.html
-      marsexplorer replay 3f9a --out replay.gif --ghost frontier-cost --speed 8
-      marsexplorer replay 3f9a --out replay.mp4 --ghost none
+      humanplay replay 3f9a --out replay.html
+      humanplay replay 3f9a --out replay.gif --ghost frontier-cost --speed 8
+      humanplay replay 3f9a --out replay.mp4 --ghost none
     """
     from humanplay.task import GhostError
     from humanplay.web.replays.files import VideoMissingError, file_of

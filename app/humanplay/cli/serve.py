@@ -1,19 +1,25 @@
-"""The commands `marsexplorer serve` and `play`: page, API and 3-D view on one port."""
+"""The commands `humanplay serve` and `play`: page, API and 3-D view on one port."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click import ClickException, argument, option
+from click import ClickException, UsageError, argument, option
 
-from humanplay.cli.console import settings_of, task_name
-from humanplay.cli.options import PATH, PORT, check_more, flag, path_option, several
+from humanplay.cli.settings import settings_of, task_name
+from humanplay.command.options import PATH, PORT, check_more, flag, path_option, several
+from humanplay.task import MARS
 
 if TYPE_CHECKING:
     from humanplay.web.settings import Settings
+
+
+HUMANPLAY_NEEDS = ("numba", "onnxruntime", "viser")
+"""Modules of the extra [play] without which MarsExplorer is not served."""
 
 
 @click.command(short_help="Play and watch in a browser; record every move.")
@@ -70,14 +76,14 @@ def serve(
 
     Every move is in the database before its frame is sent: killing the server loses nothing, and the next start
     goes on with the unfinished episodes. Without --database it is data/playground.db in a checkout,
-    ./playground.db elsewhere. MARS_HOST, MARS_PORT, MARS_DATABASE and MARS_DURABLE stand in for absent flags.
-    A study of this database is offered at /study/NAME as soon as it is frozen.
+    ./playground.db elsewhere. HUMANPLAY_HOST, HUMANPLAY_PORT, HUMANPLAY_DATABASE and HUMANPLAY_DURABLE stand in for absent
+    flags. A study of this database is offered at /study/NAME as soon as it is frozen.
 
-    A ranked episode that nobody moves for 30 minutes counts as abandoned; MARS_ABANDON_AFTER_S holds other seconds.
+    A ranked episode that nobody moves for 30 minutes counts as abandoned; HUMANPLAY_ABANDON_AFTER_S holds other seconds.
 
     --env serves a Gymnasium environment instead of MarsExplorer: with discrete actions, turn by turn, shown as its own
-    picture. A package's is written MODULE:ID; docs/environments.md describes the file. What draws Gymnasium's own comes
-    with: pip install 'humanplay[any]'. Given again, the first is at /, each further one at /play/NAME with a
+    picture. A package's is written MODULE:ID; docs/environments.md describes the file. Given
+    again, the first is at /, each further one at /play/NAME with a
     database of its own beside the first one's, and /play lists them; --env mars is MarsExplorer. --policy and --map are the
     first one's.
 
@@ -87,7 +93,7 @@ def serve(
     The server answers for IP addresses, localhost, the names of this machine and the host of --public-url. Behind a proxy,
     --trusted-proxy names it, so that visitors are told apart; what others put into X-Forwarded headers is ignored.
 
-    The operator's page /admin is open with --admin, and when MARS_ADMIN_PASSWORD holds its password; else there is none.
+    The operator's page /admin is open with --admin, and when HUMANPLAY_ADMIN_PASSWORD holds its password; else there is none.
 
     With --metrics-port, Prometheus finds counts, latencies and the state of the disk at /metrics of that port, which is not
     the port of the page. --log-format json logs each request with an id that its answer carries in X-Request-ID. Neither
@@ -95,15 +101,15 @@ def serve(
 
     \b
     Examples:
-      marsexplorer serve
-      marsexplorer serve --admin
-      marsexplorer serve --port 9000 --database lab.db
-      marsexplorer serve --public-url https://mars.example --trusted-proxy 127.0.0.1
-      marsexplorer serve --host 0.0.0.0 --policy mine.onnx
-      marsexplorer serve --paper                          ppo-works, a2c-works, rainbow-works, sac-works, ppo-paper too
-      marsexplorer serve --env FrozenLake-v1 --database lake.db
-      marsexplorer serve --env mars --env FrozenLake-v1 --env ale_py:ALE/Breakout-v5
-      marsexplorer serve --map office.yaml --map garage.yaml
+      humanplay serve
+      humanplay serve --admin
+      humanplay serve --port 9000 --database lab.db
+      humanplay serve --public-url https://mars.example --trusted-proxy 127.0.0.1
+      humanplay serve --host 0.0.0.0 --policy mine.onnx
+      humanplay serve --paper                          ppo-works, a2c-works, rainbow-works, sac-works, ppo-paper too
+      humanplay serve --env FrozenLake-v1 --database lake.db
+      humanplay serve --env mars --env FrozenLake-v1 --env ale_py:ALE/Breakout-v5
+      humanplay serve --map office.yaml --map garage.yaml
     """
     check_more(more, policies)
     of_the_paper: Iterable[Path] = ()
@@ -132,15 +138,15 @@ def serve(
 def play(env: str, port: int, database: Path | None, no_browser: bool) -> None:
     """Play ENV in a browser: an id of Gymnasium's, a package's MODULE:ID, a TOML file, or MarsExplorer without one.
 
-    Every move is recorded, and the page goes on where it stood. `marsexplorer serve --env ENV` lets others play too;
-    `marsexplorer doctor ENV` says what its keys are and whether its episodes can be verified.
+    Every move is recorded, and the page goes on where it stood. `humanplay serve --env ENV` lets others play too;
+    `humanplay doctor ENV` says what its keys are and whether its episodes can be verified.
 
     \b
     Examples:
-      marsexplorer play
-      marsexplorer play FrozenLake-v1
-      marsexplorer play minigrid:MiniGrid-FourRooms-v0
-      marsexplorer play rooms.toml --database rooms.db
+      humanplay play
+      humanplay play FrozenLake-v1
+      humanplay play minigrid:MiniGrid-FourRooms-v0
+      humanplay play rooms.toml --database rooms.db
     """
     import webbrowser
     from threading import Thread
@@ -158,7 +164,18 @@ def _run(settings: Settings, *opened: Callable[[str], object]) -> None:
     from humanplay.db.store import StoreError
     from humanplay.web.server import ServerError, run
 
+    if MARS in (settings.task, *settings.more):
+        _check_mars()
     try:
         run(settings, *opened)
     except (ServerError, StoreError) as error:
         raise ClickException(str(error)) from error
+
+
+def _check_mars() -> None:
+    """Raise UsageError if what plays MarsExplorer is not installed."""
+    if not all(map(find_spec, HUMANPLAY_NEEDS)):
+        raise UsageError(
+            "MarsExplorer needs the extra [play]: pip install 'humanplay[play]'. Any other environment works now: "
+            "humanplay serve --env FrozenLake-v1"
+        )

@@ -159,7 +159,7 @@ def restore(
 def check_restorable(backup: Path, database: Path) -> None:
     """StoreError where a file is no backup, or a server has the database."""
     if not backup.is_file():
-        raise StoreError(f"no backup at {backup}: give a file that `marsexplorer backup` wrote")
+        raise StoreError(f"no backup at {backup}: give a file that `humanplay backup` wrote")
     if database.exists() and backup.samefile(database):
         raise StoreError(f"{backup} is the database itself: give the path of a backup")
     with reading(backup):

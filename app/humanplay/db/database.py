@@ -34,8 +34,8 @@ with _hidden(
 ):  # where it is installed, sqlite_utils would load it to know one more type of column: half a second
     from sqlite_utils import Database
 
-APPLICATION_ID = 0x4D415253
-"""`MARS` in ASCII, at byte 68 of the file."""
+APPLICATION_ID = 0x48504C59
+"""`HPLY` in ASCII, at byte 68 of the file."""
 
 __all__ = [
     "APPLICATION_ID",
@@ -115,7 +115,7 @@ def _check_schema(conn: sqlite3.Connection, path: Path, *, may_be_new: bool = Fa
     if found == SCHEMA and (stray := _stray(conn)):
         raise StoreError(
             f"{path} holds {stray}, which is not as MarsExplorer Playground makes it and may do harm: restore a backup "
-            "(marsexplorer restore), or give another --database"
+            "(humanplay restore), or give another --database"
         )
 
 
@@ -272,7 +272,7 @@ def open_read_only(path: Path) -> Database:
 def damaged(path: Path, found: str) -> str:
     """Return one sentence for a database that is damaged, with the ways out."""
     return (
-        f"the database {path} is damaged ({found}): restore it from a backup (marsexplorer restore), read out what can be read "
+        f"the database {path} is damaged ({found}): restore it from a backup (humanplay restore), read out what can be read "
         f"(sqlite3 {path} .recover | sqlite3 NEW), or give another --database"
     )
 

@@ -32,7 +32,7 @@ from pathlib import Path
 
 GONE = (
     "the database file {name} was deleted, moved or replaced while the server runs: no move is made and nothing is recorded "
-    "until it is put back; else stop the server and restore a backup (marsexplorer restore)"
+    "until it is put back; else stop the server and restore a backup (humanplay restore)"
 )
 _NOTE_BYTES = 256
 _ENDED, _RUNS = "-", "runs"

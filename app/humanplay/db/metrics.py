@@ -33,8 +33,8 @@ class Metrics:
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
         ProcessCollector(registry=self.registry)
-        counter = partial(Counter, namespace="marsexplorer", registry=self.registry)
-        histogram = partial(Histogram, namespace="marsexplorer", registry=self.registry)
+        counter = partial(Counter, namespace="humanplay", registry=self.registry)
+        histogram = partial(Histogram, namespace="humanplay", registry=self.registry)
         moves = counter("moves", "Moves that were committed.", ["driver"])
         self.moves = {name: moves.labels(name) for name in ("human", "script", "policy")}
         what = "A move, from its check to its frame."
@@ -58,9 +58,9 @@ class Metrics:
         return newest_s[99 * len(newest_s) // 100] if newest_s else 0.0
 
     def values(self, *names: str) -> dict[str, float]:
-        """Return what some gauges hold now, by their names without `marsexplorer_`."""
+        """Return what some gauges hold now, by their names without `humanplay_`."""
         read = self.registry.get_sample_value
-        return {name: read(f"marsexplorer_{name}") or 0.0 for name in names}
+        return {name: read(f"humanplay_{name}") or 0.0 for name in names}
 
     def count_refusal(self, reason: str) -> None:
         """Count a refusal. reason: a fixed short name such as `not_current`, never what somebody sent."""
@@ -73,8 +73,8 @@ class Metrics:
             self._refusals.labels(f"http_{status}").inc()
 
     def add_gauge(self, name: str, what: str, read: Callable[[], float]) -> None:
-        """Add a gauge `marsexplorer_NAME` whose value is read when somebody asks, in a thread of the listener."""
-        Gauge(f"marsexplorer_{name}", what, registry=self.registry).set_function(read)
+        """Add a gauge `humanplay_NAME` whose value is read when somebody asks, in a thread of the listener."""
+        Gauge(f"humanplay_{name}", what, registry=self.registry).set_function(read)
 
     async def measure_lag(self) -> None:
         """Sleep PERIOD_S until cancelled, and observe by how many seconds each sleep took longer.

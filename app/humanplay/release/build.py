@@ -217,7 +217,7 @@ def _new_header(
     if closed[0] is None or closed[1] is None:
         raise ReleaseError(
             f"the study {request.study!r} is still open and a release would give its terrains away: close it first with "
-            f"`marsexplorer study close {request.study}`"
+            f"`humanplay study close {request.study}`"
         )
     _check_erased(conn, request.study)
     last = latest_release(conn, request.study)
@@ -247,7 +247,7 @@ def _check_erased(conn: sqlite3.Connection, study: str) -> None:
     asking = [participant_label(row["id"]) for row in people if asks_erasure(conn, row["id"])]
     if asking:
         number = counted(len(asking), "participant")
-        commands = ", ".join(f"`marsexplorer forget {label}`" for label in asking)
+        commands = ", ".join(f"`humanplay forget {label}`" for label in asking)
         raise ReleaseError(
             f"{number} of {study!r} asked to be erased: stop the server and run {commands} first"
         )
@@ -282,7 +282,7 @@ def _verify_study(
     if result.findings:
         more = f" and {len(result.findings) - 1} more" if len(result.findings) > 1 else ""
         raise ReleaseError(
-            f"no release: {result.findings[0]}{more}; `marsexplorer verify` lists everything that is not as it was recorded"
+            f"no release: {result.findings[0]}{more}; `humanplay verify` lists everything that is not as it was recorded"
         )
 
 

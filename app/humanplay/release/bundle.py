@@ -141,7 +141,7 @@ def import_release(
         more = len(checked.verified.findings) - 1
         also = f" and {more} more" if more else ""
         raise ReleaseError(
-            f"no import: {checked.verified.findings[0]}{also}; `marsexplorer verify --dataset {folder}` lists all"
+            f"no import: {checked.verified.findings[0]}{also}; `humanplay verify --dataset {folder}` lists all"
         )
     manifest = checked.manifest
     released_ms = int(datetime.fromisoformat(manifest["released"]).timestamp() * 1000)

@@ -44,7 +44,7 @@ def croissant(
         build = _Builder(mlc, folder)
         metadata = mlc.Metadata(
             ctx=build.context,
-            name=f"marsexplorer-{header.study}",
+            name=f"humanplay-{header.study}",
             description=header.summary(),
             cite_as=citation,
             license=[licence_url],

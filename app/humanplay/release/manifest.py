@@ -18,7 +18,7 @@ from humanplay.series.flow import Arrivals
 from humanplay.series.protocol import Protocol
 from humanplay.task import counted
 
-RELEASE_FORMAT = "marsexplorer-release-1"
+RELEASE_FORMAT = "humanplay-release-1"
 BUNDLE_DATABASE = "study.sqlite"
 MANIFEST, SIGNATURE, PUBLIC_KEY = "MANIFEST.json", "MANIFEST.sig", "PUBLIC_KEY.pem"
 UNLISTED = {MANIFEST, SIGNATURE}

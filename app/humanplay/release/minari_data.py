@@ -34,7 +34,7 @@ _METADATA = (
 
 def dataset_id(header: ReleaseHeader, driver: str) -> str:
     """Return the name `minari.load_dataset` takes."""
-    return f"marsexplorer/{header.study}/{driver}-v{header.version}"
+    return f"humanplay/{header.study}/{driver}-v{header.version}"
 
 
 class MinariWriter:

@@ -20,7 +20,7 @@ from typing import Any, Literal
 from humanplay.release.errors import ReleaseError, library
 from marsexplorer.files import write_whole
 
-SIGNERS_FORMAT = "marsexplorer-signers-1"
+SIGNERS_FORMAT = "humanplay-signers-1"
 
 
 def key_path(database: Path) -> Path:

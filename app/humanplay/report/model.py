@@ -19,7 +19,7 @@ from humanplay.series.flow import ParticipantFlow
 from humanplay.task import Words, rules_of
 from marsexplorer.intervals import Floats
 
-FORMAT = "marsexplorer-report-1"
+FORMAT = "humanplay-report-1"
 _WHO = "every number here was produced by scripts. None of it says anything about people."
 SYNTHETIC = f"SYNTHETIC: {_WHO}"
 

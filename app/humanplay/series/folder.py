@@ -61,7 +61,7 @@ Advance = Callable[[int, int], None]
 
 SECRET_KEPT = (
     "{0!r} is closed and its secret kept: nothing of its terrains is shown, released or exported before "
-    "`marsexplorer study close {0}` reveals it"
+    "`humanplay study close {0}` reveals it"
 )
 
 
@@ -266,7 +266,7 @@ class Folder:
             raise StudyError(
                 f"the study {name!r} declares nothing as {', '.join(unanswered)}: write each into declarations of "
                 f'{path / "protocol.json"} (an honest "none" is an answer, TODO is not), or begin the study with '
-                "`marsexplorer study new --declarations FILE`"
+                "`humanplay study new --declarations FILE`"
             )
         if protocol.keep_episodes_when_forgotten and ERASURE in protocol.consent.text:
             raise StudyError(
@@ -332,13 +332,13 @@ class Folder:
         if not (path / "protocol.json").is_file():
             known = ", ".join(self.names()) or "none"
             raise UnknownStudyError(
-                f"no study {name!r} in {self.root}; there are: {known} (`marsexplorer study new` begins one)"
+                f"no study {name!r} in {self.root}; there are: {known} (`humanplay study new` begins one)"
             )
         return path
 
     def _load(self, name: str, path: Path) -> Study:
         if not (path / "frozen.json").exists():
-            way_out = f"freeze it first with `marsexplorer study freeze {name}`"
+            way_out = f"freeze it first with `humanplay study freeze {name}`"
             raise DraftStudyError(f"the study {name!r} is a draft: {way_out}")
         frozen, raw = read_object(path / "frozen.json"), read_object(path / "protocol.json")
         if hashlib.sha256(canonical_json(raw)).hexdigest() != frozen.get("protocol_hash"):

@@ -134,7 +134,7 @@ class Invitations:
             pairs = zip(idents, wanted, strict=True)
             if unknown := [typed for typed, ident in pairs if ident not in found]:
                 raise StudyError(
-                    f"the study {name!r} has no invitation {unknown[0]!r}: `marsexplorer study invite {name} --list` shows all"
+                    f"the study {name!r} has no invitation {unknown[0]!r}: `humanplay study invite {name} --list` shows all"
                 )
             now = iso(now_ms())
             for ident in wanted:

@@ -265,7 +265,7 @@ class ParticipantProgress:
         """Let the participant go: the running episode is abandoned, the rest is kept.
 
         Args:
-            erase: They ask that it be erased, which `marsexplorer forget` does.
+            erase: They ask that it be erased, which `humanplay forget` does.
         """
         if erase and self.study(name).protocol.keep_episodes_when_forgotten:
             raise StageError(

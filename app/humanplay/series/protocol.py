@@ -216,7 +216,7 @@ class Protocol(_Part):
     declarations         what only the authors know; freezing asks for all of them
     """
 
-    format: Literal["marsexplorer-study-1"] = "marsexplorer-study-1"
+    format: Literal["humanplay-study-1"] = "humanplay-study-1"
     name: str = Field(pattern=f"^{NAME}$")
     title: Line
     task: str = "mars"

@@ -24,27 +24,27 @@ CHECKLIST = """\
 ## Before anybody is asked
 - [ ] `protocol.json`: every declaration answered, which puts name and address into the consent text; read by the ethics board
 - [ ] `recruitment.txt`: every TODO replaced
-- [ ] Rehearsal under another name: `marsexplorer study new rehearsal --declarations FILE`, where FILE is the `rehearsal.json`
-      beside this list, `marsexplorer study freeze rehearsal`, `marsexplorer serve`, and beside it
-      `marsexplorer simulate --study rehearsal --participants 3 --speed 200`. It prints the minutes a participant took.
+- [ ] Rehearsal under another name: `humanplay study new rehearsal --declarations FILE`, where FILE is the `rehearsal.json`
+      beside this list, `humanplay study freeze rehearsal`, `humanplay serve`, and beside it
+      `humanplay simulate --study rehearsal --participants 3 --speed 200`. It prints the minutes a participant took.
       The texts promise {minutes}; synthetic players do not stop to think.
 - [ ] Walk through it once yourself, on the screen that people will use
 
 ## Fix it
-- [ ] `marsexplorer study freeze {name}`
-- [ ] `marsexplorer study preregister {name} --out {name}.md`, and register it: protocol hash and commitment are in it
+- [ ] `humanplay study freeze {name}`
+- [ ] `humanplay study preregister {name} --out {name}.md`, and register it: protocol hash and commitment are in it
 - [ ] A copy of the study's folder in a safe place: whoever reads `secret` knows every terrain
 
 ## Let {players} people in
 - [ ] Backups run (docs/deploy.md), and one was restored
-- [ ] `marsexplorer serve --admin --public-url https://...`, then `marsexplorer study invite {name} {players}` for the links
-- [ ] Every day: `/admin` for deviations and for who is quiet; `marsexplorer verify`, and write down the head it prints
-- [ ] Whoever wants to be erased: `marsexplorer forget`
+- [ ] `humanplay serve --admin --public-url https://...`, then `humanplay study invite {name} {players}` for the links
+- [ ] Every day: `/admin` for deviations and for who is quiet; `humanplay verify`, and write down the head it prints
+- [ ] Whoever wants to be erased: `humanplay forget`
 
 ## Close it
-- [ ] `marsexplorer study close {name}`, when the last person is through
-- [ ] `marsexplorer report --study {name} --html {name}.html`
-- [ ] `marsexplorer release`, and another machine derives it again with `marsexplorer reproduce`
+- [ ] `humanplay study close {name}`, when the last person is through
+- [ ] `humanplay report --study {name} --html {name}.html`
+- [ ] `humanplay release`, and another machine derives it again with `humanplay reproduce`
 """
 """What an operator does from the draft to the figure, on one page."""
 

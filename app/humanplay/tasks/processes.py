@@ -138,7 +138,7 @@ class Preparer:
         if self._process is not None:
             return self._process
         mine, theirs = socket.socketpair()
-        self.folder = Path(tempfile.mkdtemp(prefix="marsexplorer-"))
+        self.folder = Path(tempfile.mkdtemp(prefix="humanplay-"))
         with mine, theirs:
             paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
             environ = {name: os.environ[name] for name in KEPT if name in os.environ} | FIXED

@@ -24,9 +24,9 @@ from humanplay.web.protection import client_address, is_secure
 from humanplay.web.replays.episodes import Asker
 from humanplay.web.services import Services
 
-PLAYER_COOKIE = "mars_player"
-PARTICIPANT_COOKIE = "mars_participant"
-ADMIN_COOKIE = "mars_admin"
+PLAYER_COOKIE = "humanplay_player"
+PARTICIPANT_COOKIE = "humanplay_participant"
+ADMIN_COOKIE = "humanplay_admin"
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ class Downloads:
             reason = (error.strerror or str(error)).lower()
             raise JobError(
                 f"the table was not written: {reason}, and there is room for {room:,} bytes of it; whoever runs the server can "
-                "write it with `marsexplorer export`"
+                "write it with `humanplay export`"
             ) from error
         return _OpenFile(file, name, self._counted(owner, file))
 

@@ -46,7 +46,7 @@ TITLES = {
 
 FAILED = "The fault is the server's, and it has noted it. Try again in a moment."
 UNREADABLE = (
-    "the server's database cannot be read here: whoever runs the server finds the reason in its log, and `marsexplorer verify` "
+    "the server's database cannot be read here: whoever runs the server finds the reason in its log, and `humanplay verify` "
     "says what is damaged"
 )
 _log = logging.getLogger(__name__)

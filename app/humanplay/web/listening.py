@@ -76,7 +76,7 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def inherited_socket() -> socket.socket | None:
-    """Return the listening socket that systemd (`marsexplorer.socket`) has passed on to this process; None when it has not.
+    """Return the listening socket that systemd (`humanplay.socket`) has passed on to this process; None when it has not.
 
     It stays open while the server is started anew: who connects meanwhile waits, and nobody is refused. ServerError unless it
     is one TCP socket.
@@ -88,7 +88,7 @@ def inherited_socket() -> socket.socket | None:
         os.environ.pop(name, None)  # they are not for the processes that this one starts
     if count != "1":
         raise ServerError(
-            f"expected one socket from systemd, got {count or 'none'}: marsexplorer.socket needs one ListenStream"
+            f"expected one socket from systemd, got {count or 'none'}: humanplay.socket needs one ListenStream"
         )
     sock = socket.socket(fileno=FIRST_INHERITED_FD)
     if sock.family not in (socket.AF_INET, socket.AF_INET6):

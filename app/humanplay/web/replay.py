@@ -74,7 +74,7 @@ async def replay_file(
         content = await replays.file(episode_id, form, beside, asker, owner)
     # the page would not run here: the server's own policy for scripts forbids those inside a page
     kind = "attachment" if form == "html" else "inline"
-    name = f"marsexplorer-{quote(episode_id)}.{form}"
+    name = f"humanplay-{quote(episode_id)}.{form}"
     headers = {"Content-Disposition": f'{kind}; filename="{name}"', **SHARED}
     return Response(content, media_type=MEDIA_TYPES[form], headers=headers)
 

@@ -427,7 +427,7 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
     try:
         password = AdminPassword.of(settings)
     except ValueError as error:
-        raise ServerError(f"{error}; set another MARS_ADMIN_PASSWORD") from error
+        raise ServerError(f"{error}; set another HUMANPLAY_ADMIN_PASSWORD") from error
     # it ends as by Ctrl-C: the store is closed
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     raise_file_limit()

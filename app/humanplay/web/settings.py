@@ -1,4 +1,4 @@
-"""The settings of a server: from the command's flags, else from MARS_* variables, else the defaults here."""
+"""The settings of a server: from the command's flags, else from HUMANPLAY_* variables, else the defaults here."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 from humanplay import IS_CHECKOUT, ROOT
 from humanplay.db.file import studies_beside
 
-PREFIX = "MARS_"
+PREFIX = "HUMANPLAY_"
 """With which the names of variables begin that hold a setting."""
 
 DEFAULT_DATABASE = ROOT / "data" / "playground.db" if IS_CHECKOUT else Path("playground.db")
@@ -80,7 +80,7 @@ Bucket = Annotated[str, AfterValidator(_checked_bucket)]
 
 
 class Limits(BaseModel):
-    """What one client may ask of a server; `MARS_LIMITS__MESSAGES=50+10/s` changes one of them.
+    """What one client may ask of a server; `HUMANPLAY_LIMITS__MESSAGES=50+10/s` changes one of them.
 
     A bucket like 50+10/s lets 50 come at once and 10 a second after that. A classroom of 100 people
     behind one address stays below all of them.
@@ -102,7 +102,7 @@ class Limits(BaseModel):
                      free for open episodes, before no board or episode is begun for it any more; a
                      study's are not its addresses'
     free_mb          free space of the disk, in megabytes, below which none is begun for anybody
-    token            whoever sends it in the header X-Mars-Token is not limited in what they ask
+    token            whoever sends it in the header X-Humanplay-Token is not limited in what they ask
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -145,7 +145,7 @@ class Place(BaseSettings):
 
 
 class Settings(Place):
-    """One server's settings, frozen; `Settings(port=0)` overrides, `MARS_PORT=9000` in the environment as well.
+    """One server's settings, frozen; `Settings(port=0)` overrides, `HUMANPLAY_PORT=9000` in the environment as well.
 
     host, port   where to listen; port 0 takes a free one. A socket that systemd passes on stands in for both
     database     the SQLite file; made on first start. The studies that are played in it lie in the folder beside it
@@ -160,7 +160,7 @@ class Settings(Place):
     trusted_proxies  addresses and networks of proxies whose X-Forwarded headers count (`serve --trusted-proxy`)
     durable      True survives a power cut at a few milliseconds a step (`synchronous=FULL`)
     admin        True opens the operator's page /admin; with admin_password in the environment it is open anyway
-    admin_password  of the operator, from MARS_ADMIN_PASSWORD; None: one is drawn and printed
+    admin_password  of the operator, from HUMANPLAY_ADMIN_PASSWORD; None: one is drawn and printed
     metrics_port  of a listener of its own that serves metrics to Prometheus; 0 takes a free one, None: there is none
     metrics_host  where that listener is; nobody but this machine reaches the default
     log_format   "text", or "json" for one object a line on stderr

@@ -189,7 +189,7 @@ class Participant:
         base = self.client.base_url
         url = base.copy_with(scheme=base.scheme.replace("http", "ws"))
         path = f"{str(url).rstrip('/')}/ws/sessions/{self.where['session']}"
-        names = ("Cookie", "X-Mars-Token")
+        names = ("Cookie", "X-Humanplay-Token")
         sent = self.client.build_request("GET", "/").headers
         headers = {name: sent[name] for name in names if name in sent}
         opened = connect(
@@ -296,7 +296,7 @@ def open_client(plan: Plan) -> httpx.Client:
         raise ValueError(f"an address must be like http://127.0.0.1:8000, got {plan.url!r}")
     headers = {"Origin": f"{base.scheme}://{base.netloc.decode()}"}
     if plan.token is not None:
-        headers["X-Mars-Token"] = plan.token
+        headers["X-Humanplay-Token"] = plan.token
     options: dict[str, Any] = {"trust_env": False, "verify": _certificates(), "headers": headers}
     return httpx.Client(base_url=base, timeout=ANSWER_TIMEOUT_S, **options)
 

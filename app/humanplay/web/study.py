@@ -383,7 +383,7 @@ async def settings(asks: AskingOf, chosen: ParticipantSettings) -> State:
 
 @router.post("/{name}/supervise", summary="The operator's code")
 async def supervise(asks: AskingOf, typed: OperatorCode) -> State:
-    """Check the operator's code of the day, which `marsexplorer study supervise` prints: the session is supervised from now.
+    """Check the operator's code of the day, which `humanplay study supervise` prints: the session is supervised from now.
 
     A wrong code is refused with 409 and recorded; after ten no code of this participant is looked at.
     """

@@ -142,7 +142,7 @@ def _words(path: Path, card: dict[str, Any], repo: str) -> str:
     """Return a policy's card as Markdown: what it is, how to play it, how it was made, its results and its limits."""
     lines = [f"# {path.stem}", "", str(card.get("summary", "A policy for MarsExplorer.")), ""]
     lines += ["## Play it", "```sh", f"marsexplorer policies pull {repo}"]
-    lines += [f"marsexplorer serve --policy {path.name}", "```", ""]
+    lines += [f"humanplay serve --policy {path.name}", "```", ""]
     lines += [f"or `marsexplorer.policies.load({path.name!r})` in Python.", ""]
     if "command" in card:
         lines += ["## How it was made", f"`{card['command']}`", ""]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from humanplay.cli.options import PATH
+from humanplay.command.options import PATH
 from marsexplorer import policies
 from marsexplorer.config import LEVELS, OBSTACLE, EnvConfig
 from marsexplorer.episode import Episode, score

@@ -68,7 +68,7 @@ def settled(measured: str, said: str, command: str | None = None) -> Claim:
 PLAYERS = settled(
     "no closed study with people exists yet; until then no figure has a human line",
     PEOPLE,
-    "marsexplorer report",
+    "humanplay report",
 )
 FIGURE = "python -m research.paper --figure"
 GENERALISATION = "python -m research.paper.generalisation"
@@ -87,7 +87,7 @@ CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
         "python -m research.speed",
     ),
     "manual": settled(
-        "people drive the rover in a browser, by arrow keys too", REPRODUCED, "marsexplorer serve"
+        "people drive the rover in a browser, by arrow keys too", REPRODUCED, "humanplay serve"
     ),
     "rllib": settled(
         "PPO by our own trainer; A2C, Rainbow and SAC by tianshou 2; all settings below", DIFFERENT

@@ -163,7 +163,7 @@ def report(**changes):
         {"name": "protocol", "players": 10, "score": score},
     ]
     return {
-        "format": "marsexplorer-report-1",
+        "format": "humanplay-report-1",
         "study": "dunes",
         "synthetic": False,
         "status": "closed",

@@ -6,7 +6,7 @@ import { chartMarkAt, numberAt, paintOnCurve, placeOnCurve } from "./mistake_mar
 
 const ASK = "Where did I lose moves?";
 /** Where the newest episode that tries another again is kept. */
-const TRIED = "mars.tried";
+const TRIED = "humanplay.tried";
 
 /** @param {Mars.Board} board @param {Mars.Mistake} mistake @returns {Mars.Board} a board as it was known before a mistake */
 export function boardBefore(board, { step, grid, position, discovered, previous }) {

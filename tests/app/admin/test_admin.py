@@ -168,7 +168,7 @@ def test_the_cookie_is_strict_and_cannot_be_forged_outlived_or_used_after_logout
         return client.get("/api/admin/overview").status_code
 
     assert status(value) == 200
-    foreign = TimestampSigner("another key", salt="mars-admin").sign("a" * 32).decode()
+    foreign = TimestampSigner("another key", salt="humanplay-admin").sign("a" * 32).decode()
     for wrong in (forged(value), "x" + value, foreign, "", "a.b.c"):
         assert status(wrong) == 401, wrong
 
@@ -221,7 +221,7 @@ def test_a_study_is_shown_as_it_is_played_and_without_identities(admin, monkeypa
     answer = operator.get("/api/admin/studies/small")
     assert "ada-5f1" not in answer.text
     shown = answer.json()
-    assert done.client.cookies["mars_participant"].split(".")[0] not in answer.text
+    assert done.client.cookies["humanplay_participant"].split(".")[0] not in answer.text
     counts = {each["stage"]: (each["human"], each["script"]) for each in shown["stages"]}
     there = {stage: count for stage, count in counts.items() if any(count)}
     people = dict.fromkeys(("warm_up", "debrief", "withdrawn"), (1, 0))
@@ -436,14 +436,14 @@ def test_who_stores_most_and_how_long_moves_take_is_shown_without_an_address(adm
     ]
     value = admin.services.store.metrics.registry.get_sample_value
     for each in owners:
-        assert each["bytes"] == value(f"marsexplorer_stored_bytes_{each['kind']}") > 500
+        assert each["bytes"] == value(f"humanplay_stored_bytes_{each['kind']}") > 500
     watched = health["watched"]
-    assert 0 < watched["move_p99_seconds"] == value("marsexplorer_move_p99_seconds") < 5
+    assert 0 < watched["move_p99_seconds"] == value("humanplay_move_p99_seconds") < 5
     assert (watched["waiting_jobs"], watched["backup_age_seconds"]) == (0, -1)
 
 
 def test_the_password_is_drawn_and_printed_when_none_is_given(spawn, monkeypatch):
-    for name in ("MARS_ADMIN_PASSWORD", "MARS_ADMIN"):
+    for name in ("HUMANPLAY_ADMIN_PASSWORD", "HUMANPLAY_ADMIN"):
         monkeypatch.delenv(name, raising=False)
     server = spawn(admin=True)
     said, _, password = server.said[-2].rstrip().rpartition(" ")
@@ -456,10 +456,10 @@ def test_the_password_is_drawn_and_printed_when_none_is_given(spawn, monkeypatch
 def test_a_password_that_is_too_short_is_refused_without_being_repeated(
     monkeypatch, tmp_path, capsys
 ):
-    monkeypatch.setenv("MARS_ADMIN_PASSWORD", "mars4")
+    monkeypatch.setenv("HUMANPLAY_ADMIN_PASSWORD", "mars4")
     code, out, said = command(capsys, "serve", "--port", 0, "--database", tmp_path / "a.db")
     assert (code, out) == (1, "")
-    assert "must have at least 8 characters, got 5; set another MARS_ADMIN_PASSWORD" in said
+    assert "must have at least 8 characters, got 5; set another HUMANPLAY_ADMIN_PASSWORD" in said
     assert "mars4" not in said
 
 
@@ -467,9 +467,9 @@ def test_settings_do_not_print_the_password(monkeypatch, tmp_path):
     def settings(**rest):
         return Settings(database=tmp_path / "none.db", **rest)
 
-    monkeypatch.setenv("MARS_ADMIN_PASSWORD", PASSWORD)
+    monkeypatch.setenv("HUMANPLAY_ADMIN_PASSWORD", PASSWORD)
     assert PASSWORD not in repr(Settings())
-    monkeypatch.setenv("MARS_ADMIN_PASSWORD", "")
+    monkeypatch.setenv("HUMANPLAY_ADMIN_PASSWORD", "")
     assert AdminPassword.of(settings()) is None
     assert AdminPassword.of(settings(admin=True)).drawn
 

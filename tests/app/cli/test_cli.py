@@ -18,11 +18,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from humanplay.cli.commands import COMMANDS, EXTRAS, INCLUDED, missing_extra
-from humanplay.cli.main import cli
-from humanplay.cli.options import SizeType
+from humanplay.cli.main import COMMANDS, cli
+from humanplay.command.extras import EXTRAS, INCLUDED, missing_extra
+from humanplay.command.options import SizeType
 from humanplay.db.database import reading
 from humanplay.db.store import Store
+from humanplay.tasks.mars import cli as mars
 from humanplay.web.settings import DEFAULT_DATABASE
 from marsexplorer.maps import GridMap, write_map
 from tests.support.command import command
@@ -51,42 +52,54 @@ def database(tmp_path):
 
 
 def is_one_sentence(text):
-    return text.startswith("marsexplorer: ") and text.count("\n") == 1 and "Traceback" not in text
+    begins = text.startswith(("humanplay: ", "marsexplorer: "))
+    return begins and text.count("\n") == 1 and "Traceback" not in text
 
 
-@pytest.mark.parametrize("name", cli.list_commands(None))
+@pytest.mark.parametrize("name", [*COMMANDS, *mars.COMMANDS])
 def test_help_teaches_with_examples(run, name):
     code, out, _ = run(name, "--help")
     assert code == 0
     assert "Examples:" in out
-    assert out.count(f"marsexplorer {name}") >= 2
+    program = "marsexplorer" if name in mars.COMMANDS else "humanplay"
+    assert out.count(f"{program} {name}") >= 2
 
 
-def test_help_names_every_command_and_the_version_is_printed(run):
-    assert all(name in run("--help")[1] for name in cli.list_commands(None))
-    assert run("--version") == (
-        0,
-        f"marsexplorer, version {version('humanplay')}\n",
-        "",
-    )
+@pytest.mark.parametrize(
+    ("module", "program", "commands"),
+    [
+        ("humanplay.cli", "humanplay", COMMANDS),
+        ("humanplay.tasks.mars.cli", "marsexplorer", mars.COMMANDS),
+    ],
+)
+def test_help_names_every_command_and_the_version_is_printed(module, program, commands):
+    def say(option):
+        words = [sys.executable, "-m", module, option]
+        return subprocess.run(words, capture_output=True, text=True, check=True, cwd=ROOT).stdout
+
+    assert all(name in say("--help") for name in commands)
+    assert say("--version") == f"{program}, version {version('humanplay')}\n"
 
 
 @pytest.mark.parametrize(
     ("module", "words", "sentence"),
     [
         ("torch", "train --steps 1 --out new", "`marsexplorer train` needs the extra [train]"),
-        ("scipy", "evaluate --policy random", "`marsexplorer evaluate` needs the extra [play]"),
-        ("jinja2", "report --study pilot", "`marsexplorer report` needs the extra [study]"),
-        ("click", "train", "`marsexplorer train` needs the extra [train]"),
-        ("click", "--help", "`marsexplorer` needs the extra [play]"),
+        ("numba", "evaluate --policy random", "`marsexplorer evaluate` needs the extra [play]"),
+        ("matplotlib", "report --study pilot", "`humanplay report` needs the extra [study]"),
     ],
 )
 def test_a_missing_extra_is_one_sentence_and_exit_code_2(tmp_path, module, words, sentence):
+    program = sentence.partition(" ")[0].removeprefix("`")
+    module_of_program = {
+        "humanplay": "humanplay.cli.main",
+        "marsexplorer": "humanplay.tasks.mars.cli",
+    }[program]
     code = f"""import sys
 sys.modules[{module!r}] = None
 sys.path.insert(0, {str(ROOT)!r})
 sys.argv[1:] = {words.split()!r}
-from humanplay.cli.main import main
+from {module_of_program} import main
 main()
 """
     process = subprocess.run(
@@ -94,12 +107,26 @@ main()
     )
     extra = sentence.partition("[")[2].rstrip("]")
     install = f"pip install 'humanplay[{extra}]'"
-    assert process.stderr == f"marsexplorer: {sentence}: {install}\n"
+    assert process.stderr == f"{program}: {sentence}: {install}\n"
     assert (process.returncode, process.stdout) == (2, "")
 
 
+@pytest.mark.parametrize("module", ["numba", "onnxruntime", "viser"])
+def test_without_what_plays_marsexplorer_any_other_environment_is_named(run, monkeypatch, module):
+    monkeypatch.setitem(sys.modules, module, None)
+    code, _, err = run("serve", "--port", 0)
+    assert code == 2
+    assert err == (
+        "humanplay: MarsExplorer needs the extra [play]: pip install 'humanplay[play]'. Any other environment works now: "
+        "humanplay serve --env FrozenLake-v1 (see humanplay serve --help)\n"
+    )
+
+
 def test_a_missing_module_that_no_extra_brings_is_an_error_of_ours():
-    assert missing_extra(ModuleNotFoundError("no module", name="humanplay.lost"), ["train"]) is None
+    assert (
+        missing_extra(ModuleNotFoundError("no module", name="humanplay.lost"), "humanplay", "")
+        is None
+    )
 
 
 def test_the_extras_are_those_of_the_package():
@@ -122,14 +149,17 @@ def test_the_extras_are_those_of_the_package():
         )
         included = ",".join(re.findall(r"humanplay\[([a-z,]+)\]", " ".join(requirements)))
         assert tuple(included.split(",") if included else ()) == INCLUDED.get(extra, ()), extra
-    assert {extra for _, extra, _ in COMMANDS.values()} <= set(EXTRAS)
+    entries = [*COMMANDS.values(), *mars.COMMANDS.values()]
+    assert {entry.extra for entry in entries} <= {"", *EXTRAS}
 
 
 def test_help_loads_nothing_heavy():
     code = """import sys, humanplay.cli.main
-for args in (["--help"], *([name, "--help"] for name in humanplay.cli.main.COMMANDS)):
+from humanplay.tasks.mars import cli as mars
+for program in (humanplay.cli.main, mars):
+  for args in (["--help"], *([name, "--help"] for name in program.COMMANDS)):
     try:
-        humanplay.cli.main.main(args)
+        program.main(args)
     except SystemExit:
         pass
     print(args, sorted({"numpy", "numba", "fastapi", "torch", "scipy", "pydantic", "rich"} & set(sys.modules)), file=sys.stderr)
@@ -138,7 +168,7 @@ for args in (["--help"], *([name, "--help"] for name in humanplay.cli.main.COMMA
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
     )
     lines = process.stderr.splitlines()
-    assert len(lines) == 1 + len(cli.list_commands(None))
+    assert len(lines) == 2 + len(COMMANDS) + len(mars.COMMANDS)
     assert all(line.endswith(" []") for line in lines), lines
 
 
@@ -184,17 +214,21 @@ def test_a_mistake_is_one_sentence_and_exit_code_2(run, args, part):
 @pytest.mark.parametrize(
     ("name", "setting", "expected"),
     [
-        ("MARS_PORT", "many", "expected a whole number, got 'many'"),
-        ("MARS_PORT", "70000", "expected 65535 or less, got '70000'"),
-        ("MARS_DURABLE", "maybe", "expected true or false, got 'maybe'"),
-        ("MARS_LOG_FORMAT", "xml", "expected 'text' or 'json', got 'xml'"),
-        ("MARS_IDLE_S", "0", "expected a number above 0, got '0'"),
-        ("MARS_PUBLIC_URL", "mars", "expected the address of the pages, like https://mars.example"),
-        ("MARS_TRUSTED_PROXIES", "127.0.0.1", 'expected JSON, such as ["127.0.0.1"]'),
-        ("MARS_LIMITS", "7", "expected a JSON object of limits, got 7"),
-        ("MARS_LIMITS__TOKEN", "abc", "expected at least 16 characters: correct"),
-        ("MARS_LIMITS__TOKN", "abc", "expected no setting of this name, got 'abc'"),
-        ("MARS_LIMITS__MESSAGES", "q", "expected BURST+RATE/s"),
+        ("HUMANPLAY_PORT", "many", "expected a whole number, got 'many'"),
+        ("HUMANPLAY_PORT", "70000", "expected 65535 or less, got '70000'"),
+        ("HUMANPLAY_DURABLE", "maybe", "expected true or false, got 'maybe'"),
+        ("HUMANPLAY_LOG_FORMAT", "xml", "expected 'text' or 'json', got 'xml'"),
+        ("HUMANPLAY_IDLE_S", "0", "expected a number above 0, got '0'"),
+        (
+            "HUMANPLAY_PUBLIC_URL",
+            "mars",
+            "expected the address of the pages, like https://mars.example",
+        ),
+        ("HUMANPLAY_TRUSTED_PROXIES", "127.0.0.1", 'expected JSON, such as ["127.0.0.1"]'),
+        ("HUMANPLAY_LIMITS", "7", "expected a JSON object of limits, got 7"),
+        ("HUMANPLAY_LIMITS__TOKEN", "abc", "expected at least 16 characters: correct"),
+        ("HUMANPLAY_LIMITS__TOKN", "abc", "expected no setting of this name, got 'abc'"),
+        ("HUMANPLAY_LIMITS__MESSAGES", "q", "expected BURST+RATE/s"),
     ],
 )
 def test_a_wrong_setting_in_the_environment_names_itself_and_the_way_out(
@@ -203,24 +237,24 @@ def test_a_wrong_setting_in_the_environment_names_itself_and_the_way_out(
     monkeypatch.setenv(name, setting)
     code, _, err = run("serve")
     assert (code, is_one_sentence(err)) == (2, True), err
-    assert err.startswith(f"marsexplorer: {name}: {expected}"), err
+    assert err.startswith(f"humanplay: {name}: {expected}"), err
     assert "correct it or unset it" in err
 
 
 def test_a_wrong_setting_of_the_server_stops_no_command_that_does_not_need_it(
     run, monkeypatch, database, tmp_path
 ):
-    monkeypatch.setenv("MARS_LIMITS__TOKEN", "abc")
-    monkeypatch.setenv("MARS_DATABASE", str(database))
+    monkeypatch.setenv("HUMANPLAY_LIMITS__TOKEN", "abc")
+    monkeypatch.setenv("HUMANPLAY_DATABASE", str(database))
     assert run("export", "--out", tmp_path / "out")[0] == 0
     assert run("study", "list")[0] == 0
 
 
 def test_a_variable_that_is_no_setting_is_named_with_the_one_that_was_meant(run, monkeypatch):
-    monkeypatch.setenv("MARS_DATABSE", "lab.db")
+    monkeypatch.setenv("HUMANPLAY_DATABSE", "lab.db")
     code, _, err = run("study", "list")
     assert code == 0
-    note = "the variable MARS_DATABSE is no setting and is ignored; did you mean MARS_DATABASE?"
+    note = "the variable HUMANPLAY_DATABSE is no setting and is ignored; did you mean HUMANPLAY_DATABASE?"
     assert note in err
 
 
@@ -245,7 +279,11 @@ def test_two_databases_share_no_study_and_one_option_names_both(run, tmp_path):
     assert "dunes" in run("study", "list", "--database", tmp_path / "link.db")[1]
     options = {
         name
-        for group in (cli, *(cli.get_command(None, name) for name in ("study", "agents")))
+        for group in (
+            cli,
+            mars.cli,
+            *(cli.get_command(None, name) for name in ("study", "agents")),
+        )
         for name, each in (
             (name, group.get_command(None, name)) for name in group.list_commands(None)
         )
@@ -410,7 +448,7 @@ def test_flags_reach_the_server_as_settings(run, monkeypatch, tmp_path):
 
     seen = []
     monkeypatch.setattr(humanplay.web.server, "run", seen.append)
-    monkeypatch.setenv("MARS_HOST", "::1")
+    monkeypatch.setenv("HUMANPLAY_HOST", "::1")
     given = ["--port", "9", "--policy", "a.b", "c.d", "--durable", "--database"]
     assert run("serve", *given, tmp_path / "a.db")[0] == 0
     assert run("serve")[0] == 0
@@ -479,8 +517,8 @@ def test_control_c_leaves_quietly_with_130_and_nothing_half_written(tmp_path, in
 
 
 def test_every_option_is_explained():
-    for name in cli.list_commands(None):
-        command = cli.get_command(None, name)
+    for name in [*COMMANDS, *mars.COMMANDS]:
+        command = (cli if name in COMMANDS else mars.cli).get_command(None, name)
         assert command.name == name
         for option in command.params:
             assert option.param_type_name == "argument" or option.help, (command.name, option.name)

@@ -147,7 +147,7 @@ def test_after_a_clean_stop_the_file_is_checked_beside_play_and_damage_is_said_a
     assert "playground.db is damaged" in ready.json()["detail"]
     answer = client.get("/api/episodes")
     assert answer.status_code == 503
-    assert "`marsexplorer verify`" in answer.json()["detail"]
+    assert "`humanplay verify`" in answer.json()["detail"]
     server.process.terminate()
     assert server.process.wait() == 0
     said = "".join(server.said) + server.process.stdout.read()

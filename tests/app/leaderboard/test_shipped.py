@@ -21,7 +21,7 @@ from marsexplorer.episode import steps_to_target
 from marsexplorer.evaluation.episodes import play_episode
 
 TINY = EnvConfig("random", 5, 7)
-COMMAND = "marsexplorer leaderboard"
+COMMAND = "humanplay leaderboard"
 
 
 @cache
@@ -42,7 +42,7 @@ def test_every_board_on_offer_has_a_figure_of_every_shipped_policy(board):
     shipped = ShippedFigures()
     for job in jobs_of(entry):
         found = shipped.find(job)
-        command = f"marsexplorer leaderboard --board {board} --out data/leaderboard"
+        command = f"humanplay leaderboard --board {board} --out data/leaderboard"
         assert found is not None, f"run `{command}`"
         assert found.command == command
         assert (found.figure["episodes"], len(found.steps)) == (len(entry.seeds), len(entry.seeds))

@@ -19,7 +19,7 @@ from tests.support.servers import eventually
 def read(text):
     """Return {(name, labels without `le`): value} of all samples but buckets."""
     return {
-        (sample.name.removeprefix("marsexplorer_"), *sample.labels.values()): sample.value
+        (sample.name.removeprefix("humanplay_"), *sample.labels.values()): sample.value
         for family in text_string_to_metric_families(text)
         for sample in family.samples
         if "le" not in sample.labels
@@ -128,7 +128,7 @@ def test_counting_costs_less_than_a_twentieth_of_a_move(server):
         answer = {"episode": frame["episode"], "step": frame["step"], "action": action}
         frame = client.post(f"/api/sessions/{begun['session']}/act", json=answer).json()
     value = server.services.store.metrics.registry.get_sample_value
-    move_s = value("marsexplorer_step_seconds_sum") / value("marsexplorer_step_seconds_count")
+    move_s = value("humanplay_step_seconds_sum") / value("humanplay_step_seconds_count")
     other = Metrics()
 
     def count():

@@ -239,15 +239,11 @@ def test_a_server_that_is_stopped_under_play_ends_with_0_and_its_database_is_clo
 def start_unit(tmp_path):
     """`start_unit()` runs the command of deploy's unit with its environment, its folders replaced by the test's own."""
     systemd = Path(__file__).parents[3] / "deploy" / "systemd"
-    (command,) = re.findall(
-        r"^ExecStart=(.*)$", (systemd / "marsexplorer.service").read_text(), re.M
-    )
-    command = command.replace("/opt/marsexplorer/venv", sys.prefix).split()
-    text = (
-        (systemd / "marsexplorer.env").read_text().replace("/var/lib/marsexplorer", str(tmp_path))
-    )
-    ports = {"MARS_PORT": "0", "MARS_METRICS_PORT": str(free_port())}
-    environment = {**os.environ, **dict(re.findall(r"^(MARS_\w+)=(.*)$", text, re.M)), **ports}
+    (command,) = re.findall(r"^ExecStart=(.*)$", (systemd / "humanplay.service").read_text(), re.M)
+    command = command.replace("/opt/humanplay/venv", sys.prefix).split()
+    text = (systemd / "humanplay.env").read_text().replace("/var/lib/humanplay", str(tmp_path))
+    ports = {"HUMANPLAY_PORT": "0", "HUMANPLAY_METRICS_PORT": str(free_port())}
+    environment = {**os.environ, **dict(re.findall(r"^(HUMANPLAY_\w+)=(.*)$", text, re.M)), **ports}
     processes = []
 
     def start():

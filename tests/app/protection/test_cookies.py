@@ -14,25 +14,27 @@ ESCAPES = '"' + "\\a" * 7500 + '"'
 def handed_on(*cookies):
     """The cookies that a handler finds, where these headers came."""
     headers = [(b"accept", b"*/*"), *((b"cookie", each.encode()) for each in cookies)]
-    names = frozenset((b"mars_player", b"mars_admin"))
+    names = frozenset((b"humanplay_player", b"humanplay_admin"))
     return Request(with_own_cookies({"type": "http", "headers": headers}, names)).cookies
 
 
 def test_our_cookies_are_handed_on_and_no_others():
     assert handed_on() == {}
     assert handed_on("other=1") == {}
-    found = handed_on("other=1; mars_player=a.b-c_d; mars_players=2; mars_admin=x:y:1.z")
-    assert found == {"mars_player": "a.b-c_d", "mars_admin": "x:y:1.z"}
-    found = handed_on("other=1; mars_player=a", "mars_admin=b; third")
-    assert found == {"mars_player": "a", "mars_admin": "b"}
+    found = handed_on(
+        "other=1; humanplay_player=a.b-c_d; humanplay_players=2; humanplay_admin=x:y:1.z"
+    )
+    assert found == {"humanplay_player": "a.b-c_d", "humanplay_admin": "x:y:1.z"}
+    found = handed_on("other=1; humanplay_player=a", "humanplay_admin=b; third")
+    assert found == {"humanplay_player": "a", "humanplay_admin": "b"}
 
 
 @pytest.mark.parametrize("value", ["", ESCAPES, '"a"', "a\\054b", "a b", "a" * 1025])
 def test_a_value_that_this_server_never_sets_is_none(value):
-    assert handed_on(f"mars_player={value}; mars_admin=b") == {"mars_admin": "b"}
+    assert handed_on(f"humanplay_player={value}; humanplay_admin=b") == {"humanplay_admin": "b"}
 
 
-@pytest.mark.parametrize("name", ["mars_player", "other"])
+@pytest.mark.parametrize("name", ["humanplay_player", "other"])
 def test_a_long_cookie_keeps_nobody_waiting(server, name):
     """Forty of these kept everybody waiting for ten seconds and more."""
     client = server.client()

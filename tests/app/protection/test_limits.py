@@ -76,7 +76,7 @@ def test_the_page_lists_every_limit_with_its_default(monkeypatch):
     listed = dict(re.findall(r"^\| `(\w+)` \| `?([^|`]+?)`? \|", PAGE.read_text(), re.M))
     defaults = {name: field.default for name, field in Limits.model_fields.items()}
     assert listed == {name: str(default or "none") for name, default in defaults.items()}
-    monkeypatch.setenv("MARS_LIMITS__MESSAGES", "50+10/s")
+    monkeypatch.setenv("HUMANPLAY_LIMITS__MESSAGES", "50+10/s")
     assert Settings().limits.messages == "50+10/s"
 
 
@@ -192,10 +192,10 @@ def test_joins_have_a_rate_and_whoever_has_the_token_has_none(serve, tmp_path):
         return server.client(headers=headers).post("/api/studies/small/join").status_code
 
     assert [join() for _ in range(4)] == [201, 201, 201, 429]
-    assert join(**{"X-Mars-Token": TOKEN + "x"}) == 429
+    assert join(**{"X-Humanplay-Token": TOKEN + "x"}) == 429
     for call in ("answers", "settings"):
         assert server.client().post(f"/api/studies/small/{call}", json={}).status_code == 429
-    assert [join(**{"X-Mars-Token": TOKEN}) for _ in range(3)] == [201] * 3
+    assert [join(**{"X-Humanplay-Token": TOKEN}) for _ in range(3)] == [201] * 3
     server.stop()
     one = serve(limits=Limits(joins_per_player="2+0.001/s")).client()
     codes = [one.post("/api/studies/small/join").status_code for _ in range(4)]
@@ -210,7 +210,7 @@ def test_requests_of_an_address_have_a_rate_and_probes_their_own(serve):
     assert [answer.status_code for answer in answers] == [404, 404, 429]
     assert answers[2].headers["retry-after"] == "10"
     assert [client.get("/healthz").status_code for _ in range(3)] == [200, 200, 429]
-    assert client.get("/nowhere", headers={"X-Mars-Token": TOKEN}).status_code == 404
+    assert client.get("/nowhere", headers={"X-Humanplay-Token": TOKEN}).status_code == 404
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="one machine has many addresses there alone")

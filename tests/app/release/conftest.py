@@ -24,4 +24,4 @@ def made(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def no_known_signers(tmp_path, monkeypatch):
     """Keep the pinned keys of whoever runs the tests out of them."""
-    monkeypatch.setenv("MARS_SIGNERS", str(tmp_path / "signers.json"))
+    monkeypatch.setenv("HUMANPLAY_SIGNERS", str(tmp_path / "signers.json"))

@@ -58,7 +58,7 @@ def test_a_release_holds_what_it_says_and_verifies(made):
         *(f"parquet/{name}.parquet" for name in PARQUET), *(f"csv/{name}.csv" for name in BUNDLE_TABLES),
         "queries.sql",
         *(f"report{kind}.{form}" for kind in ("", "-synthetic") for form in ("json", "html")),
-        *(f"minari/marsexplorer/dunes/{who}-v1/data/{name}" for who in ("human", "script")
+        *(f"minari/humanplay/dunes/{who}-v1/data/{name}" for who in ("human", "script")
           for name in ("main_data.hdf5", "metadata.json")),
     }  # fmt: skip
     assert names <= set(listing(out))
@@ -400,7 +400,7 @@ def test_a_missing_library_is_asked_for_by_name(made, tmp_path, monkeypatch, cap
     where = "--database", made[0] / "play.db", "--out", tmp_path / "out"
     code, _, err = run(capsys, "release", "--study", "dunes", *where)
     assert code == 1
-    assert err.startswith(f"marsexplorer: {name} is not installed")
+    assert err.startswith(f"humanplay: {name} is not installed")
     assert "humanplay[export]" in err
     assert err.count("\n") == 1
     assert not (tmp_path / "out").exists()

@@ -48,7 +48,7 @@ def test_a_signer_is_not_checked_until_a_key_says_so_and_another_key_fails(
 
 def test_a_pinned_key_is_known_from_then_on(made, tmp_path, run, monkeypatch):
     out, signer = made[0] / "out", made[1].signer
-    monkeypatch.setenv("MARS_SIGNERS", str(tmp_path / "config" / "signers.json"))
+    monkeypatch.setenv("HUMANPLAY_SIGNERS", str(tmp_path / "config" / "signers.json"))
     code, said = run("verify", "--dataset", out, "--pin")
     assert (code, f"signer checked: {signer} is a pinned key" in said) == (0, True)
     pinned = json.loads((tmp_path / "config" / "signers.json").read_text())

@@ -452,7 +452,7 @@ def test_everything_is_json_without_a_number_that_is_none(data):
         build(data, [run("ppo", [0.9] * 6)]).to_json(),
         parse_constant=lambda name: pytest.fail(name),
     )
-    assert document["format"] == "marsexplorer-report-1"
+    assert document["format"] == "humanplay-report-1"
     assert document["groups"][0]["figures"][1]["score"]["mean"] == pytest.approx(SCORES.mean())
     assert document["estimand"]
 

@@ -180,7 +180,7 @@ def test_each_mistake_is_a_sentence(server, tmp_path, capsys):
         return said
 
     assert "there is no such study here" in refused(study="nobody")
-    assert "start one with `marsexplorer serve`" in refused(url="http://127.0.0.1:9")
+    assert "start one with `humanplay serve`" in refused(url="http://127.0.0.1:9")
     assert "nothing answers GET /prefix/api/studies" in refused(url=f"{server.url}/prefix")
     for url in ("localhost:8000", "http://"):
         assert "must be like http://127.0.0.1:8000" in refused(url=url)

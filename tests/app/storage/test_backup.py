@@ -135,7 +135,7 @@ def test_a_full_disk_ends_a_backup_and_an_export_in_one_sentence(database, tmp_p
     command = [sys.executable, "-B", "-c", LIMITED, *words, "--database", "play.db"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr.startswith(f"marsexplorer: {said}")
+    assert done.stderr.startswith(f"humanplay: {said}")
     assert done.stderr.count("\n") == 1
     assert [*tmp_path.glob("copy*"), *tmp_path.glob("copy/*")] == [tmp_path / "copy"]
 
@@ -173,7 +173,7 @@ def test_a_backup_that_does_not_fit_is_refused_with_both_sizes_and_leaves_nothin
     server = serve(backup_every=60, backup_to=tmp_path / "kept")
     eventually(lambda: re.search("no backup was made: .*" + said, caplog.text))
     metrics = server.services.store.metrics.registry
-    assert metrics.get_sample_value("marsexplorer_backup_failures") == 1
+    assert metrics.get_sample_value("humanplay_backup_failures") == 1
     assert list((tmp_path / "kept").iterdir()) == []
 
 

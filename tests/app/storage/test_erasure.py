@@ -63,7 +63,7 @@ def test_a_release_waits_for_whoever_asked_to_be_erased_and_counts_that_they_ask
     known.withdraw(known.participant(person), recorder.tick(1000), erase=True)
     recorder.close()
     request, label = ReleaseRequest(path, study.name, tmp_path / "out"), participant_label(person)
-    with pytest.raises(ReleaseError, match=f"1 participant .* `marsexplorer forget {label}` first"):
+    with pytest.raises(ReleaseError, match=f"1 participant .* `humanplay forget {label}` first"):
         build_release(request)
     forget(path, label)
     arrivals = build_release(request).header.arrivals

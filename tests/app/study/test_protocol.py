@@ -121,7 +121,7 @@ def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
     path = folder.create(small())
     assert (folder.status("small"), folder.names()) == ("draft", ["small"])
     with pytest.raises(
-        StudyError, match="is a draft: freeze it first with `marsexplorer study freeze small`"
+        StudyError, match="is a draft: freeze it first with `humanplay study freeze small`"
     ):
         folder.study("small")
     study = folder.freeze("small")

@@ -454,7 +454,7 @@ def test_a_links_address_is_the_one_given_or_said_to_be_a_guess(tmp_path, capsys
         (["--url", "https://lab.example"], "https://mars.example", "https://lab.example/", False),
     ):
         if public:
-            monkeypatch.setenv("MARS_PUBLIC_URL", public)
+            monkeypatch.setenv("HUMANPLAY_PUBLIC_URL", public)
         assert run(*words, *more) == 0
         said = capsys.readouterr()
         assert said.out.startswith(f"{address}study/small?invitation=")

@@ -135,13 +135,13 @@ def alive(pid):
 
 
 def test_its_process_holds_nothing_of_the_server_s(monkeypatch, tmp_path):
-    monkeypatch.setenv("MARS_ADMIN_PASSWORD", "red-planet-4")
+    monkeypatch.setenv("HUMANPLAY_ADMIN_PASSWORD", "red-planet-4")
     secret = (tmp_path / "secret").open("w")
     os.set_inheritable(secret.fileno(), True)
     task = GymnasiumTask("FrozenLake-v1")
     run = task.begin(Choice(task.default, 1))
     process = Path(f"/proc/{run._board.pid}")
-    assert b"MARS_ADMIN_PASSWORD" not in (process / "environ").read_bytes()
+    assert b"HUMANPLAY_ADMIN_PASSWORD" not in (process / "environ").read_bytes()
     opened = [str(each.readlink()) for each in (process / "fd").iterdir()]
     assert [each for each in opened if "secret" in each or ".db" in each] == []
     assert len(list((process / "task").iterdir())) == 1, "it has started no threads"

@@ -178,7 +178,7 @@ def test_a_package_offers_an_environment_under_a_name_of_its_own(tmp_path, monke
     (tmp_path / "rooms-1.dist-info/METADATA").write_text(
         "Metadata-Version: 2.1\nName: rooms\nVersion: 1\n"
     )
-    offered = "[marsexplorer.tasks]\nhome = rooms_of_ours:HOME\nnone = rooms_of_ours:NONE\n"
+    offered = "[humanplay.tasks]\nhome = rooms_of_ours:HOME\nnone = rooms_of_ours:NONE\n"
     (tmp_path / "rooms-1.dist-info/entry_points.txt").write_text(offered)
     (tmp_path / "rooms_of_ours.py").write_text(
         f"HOME = {{'id': '{PATH}', 'title': 'Home', 'max_steps': 6}}\nNONE = {{'idd': 1}}\n"

@@ -114,5 +114,5 @@ def test_no_study_is_frozen_of_what_does_not_pass(capsys, tmp_path, briefly_exam
     assert code == 2
     assert "does not follow from seed and actions" in why
     assert "a counter kept on the class" in why
-    assert "marsexplorer doctor" in why
+    assert "humanplay doctor" in why
     assert not (tmp_path / "play.db-studies" / "odd" / "secret").exists()

@@ -42,7 +42,7 @@ def board_of(server, episode):
 
 @pytest.fixture
 def command(capsys, tmp_path):
-    """`command(database, episode)` -> what `marsexplorer replay` says of an episode, its id taken out, and its exit code."""
+    """`command(database, episode)` -> what `humanplay replay` says of an episode, its id taken out, and its exit code."""
 
     def call(database, episode):
         given = f"--out={tmp_path / 'leak.png'}", "--ghost=none", f"--database={database}"

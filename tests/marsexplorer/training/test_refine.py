@@ -10,7 +10,7 @@ import pytest
 import torch
 from click.testing import CliRunner
 
-from humanplay.cli.main import cli
+from humanplay.tasks.mars.cli import cli
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts

@@ -38,7 +38,7 @@ test("the scale holds whoever is near the best; who is far out stands beyond a b
 });
 
 test("the note under the ranks speaks of what is drawn and of nothing else", () => {
-  const origin = { command: "marsexplorer leaderboard" };
+  const origin = { command: "humanplay leaderboard" };
   const came = { ...ready("ppo", 78, 0.95), shipped: origin };
   assert.equal(ranksNote({ board, people: null, policies: [ready("ppo", 78, 0.95)] }, false), "");
   assert.match(ranksNote({ board, people, policies: [] }, false), /^The dashed line is the mean of the volunteers\.$/);

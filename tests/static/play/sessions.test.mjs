@@ -44,7 +44,7 @@ const about = (session, challenges = null) => ({ session, challenges, player: "h
 const unknown = async () => { throw new ApiError("unknown", 404); };
 
 test("a reload goes on with the tab's own board, a copied address is watched, a new browser begins", async () => {
-  const own = restored({ hash: "#watch=mine", kept: { "mars.session": "s1", "mars.watch": "mine" }, api: { about: async () => about("s1") } });
+  const own = restored({ hash: "#watch=mine", kept: { "humanplay.session": "s1", "humanplay.watch": "mine" }, api: { about: async () => about("s1") } });
   await own.restore();
   assert.deepEqual(own.done, ["begun", "#watch=s1-watch"]);
   const copied = restored({ hash: "#watch=theirs", api: { mySession: async () => null } });
@@ -53,7 +53,7 @@ test("a reload goes on with the tab's own board, a copied address is watched, a 
   const fresh = restored({ api: { mySession: async () => null } });
   await fresh.restore();
   assert.deepEqual(fresh.done, ["new board", "begun", "#watch=new-watch"]);
-  const gone = restored({ kept: { "mars.session": "s1" }, api: { about: unknown, mySession: async () => about("s2") } });
+  const gone = restored({ kept: { "humanplay.session": "s1" }, api: { about: unknown, mySession: async () => about("s2") } });
   await gone.restore();
   assert.deepEqual(gone.done, ["begun", "#watch=s2-watch"]);
 });
@@ -63,11 +63,11 @@ test("a link that challenges stands for the board on which it was taken up, else
   const createSession = async ({ challenges }) => about("new", challenges);
   const begun = ["begun", "#challenge=e000", "challenged"];
   for (const hash of ["#challenge=e000", ""]) {
-    const again = restored({ hash, kept: { "mars.session": "s1" }, api: { replay, createSession: unknown, about: async () => about("s1", "e000") } });
+    const again = restored({ hash, kept: { "humanplay.session": "s1" }, api: { replay, createSession: unknown, about: async () => about("s1", "e000") } });
     await again.restore();
     assert.deepEqual(again.done, begun);
   }
-  const taken = restored({ hash: "#challenge=e000", kept: { "mars.session": "s1" }, api: { replay, createSession, about: async () => about("s1", "e111") } });
+  const taken = restored({ hash: "#challenge=e000", kept: { "humanplay.session": "s1" }, api: { replay, createSession, about: async () => about("s1", "e111") } });
   await taken.restore();
   assert.deepEqual(taken.done, begun);
   const gone = restored({ hash: "#challenge=e000", api: { createSession: unknown, mySession: async () => about("s2") } });

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING
 import click
 from click import ClickException, UsageError, echo, option
 
-from humanplay.cli.console import failures, print_table, progress, study_errors, write_file
-from humanplay.cli.options import DATABASE_AND_STUDIES, flag, path_option
+from humanplay.cli.options import DATABASE_AND_STUDIES
+from humanplay.cli.settings import failures, study_errors
+from humanplay.command.console import print_table, progress, write_file
+from humanplay.command.options import flag, path_option
 
 if TYPE_CHECKING:
     from humanplay.report.costs import CostSummary
@@ -41,9 +43,9 @@ def report(
 
     \b
     Examples:
-      marsexplorer report --study pilot
-      marsexplorer report --study pilot --html pilot.html --json pilot.json
-      marsexplorer report --study rehearsal --synthetic --html rehearsal.html
+      humanplay report --study pilot
+      humanplay report --study pilot --html pilot.html --json pilot.json
+      humanplay report --study rehearsal --synthetic --html rehearsal.html
     """
     from humanplay.report.making import make_study_report
     from humanplay.report.page import pages
@@ -59,7 +61,7 @@ def report(
         ) from error
     if html is not None and found.status == "open" and not synthetic:
         raise UsageError(
-            f"the study {name!r} is open and has no figures to put on a page: close it (`marsexplorer study close {name}`), "
+            f"the study {name!r} is open and has no figures to put on a page: close it (`humanplay study close {name}`), "
             "or leave --html out to see how many have finished"
         )
     if html is not None:
@@ -112,8 +114,8 @@ def costs(name: str, database: Path, folder: Folder, json_path: Path | None) -> 
 
     \b
     Examples:
-      marsexplorer costs --study pilot
-      marsexplorer costs --study pilot --json costs.json
+      humanplay costs --study pilot
+      humanplay costs --study pilot --json costs.json
     """
     from humanplay.db.reader import Reader
     from humanplay.report.costs import costs_of_study

@@ -1,4 +1,4 @@
-"""`marsexplorer simulate`: synthetic participants try a study before people come."""
+"""`humanplay simulate`: synthetic participants try a study before people come."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import ClickException, UsageError, echo, option
 
-from humanplay.cli.console import print_table, progress
+from humanplay.command.console import print_table, progress
 from humanplay.task import counted
 
 if TYPE_CHECKING:
     from humanplay.web.simulate import Outcome
 
-TOKEN_VARIABLE = "MARS_LIMITS__TOKEN"
+TOKEN_VARIABLE = "HUMANPLAY_LIMITS__TOKEN"
 """The variable that holds the server's token, with which any number may play from one address."""
 SHARE = click.FloatRange(0, 1)
 
@@ -41,11 +41,11 @@ def simulate(study: str, participants: int | None, url: str, **options: Any) -> 
 
     \b
     Examples:
-      marsexplorer simulate --study pilot
-      marsexplorer simulate --study pilot --leaving 0.2 --noise 0.3
-      marsexplorer simulate --study load --participants 100 --speed 1
+      humanplay simulate --study pilot
+      humanplay simulate --study pilot --leaving 0.2 --noise 0.3
+      humanplay simulate --study load --participants 100 --speed 1
 
-    A server limits how many join and play from one address. With MARS_LIMITS__TOKEN set to the same
+    A server limits how many join and play from one address. With HUMANPLAY_LIMITS__TOKEN set to the same
     text for the server and for this command, it does not limit these participants.
     """
     import os
@@ -63,7 +63,7 @@ def simulate(study: str, participants: int | None, url: str, **options: Any) -> 
             simulate(plan, outcomes, advance)
     except HTTPError as error:
         raise UsageError(
-            f"no server at {url} ({error}): start one with `marsexplorer serve`, or say where with --url"
+            f"no server at {url} ({error}): start one with `humanplay serve`, or say where with --url"
         ) from error
     except ValueError as error:
         raise UsageError(str(error)) from error

@@ -1,4 +1,4 @@
-"""The command `marsexplorer study`: plan a study, freeze it, preregister it, say who may take part, and close it."""
+"""The command `humanplay study`: plan a study, freeze it, preregister it, say who may take part, and close it."""
 
 from __future__ import annotations
 
@@ -18,26 +18,12 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import ClickException, UsageError, argument, echo, option
 
-from humanplay.cli.console import (
-    default_config,
-    env_config_of,
-    failures,
-    place,
-    print_table,
-    progress,
-    study_errors,
-    task_name,
-    write_file,
-)
-from humanplay.cli.options import (
-    DATABASE_AND_STUDIES,
-    STUDIES,
-    SizeType,
-    flag,
-    path_option,
-    several,
-)
+from humanplay.cli.options import DATABASE_AND_STUDIES, STUDIES
+from humanplay.cli.settings import default_config, failures, place, study_errors, task_name
+from humanplay.command.console import print_table, progress, write_file
+from humanplay.command.options import SizeType, flag, path_option, several
 from humanplay.task import counted
+from humanplay.tasks.mars.cli.options import env_config_of
 
 if TYPE_CHECKING:
     from humanplay.report.statistics.planning import StudyDesign
@@ -56,17 +42,17 @@ def study() -> None:
 
     A frozen protocol cannot change any more: its hash and a commitment to the secret that fixes every terrain are
     published before the first participant joins; closing reveals the secret, so that anybody can check both.
-    A study lies in the folder beside its database, of lab.db in lab.db-studies. --database or MARS_DATABASE names the database;
-    without them it is data/playground.db in a checkout, ./playground.db elsewhere.
+    A study lies in the folder beside its database, of lab.db in lab.db-studies. --database or HUMANPLAY_DATABASE names the
+    database; without them it is data/playground.db in a checkout, ./playground.db elsewhere.
 
     \b
     Examples:
-      marsexplorer study new pilot --players 10
-      marsexplorer study freeze pilot         prints its power and what participants will read
-      marsexplorer study preregister pilot --out pilot.md
-      marsexplorer study invite pilot 10      ten links, each for one person
-      marsexplorer serve
-      marsexplorer study close pilot
+      humanplay study new pilot --players 10
+      humanplay study freeze pilot         prints its power and what participants will read
+      humanplay study preregister pilot --out pilot.md
+      humanplay study invite pilot 10      ten links, each for one person
+      humanplay serve
+      humanplay study close pilot
     """
 
 
@@ -135,11 +121,11 @@ def new(
 
     \b
     Examples:
-      marsexplorer study new koutras2021
-      marsexplorer study new pilot
-      marsexplorer study new hard --level 3-2-1 --size 42x42 --warm-up 5 --ranked 20 --players 16
-      marsexplorer study new lake --env FrozenLake-v1
-      marsexplorer study new online --recruitment panel --return-url "https://app.prolific.com/submissions/complete?cc={code}"
+      humanplay study new koutras2021
+      humanplay study new pilot
+      humanplay study new hard --level 3-2-1 --size 42x42 --warm-up 5 --ranked 20 --players 16
+      humanplay study new lake --env FrozenLake-v1
+      humanplay study new online --recruitment panel --return-url "https://app.prolific.com/submissions/complete?cc={code}"
     """
     from humanplay.series import texts
     from humanplay.series.files import read_object
@@ -176,7 +162,7 @@ def new(
         echo(f"Freezing needs what only you know, as declarations: {', '.join(unanswered)}")
     echo(f"{path.with_name('recruitment.txt')}: what to ask people with")
     echo(f"{path.with_name('checklist.md')}: what to do, from here to the figure")
-    echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
+    echo(f"{path}: read it, edit it, then `humanplay study freeze {name}`")
 
 
 def _asked() -> dict[str, str]:
@@ -238,10 +224,10 @@ def freeze(name: str, underpowered: bool, folder: Folder, database: Path) -> Non
     echo(f"The study {name!r} is frozen. Publish this line before anybody plays:\n{hashes(found)}")
     echo(f"A running server offers it at once, at /study/{name}")
     if found.protocol.recruitment == "invitation":
-        invite = f"marsexplorer study invite {name} {found.protocol.players}"
+        invite = f"humanplay study invite {name} {found.protocol.players}"
         echo(f"It is by invitation: `{invite}` makes the links")
     if found.protocol.panel_links == "signed":
-        echo(f"Links are signed: `marsexplorer study invite {name} --ids FILE` makes them")
+        echo(f"Links are signed: `humanplay study invite {name} --ids FILE` makes them")
 
 
 def frozen(
@@ -314,7 +300,7 @@ def close(
     found = closed(name, None if yes else question, now, keep_secret, folder, database)
     if found.is_open:
         echo(
-            f"The study {name!r} is closed, its secret kept; `marsexplorer study close {name}` reveals it"
+            f"The study {name!r} is closed, its secret kept; `humanplay study close {name}` reveals it"
         )
     else:
         echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
@@ -417,7 +403,7 @@ def list_(folder: Folder) -> None:
         plan = f"{protocol.players} x ({protocol.warm_up} + {protocol.ranked})"
         rows.append((name, folder.status(name), plan, protocol.title))
     if not rows:
-        echo(f"no studies in {folder.root}; `marsexplorer study new NAME` begins one")
+        echo(f"no studies in {folder.root}; `humanplay study new NAME` begins one")
         return
     print_table("Studies", ("name", "status", "players x episodes", "title"), rows)
 
@@ -444,9 +430,9 @@ def power(
 
     \b
     Examples:
-      marsexplorer study power pilot
-      marsexplorer study power pilot --players 30 --difference 20
-      marsexplorer study power main --pilot pilot
+      humanplay study power pilot
+      humanplay study power pilot --players 30 --difference 20
+      humanplay study power main --pilot pilot
     """
     from humanplay.series.protocol import parse_protocol
 
@@ -528,7 +514,7 @@ def _design(protocol: Protocol) -> StudyDesign:
 @argument("count", type=int, metavar="[N]", default=0)
 @option(
     "--url",
-    help="The address at which participants reach the server.  [default: MARS_PUBLIC_URL, else a guess that says so]",
+    help="The address at which participants reach the server.  [default: HUMANPLAY_PUBLIC_URL, else a guess that says so]",
 )
 @flag("--list", "lists", "List all invitations with their state instead.")
 @path_option(
@@ -557,9 +543,9 @@ def invite(
 
     \b
     Examples:
-      marsexplorer study invite pilot 10 --url https://lab.example.org
-      marsexplorer study invite pilot --list
-      marsexplorer study invite pilot --list --csv links.csv
+      humanplay study invite pilot 10 --url https://lab.example.org
+      humanplay study invite pilot --list
+      humanplay study invite pilot --list --csv links.csv
     """
     from humanplay.series.invitations import Invitations, link_of, state_of
     from humanplay.series.recruitment import panel_link
@@ -592,12 +578,14 @@ def invite(
         rows.append((each.id, state_of(each, use), use.label if use else ""))
         links.append(link_of(study, each.id, base))
     if known is None and (table is not None or not lists):
-        way_out = "give --url, or MARS_PUBLIC_URL as for the server, if people reach it elsewhere"
+        way_out = (
+            "give --url, or HUMANPLAY_PUBLIC_URL as for the server, if people reach it elsewhere"
+        )
         echo(f"{base} is a guess: {way_out}", err=True)
     if not lists:
         echo("\n".join(links))
     elif not found:
-        way_out = f"`marsexplorer study invite {name} 10` makes ten links"
+        way_out = f"`humanplay study invite {name} 10` makes ten links"
         echo(f"nobody has been invited to {name}; {way_out}")
     else:
         issued = [_day(each.issued_ms) for each in found]
@@ -615,11 +603,11 @@ def invite(
 def revoke(name: str, ids: tuple[str, ...], folder: Folder) -> None:
     """Take invitations back by their ids: nobody can agree to take part with them any more.
 
-    Whoever has agreed with one already goes on; `marsexplorer forget` erases a participant.
+    Whoever has agreed with one already goes on; `humanplay forget` erases a participant.
 
     \b
     Example:
-      marsexplorer study revoke pilot 7K3M 9ABC
+      humanplay study revoke pilot 7K3M 9ABC
     """
     from humanplay.series.invitations import Invitations
 
@@ -743,8 +731,8 @@ def preregister(name: str, out: Path | None, folder: Folder) -> None:
 
     \b
     Examples:
-      marsexplorer study preregister pilot
-      marsexplorer study preregister pilot --out pilot-preregistration.md
+      humanplay study preregister pilot
+      humanplay study preregister pilot --out pilot-preregistration.md
     """
     from humanplay.report.preregistration import preregistration
     from humanplay.series.templates import fill

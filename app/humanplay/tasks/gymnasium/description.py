@@ -202,12 +202,12 @@ def completed(given: Description) -> Description:
 def told_of(given: str) -> str:
     """Return what describes an environment that is named by a TOML file, by what a package offers, or by its id.
 
-    A package offers a dictionary of the fields under the entry-point group `marsexplorer.tasks`. ValueError where what is
+    A package offers a dictionary of the fields under the entry-point group `humanplay.tasks`. ValueError where what is
     said is wrong, OSError where a file cannot be read.
     """
     if given.endswith(".toml"):
         return read_description(Path(given)).told
-    for offer in entry_points(group="marsexplorer.tasks", name=given):
+    for offer in entry_points(group="humanplay.tasks", name=given):
         try:
             return Description.model_validate(offer.load()).told
         except ValidationError as error:

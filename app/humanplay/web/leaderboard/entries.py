@@ -225,7 +225,7 @@ def make_board(
     """
     from humanplay.tasks.mars.policies import PolicyCatalogue
 
-    command = f"marsexplorer leaderboard --board {entry.id} --out data/leaderboard"
+    command = f"humanplay leaderboard --board {entry.id} --out data/leaderboard"
     size = (entry.config.rows, entry.config.cols)
     offers = [each for each in PolicyCatalogue().offers() if each.size in (None, size)]
     wanted = list(entry.evaluations({each.name: each.source for each in offers}).values())

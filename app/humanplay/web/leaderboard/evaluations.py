@@ -85,7 +85,7 @@ class ShippedFigure:
 class ShippedFigures:
     """The figures that come with the package, so that a new server's leaderboard is full at once.
 
-    `marsexplorer leaderboard --out data/leaderboard` makes them: a file for each configuration on offer, a line in it for each
+    `humanplay leaderboard --out data/leaderboard` makes them: a file for each configuration on offer, a line in it for each
     policy. A figure is shown only where everything that it depends on is the same here: the core version, the configuration,
     the terrains, and the policy's own file. Whether the code of the rules still plays alike is tested by playing again.
     """

@@ -103,7 +103,7 @@ def make_export(words: Sequence[str], folder: Path, what: ExportKind) -> None:
     done = subprocess.run(command, **pipes, text=True, errors="replace")
     if done.returncode:
         said = done.stderr.strip().splitlines() or [f"it ended with code {done.returncode}"]
-        raise ExportError(said[-1].removeprefix("marsexplorer: ")[:_MAX_ERROR_CHARS])
+        raise ExportError(said[-1].removeprefix("humanplay: ")[:_MAX_ERROR_CHARS])
     if what == "release":
         try:
             shutil.make_archive(str(folder / "release"), "zip", folder / "release")

@@ -98,7 +98,7 @@ class AdminLogin:
 
     def __init__(self, password: AdminPassword) -> None:
         self._password = password
-        self._signer = TimestampSigner(secrets.token_bytes(32), salt="mars-admin")
+        self._signer = TimestampSigner(secrets.token_bytes(32), salt="humanplay-admin")
         self._revoked: set[str] = set()
 
     def issue(self, address: str, password: str) -> str:

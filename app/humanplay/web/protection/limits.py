@@ -34,13 +34,13 @@ from humanplay.web.protection.hosts import client_address
 from humanplay.web.settings import Limits, read_bucket
 
 T = TypeVar("T")
-TOKEN_HEADER = "x-mars-token"
+TOKEN_HEADER = "x-humanplay-token"
 """The header that holds the operator's token, `limits.token`."""
 
 PROBES = frozenset({"/healthz", "/readyz"})
 """What watches over the server: these requests have a bucket of their own."""
 
-PLAYER_COOKIE, PARTICIPANT_COOKIE = "mars_player", "mars_participant"
+PLAYER_COOKIE, PARTICIPANT_COOKIE = "humanplay_player", "humanplay_participant"
 
 ACTIONS = {
     "joins": re.compile(r"/api/studies/[^/]+/(join|answers|settings)"),

@@ -94,7 +94,7 @@ def find_episode(database: Path, prefix: str) -> ShownEpisode:
     if not found:
         raise UnknownReplayError(
             f"no finished episode in {database} has an id that begins with {prefix!r}; "
-            "`marsexplorer export` lists them, and the address of a replay ends with one"
+            "`humanplay export` lists them, and the address of a replay ends with one"
         )
     if len(found) > 1 and prefix not in found:
         named = ", ".join([*found[:MAX_NAMED], *["..."] * (len(found) > MAX_NAMED)])

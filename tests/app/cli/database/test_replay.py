@@ -1,4 +1,4 @@
-"""The command `marsexplorer replay`: which episode, which format, and what is refused in a sentence."""
+"""The command `humanplay replay`: which episode, which format, and what is refused in a sentence."""
 
 from functools import partial
 

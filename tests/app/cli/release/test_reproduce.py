@@ -1,4 +1,4 @@
-"""`marsexplorer reproduce`: every figure of a bundle comes out again from the bundle alone, and a changed cell is seen."""
+"""`humanplay reproduce`: every figure of a bundle comes out again from the bundle alone, and a changed cell is seen."""
 
 import hashlib
 import json
@@ -41,7 +41,7 @@ def bundle(tmp_path_factory):
 @pytest.fixture
 def reproduce(capsys, tmp_path, monkeypatch):
     """`reproduce(...)` runs the command in an empty folder and returns exit code, stdout, stderr."""
-    monkeypatch.setenv("MARS_SIGNERS", str(tmp_path / "signers.json"))
+    monkeypatch.setenv("HUMANPLAY_SIGNERS", str(tmp_path / "signers.json"))
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
 

@@ -1,4 +1,4 @@
-"""`marsexplorer report` as a user meets it."""
+"""`humanplay report` as a user meets it."""
 
 import json
 import shutil
@@ -118,7 +118,7 @@ def test_an_open_study_shows_no_figure_and_makes_no_page(tmp_path, capsys):
     page = tmp_path / "r.html"
     code, out, err = run("--html", page)
     assert (code, out, page.exists()) == (2, "", False)
-    assert "close it (`marsexplorer study close dunes`), or leave --html out" in err
+    assert "close it (`humanplay study close dunes`), or leave --html out" in err
     assert run("--html", page, "--synthetic")[0] == 0
     assert "SYNTHETIC" in run("--synthetic")[1]
     Folder(tmp_path / "play.db-studies").close("dunes")

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import ClickException, UsageError, option
 
-from humanplay.cli.console import print_table, progress
-from humanplay.cli.options import COUNT, levels_option, path_option, several, sizes_option
-from humanplay.cli.training.cards import written
-from humanplay.cli.training.train import configs_of
+from humanplay.command.console import print_table, progress, written
+from humanplay.command.options import COUNT, path_option, several
+from humanplay.tasks.mars.cli.options import levels_option, sizes_option
+from humanplay.tasks.mars.cli.train import configs_of
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig

@@ -1,4 +1,4 @@
-"""The command `marsexplorer leaderboard`: make the figures of the shipped policies that the package comes with."""
+"""The command `humanplay leaderboard`: make the figures of the shipped policies that the package comes with."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from pathlib import Path
 import click
 from click import UsageError, echo, option
 
-from humanplay.cli.console import progress, write_file
-from humanplay.cli.options import COUNT, path_option, several
-from humanplay.cli.training.cards import written
+from humanplay.command.console import progress, write_file, written
+from humanplay.command.options import COUNT, path_option, several
 
 
 @click.command(short_help="Make the leaderboard's figures of the shipped policies.")
@@ -27,9 +26,9 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
 
     \b
     Examples:
-      marsexplorer leaderboard --out data/leaderboard
-      marsexplorer leaderboard --board random-21x21 --board 1-1-1-21x21 --out figures --workers 2
-      marsexplorer leaderboard --policy ppo --out data/leaderboard
+      humanplay leaderboard --out data/leaderboard
+      humanplay leaderboard --board random-21x21 --board 1-1-1-21x21 --out figures --workers 2
+      humanplay leaderboard --policy ppo --out data/leaderboard
     """
     from humanplay.jobs import Jobs
     from humanplay.web.leaderboard.entries import make_board, offered_boards

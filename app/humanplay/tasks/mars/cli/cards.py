@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import platform
 import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from click import ClickException, echo
-
-from humanplay.cli.console import reason
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -20,43 +15,9 @@ HELD_OUT_TERRAINS = 200
 """Terrains of 21x21 or less that a finished policy is measured on for its card; on larger grids fewer, with as many cells."""
 
 
-@contextmanager
-def written(place: Path | str, option: str = "--out") -> Iterator[None]:
-    """Turn an error of the disk into one sentence: what cannot be written, why, and the option to give another of."""
-    try:
-        yield
-    except OSError as error:
-        why = f"{reason(error)}; choose another {option}"
-        raise ClickException(f"cannot write {place}: {why}") from error
-
-
-@contextmanager
-def noted_progress(what: str, total: int, note: str = "") -> Iterator[Callable[..., None]]:
-    """Yield `advance(done, note, line)`: it moves a bar with a note on stderr, or prints the line where that is no terminal.
-
-    An empty note leaves the one before, and of an empty line nothing is printed.
-    """
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console, noted = Console(stderr=True), TextColumn("{task.fields[note]}")
-    columns = (TextColumn(what), BarColumn(), noted, TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=total, note=note)
-
-        def advance(done: float, note: str = "", line: str = "") -> None:
-            bar.update(task, completed=done)
-            if note:
-                bar.update(task, note=note)
-            if line and not console.is_terminal:
-                echo(line, err=True)
-
-        yield advance
-
-
 def commit() -> str | None:
     """Return the commit of the checkout this runs from; None outside one, also where a package lies in another checkout."""
-    root = Path(__file__).resolve().parents[4]
+    root = Path(__file__).resolve().parents[5]
     command = ["git", "-C", str(root), "rev-parse", "--show-toplevel", "HEAD"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -15,18 +15,11 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import UsageError, echo, option
 
-from humanplay.cli.console import env_config_of
-from humanplay.cli.options import (
-    COUNT,
-    flag,
-    levels_option,
-    path_option,
-    seed_option,
-    several,
-    sizes_option,
-)
-from humanplay.cli.training.cards import commit, measure_policy, noted_progress, written
-from humanplay.cli.training.refine import RefineOutput, own_card_of, refine_policy
+from humanplay.command.console import noted_progress, written
+from humanplay.command.options import COUNT, flag, path_option, several
+from humanplay.tasks.mars.cli.cards import commit, measure_policy
+from humanplay.tasks.mars.cli.options import env_config_of, levels_option, seed_option, sizes_option
+from humanplay.tasks.mars.cli.refine import RefineOutput, own_card_of, refine_policy
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -108,7 +101,7 @@ def train(
       marsexplorer train --minutes 5 --set gamma=0.99 --set target_entropy=0.5,0.05
       marsexplorer train --level all --size 21 --size 42 --steps 10000000 --out runs/general
       marsexplorer train --recipe priced --level all --size 21 --size 42 --size 84 --refine 10
-      marsexplorer serve --policy runs/quick/quick.onnx
+      humanplay serve --policy runs/quick/quick.onnx
     """
     if minutes is not None and steps is not None:
         raise UsageError("--minutes and --steps both say how long; give one of them")

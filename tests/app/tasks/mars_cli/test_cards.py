@@ -4,7 +4,7 @@ import importlib.util
 import shutil
 import subprocess
 
-from humanplay.cli.training import cards
+from humanplay.tasks.mars.cli import cards
 
 
 def git(folder, *arguments):

@@ -11,16 +11,9 @@ from typing import IO, TYPE_CHECKING, Any
 import click
 from click import ClickException, UsageError, argument, echo, option
 
-from humanplay.cli.console import env_config_of, print_table, progress, reason
-from humanplay.cli.options import (
-    PATH,
-    check_more,
-    levels_option,
-    path_option,
-    several,
-    sizes_option,
-)
-from humanplay.cli.training.cards import written
+from humanplay.command.console import print_table, progress, reason, written
+from humanplay.command.options import PATH, check_more, path_option, several
+from humanplay.tasks.mars.cli.options import env_config_of, levels_option, sizes_option
 
 if TYPE_CHECKING:
     from marsexplorer.evaluation import EvaluationRow, EvaluationTable
@@ -191,7 +184,7 @@ def _read_maps(paths: Sequence[Path], cell_m: float | None) -> dict[str, GridMap
             raise UsageError(str(error)) from error
         except ModuleNotFoundError as error:
             raise ClickException(
-                "maps are read with the extra maps: pip install 'humanplay[maps]'"
+                "maps are read with the extra [play]: pip install 'humanplay[play]'"
             ) from error
     return maps
 

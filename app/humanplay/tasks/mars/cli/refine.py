@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import UsageError, argument, echo, option
 
-from humanplay.cli.options import COUNT, WORKERS, path_option, seed_option, several
-from humanplay.cli.training.cards import commit, hardware, measure_policy, noted_progress, written
-from humanplay.cli.training.policies import file_of, policy_errors
+from humanplay.command.console import noted_progress, written
+from humanplay.command.options import COUNT, WORKERS, path_option, several
+from humanplay.tasks.mars.cli.cards import commit, hardware, measure_policy
+from humanplay.tasks.mars.cli.options import seed_option
+from humanplay.tasks.mars.cli.policies import file_of, policy_errors
 
 if TYPE_CHECKING:
     from marsexplorer.training.refine import RefineRun, RoundMetrics
@@ -51,7 +53,7 @@ def refine(
     Examples:
       marsexplorer refine                                           the shipped policy, 30 rounds
       marsexplorer refine runs/mine/mine.onnx --rounds 10
-      marsexplorer serve --policy runs/mine-refined-s0/mine-refined-s0.onnx
+      humanplay serve --policy runs/mine-refined-s0/mine-refined-s0.onnx
     """
     from humanplay.jobs import cores
     from marsexplorer.config import EnvConfig

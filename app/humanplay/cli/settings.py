@@ -1,12 +1,12 @@
-"""Functions that the commands share: settings, errors as sentences, files, a progress bar, tables; `options` has their options.
+"""What the commands about a server share: its settings, and the errors of studies and databases as sentences.
 
-A user's mistake becomes a UsageError here; `humanplay.cli.main.main` turns those into one sentence and exit code 2.
+A user's mistake becomes a UsageError here; `humanplay.command.group.run` turns those into one sentence and exit code 2.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -14,18 +14,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click import BadParameter, ClickException, UsageError
 
-if TYPE_CHECKING:
-    from rich.progress import Progress
+from humanplay.command.console import reason
 
+if TYPE_CHECKING:
     from humanplay.task import Configuration
     from humanplay.web.settings import Place, Settings
 
-PRINTED_WIDTH = 140
-"""Width in characters of a table that is printed to a file or a pipe."""
-
 
 def settings_of(**flags: Any) -> Settings:
-    """Return a server's settings from flags and MARS_* variables; UsageError for a wrong one."""
+    """Return a server's settings from flags and HUMANPLAY_* variables; UsageError for a wrong one."""
     from humanplay.web.settings import Settings
 
     return _read(Settings, flags)
@@ -48,7 +45,7 @@ def _read(settings: type[S], flags: Mapping[str, Any]) -> S:
     from humanplay.web.settings import fault_of, unknown_variables
 
     for note in unknown_variables(os.environ):
-        click.echo(f"marsexplorer: {note}", err=True)
+        click.echo(f"humanplay: {note}", err=True)
     try:
         return settings(**flags)
     except (SettingsError, ValidationError) as error:
@@ -86,26 +83,9 @@ def failures(what: str, way_out: str = "") -> Iterator[None]:
         raise ClickException(f"{text}: {reason(error)}{way_out}") from error
 
 
-def write_file(path: Path, content: bytes, option: str = "file", private: bool = False) -> None:
-    """Write a file, whole or not at all; ClickException with the way out, which is another `option`.
-
-    private  for its owner alone
-    """
-    from marsexplorer.files import write_whole
-
-    try:
-        with write_whole(path) as file:
-            if private:
-                os.fchmod(file.fileno(), 0o600)
-            file.write(content)
-    except OSError as error:
-        why = f"{reason(error)}; choose another {option}"
-        raise ClickException(f"cannot write {path}: {why}") from error
-
-
 def pins_file() -> Path:
-    """Return the file of pinned signing keys: MARS_SIGNERS, or known_signers.json in the user's configuration folder."""
-    return place().signers or Path(click.get_app_dir("marsexplorer")) / "known_signers.json"
+    """Return the file of pinned signing keys: HUMANPLAY_SIGNERS, or known_signers.json in the user's configuration folder."""
+    return place().signers or Path(click.get_app_dir("humanplay")) / "known_signers.json"
 
 
 def task_name(given: str) -> str:
@@ -130,48 +110,3 @@ def default_config(task: str) -> Configuration:
         return rules_of(task).configuration({})
     except ValueError as error:
         raise BadParameter(str(error)) from error
-
-
-def env_config_of(level: str, size: int | tuple[int, int]) -> Configuration:
-    """Return the configuration of a level and size; raise UsageError when there is none."""
-    from humanplay.tasks.mars.rules import MarsRules
-
-    try:
-        return MarsRules.of_level(level, size)
-    except ValueError as error:
-        raise UsageError(str(error)) from error
-
-
-def reason(error: OSError) -> str:
-    """Return the operating system's reason in lower case, such as `permission denied`."""
-    return (error.strerror or str(error)).lower()
-
-
-@contextmanager
-def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Yield `advance(done, total)` that moves a bar on stderr; nothing is drawn where stderr is no terminal."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    bar: Progress
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table on stdout: the first column to the left and never cut, the others to the right."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=title)
-    table.add_column(columns[0], no_wrap=True)
-    for name in columns[1:]:
-        table.add_column(name, justify="right")
-    for row in rows:
-        table.add_row(*row)
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=PRINTED_WIDTH)
-    console.print(table)

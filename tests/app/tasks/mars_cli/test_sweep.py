@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from humanplay.cli.training.sweep import SweepRun, train_all
 from humanplay.jobs import LOCAL, ClusterError, JobError, Jobs
+from humanplay.tasks.mars.cli.sweep import SweepRun, train_all
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
 from marsexplorer.training.config import RECIPES

@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 from click import ClickException, UsageError, argument, echo, option
 
-from humanplay.cli.console import print_table, progress, reason
-from humanplay.cli.options import flag, path_option
+from humanplay.command.console import print_table, progress, reason
+from humanplay.command.options import flag, path_option
 
 TOKEN = option("--token", envvar="HF_TOKEN", help="Your own.  [default: that of `hf auth login`]")
 
@@ -110,7 +110,7 @@ def pull(repo: str, out: Path, revision: str | None, token: str | None) -> None:
         with _hub_errors(hub.HubError):
             file = hub.pull(repo, out, revision=revision, token=token)
         echo(f"{file}: {read_card(file).get('summary', 'a policy')}")
-        echo(f"Play beside it: marsexplorer serve --policy {file}")
+        echo(f"Play beside it: humanplay serve --policy {file}")
 
 
 def file_of(policy: str) -> Path:

@@ -14,8 +14,7 @@ import pytest
 import torch
 from click.testing import CliRunner
 
-from humanplay.cli.main import cli
-from humanplay.cli.training import cards
+from humanplay.tasks.mars.cli import cards, cli
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
@@ -164,7 +163,7 @@ def test_a_stopped_run_goes_on_by_the_same_command_with_resume(
         "--out",
         str(folder),
     ]
-    monkeypatch.setattr("humanplay.cli.training.train._steps_for", lambda *_: 512)
+    monkeypatch.setattr("humanplay.tasks.mars.cli.train._steps_for", lambda *_: 512)
     monkeypatch.setattr(run_folder.RunFolder, "on_update", stop_after_two)
     stopped = CliRunner().invoke(cli, words)
     assert "stopped after 256 of 512 moves" in stopped.output
@@ -190,7 +189,15 @@ def test_a_stopped_run_goes_on_by_the_same_command_with_resume(
 
 @pytest.mark.long
 def test_sigterm_ends_a_run_like_ctrl_c_and_in_its_own_words_alone(tmp_path):
-    command = [sys.executable, "-m", "humanplay.cli", "train", "--steps=100000000", "--out", "run"]
+    command = [
+        sys.executable,
+        "-m",
+        "humanplay.tasks.mars.cli",
+        "train",
+        "--steps=100000000",
+        "--out",
+        "run",
+    ]
     environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen(command, cwd=tmp_path, env=environ, **pipes) as run:

@@ -1,0 +1,1 @@
+"""What the commands `humanplay` and `marsexplorer` share."""

@@ -1,0 +1,50 @@
+"""Which extra of the package brings which optional library, so that a missing one is named in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+EXTRAS: dict[str, tuple[str, ...]] = {
+    "mars": ("numba", "llvmlite"),
+    "play": ("onnxruntime", "viser", "msgspec", "zstandard", "yaml"),
+    "study": ("httpx", "matplotlib"),
+    "onnx": ("onnx", "onnxruntime"),
+    "train": ("torch", "tensorboardX", "matplotlib", "huggingface_hub", "httpx2"),
+    "export": ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography"),
+    "ray": ("ray",),
+    "video": ("av",),
+    "agents": ("cryptography", "openenv", "openai"),
+}
+"""Extra -> the modules that it brings itself, by the names they are imported by."""
+
+INCLUDED: dict[str, tuple[str, ...]] = {
+    "play": ("mars",),
+    "train": ("mars", "onnx"),
+    "export": ("study",),
+    "ray": ("train",),
+    "video": ("play",),
+    "agents": ("study",),
+}
+"""Extra -> the extras that it includes."""
+
+
+def missing_extra(error: ModuleNotFoundError, command: str, extra: str) -> str | None:
+    """Name the extra to install; None if no extra brings the missing module.
+
+    Args:
+        error: what the import raised.
+        command: the command as it was typed, without its arguments.
+        extra: the extra that brings all that the command needs; "" if it needs none.
+    """
+    module = (error.name or "").split(".")[0]
+    extras = [name for name in EXTRAS if module in EXTRAS[name]]
+    if not extras:
+        return None
+    wanted = extra if extra and module in _modules(extra) else extras[0]
+    return f"`{command}` needs the extra [{wanted}]: pip install 'humanplay[{wanted}]'"
+
+
+def _modules(extra: str) -> Iterator[str]:
+    yield from EXTRAS[extra]
+    for included in INCLUDED.get(extra, ()):
+        yield from _modules(included)

@@ -1,0 +1,48 @@
+"""The command `marsexplorer`: train, evaluate and share policies of the environment."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+import click
+
+from humanplay.command.group import SETTINGS, Commands, Entry, run
+
+COMMANDS = {
+    "evaluate": Entry("evaluate", "play", "Score policies on the same terrains."),
+    "train": Entry("train", "train", "Train a policy on this machine."),
+    "refine": Entry("refine", "train", "Improve a trained policy by trying other moves."),
+    "sweep": Entry("sweep", "train", "Train on many levels and seeds."),
+    "policies": Entry(
+        "policies", "train", "List policies, show their cards, share them on the Hugging Face hub."
+    ),
+}
+KEPT_BY_CTRL_C = frozenset({"train", "refine"})
+"""Commands that keep what they have done when Ctrl-C ends them; SIGTERM ends them the same way."""
+
+
+@click.group(
+    cls=Commands, package="humanplay.tasks.mars.cli", table=COMMANDS, context_settings=SETTINGS
+)
+@click.version_option(package_name="humanplay", prog_name="marsexplorer")
+def cli() -> None:
+    """Train and evaluate policies that explore MarsExplorer's terrains.
+
+    \b
+    Begin with:
+      marsexplorer evaluate --policy frontier-cost          score a policy, with an interval
+      marsexplorer train --minutes 15 --out runs/mine       train a policy of your own
+      humanplay serve --policy runs/mine/mine.onnx          watch it in the browser
+    Every command has its own help: marsexplorer train --help
+    """
+
+
+def main(args: Sequence[str] | None = None) -> NoReturn:
+    """Run the command and exit with its code. args: the words after `marsexplorer`, those of the process by default."""
+    words = sys.argv[1:] if args is None else args
+    if words and words[0] in KEPT_BY_CTRL_C:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    run(cli, "marsexplorer", words)
