@@ -111,13 +111,13 @@ def key_to_picture(env: str, presses: int) -> np.ndarray:
         page.add_init_script(PRESSED)
         page.goto(url)
         page.wait_for_function(
-            "() => document.querySelector('img.picture')?.complete && window.mars.state.link === 'open'"
+            "() => document.querySelector('img.picture')?.complete && window.playground.state.link === 'open'"
         )
-        keys = page.evaluate("() => Object.values(window.mars.state.task.keys).flat()")
+        keys = page.evaluate("() => Object.values(window.playground.state.task.keys).flat()")
         keys = [each for each in keys if each in ("ArrowLeft", "ArrowRight")]
-        if ticks := page.evaluate("() => window.mars.state.task.clock !== null"):
+        if ticks := page.evaluate("() => window.playground.state.task.clock !== null"):
             page.keyboard.press(keys[0])
-            page.wait_for_function("() => window.mars.state.player.clock.state === 'running'")
+            page.wait_for_function("() => window.playground.state.player.clock.state === 'running'")
         page.evaluate(WATCH, PADDLE if ticks else 0)
         dice = random.Random(1)
         for number in range(presses):

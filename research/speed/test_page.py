@@ -26,7 +26,7 @@ WANTED_S = {"playable": 1.0, "drawn": 2.5}
 MOST_BYTES = {"matrix alone": 300_000, "matrix and 3-D by the processor": 900_000}
 WATCH = """(() => {
   const look = () => {
-    const mars = window.mars
+    const mars = window.playground
     if (!window.playable && mars?.state.player?.frame && mars.state.link === 'open') window.playable = performance.now()
     if (!window.drawn && document.querySelector('[data-testid=viewer-player][data-drawn]')) window.drawn = performance.now()
     requestAnimationFrame(look)
@@ -90,21 +90,21 @@ def test_keydown_to_repaint(spawn, drawn, flags, side):
     with page_in_browser(flags) as page:
         page.goto(server.url)
         # the cookie is there: the next board is the same player's
-        page.wait_for_function("() => window.mars?.state.player")
+        page.wait_for_function("() => window.playground?.state.player")
         asked = page.request.post(f"{server.url}/api/sessions", data={"size": side, "seed": 3})
         about = asked.json()
         page.goto("about:blank")
         page.goto(f"{server.url}/#watch={about['watch']}")
-        is_open = "window.mars?.state.player && window.mars.state.link === 'open'"
+        is_open = "window.playground?.state.player && window.playground.state.link === 'open'"
         page.wait_for_function(f"() => {is_open}")
-        assert page.evaluate("() => window.mars.state.player.session") == about["session"]
+        assert page.evaluate("() => window.playground.state.player.session") == about["session"]
         policy.reset(0)
         for number in range(PRESSES):
-            text = page.evaluate("() => JSON.stringify(window.mars.state.player.frame)")
+            text = page.evaluate("() => JSON.stringify(window.playground.state.player.frame)")
             codes = occupancy_codes(json.loads(text))
             page.keyboard.press(KEY_OF[("north", "east", "south", "west")[policy.act(codes)]])
-            page.wait_for_function(f"() => window.mars.latencies.length > {number}")
-        times = np.array(page.evaluate("() => window.mars.latencies"))
+            page.wait_for_function(f"() => window.playground.latencies.length > {number}")
+        times = np.array(page.evaluate("() => window.playground.latencies"))
     print(f"\n\nkeydown to repaint over {len(times)} presses at {side}x{side}, {drawn}: ", end="")
     print(", ".join(f"p{p} {np.percentile(times, p):.1f} ms" for p in (50, 95, 99)))
     assert np.percentile(times, 95) < MOST_MS[side]

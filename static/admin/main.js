@@ -17,7 +17,7 @@ let state = { chosen: decodeURIComponent(location.hash.slice(1)), overview: null
 let timer = 0;
 /** The newest question of `load`: an answer to an earlier one changes nothing. */
 let asked = 0;
-Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
+Object.defineProperty(window, "playground", { value: Object.freeze({ get state() { return state; } }) });
 
 /** @param {boolean} isIn */
 function enter(isIn) {

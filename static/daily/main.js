@@ -13,7 +13,7 @@ import { countdown, dayText, pastText, peopleText, policyRows, rankText, resultT
 let state = initialState();
 /** @type {Daily.Today | null} */
 let today = null;
-Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
+Object.defineProperty(window, "playground", { value: Object.freeze({ get state() { return state; } }) });
 
 const task = await loadTask(null);
 const modules = await task.play?.();

@@ -15,7 +15,7 @@ const LATER_MS = 20000;
 /** @type {Leaderboard.State} */
 let state = { view: location.hash ? "policies" : "people", boards: [], ...fromAddress(), detail: null, evaluates: false };
 let timer = 0;
-Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
+Object.defineProperty(window, "playground", { value: Object.freeze({ get state() { return state; } }) });
 
 /** Return what the address asks for: `#random-21x21&score`. */
 function fromAddress() {

@@ -17,7 +17,7 @@ const ROLES = /** @type {const} */ (["player", "rival"]);
 let state = initialState();
 /** Whether the task is known, and all is wired. */
 let isReady = false;
-Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; }, get latencies() { return [...latencies]; } }) });
+Object.defineProperty(window, "playground", { value: Object.freeze({ get state() { return state; }, get latencies() { return [...latencies]; } }) });
 
 const chart = by("chart");
 /** @type {GameState | null} */

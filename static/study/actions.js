@@ -4,7 +4,7 @@ import { dispatch, frame, go, isBusy, name, stage, state, step, study } from "./
 import { createIdleTimer, goesOn, knowsTheEnd, screenOf } from "./state.js";
 
 /** @param {string} what @returns where this tab keeps it */
-export const keep = (what) => `mars.study.${name}.${what}`;
+export const keep = (what) => `humanplay.study.${name}.${what}`;
 export const isDialogOpen = () => Boolean(document.querySelector("dialog[open]"));
 export const announce = (/** @type {string} */ text) => { by("announcer").textContent = text; };
 export const idle = createIdleTimer(() => performance.now());

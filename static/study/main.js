@@ -20,7 +20,7 @@ const now_ms = () => performance.now();
 let painted = null;
 /** @type {Study.Layout | undefined} */
 let layout;
-Object.defineProperty(window, "marsStudy", { value: Object.freeze({ get state() { return state; }, get painted() { return painted; }, get screen() { return screenOf(state); },
+Object.defineProperty(window, "study", { value: Object.freeze({ get state() { return state; }, get painted() { return painted; }, get screen() { return screenOf(state); },
   get waiting() { return telemetry.waiting(); } }) });
 
 const send = (/** @type {object} */ message) => connections.send("player", message);

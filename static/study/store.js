@@ -7,7 +7,7 @@ import { apply, initialState } from "./state.js";
 export const name = studyName(location.pathname);
 export const study = createStudyApi(name);
 /** To other tabs of this study; null where a browser has no such thing. */
-export const channel = "BroadcastChannel" in window ? new BroadcastChannel(`mars.study.${name}`) : null;
+export const channel = "BroadcastChannel" in window ? new BroadcastChannel(`humanplay.study.${name}`) : null;
 /** Of the newest state. */
 export let state = initialState();
 export const frame = () => state.game.player?.frame;

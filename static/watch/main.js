@@ -14,7 +14,7 @@ const chart = by("chart");
 let state = initialState();
 /** The newest question of `load`: an answer to an earlier one changes nothing. */
 let asked = 0;
-Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
+Object.defineProperty(window, "playground", { value: Object.freeze({ get state() { return state; } }) });
 const repaint = createRepaint(() => paint());
 const sizes = createSizes(() => repaint());
 const paintCurveSoon = createSlow(paintCurve);

@@ -11,7 +11,7 @@ from humanplay.db.store import Store
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.web.leaderboard import entries
 from marsexplorer.config import EnvConfig
-from tests.support.browser import NO_3D, judged
+from tests.support.browser import NO_3D, fetched, judged
 from tests.support.recorded import play
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
@@ -144,7 +144,7 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     look(page, "admin-confirm")
     page.get_by_test_id("close-now").click()
     until(page, "document.getElementById('status').textContent === 'closed'")
-    public = page.request.get(f"{server.url}/api/studies/small").json()
+    public = fetched(page, f"{server.url}/api/studies/small").json()
     assert (public["status"], public["secret"]) == ("closed", study.secret.hex())
     assert page.get_by_test_id("make-release").is_enabled()
     page.get_by_test_id("make-report").click()
@@ -157,7 +157,7 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
 
     page.get_by_test_id("logout").click()
     page.get_by_test_id("password").wait_for(state="visible")
-    assert page.request.get(f"{server.url}/api/admin/overview").status == 401
+    assert fetched(page, f"{server.url}/api/admin/overview").status == 401
     assert me.errors == []
 
 
@@ -201,14 +201,14 @@ def test_a_link_to_a_board_of_the_leaderboard_opens_it_at_every_load(serve, play
     page = me.page
     page.goto(f"{me.url}/leaderboard#random-84x84&score")
     for _ in range(2):
-        until(page, "window.mars?.state.detail")
+        until(page, "window.playground?.state.detail")
         assert page.evaluate("mars.state.detail.board.id") == "random-84x84"
         assert page.get_by_test_id("by-score").get_attribute("aria-pressed") == "true"
         assert page.url.endswith("/leaderboard#random-84x84&score")
         page.reload()
     page.goto("about:blank")
     page.goto(f"{me.url}/leaderboard#gone")
-    until(page, "window.mars?.state.detail")
+    until(page, "window.playground?.state.detail")
     assert page.url.endswith(f"#{page.evaluate('mars.state.boards[0].id')}")
     assert me.errors == []
 
@@ -222,13 +222,13 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     page.get_by_text("Nobody with a name has five ranked terrains yet").wait_for()
     look(page, "leaderboard-people-empty")
     page.get_by_test_id("view-policies").click()
-    until(page, "window.mars && window.mars.state.detail")
+    until(page, "window.playground && window.playground.state.detail")
     assert page.url.split("#")[0] == f"{server.url}/leaderboard"
     said = "Volunteers on this playground, Scattered 21 × 21: nobody has played this ranked yet"
     assert page.get_by_test_id("sentence").inner_text().startswith(said)
     assert page.get_by_test_id("rank-people").count() == 0
     page.get_by_test_id("evaluate").click()
-    until(page, "window.mars.state.detail.policies.every((policy) => policy.figure)")
+    until(page, "window.playground.state.detail.policies.every((policy) => policy.figure)")
     assert page.get_by_test_id("evaluate").is_hidden()
     assert page.get_by_test_id("working").is_hidden()
     look(page, "leaderboard-empty")
@@ -237,7 +237,7 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     server.explore(client, client.post("/api/sessions").json()["session"])
     eventually(lambda: client.get("/api/human-level").json()["figures"])
     page.reload()
-    until(page, "window.mars && window.mars.state.detail")
+    until(page, "window.playground && window.playground.state.detail")
     lacks = (
         "1 player and 1 ranked episode so far, and no mean yet. "
         "It needs 5 players with 5 ranked episodes each: 5 are missing."
@@ -259,9 +259,12 @@ def test_the_leaderboard_shows_people_once_they_are_enough(serve, player, quick,
     me = player(serve(policies=QuickPolicies()), NO_3D)
     page = me.page
     page.goto(f"{me.url}/leaderboard#random-21x21")
-    until(page, "window.mars && window.mars.state.detail && window.mars.state.detail.people")
+    until(
+        page,
+        "window.playground && window.playground.state.detail && window.playground.state.detail.people",
+    )
     page.get_by_test_id("evaluate").click()
-    until(page, "window.mars.state.detail.policies.every((policy) => policy.figure)")
+    until(page, "window.playground.state.detail.policies.every((policy) => policy.figure)")
     whole = "from 5 players and 25 episodes; 1 player with fewer episodes is not in it"
     assert whole in page.get_by_test_id("sentence").inner_text()
     people = page.get_by_test_id("rank-people")

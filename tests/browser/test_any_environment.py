@@ -48,9 +48,9 @@ def test_it_is_played_and_goes_on_with_all_that_was_shown_after_its_server_was_k
         """Play on for so many moves."""
         until = me.state()["step"] + more
         if clock:  # a press goes on only where the page knows that time stands still
-            me.wait("window.mars.state.player.clock?.state === 'standing'")
+            me.wait("window.playground.state.player.clock?.state === 'standing'")
             page.keyboard.press(keys[1])
-            me.wait("window.mars.state.player.clock?.state === 'running'")
+            me.wait("window.playground.state.player.clock?.state === 'running'")
         while (at := me.state()["step"]) < until:
             if clock:
                 page.keyboard.down(keys[at % 2])
@@ -58,7 +58,7 @@ def test_it_is_played_and_goes_on_with_all_that_was_shown_after_its_server_was_k
                 page.keyboard.up(keys[at % 2])
             else:
                 me.hand.press(page.keyboard, keys[at % 2])
-                me.wait(f"window.mars.state.player.frame.step > {at}")
+                me.wait(f"window.playground.state.player.frame.step > {at}")
 
     play(20 if clock else 4)
     keep_picture(page, f"{name}-played")
@@ -66,7 +66,7 @@ def test_it_is_played_and_goes_on_with_all_that_was_shown_after_its_server_was_k
     server.kill()
     shown = me.state()["step"]
     server = spawn(**settings)
-    me.wait("window.mars.state.link === 'open'")
+    me.wait("window.playground.state.link === 'open'")
     eventually(lambda: me.state()["step"] >= shown)
     play(10 if clock else 2)
     assert me.state()["episode"] == episode

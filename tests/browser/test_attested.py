@@ -53,7 +53,7 @@ def click(me, action, how):
     step = me.state()["step"]
     me.page.wait_for_timeout(80)
     how(me.page.get_by_test_id(f"pad-{action}"))
-    me.wait(f"window.mars.state.player.frame.step > {step}")
+    me.wait(f"window.playground.state.player.frame.step > {step}")
 
 
 def test_a_disk_that_was_full_in_the_middle_of_play(spawn, player, tmp_path):
@@ -114,12 +114,12 @@ def test_taps_and_swipes_on_a_phone(serve, player, tmp_path):
         me.page.wait_for_timeout(150)
         thumbs.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": points})
     thumbs.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-    me.wait(f"window.mars.state.player.frame.step === {step + 2}")
+    me.wait(f"window.playground.state.player.frame.step === {step + 2}")
     me.page.evaluate("() => { document.body.style.minHeight = '3000px'; }")
     for action in (there, back, there, back):
         step = me.state()["step"]
         swipe(me, action)
-        me.wait(f"window.mars.state.player.frame.step === {step + 1}")
+        me.wait(f"window.playground.state.player.frame.step === {step + 1}")
     stays = me.page.evaluate("() => [scrollX, scrollY, visualViewport.scale]")
     assert stays == [0, 0, 1]
     assert level_of(tmp_path, end(me)) == ATTESTED
@@ -133,7 +133,7 @@ def test_typing_ahead_in_bursts(serve, player, tmp_path):
         step = me.state()["step"]
         for action in (there, back, there, back):
             me.page.keyboard.press(KEY_OF[action])
-        me.wait(f"window.mars.state.player.frame.step === {step + 4}")
+        me.wait(f"window.playground.state.player.frame.step === {step + 4}")
         me.page.wait_for_timeout(400)
     assert level_of(tmp_path, end(me)) == ATTESTED
 
@@ -147,15 +147,19 @@ def test_reloads_and_a_second_tab_in_the_middle_of_an_episode(serve, player, tmp
         me.press(there)
         me.press(back)
         me.page.reload()
-        me.wait("window.mars && window.mars.state.player && window.mars.state.link === 'open'")
+        me.wait(
+            "window.playground && window.playground.state.player && window.playground.state.link === 'open'"
+        )
     tab = type(me)(me.page.context.new_page(), me.url)
     tab.page.goto(me.page.url)
-    tab.wait("window.mars && window.mars.state.player && window.mars.state.link === 'open'")
+    tab.wait(
+        "window.playground && window.playground.state.player && window.playground.state.link === 'open'"
+    )
     for who in (tab, me, tab, me):
         steps = who.state()["step"]
         who.press(there if steps % 2 == 0 else back)
         for other in (me, tab):
-            other.wait(f"window.mars.state.player.frame.step === {steps + 1}")
+            other.wait(f"window.playground.state.player.frame.step === {steps + 1}")
     assert level_of(tmp_path, end(me)) == ATTESTED
 
 
@@ -167,9 +171,9 @@ def test_a_connection_lost_in_the_middle(spawn, player, tmp_path):
     server.kill()
     for action in (back, there, back):
         me.page.keyboard.press(KEY_OF[action])  # lost, and their events are not
-    me.wait("window.mars.state.link === 'lost'")
+    me.wait("window.playground.state.link === 'lost'")
     again = spawn(port=server.port)
-    me.wait("window.mars.state.link === 'open'")
+    me.wait("window.playground.state.link === 'open'")
     assert me.state()["step"] == 1
     me.press(back)
     me.press(there)
@@ -216,4 +220,4 @@ def test_without_events_the_page_says_that_its_episode_does_not_count(serve, pla
     why = "step 0: no press of its own was received before the move"
     assert level_of(tmp_path, end(me)) == ("human", "unattested", why)
     me.page.get_by_text("This episode does not count").first.wait_for()
-    me.wait("!window.mars.state.counts")
+    me.wait("!window.playground.state.counts")

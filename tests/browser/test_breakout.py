@@ -17,7 +17,7 @@ BREAKOUT = "gymnasium:ale_py:ALE/Breakout-v5"
 
 
 def clock_is(me, state):
-    me.wait(f"window.mars.state.player.clock?.state === '{state}'")
+    me.wait(f"window.playground.state.player.clock?.state === '{state}'")
 
 
 def step(me):
@@ -41,11 +41,11 @@ def test_breakout_is_played_by_held_keys_and_buttons(serve, player, tmp_path, mo
     clock_is(me, "running")
     expect(card).not_to_be_visible()
     page.keyboard.down("Space")
-    me.wait("window.mars.state.player.frame.step > 20")
+    me.wait("window.playground.state.player.frame.step > 20")
     page.keyboard.up("Space")
     page.keyboard.down("ArrowRight")
     at = step(me)
-    me.wait(f"window.mars.state.player.frame.step > {at + 20}")
+    me.wait(f"window.playground.state.player.frame.step > {at + 20}")
     page.keyboard.up("ArrowRight")
     page.get_by_test_id("open-help").click()
     clock_is(me, "standing")  # a dialog lets it stand still
@@ -58,11 +58,11 @@ def test_breakout_is_played_by_held_keys_and_buttons(serve, player, tmp_path, mo
     page.mouse.move(box["x"] + 5, box["y"] + 5)
     page.mouse.down()
     at = step(me)
-    me.wait(f"window.mars.state.player.frame.step > {at + 20}")
+    me.wait(f"window.playground.state.player.frame.step > {at + 20}")
     page.mouse.move(0, 0)  # off the button: it is let go
     page.mouse.up()
     at = step(me)
-    me.wait(f"window.mars.state.player.frame.step > {at + 10}")
+    me.wait(f"window.playground.state.player.frame.step > {at + 10}")
     episode = me.state()["episode"]
     page.reload()
     clock_is(me, "standing")
@@ -74,7 +74,7 @@ def test_breakout_is_played_by_held_keys_and_buttons(serve, player, tmp_path, mo
     held = {(fire, "key", "human"), (right, "key", "human"), (left, "touch", "human")}
     assert {*made} >= {(0, None, "human"), *held}
     assert made[-1] == (0, None, "human")
-    session = page.evaluate("() => window.mars.state.player.session")
+    session = page.evaluate("() => window.playground.state.player.session")
     next_one = f"{server.url}/api/sessions/{session}/episodes"
     answer = page.request.post(next_one, data={}, headers={"Origin": server.url})
     assert answer.status == 201

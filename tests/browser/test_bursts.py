@@ -54,7 +54,7 @@ def test_a_burst_of_forty_loses_no_press(serve, player, tmp_path):
 
     # a key that is held repeats, and stops before the edge by itself
     me.page.keyboard.down(KEY_OF[back])
-    me.wait("window.mars.state.player.frame.position.join() === '0,0'")
+    me.wait("window.playground.state.player.frame.position.join() === '0,0'")
     mark = me.page.get_by_test_id("dropped")
     eventually(lambda: "Stopped before the edge" in mark.text_content())
     assert me.state()["outcome"] is None
@@ -65,7 +65,7 @@ def test_a_burst_of_forty_loses_no_press(serve, player, tmp_path):
     me.begin(size=[9, 12])
     there, back = there_and_back(me)
     burst(me, [there, back] * (PRESSES // 2), FASTEST_GAP_S)
-    me.wait(f"window.mars.state.player.frame.step === {PRESSES}")
+    me.wait(f"window.playground.state.player.frame.step === {PRESSES}")
 
     # what comes after the end of an episode is dropped in sight
     burst(me, ["north"] * 5, FASTEST_GAP_S)
@@ -85,7 +85,7 @@ def test_a_burst_of_forty_loses_no_press(serve, player, tmp_path):
     me.page.get_by_test_id("close-display").click()
     me.wait(is_next)
     me.page.keyboard.press("Enter")
-    me.wait(f"window.mars.state.player.frame.episode !== '{episode}'")
+    me.wait(f"window.playground.state.player.frame.episode !== '{episode}'")
     assert me.errors == []
 
 
@@ -101,9 +101,11 @@ def test_a_press_waits_for_the_socket_of_a_new_session(serve, player, monkeypatc
     me = player(serve(), NO_3D)
     me.goto()
     me.page.get_by_test_id("mode-ranked").click()
-    me.wait("window.mars.state.mode === 'ranked' && window.mars.state.link === 'connecting'")
+    me.wait(
+        "window.playground.state.mode === 'ranked' && window.playground.state.link === 'connecting'"
+    )
     me.hand.press(me.page.keyboard, KEY_OF["south"])
     assert me.state("link") == "connecting", "the socket opened too soon for this test"
-    me.wait("window.mars.state.player.frame.step === 1")
+    me.wait("window.playground.state.player.frame.step === 1")
     assert dropped(me) == 0
     assert me.errors == []

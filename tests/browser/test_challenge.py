@@ -3,7 +3,7 @@
 from humanplay.db.store import Store
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
-from tests.support.browser import AS_A_PERSON, NO_3D, judged
+from tests.support.browser import AS_A_PERSON, NO_3D, fetched, judged
 from tests.support.recorded import play
 
 
@@ -16,7 +16,7 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     page = me.page
     page.goto(f"{server.url}/replay/{against.id}")
     page.get_by_test_id("beat-this").click()
-    me.wait("window.mars?.state.player && window.mars.state.link === 'open'")
+    me.wait("window.playground?.state.player && window.playground.state.link === 'open'")
     begun = me.state()
     assert page.url.endswith(f"#challenge={against.id}")
     assert (me.state("mode"), me.state("counts"), me.state("rival.frame.step")) == (
@@ -28,18 +28,22 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     me.explore(policy, lambda frame: frame["step"] == 3)
     me.shows("steps-rival", "3")  # the opponent moves with me
     page.reload()
-    me.wait("window.mars?.state.player?.frame.step === 3 && window.mars.state.link === 'open'")
+    me.wait(
+        "window.playground?.state.player?.frame.step === 3 && window.playground.state.link === 'open'"
+    )
     assert me.state()["episode"] == begun["episode"]
     page.goto(f"{server.url}/leaderboard")  # left, and come back to
     page.locator("nav.pages").get_by_role("link", name="Play").click()
-    me.wait("window.mars?.state.player?.frame.step === 3 && window.mars.state.link === 'open'")
+    me.wait(
+        "window.playground?.state.player?.frame.step === 3 && window.playground.state.link === 'open'"
+    )
     assert (me.state("mode"), me.state()["episode"]) == ("challenge", begun["episode"])
     assert (me.state("rival.name"), me.state("rival.frame.step")) == ("A script", 3)
     assert page.url.endswith(f"#challenge={against.id}")
     assert page.get_by_test_id("terrain").inner_text() == "Challenge · Scattered · 9 × 12"
     mine = me.explore(policy, lambda frame: frame["outcome"])
     theirs = me.state("rival.frame")
-    done = page.request.get(f"{server.url}/api/episodes/{against.id}").json()
+    done = fetched(page, f"{server.url}/api/episodes/{against.id}").json()
     assert (theirs["outcome"], theirs["step"]) == ("explored", done["steps"])
     page.get_by_test_id("end-compare-player").get_by_text("moves").wait_for()
     said = page.get_by_test_id("end-compare-player").inner_text()
@@ -48,15 +52,15 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     assert " a script" in said
     assert judged(page, "challenge-end") == []
     # a terrain that was chosen: in no human figure, whoever played it
-    stored = page.request.get(f"{server.url}/api/episodes/{mine['episode']}").json()
+    stored = fetched(page, f"{server.url}/api/episodes/{mine['episode']}").json()
     assert (stored["driver"], stored["counts"]) == ("human", False)
-    assert page.request.get(f"{server.url}/api/human-level").json()["figures"] == []
-    assert page.request.get(f"{server.url}/api/episodes?who=human").json() == []
+    assert fetched(page, f"{server.url}/api/human-level").json()["figures"] == []
+    assert fetched(page, f"{server.url}/api/episodes?who=human").json() == []
     assert page.get_by_test_id("beat-this").get_attribute("href") == (
         f"#challenge={mine['episode']}"
     )
     page.keyboard.press("Enter")  # practice, and no ranked terrain
-    me.wait(f"window.mars.state.player.frame.episode !== '{mine['episode']}'")
+    me.wait(f"window.playground.state.player.frame.episode !== '{mine['episode']}'")
     assert (me.state("mode"), me.state("counts")) == ("practice", False)
     assert "#watch=" in page.url
 

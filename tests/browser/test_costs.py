@@ -7,7 +7,7 @@ from marsexplorer import policies
 from marsexplorer.observation import valid_actions
 from tests.browser.test_attested import there_and_back
 from tests.browser.test_play_page import whole
-from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, keep_picture
+from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, fetched, keep_picture
 
 FLAGS = tuple(dict.fromkeys((*AS_A_PERSON, *NO_3D)))
 
@@ -45,7 +45,7 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
     frame = me.state()
     assert frame["outcome"] == "out_of_bounds"
     # nothing else changes the board from here on
-    me.wait("window.mars.state.rival && window.mars.state.rival.frame.outcome")
+    me.wait("window.playground.state.rival && window.playground.state.rival.frame.outcome")
     plain = me.still("canvas-player")
     answers = []
     me.page.route(
@@ -67,9 +67,11 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
     me.changes("canvas-player", marked)  # the board as it was before the move
     me.changes("chart", chart)
     me.page.get_by_role("button", name="Try from here: move 3").click()
-    me.wait("window.mars.state.player && !window.mars.state.player.frame.outcome")
+    me.wait("window.playground.state.player && !window.playground.state.player.frame.outcome")
     me.hand.press(me.page.keyboard, KEY_OF[there])  # at once, and it waits for the moves before it
-    me.wait("window.mars.state.player.frame.step === 3 && !window.mars.state.player.frame.outcome")
+    me.wait(
+        "window.playground.state.player.frame.step === 3 && !window.playground.state.player.frame.outcome"
+    )
     assert me.state("mode") == "practice"
     assert not me.state("counts")
     assert me.state("rival.name") == "ppo"
@@ -98,7 +100,7 @@ def test_mistakes_are_listed_and_one_is_tried_again(serve, player, width, height
     lines = me.page.locator("[data-part=costs] li .mistake span").all_inner_texts()
     assert all(" cost " in line for line in lines)
     keep_picture(me.page, f"mistakes-{width}x{height}")
-    answer = me.page.request.get(f"{server.url}/api/episodes/{frame['episode']}/costs").json()
+    answer = fetched(me.page, f"{server.url}/api/episodes/{frame['episode']}/costs").json()
     biggest = answer["mistakes"][0]
     first, last = biggest["first"] + 1, biggest["last"] + 1
     where = f"Move {first}" if first == last else f"Moves {first} to {last}"
@@ -111,11 +113,11 @@ def test_mistakes_are_listed_and_one_is_tried_again(serve, player, width, height
     assert answer["given_up"] + sum(move["cost"] for move in answer["expert"]) == gap
     # to be seen without choosing a mistake first
     me.page.get_by_role("button", name="Try from here").first.click()
-    me.wait(f"window.mars.state.player.frame.step === {biggest['step']}")
-    me.wait("!window.mars.state.player.frame.outcome")
+    me.wait(f"window.playground.state.player.frame.step === {biggest['step']}")
+    me.wait("!window.playground.state.player.frame.outcome")
     again = me.state()
     assert again["episode"] != frame["episode"]
-    assert me.page.request.get(f"{server.url}/api/human-level").json()["figures"] == []
+    assert fetched(me.page, f"{server.url}/api/human-level").json()["figures"] == []
     assert me.errors == []
 
 
@@ -129,7 +131,7 @@ def test_a_large_board_says_that_its_moves_are_not_judged(serve, player):
     ask.click()
     said = me.page.locator("[data-part=costs]")
     said.get_by_text("Moves are judged on boards of up to 1764 cells").wait_for(timeout=60_000)
-    costs = me.page.request.get(f"{server.url}/api/episodes/{frame['episode']}/costs").json()
+    costs = fetched(me.page, f"{server.url}/api/episodes/{frame['episode']}/costs").json()
     whole = f"Your episode counts 7056 moves, Expert's {costs['expert_moves']}: "
     assert said.inner_text().startswith(whole)
     assert ask.is_hidden(), "asking again would say the same"

@@ -44,14 +44,16 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     page.get_by_test_id("nothing").wait_for()
     check_screen(page, "me-empty", wrong)
     page.get_by_role("link", name="Today's terrain").click()
-    me.wait("window.mars && window.mars.state.link === 'open' && window.mars.state.player")
+    me.wait(
+        "window.playground && window.playground.state.link === 'open' && window.playground.state.player"
+    )
     assert page.get_by_test_id("prompt").inner_text().startswith("Press an arrow key")
     check_screen(page, "daily-start", wrong)
     policy = load("frontier-cost")
     me.explore(policy, lambda frame: frame["step"] >= 2)
     page.reload()
     me.wait(
-        "window.mars && window.mars.state.link === 'open' && window.mars.state.player?.frame.step >= 2"
+        "window.playground && window.playground.state.link === 'open' && window.playground.state.player?.frame.step >= 2"
     )
     frame = me.explore(policy, lambda frame: frame["outcome"])
     page.get_by_test_id("end-card").wait_for()
@@ -88,7 +90,9 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
         server.clock.wait(24 * 3600 * 1000)  # the next day
         page.goto("about:blank")
         page.goto(f"{server.url}/daily")
-        me.wait("window.mars?.state.link === 'open' && window.mars.state.player?.frame.step === 0")
+        me.wait(
+            "window.playground?.state.link === 'open' && window.playground.state.player?.frame.step === 0"
+        )
         page.get_by_test_id("routes").get_by_text(f"You: {played[-1]} moves").wait_for()
         newest = me.explore(policy, lambda frame: frame["outcome"])
         played.append(newest["step"])

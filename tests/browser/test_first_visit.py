@@ -79,23 +79,23 @@ def test_a_first_time_visitor_plays_an_episode_by_the_prompts_on_the_screen_alon
     assert visitor.reads("coach-player") == ""
     visitor.sees("end-compare-player", "Expert")
     # it goes on by itself
-    me.wait("window.mars.state.rival.frame.step > window.mars.state.player.frame.step")
+    me.wait("window.playground.state.rival.frame.step > window.playground.state.player.frame.step")
 
     visitor.sees("end-card", "Next terrain\\s+Enter")
     page.keyboard.press("Enter")
-    me.wait(f"window.mars.state.player.frame.episode !== '{end['episode']}'")
+    me.wait(f"window.playground.state.player.frame.episode !== '{end['episode']}'")
     page.get_by_test_id("end-card").wait_for(state="hidden")
     assert page.get_by_test_id("board-rival").is_visible()
     assert visitor.reads("prompt-player") == visitor.reads("coach-player") == ""
     page.reload(wait_until="domcontentloaded")
     body = page.evaluate("() => ({...document.body.dataset})")
     assert (body["visit"], body["boards"]) == ("again", "2")
-    me.wait("window.mars?.state.player && window.mars.state.link === 'open'")
+    me.wait("window.playground?.state.player && window.playground.state.link === 'open'")
     begun = me.state()
     me.press("north")
-    me.wait("window.mars.state.player.frame.outcome")
+    me.wait("window.playground.state.player.frame.outcome")
     page.keyboard.press("r")  # the same again
-    me.wait(f"window.mars.state.player.frame.episode !== '{begun['episode']}'")
+    me.wait(f"window.playground.state.player.frame.episode !== '{begun['episode']}'")
     assert me.state()["grid"] == begun["grid"]
     assert me.errors == []
 
@@ -118,7 +118,7 @@ def test_a_visitor_with_a_phone_taps_hides_the_hints_and_maps_the_whole_terrain(
     visitor.sees("board-rival", "Expert")
     assert page.get_by_test_id("board-player").is_hidden()
     page.get_by_role("button", name="Next terrain").tap()
-    me.wait(f"window.mars.state.player.frame.episode !== '{frame['episode']}'")
+    me.wait(f"window.playground.state.player.frame.episode !== '{frame['episode']}'")
     page.get_by_test_id("board-player").wait_for()
     assert me.errors == []
 

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.browser.test_attested import there_and_back
-from tests.support.browser import AS_A_PERSON, NO_3D, judged
+from tests.support.browser import AS_A_PERSON, NO_3D, fetched, judged
 
 PERSON = [*NO_3D, *AS_A_PERSON]
 
@@ -14,7 +14,7 @@ def ranked(me, **wish):
 
 
 def kept(me, episode):
-    return me.page.request.get(f"{me.url}/api/episodes/{episode}").json()
+    return fetched(me.page, f"{me.url}/api/episodes/{episode}").json()
 
 
 def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, player):
@@ -29,16 +29,16 @@ def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, play
     friend.page.goto(address)
     friend.page.wait_for_url(f"{me.url}/watch/{begun['watch']}")
     friend.shows("watching-text", "Live: somebody else is exploring")
-    friend.wait("window.mars?.state.player?.frame.step === 1")
+    friend.wait("window.playground?.state.player?.frame.step === 1")
     sent = []
     friend.page.on("request", lambda request: sent.append(request.url))
     for key in ("ArrowRight", "ArrowDown", "Enter", "KeyW"):
         friend.page.keyboard.press(key)
     me.press(back)
-    friend.wait("window.mars.state.player.frame.step === 2")
+    friend.wait("window.playground.state.player.frame.step === 2")
     friend.shows("moves", "2")
     assert not [url for url in sent if "/api/sessions" in url]
-    known = str(friend.page.evaluate("() => JSON.stringify(window.mars.state)"))
+    known = str(friend.page.evaluate("() => JSON.stringify(window.playground.state)"))
     assert begun["session"] not in friend.page.content() + known
     problems = []
     problems += judged(friend.page, "watching")
@@ -53,7 +53,7 @@ def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, play
     friend.page.get_by_test_id("watch-replay").wait_for()
     me.page.keyboard.press("Enter")
     friend.shows("watching-text", "Live: somebody else is exploring")
-    friend.wait(f"window.mars.state.player.frame.episode !== '{episode}'")
+    friend.wait(f"window.playground.state.player.frame.episode !== '{episode}'")
     assert friend.page.get_by_test_id("watch-replay").is_hidden()
     friend.page.goto(f"{me.url}/watch/{episode}")
     friend.page.wait_for_url(replay)
@@ -62,14 +62,16 @@ def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, play
     assert "drove off the map" in friend.page.get_by_test_id("headline").inner_text()
     problems += judged(friend.page, "replay")
     friend.page.get_by_test_id("play-yourself").click()
-    friend.wait("window.mars?.state.mode === 'practice' && window.mars.state.link === 'open'")
+    friend.wait(
+        "window.playground?.state.mode === 'practice' && window.playground.state.link === 'open'"
+    )
     assert friend.state()["episode"] != episode
     friend.press(there_and_back(friend)[0])
 
     friend.page.goto("about:blank")
     friend.page.goto(f"{me.url}/#watch=0123456789abcdef")
     friend.page.get_by_text("leads to no episode that can be watched").wait_for()
-    friend.wait("window.mars?.state.player?.frame.step === 1")  # their own board again
+    friend.wait("window.playground?.state.player?.frame.step === 1")  # their own board again
     friend.press(there_and_back(friend)[1])
     friend.shows("notices", "")  # a notice leaves with the next key
     assert problems == []
@@ -111,12 +113,12 @@ def test_leaving_a_ranked_episode_asks_by_keyboard_and_costs_what_abandoning_cos
     dialog.wait_for(state="visible")
     me.page.keyboard.press("Tab")
     me.page.keyboard.press("Enter")
-    me.wait("window.mars.state.mode === 'watch'")
+    me.wait("window.playground.state.mode === 'watch'")
     told = {"outcome": "abandoned", "steps": 2, "counts": True, "steps_to_target": 108}
     assert told.items() <= kept(me, episode).items()
     me.page.get_by_test_id("mode-practice").click()
-    me.wait("window.mars.state.mode === 'practice'")
-    said = me.page.request.get(f"{me.url}/api/human-level").json()["sentence"]
+    me.wait("window.playground.state.mode === 'practice'")
+    said = fetched(me.page, f"{me.url}/api/human-level").json()["sentence"]
     assert "1 of them abandoned" in said
     assert problems == []
     assert me.errors == []
@@ -142,7 +144,7 @@ def test_coming_back_resumes_in_a_reopened_tab_and_a_second_one(serve, player):
     again.page.get_by_text("back in your ranked episode").wait_for()
     second = type(me)(context.new_page(), me.url).goto()
     again.press(back)
-    second.wait("window.mars.state.player.frame.step === 2")
+    second.wait("window.playground.state.player.frame.step === 2")
     second.page.get_by_test_id("mode-ranked").click()
     second.page.wait_for_timeout(300)
     assert second.state()["episode"] == episode, "Ranked goes on with the open one"

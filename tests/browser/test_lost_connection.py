@@ -17,7 +17,7 @@ NOTE = """{
 }"""
 
 
-OPEN = "game.player.frame.outcome === null && window.marsStudy.state.game.link === 'open'"
+OPEN = "game.player.frame.outcome === null && window.study.state.game.link === 'open'"
 
 
 def test_keys_pressed_while_the_server_dies_are_all_kept_once(spawn, open_browser, tmp_path):
@@ -32,7 +32,7 @@ def test_keys_pressed_while_the_server_dies_are_all_kept_once(spawn, open_browse
         page.wait_for_function(f"() => Boolean({claim})", timeout=60_000)
 
     def driving():
-        wait(f"window.marsStudy?.screen === 'play' && window.marsStudy.state.{OPEN}")
+        wait(f"window.study?.screen === 'play' && window.study.state.{OPEN}")
 
     page.goto(f"{server.url}/study/small")
     page.get_by_test_id("agree").click()
@@ -58,10 +58,10 @@ def test_keys_pressed_while_the_server_dies_are_all_kept_once(spawn, open_browse
         drive(2)
         server.kill()
         drive(2)
-        assert page.evaluate("() => window.marsStudy.waiting") >= 8
+        assert page.evaluate("() => window.study.waiting") >= 8
         server = spawn(port=server.port)
         driving()
-        wait("window.marsStudy.waiting === 0")
+        wait("window.study.waiting === 0")
         assert kept() == noted()
 
     os.kill(server.process.pid, signal.SIGSTOP)
@@ -70,7 +70,7 @@ def test_keys_pressed_while_the_server_dies_are_all_kept_once(spawn, open_browse
     page.reload()
     driving()
     drive(1)
-    wait("window.marsStudy.waiting === 0")
+    wait("window.study.waiting === 0")
     assert len(noted()) == 2 * 2 * (2 * 6 + 2 + 1)
     assert kept() == noted()
     assert errors == []

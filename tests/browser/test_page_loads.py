@@ -108,7 +108,7 @@ def test_reloads_a_second_tab_a_lost_connection_and_a_return_leave_the_columns_a
     busy.begin()
     busy.moves(3)
     server.kill()
-    busy.wait("window.marsStudy.state.game.link === 'lost'")
+    busy.wait("window.study.state.game.link === 'lost'")
     server = spawn(port=server.port)
     busy.driving()
     busy.moves(2)
@@ -117,7 +117,7 @@ def test_reloads_a_second_tab_a_lost_connection_and_a_return_leave_the_columns_a
     for me in (quiet, busy):
         me.page.keyboard.press("Enter")
         me.stands("debrief")
-        me.wait("window.marsStudy.waiting === 0")
+        me.wait("window.study.waiting === 0")
         assert me.errors == []
     boards = [me.state("participant.session") for me in (quiet, busy)]
     server.kill()

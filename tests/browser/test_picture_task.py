@@ -10,14 +10,14 @@ from humanplay.series.protocol import default_protocol
 from humanplay.series.verification import verify_database
 from humanplay.task import rules_of
 from humanplay.tasks.gymnasium.description import Description
-from tests.support.browser import AS_A_PERSON, NO_3D, violations
+from tests.support.browser import AS_A_PERSON, NO_3D, fetched, violations
 from tests.support.declared import DECLARATIONS
 
 LAKE = "gymnasium:FrozenLake-v1"
-STEPS = "[window.mars.state.player.frame.step, window.mars.state.rival?.frame.step]"
+STEPS = "[window.playground.state.player.frame.step, window.playground.state.rival?.frame.step]"
 PRESS_WHAT_GOES_ON = """() => {
   const seen = [...document.querySelectorAll("button.go")].find((each) => each.checkVisibility());
-  const [screen, text] = [window.marsStudy?.screen, document.body.innerText];
+  const [screen, text] = [window.study?.screen, document.body.innerText];
   if (screen !== "debrief") seen?.click();
   return [screen, text, Boolean(seen)];
 }"""
@@ -35,10 +35,10 @@ def test_an_environment_is_played_by_its_keys_on_its_picture_and_watched_again(l
     assert shown.get_attribute("alt") == "You: running after 0 moves"
     assert page.get_by_test_id("goal").inner_text().startswith("Walk to the flag")
     me.hand.press(page.keyboard, "ArrowDown")
-    me.wait("window.mars.state.player.frame.step === 1")
+    me.wait("window.playground.state.player.frame.step === 1")
     page.evaluate("document.body.dataset.pad = 'true'")
     page.get_by_test_id("pad-left").click()
-    me.wait("window.mars.state.player.frame.step === 2")
+    me.wait("window.playground.state.player.frame.step === 2")
     for width, height in ((1440, 900), (390, 844)):
         page.set_viewport_size({"width": width, "height": height})
         page.wait_for_timeout(300)
@@ -49,13 +49,13 @@ def test_an_environment_is_played_by_its_keys_on_its_picture_and_watched_again(l
     assert "terrain" not in page.locator("body").inner_text().lower()
     while not (frame := me.state())["outcome"]:
         me.hand.press(page.keyboard, ("ArrowRight", "ArrowDown")[frame["step"] % 2])
-        me.wait(f"window.mars.state.player.frame.step > {frame['step']}")
+        me.wait(f"window.playground.state.player.frame.step > {frame['step']}")
     page.get_by_test_id("end-card").wait_for()
     title = page.get_by_test_id("end-title-player").inner_text()
     assert page.get_by_test_id("next-terrain").inner_text().startswith("Next round")
     assert title == f"{frame['outcome'].capitalize()} after {frame['step']} moves"
     assert page.get_by_test_id("coverage-player").inner_text() == f"{frame['headline']:g}"
-    stored = page.request.get(f"{lake.url}/api/episodes/{frame['episode']}").json()
+    stored = fetched(page, f"{lake.url}/api/episodes/{frame['episode']}").json()
     assert (stored["attestation"], stored["task"]) == ("attested", LAKE)
     assert {move["input"] for move in stored["moves"]} == {"key", "touch"}
     page.goto(f"{lake.url}/replay/{frame['episode']}")
@@ -69,17 +69,21 @@ def test_an_environment_is_played_by_its_keys_on_its_picture_and_watched_again(l
 def test_policies_play_beside_a_person_after_a_ranked_episode_and_by_themselves(lake, player):
     me = player(lake, [*NO_3D, *AS_A_PERSON]).goto()
     page = me.page
-    assert page.evaluate("window.mars.state.mode") == "ranked"
+    assert page.evaluate("window.playground.state.mode") == "ranked"
     while not (frame := me.state())["outcome"]:
         me.hand.press(page.keyboard, ("ArrowRight", "ArrowDown")[frame["step"] % 2])
-        me.wait(f"window.mars.state.player.frame.step > {frame['step']}")
-    me.wait("window.mars.state.rival?.isReplay && window.mars.state.rival.frame.step > 0")
+        me.wait(f"window.playground.state.player.frame.step > {frame['step']}")
+    me.wait(
+        "window.playground.state.rival?.isReplay && window.playground.state.rival.frame.step > 0"
+    )
     page.get_by_test_id("mode-practice").click()
-    me.wait("window.mars.state.mode === 'practice' && window.mars.state.rival?.frame.step === 0")
+    me.wait(
+        "window.playground.state.mode === 'practice' && window.playground.state.rival?.frame.step === 0"
+    )
     me.hand.press(page.keyboard, "ArrowLeft")
     me.wait(f"String({STEPS}) === '1,1'")
     page.get_by_test_id("mode-watch").click()
-    me.wait(f"window.mars.state.mode === 'watch' && {STEPS}.every((step) => step > 0)")
+    me.wait(f"window.playground.state.mode === 'watch' && {STEPS}.every((step) => step > 0)")
 
 
 def test_a_study_of_it_is_played_from_consent_to_code(spawn, tmp_path, player, briefly_examined):

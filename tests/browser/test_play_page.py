@@ -14,7 +14,7 @@ import pytest
 from humanplay.board.messages import Remade
 from marsexplorer import policies
 from tests.browser.test_attested import click_into_the_view, there_and_back
-from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, keep_picture
+from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, fetched, keep_picture
 from tests.support.map_files import WAREHOUSE, write_map
 from tests.support.servers import eventually
 
@@ -63,7 +63,7 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     # from here on the matrix alone
     me.page.route("**/viewer/**", lambda route: route.fulfill(body=""))
     me.page.reload()
-    me.wait("window.mars?.state.player?.trail.length === 3")
+    me.wait("window.playground?.state.player?.trail.length === 3")
     assert me.state()["step"] == 2, "a reload goes on where the episode stood"
 
     policy = policies.load("frontier-cost")
@@ -73,7 +73,7 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     moves = frame["step"]
     assert_map_is_beside_the_route(me)
 
-    table = me.page.request.get(f"{server.url}/api/export/steps.csv?who=human").text()
+    table = fetched(me.page, f"{server.url}/api/export/steps.csv?who=human").text()
     exported = list(csv.DictReader(io.StringIO(table)))
     assert len(exported) == moves
     sql = "select step, action, input from steps where episode_id = ? order by step"
@@ -84,11 +84,11 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     words = ["north", "east", "south", "west"]
     assert [row["action"] for row in exported] == [words[row[1]] for row in kept]
     assert [words[row[1]] for row in kept[:2]] == [there, back]
-    level = me.page.request.get(f"{server.url}/api/human-level").json()["figures"]
+    level = fetched(me.page, f"{server.url}/api/human-level").json()["figures"]
     assert [(figure["players"], figure["episodes"]) for figure in level] == [(1, 1)]
 
     me.page.keyboard.press("Enter")
-    me.wait(f"window.mars.state.player.frame.episode !== '{frame['episode']}'")
+    me.wait(f"window.playground.state.player.frame.episode !== '{frame['episode']}'")
     assert me.state()["step"] == 0
     assert me.page.url.endswith(f"#watch={about['watch']}"), "the board keeps its link"
     assert about["session"] not in me.page.url
@@ -132,8 +132,8 @@ def test_a_driven_browser_is_never_human(serve, player):
     me.begin(size=[5, 7])
     me.press("north")
     assert me.state()["outcome"] == "out_of_bounds"
-    assert me.page.request.get(f"{server.url}/api/human-level").json()["figures"] == []
-    episodes = me.page.request.get(f"{server.url}/api/episodes").json()
+    assert fetched(me.page, f"{server.url}/api/human-level").json()["figures"] == []
+    episodes = fetched(me.page, f"{server.url}/api/episodes").json()
     drivers = {episode["driver"] for episode in episodes}
     assert "script" in drivers
     assert "human" not in drivers
@@ -145,20 +145,20 @@ def test_a_rival_follows_the_player_and_keeps_its_own_pace_when_asked_to(serve, 
     me.begin(rival="frontier-cost", size=[15, 21])
     policy = policies.load("frontier-utility")
     me.explore(policy, lambda frame: frame["step"] == 10)
-    me.wait("window.mars.state.rival.frame.step === 10")
+    me.wait("window.playground.state.rival.frame.step === 10")
     me.shows("steps-player", "10")
     me.shows("steps-rival", "10")
     assert me.page.get_by_test_id("badge").is_hidden(), "nothing counts beside a policy"
 
     me.page.get_by_test_id("pace-timed-rival").click()
-    me.wait("window.mars.state.rival.frame.step > 14")
+    me.wait("window.playground.state.rival.frame.step > 14")
     assert me.state()["step"] == 10
     me.page.get_by_test_id("pace-paused-rival").click()
-    me.wait("window.mars.state.rival.pace.mode === 'paused'")
+    me.wait("window.playground.state.rival.pace.mode === 'paused'")
     me.page.wait_for_timeout(400)
     paused = me.state("rival.frame")["step"]
     me.page.get_by_test_id("pace-step-rival").click()
-    me.wait(f"window.mars.state.rival.frame.step === {paused + 1}")
+    me.wait(f"window.playground.state.rival.frame.step === {paused + 1}")
     me.page.wait_for_timeout(500)
     assert me.state("rival.frame")["step"] == paused + 1
     assert me.errors == []
@@ -171,7 +171,7 @@ def test_holding_a_key_in_ranked_play_moves_once_and_typing_moves_never(serve, p
     for _ in range(4):
         me.page.keyboard.down(KEY_OF["east"])
     me.page.keyboard.up(KEY_OF["east"])
-    me.wait("window.mars.state.player.frame.step === 1")
+    me.wait("window.playground.state.player.frame.step === 1")
     me.page.get_by_test_id("open-settings").click()
     me.page.get_by_test_id("seed").click()
     me.page.keyboard.type("wasd77")
@@ -186,8 +186,10 @@ def test_watching_two_policies_and_then_on_a_map(serve, player, tmp_path):
     me = player(server, NO_3D)
     me.goto()
     me.page.get_by_test_id("mode-watch").click()
-    me.wait("window.mars.state.mode === 'watch' && window.mars.state.player.frame.step > 3")
-    me.wait("window.mars.state.rival.frame.step > 3")
+    me.wait(
+        "window.playground.state.mode === 'watch' && window.playground.state.player.frame.step > 3"
+    )
+    me.wait("window.playground.state.rival.frame.step > 3")
     assert "99 % of the ground" in me.page.get_by_test_id("goal").inner_text()
 
     me.page.get_by_test_id("open-settings").click()
@@ -200,15 +202,15 @@ def test_watching_two_policies_and_then_on_a_map(serve, player, tmp_path):
     assert {each.get_attribute("aria-pressed") for each in pictures.all()} == {"false"}
     assert me.page.get_by_test_id("seed").is_hidden(), "a map has a terrain of its own"
     me.page.get_by_test_id("start").click()
-    me.wait("window.mars.state.level === 'warehouse'")
-    me.wait("window.mars.state.player.frame.outcome === 'explored'")
+    me.wait("window.playground.state.level === 'warehouse'")
+    me.wait("window.playground.state.player.frame.outcome === 'explored'")
     frame = me.state()
     assert frame["discovered"] <= frame["cells"] < frame["rows"] * frame["cols"]
     assert "99 % of what can be seen" in me.page.get_by_test_id("goal").inner_text()
     share = 100 * frame["discovered"] // frame["cells"]
     assert f"{share} percent" in me.page.get_by_test_id("chart").get_attribute("aria-label")
     me.page.reload()
-    me.wait("window.mars.state.level === 'warehouse'")
+    me.wait("window.playground.state.level === 'warehouse'")
     assert me.page.get_by_test_id("level").input_value() == "map:warehouse"
     assert me.errors == []
 
@@ -220,9 +222,9 @@ def test_a_lost_server_is_shown_within_two_seconds_and_heals_by_itself(spawn, pl
     me.press("east")
     server.kill()
     me.page.keyboard.press("ArrowDown")
-    me.wait("window.mars.state.link === 'lost'", 2_000)
+    me.wait("window.playground.state.link === 'lost'", 2_000)
     again = spawn(port=server.port)
-    me.wait("window.mars.state.link === 'open'")
+    me.wait("window.playground.state.link === 'open'")
     assert me.state()["step"] == 1
     me.press("east")
     eventually(lambda: me.state()["step"] == 2)
@@ -231,9 +233,11 @@ def test_a_lost_server_is_shown_within_two_seconds_and_heals_by_itself(spawn, pl
     me.page.on("websocket", lambda socket: sockets.append(socket.url))
     os.kill(again.process.pid, signal.SIGSTOP)
     me.page.keyboard.press(KEY_OF["west"])
-    me.wait("window.mars.state.link === 'lost'")  # its answer is overdue
+    me.wait("window.playground.state.link === 'lost'")  # its answer is overdue
     os.kill(again.process.pid, signal.SIGCONT)
-    me.wait("window.mars.state.link === 'open' && window.mars.state.player.frame.step === 3")
+    me.wait(
+        "window.playground.state.link === 'open' && window.playground.state.player.frame.step === 3"
+    )
     # a server that was only slow keeps its connection
     assert not [url for url in sockets if "/ws/sessions/" in url]
     again.kill()
@@ -242,9 +246,9 @@ def test_a_lost_server_is_shown_within_two_seconds_and_heals_by_itself(spawn, pl
 def test_a_server_that_answers_while_the_browser_is_offline_is_not_lost(serve, player):
     me = player(serve(), NO_3D)
     me.begin(size=[9, 12], seed=3)
-    went = "dispatchEvent(new Event('offline')), window.mars.state.link"
+    went = "dispatchEvent(new Event('offline')), window.playground.state.link"
     assert me.page.evaluate(went) == "lost"
-    me.wait("window.mars.state.link === 'open'")
+    me.wait("window.playground.state.link === 'open'")
     me.shows("link", "live")
     me.press("east")
     assert me.state()["step"] == 1
@@ -274,7 +278,7 @@ def test_a_size_that_is_not_asked_for_any_more_holds_nothing_up(serve, player):
     me.page.get_by_test_id("rows").fill("3")
     me.page.get_by_role("radio", name="42").check()
     me.page.get_by_test_id("start").click()
-    me.wait("window.mars.state.player.frame.rows === 42")
+    me.wait("window.playground.state.player.frame.rows === 42")
     assert me.errors == []
 
 
@@ -297,9 +301,9 @@ def test_a_second_tab_is_harmless(serve, player):
     tab = type(me)(me.page.context.new_page(), me.url)
     tab.goto(about["watch"])
     me.press("east")
-    tab.wait("window.mars.state.player.frame.step === 1")
+    tab.wait("window.playground.state.player.frame.step === 1")
     tab.press("west")
-    me.wait("window.mars.state.player.frame.step === 2")
+    me.wait("window.playground.state.player.frame.step === 2")
     me.press("east")
     assert me.state()["position"] == [0, 1]
 
@@ -348,7 +352,7 @@ def test_mid_episode_looks_like_a_product(serve, player, name, flags):
     me = player(server, flags)
     me.begin(seed=11, rival=policies.names()[0])
     frame = me.explore(policies.load("frontier-utility"), lambda frame: frame["step"] == 3)
-    me.wait(f"window.mars.state.rival.frame.step >= {frame['step']}")
+    me.wait(f"window.playground.state.rival.frame.step >= {frame['step']}")
     keep_picture(me.page, name)
     shown = ("board-player", "board-rival", "chart", "steps-player", "steps-rival")
     fits(me.page, shown, 1440, 900)

@@ -1,6 +1,6 @@
 """The playground behind nginx: TLS and a path prefix, every socket included."""
 
-from tests.support.browser import AS_A_PERSON, free_port
+from tests.support.browser import AS_A_PERSON, fetched, free_port
 from tests.support.servers import eventually
 
 CONFIG = """
@@ -50,6 +50,6 @@ def test_playing_behind_tls_and_a_path_prefix(serve, player, nginx):
     cookies = me.page.context.cookies()
     assert cookies
     assert all(cookie["secure"] and cookie["httpOnly"] for cookie in cookies)
-    kept = me.page.request.get(f"{me.url}/api/sessions/{about['session']}").json()
+    kept = fetched(me.page, f"{me.url}/api/sessions/{about['session']}").json()
     assert kept["step"] == 1
     assert me.errors == []

@@ -11,7 +11,7 @@ from humanplay.series.folder import Folder
 from humanplay.series.invitations import Invitations, link_of
 from humanplay.series.recruitment import code_of
 from tests.browser.test_study_page import Participant
-from tests.support.browser import AS_A_PERSON, NO_3D, judged
+from tests.support.browser import AS_A_PERSON, NO_3D, fetched, judged
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.servers import eventually
 from tests.support.study import freeze
@@ -29,7 +29,7 @@ def visitor(open_browser):
         profile = browser.new_context(viewport=wide, reduced_motion="reduce")
         found = Participant(profile.new_page(), server.url)
         found.page.goto(url)
-        found.wait("window.marsStudy && window.marsStudy.screen !== 'loading'")
+        found.wait("window.study && window.study.screen !== 'loading'")
         return found
 
     return start
@@ -194,7 +194,7 @@ def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_
         watcher = visitor(me.page.url, server)
         assert "open the link that you were sent" in refusal(watcher)
         board = f"{server.url}/api/sessions/{me.state('participant.session')}"
-        assert watcher.page.request.get(board).status == 404
+        assert fetched(watcher.page, board).status == 404
         me.explore()
         me.page.keyboard.press("Enter")
         me.stands("break")

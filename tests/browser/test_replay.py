@@ -110,7 +110,7 @@ def test_a_replay_is_driven_by_keys_and_by_its_curve_and_has_files(serve, player
     me.page.get_by_test_id("downloads").click()
     with me.page.expect_download() as download:
         me.page.get_by_test_id("download-gif").click()
-    assert download.value.suggested_filename == f"marsexplorer-{episode}.gif"
+    assert download.value.suggested_filename == f"humanplay-{episode}.gif"
     me.page.set_viewport_size({"width": 390, "height": 844})
     assert me.page.get_by_test_id("board-ghost").is_hidden()
     me.page.get_by_role("button", name=re.compile("^Nearest")).click()

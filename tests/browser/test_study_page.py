@@ -64,16 +64,16 @@ class Participant(Player):
 
     def goto(self):
         self.page.goto(f"{self.url}/study/tiny{self.query}")
-        self.wait("window.marsStudy && !['loading'].includes(window.marsStudy.screen)")
+        self.wait("window.study && !['loading'].includes(window.study.screen)")
         return self
 
     def stands(self, screen):
         """Wait for a screen, painted."""
-        self.wait(f"window.marsStudy.screen === '{screen}'")
+        self.wait(f"window.study.screen === '{screen}'")
         self.wait(f"document.body.dataset.screen === '{screen}'")
 
     def state(self, path):
-        return self.page.evaluate(f"() => window.marsStudy.state.{path}")
+        return self.page.evaluate(f"() => window.study.state.{path}")
 
     @property
     def frame(self):
@@ -92,18 +92,18 @@ class Participant(Player):
         self.page.keyboard.press("Enter")
 
     def press(self, action):
-        self.wait("window.marsStudy.state.game.link === 'open'")
+        self.wait("window.study.state.game.link === 'open'")
         step = self.frame["step"]
         self.hand.press(self.page.keyboard, self.keys[action])
         # the next key tells the step on the screen
-        self.wait(f"window.marsStudy.painted?.game.player.frame.step > {step}")
+        self.wait(f"window.study.painted?.game.player.frame.step > {step}")
 
     def wake(self):
         """Go on, if stillness has paused the board meanwhile."""
         self.page.keyboard.press("Shift")
         if self.state("isPaused"):
             self.page.keyboard.press("ArrowRight")
-            self.wait("!window.marsStudy.state.isPaused")
+            self.wait("!window.study.state.isPaused")
 
     def next_action(self):
         return ACTIONS[self.policy.act(occupancy_codes(self.frame))]
@@ -115,14 +115,14 @@ class Participant(Player):
         while self.frame["outcome"] is None:
             self.press(self.next_action())
         self.page.get_by_test_id("end-card").wait_for(state="visible")
-        self.wait("window.marsStudy.state.participant.about.frame.outcome")
+        self.wait("window.study.state.participant.about.frame.outcome")
         return self.frame
 
     def driving(self):
         """Wait until a board takes keys."""
         self.stands("play")
-        self.wait("window.marsStudy.state.game.player.frame.outcome === null")
-        self.wait("window.marsStudy.state.game.link === 'open'")
+        self.wait("window.study.state.game.player.frame.outcome === null")
+        self.wait("window.study.state.game.link === 'open'")
 
     def to_questions(self):
         """Walk from the consent to the questions."""
@@ -256,7 +256,7 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     tab.goto().driving()
     assert tab.frame == kept
     tab.press(tab.next_action())
-    me.wait(f"window.marsStudy.state.game.player.frame.step === {kept['step'] + 1}")
+    me.wait(f"window.study.state.game.player.frame.step === {kept['step'] + 1}")
     tab.page.close()
     assert me.explore()["episode"] == first
     assert "Score" not in me.page.get_by_test_id("end-figures").inner_text()
@@ -272,7 +272,7 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     me.press(me.next_action())
     kept = me.frame
     server.kill()
-    me.wait("window.marsStudy.state.game.link === 'lost'", 3_000)
+    me.wait("window.study.state.game.link === 'lost'", 3_000)
     eventually(lambda: "lost" in me.page.get_by_test_id("link").inner_text())
     server = spawn(port=server.port)
     me.driving()
@@ -286,9 +286,9 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     me.page.get_by_test_id("replay").wait_for(state="visible")
     screens.look("debrief")
     me.choose("replay-step")
-    me.wait("window.marsStudy.state.replay.playback.at === 1")
+    me.wait("window.study.state.replay.playback.at === 1")
     me.choose("replay-play")
-    me.wait("window.marsStudy.state.replay.playback.at > 3")
+    me.wait("window.study.state.replay.playback.at > 3")
     me.page.reload()
     me.stands("debrief")
     me.choose("finish")
@@ -411,7 +411,7 @@ def test_a_study_without_questions_goes_on_to_its_warm_up(serve, studies, partic
     me.driving()
     me.press("north")  # over the edge
     me.page.get_by_test_id("next").get_by_text("Go on", exact=True).wait_for()
-    me.wait("window.marsStudy.state.participant.about.frame.outcome")
+    me.wait("window.study.state.participant.about.frame.outcome")
     me.page.keyboard.press("Enter")
     me.stands("ready")
     assert me.state("participant.stage") == "warm_up"
@@ -492,11 +492,11 @@ def test_giving_up_asks_first_and_leaving_ends_it(serve, studies, participant, t
     assert (me.frame["outcome"], me.frame["step"]) == (None, 0), "behind a question keys do nothing"
     me.choose("open-give-up")
     me.choose("give-up-now")
-    me.wait("window.marsStudy.state.game.player.frame.outcome === 'abandoned'")
+    me.wait("window.study.state.game.player.frame.outcome === 'abandoned'")
     last = "select outcome from episodes order by number desc limit 1"
     assert rows(tmp_path, last) == [("abandoned",)]
     me.page.get_by_test_id("end-card").wait_for(state="visible")
-    me.wait("window.marsStudy.state.participant.about.frame.outcome")
+    me.wait("window.study.state.participant.about.frame.outcome")
     me.page.keyboard.press("Enter")
     me.driving()
     assert me.frame["step"] == 0
@@ -530,7 +530,7 @@ def test_leaving_waits_for_the_answer_that_is_due(serve, studies, participant, t
     me.choose("open-give-up")
     me.choose("give-up-now")
     me.page.get_by_test_id("end-card").wait_for(state="visible")
-    me.wait("window.marsStudy.state.participant.about.frame.outcome")
+    me.wait("window.study.state.participant.about.frame.outcome")
     me.page.evaluate(HOLD_NEXT)
     me.page.keyboard.press("Enter")
     me.driving()
@@ -552,7 +552,7 @@ def test_fingers_drive_on_a_phone(serve, studies, participant, tmp_path):
     me.page.get_by_test_id("to-tutorial").tap()
     me.driving()
     me.page.get_by_test_id("pad-east").tap()
-    me.wait("window.marsStudy.state.game.player.frame.step === 1")
+    me.wait("window.study.state.game.player.frame.step === 1")
     query = "select kind, code from input_events where kind like 'touch%' order by number"
     eventually(lambda: rows(tmp_path, query) == [("touchdown", "east"), ("touchup", "east")])
     kept = "select json_extract(settings, '$.modality') from participants"
@@ -585,8 +585,8 @@ def test_axe_finds_nothing_on_the_playground(serve, player):
     found = []
     for mode in ("watch", "ranked", "practice"):
         me.page.get_by_test_id(f"mode-{mode}").click()
-        me.wait(f"window.mars.state.mode === '{mode}'")
-        me.wait("window.mars.state.player.frame.outcome === null")
+        me.wait(f"window.playground.state.mode === '{mode}'")
+        me.wait("window.playground.state.player.frame.outcome === null")
         found += judged(me.page, mode)
     eventually(lambda: me.page.keyboard.press("ArrowUp") or me.state()["outcome"])
     found += judged(me.page, "end")

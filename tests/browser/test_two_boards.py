@@ -35,14 +35,14 @@ def test_a_board_that_counts_is_alone_and_paths_meet_only_after_the_end(serve, p
     assert me.state()["outcome"] == "out_of_bounds"
     # so that the 3-D views show the paths as well
     assert asked.value.post_data_json["replays"] == about["session"]
-    me.wait("window.mars.state.rival && window.mars.state.rival.trail.length > 1")
+    me.wait("window.playground.state.rival && window.playground.state.rival.trail.length > 1")
     assert me.page.get_by_test_id("same-again").is_hidden(), "a terrain counts once"
     me.changes("canvas-player", before)  # the policy's path is drawn under the player's
     parts = ("end-card", "board-player")
     card, board = (me.page.get_by_test_id(each).bounding_box() for each in parts)
     assert card["y"] >= board["y"] + board["height"], "the end card leaves the board uncovered"
     me.page.keyboard.press("Enter")
-    me.wait("window.mars.state.rival === null")
+    me.wait("window.playground.state.rival === null")
     assert me.errors == []
 
 
@@ -52,7 +52,9 @@ def test_any_policy_can_be_given_to_either_board(serve, player):
     for role, other, name in (("player", "rival", "random"), ("rival", "player", "planner")):
         session, kept = me.state("player.session"), me.state(f"{other}.name")
         me.page.get_by_test_id(f"pick-{role}").select_option(name)
-        me.wait(f"window.mars.state.player.session !== '{session}' && window.mars.state.rival")
+        me.wait(
+            f"window.playground.state.player.session !== '{session}' && window.playground.state.rival"
+        )
         assert me.state(f"{role}.name") == name
         assert me.state(f"{other}.name") == kept
     assert me.errors == []

@@ -43,7 +43,7 @@ def test_systemd_reads_the_units(tmp_path):
     for name in ("humanplay.service", "humanplay.socket"):
         text = (DEPLOY / "systemd" / name).read_text()
         text = text.replace("/opt/humanplay/venv/bin/humanplay", "/bin/true")
-        (tmp_path / name).write_text(text.replace("User=marsexplorer", "User=root"))
+        (tmp_path / name).write_text(text.replace("User=humanplay", "User=root"))
     units = [tmp_path / "humanplay.service", tmp_path / "humanplay.socket"]
     verify = ["systemd-analyze", "verify", "--man=no", *units]
     done = subprocess.run(verify, capture_output=True, text=True)

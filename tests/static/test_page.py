@@ -160,7 +160,7 @@ def test_every_id_the_page_looks_up_is_there():
 
 def test_the_document_names_all_that_a_browser_keeps():
     written = "".join(path.read_text() for path in MODULES)
-    keys = set(re.findall(r'"(mars\.[\w.-]+)"', written)) - {
+    keys = set(re.findall(r'"(humanplay\.[\w.-]+)"', written)) - {
         "humanplay.first-frame"
     }  # a mark in time
     assert {"humanplay.theme", "humanplay.played"} <= keys
@@ -245,9 +245,7 @@ def test_the_board_reads_in_greyscale(selector):
 
 def test_the_board_of_a_study_keeps_its_lightness():
     board = (STATIC / "task/mars/board.js").read_text()
-    unknown, free, rock = json.loads(
-        re.search(r"const HUMANPLAY_SHADES = (\{.*\});", board)[1]
-    ).values()
+    unknown, free, rock = json.loads(re.search(r"const MARS_SHADES = (\{.*\});", board)[1]).values()
     order = [luminance(colour) for colour in (unknown, free, palette("mars")["accent"], rock)]
     assert order == sorted(order), "as in the paper: 0, 0.3, 0.6, 1"
     assert all(dark / bright < 0.75 for dark, bright in pairwise(order))

@@ -83,6 +83,11 @@ def judged(page, name, full_page=False):
     return found
 
 
+def fetched(page, url):
+    """GET an address with the page's cookies, once more if the server has just closed an idle connection."""
+    return page.request.get(url, max_retries=3)
+
+
 class Hand:
     """A person's pace: as fast as a hand can be for a moment, and no faster than it can keep up (`FASTEST`)."""
 
@@ -114,7 +119,9 @@ class Player:
 
     def goto(self, watch=None):
         self.page.goto(self.url + ("/" if watch is None else f"/#watch={watch}"))
-        self.wait("window.mars && window.mars.state.player && window.mars.state.link === 'open'")
+        self.wait(
+            "window.playground && window.playground.state.player && window.playground.state.link === 'open'"
+        )
         return self
 
     def wait(self, claim, timeout_ms=1000 * PATIENCE_S):
@@ -123,13 +130,13 @@ class Player:
         self.page.wait_for_function(claim, timeout=timeout_ms)
 
     def state(self, path="player.frame"):
-        return self.page.evaluate(f"() => window.mars.state.{path}")
+        return self.page.evaluate(f"() => window.playground.state.{path}")
 
     def open_session(self, **wish):
         """Open a session of one's own (the page's cookie) and return what the server says of it."""
         origin = "/".join(self.url.split("/")[:3])
         url, headers = f"{self.url}/api/sessions", {"Origin": origin}
-        answer = self.page.request.post(url, data=wish, headers=headers)
+        answer = self.page.request.post(url, data=wish, headers=headers, max_retries=3)
         assert answer.status in (200, 201), answer.text()
         return answer.json()
 
@@ -142,11 +149,11 @@ class Player:
 
     def press(self, action, wait=True):
         # a page that is starved of time may call its server lost
-        self.wait("window.mars.state.link === 'open'")
+        self.wait("window.playground.state.link === 'open'")
         step = self.state()["step"]
         self.hand.press(self.page.keyboard, KEY_OF[action])
         if wait:
-            self.wait(f"window.mars.state.player.frame.step > {step}")
+            self.wait(f"window.playground.state.player.frame.step > {step}")
 
     def explore(self, policy, until):
         """Drive as a policy would, key by key, until `until(frame)`."""

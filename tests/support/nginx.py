@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.servers import eventually
 
-CONFIG = Path(__file__).parents[2] / "deploy" / "nginx" / "marsexplorer.conf"
+CONFIG = Path(__file__).parents[2] / "deploy" / "nginx" / "humanplay.conf"
 STREAM = CONFIG.with_name("humanplay-stream.conf")
 MODULE = Path("/usr/lib/nginx/modules/ngx_stream_module.so")
 AROUND = """{module} user root; daemon off; worker_processes 1; pid {folder}/nginx.pid; error_log {folder}/error.log;

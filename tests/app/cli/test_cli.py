@@ -484,7 +484,7 @@ def press_control_c(process):
 def test_control_c_leaves_quietly_with_130_and_nothing_half_written(tmp_path, interrupt):
     args = [
         "-m",
-        "humanplay.cli",
+        "humanplay.tasks.mars.cli",
         "evaluate",
         "--policy",
         "frontier-cost",

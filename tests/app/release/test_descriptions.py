@@ -151,7 +151,7 @@ import sys
 if {hidden}:
     sys.modules["marsexplorer"] = None  # as where it is not installed
 import minari
-dataset = minari.load_dataset("marsexplorer/dunes/human-v1")
+dataset = minari.load_dataset("humanplay/dunes/human-v1")
 print(dataset.storage.metadata["requirements"], dataset.storage.metadata["description"])
 print(dataset.recover_environment().reset(seed=1)[0].shape)
 """

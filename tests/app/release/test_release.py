@@ -112,7 +112,7 @@ def test_the_minari_dataset_loads_and_replays_through_gymnasium(made, monkeypatc
 
     folder, _ = made
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder / "out/minari"))
-    dataset = minari.load_dataset(f"marsexplorer/dunes/{driver}-v1")
+    dataset = minari.load_dataset(f"humanplay/dunes/{driver}-v1")
     assert dataset.total_episodes == (11 if driver == "human" else 6)
     metadata = list(dataset.storage.get_episode_metadata(range(dataset.total_episodes)))
     about = dataset.storage.metadata
@@ -151,7 +151,7 @@ def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypat
     recorder.close()
     build_release(ReleaseRequest(tmp_path / "play.db", "dunes", tmp_path / "out"))
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out/minari"))
-    dataset = minari.load_dataset("marsexplorer/dunes/human-v1")
+    dataset = minari.load_dataset("humanplay/dunes/human-v1")
     (about,), (episode,) = dataset.storage.get_episode_metadata([0]), dataset.iterate_episodes()
     assert about["episode"] == ident
     env = dataset.recover_environment()

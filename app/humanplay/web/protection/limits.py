@@ -2,7 +2,7 @@
 
 An address (behind a named proxy the one that it reports) and a player's cookie have token buckets
 for requests, handshakes and what costs the most: joins, boards and episodes. Every socket has one
-for its messages. Whoever sends the operator's token is not limited: that is how `marsexplorer
+for its messages. Whoever sends the operator's token is not limited: that is how `humanplay
 simulate` plays a whole study.
 """
 

@@ -15,7 +15,7 @@ def git(folder, *arguments):
 
 def cards_in(packages):
     """The module as it is where the package was copied to."""
-    copy = packages / "app" / "humanplay" / "cli" / "training" / "cards.py"
+    copy = packages / "app" / "humanplay" / "tasks" / "mars" / "cli" / "cards.py"
     copy.parent.mkdir(parents=True)
     shutil.copy(cards.__file__, copy)
     spec = importlib.util.spec_from_file_location("copied_cards", copy)
