@@ -74,7 +74,7 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     assert page.get_by_test_id("title").inner_text() == "Dunes of the south"
     assert "nobody of 2 planned" in page.get_by_test_id("summary").inner_text()
     assert "no figure" in page.get_by_test_id("figure").inner_text()
-    health = page.evaluate("mars.state.overview.health")
+    health = page.evaluate("playground.state.overview.health")
     assert page.evaluate(RED, health) == []
     health["disk"]["is_low"] = True
     health["owners"] = [{"kind": "address", "name": "", "bytes": 81, "budget": 100}]
@@ -192,7 +192,7 @@ def test_a_late_answer_about_a_study_is_not_shown_in_place_of_the_one_chosen_sin
         late[0].continue_()
     page.wait_for_timeout(300)
     assert page.get_by_test_id("title").inner_text() == "The rocks"
-    assert page.evaluate("mars.state.chosen") == "rocks"
+    assert page.evaluate("playground.state.chosen") == "rocks"
     assert me.errors == []
 
 
@@ -202,14 +202,14 @@ def test_a_link_to_a_board_of_the_leaderboard_opens_it_at_every_load(serve, play
     page.goto(f"{me.url}/leaderboard#random-84x84&score")
     for _ in range(2):
         until(page, "window.playground?.state.detail")
-        assert page.evaluate("mars.state.detail.board.id") == "random-84x84"
+        assert page.evaluate("playground.state.detail.board.id") == "random-84x84"
         assert page.get_by_test_id("by-score").get_attribute("aria-pressed") == "true"
         assert page.url.endswith("/leaderboard#random-84x84&score")
         page.reload()
     page.goto("about:blank")
     page.goto(f"{me.url}/leaderboard#gone")
     until(page, "window.playground?.state.detail")
-    assert page.url.endswith(f"#{page.evaluate('mars.state.boards[0].id')}")
+    assert page.url.endswith(f"#{page.evaluate('playground.state.boards[0].id')}")
     assert me.errors == []
 
 

@@ -12,7 +12,7 @@ def test_on_a_phone_each_of_two_watched_boards_goes_by_its_policy(serve, player)
     assert tabs == ["You", "Policy"]
     # long enough that both still play at the end
     me.begin(player="frontier-priced", rival="frontier-cost", size=42, seed=5)
-    me.wait("mars.state.mode === 'watch'")
+    me.wait("playground.state.mode === 'watch'")
     for role, name in (("player", "Tidy"), ("rival", "Nearest")):
         tab = page.get_by_test_id(f"tab-{role}")
         eventually(lambda tab=tab, name=name: tab.inner_text() == name)
