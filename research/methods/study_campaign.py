@@ -22,18 +22,18 @@ from humanplay.db.erasure import AskedBy, forget
 from humanplay.db.store import Store
 from humanplay.db.study_rows import participant_label
 from humanplay.release.build import build_release, request_of
+from humanplay.release.verification import verify_database
 from humanplay.report.costs import no_bar
 from humanplay.report.making import make_study_report
 from humanplay.report.model import Report
 from humanplay.report.page import render
-from humanplay.series.closing import close_study, note_closed
-from humanplay.series.data import load
-from humanplay.series.files import now_ms
-from humanplay.series.folder import Folder, Study
-from humanplay.series.invitations import Invitations, token_of
-from humanplay.series.protocol import default_protocol
-from humanplay.series.seeds import seed as seed_of
-from humanplay.series.verification import verify_database
+from humanplay.study.closing import close_study, note_closed
+from humanplay.study.data import load
+from humanplay.study.files import now_ms
+from humanplay.study.folder import Folder, Study
+from humanplay.study.invitations import Invitations, token_of
+from humanplay.study.protocol import default_protocol
+from humanplay.study.seeds import seed as seed_of
 from humanplay.tasks.mars.players import NoisyPolicy
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.web.simulate import Clock, Participant, RefusedError

@@ -6,7 +6,7 @@ import pytest
 
 from humanplay.db.store import Store
 from humanplay.report.statistics.human_level import VolunteerFigures, human_level
-from humanplay.web.leaderboard.leaderboard import MAX_EPISODES, HumanSummaries
+from humanplay.results.leaderboard import MAX_EPISODES, HumanSummaries
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from humanplay.db.store import Store
+from humanplay.results import entries
 from humanplay.tasks.mars.policies import PolicyCatalogue
-from humanplay.web.leaderboard import entries
 from marsexplorer.config import EnvConfig
 from tests.support.browser import NO_3D, fetched, judged
 from tests.support.recorded import play

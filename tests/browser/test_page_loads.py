@@ -9,9 +9,9 @@ import pytest
 
 from humanplay.db.store import Store
 from humanplay.report.statistics.exclusion_sets import members, people_of
-from humanplay.series.closing import note_closed
-from humanplay.series.data import load
-from humanplay.series.folder import Folder
+from humanplay.study.closing import note_closed
+from humanplay.study.data import load
+from humanplay.study.folder import Folder
 from tests.browser.test_study_page import Participant
 from tests.support.browser import AS_A_PERSON, NO_3D
 from tests.support.study import freeze

@@ -7,9 +7,9 @@ from contextlib import closing
 import pytest
 
 from humanplay.cli.main import main
-from humanplay.series.folder import Folder
-from humanplay.series.invitations import Invitations, link_of
-from humanplay.series.recruitment import code_of
+from humanplay.study.folder import Folder
+from humanplay.study.invitations import Invitations, link_of
+from humanplay.study.recruitment import code_of
 from tests.browser.test_study_page import Participant
 from tests.support.browser import AS_A_PERSON, NO_3D, fetched, judged
 from tests.support.declared import DECLARATIONS_FILE

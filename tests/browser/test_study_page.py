@@ -5,8 +5,8 @@ import sqlite3
 
 import pytest
 
-from humanplay.series.folder import Folder
-from humanplay.series.protocol import default_protocol
+from humanplay.study.folder import Folder
+from humanplay.study.protocol import default_protocol
 from humanplay.web.simulate import occupancy_codes
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig

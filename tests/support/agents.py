@@ -11,8 +11,8 @@ from humanplay.agents.evaluation import (
     issue_card,
     looking,
 )
-from humanplay.series.files import now_ms
-from humanplay.series.folder import Folder
+from humanplay.study.files import now_ms
+from humanplay.study.folder import Folder
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from tests.support.command import run

@@ -16,7 +16,7 @@ import numpy as np
 
 from humanplay.cli.main import main
 from humanplay.db.export import export_to
-from humanplay.series.folder import Folder
+from humanplay.study.folder import Folder
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from tests.support.stored_studies import StudyRecorder

@@ -4,8 +4,8 @@ import numpy as np
 
 from humanplay.db.trial import Trial
 from humanplay.report.model import PolicyRun
-from humanplay.series.data import Person, StudyData
-from humanplay.series.protocol import default_protocol, protocol_hash
+from humanplay.study.data import Person, StudyData
+from humanplay.study.protocol import default_protocol, protocol_hash
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from tests.support.declared import DECLARATIONS
 

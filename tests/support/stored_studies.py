@@ -14,9 +14,9 @@ from humanplay.db import chain
 from humanplay.db.series import StudyStore, add_series
 from humanplay.db.store import Closing, SessionRow, StepRow, Store, Trial
 from humanplay.db.study_rows import Participant
-from humanplay.series.folder import Folder
-from humanplay.series.protocol import default_protocol
-from humanplay.series.seeds import TUTORIAL_SEED
+from humanplay.study.folder import Folder
+from humanplay.study.protocol import default_protocol
+from humanplay.study.seeds import TUTORIAL_SEED
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.declared import DECLARATIONS
@@ -35,7 +35,7 @@ IDENTITIES = {"PROLIFIC_PID": "5f3e9prolific{}zz", "SESSION_ID": "outside-sessio
 def freezing_at(at_ms):
     """Studies that are frozen within the block are so at this time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("humanplay.series.folder.now_ms", lambda: at_ms)
+        patch.setattr("humanplay.study.folder.now_ms", lambda: at_ms)
         yield
 
 

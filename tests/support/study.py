@@ -2,8 +2,8 @@
 
 import pytest
 
-from humanplay.series.folder import Folder
-from humanplay.series.protocol import default_protocol
+from humanplay.study.folder import Folder
+from humanplay.study.protocol import default_protocol
 from humanplay.web.simulate import NoisyPolicy, Participant, RefusedError
 from marsexplorer.config import EnvConfig
 from tests.support.declared import DECLARATIONS

@@ -31,8 +31,8 @@ from humanplay.agents.evaluation import (
 )
 from humanplay.agents.turns import Turns
 from humanplay.db.store import Store
-from humanplay.series.folder import Folder
-from humanplay.series.protocol import StudyError
+from humanplay.study.folder import Folder
+from humanplay.study.protocol import StudyError
 from humanplay.task import Choice, Run, RunEndedError, Task, TaskFullError, on_threads
 
 T = TypeVar("T")

@@ -22,9 +22,9 @@ from humanplay.agents.evaluation import (
 from humanplay.agents.receipts import compared_policies
 from humanplay.db.store import Store, StoreError
 from humanplay.release.signing import signing_key
-from humanplay.series.closing import note_closed
-from humanplay.series.files import now_ms
-from humanplay.series.folder import Folder
+from humanplay.study.closing import note_closed
+from humanplay.study.files import now_ms
+from humanplay.study.folder import Folder
 from humanplay.task import counted
 
 

@@ -18,7 +18,7 @@ from humanplay.tasks.mars.cli.options import env_config_of
 
 if TYPE_CHECKING:
     from humanplay.agents.evaluation import Evaluation
-    from humanplay.series.folder import Folder
+    from humanplay.study.folder import Folder
 
 
 @click.group(short_help="Evaluate agents on instances that stay secret, with signed receipts.")
@@ -78,7 +78,7 @@ def new(
       humanplay agents new lake-agents --task FrozenLake-v1 --instances 50 --sees observation
     """
     from humanplay.agents.evaluation import begin_evaluation
-    from humanplay.series.files import now_ms
+    from humanplay.study.files import now_ms
 
     if (study is None) == (task is None):
         raise UsageError("expected either --of STUDY or --task ID")
@@ -110,7 +110,7 @@ def card(name: str, author: str, base: str, folder: Folder, database: Path) -> N
       humanplay agents card pilot-agents --author "Ann Lee" --base https://mars.example.org
     """
     from humanplay.agents.evaluation import changing, evaluation_named, issue_card
-    from humanplay.series.files import now_ms
+    from humanplay.study.files import now_ms
 
     with failures(f"cannot write {database}"), study_errors(), changing(database) as conn:
         evaluation = evaluation_named(conn, folder, name)
@@ -126,7 +126,7 @@ def card(name: str, author: str, base: str, folder: Folder, database: Path) -> N
 def show(name: str | None, folder: Folder, database: Path) -> None:
     """Print every evaluation, or of one what was fixed and its cards; never a secret of an open one, never a card's address."""
     from humanplay.agents.evaluation import cards_of, evaluation_named, evaluations, looking
-    from humanplay.series.files import iso
+    from humanplay.study.files import iso
 
     with failures(f"cannot read {database}"), study_errors(), looking(database) as conn:
         found = [evaluation_named(conn, folder, name)] if name else evaluations(conn, folder)
@@ -168,7 +168,7 @@ def show(name: str | None, folder: Folder, database: Path) -> None:
 def revoke(name: str, ident: str, folder: Folder, database: Path) -> None:
     """Take a card back by its id: nobody can go on with it, and what was played with it counts."""
     from humanplay.agents.evaluation import card_named, changing, evaluation_named
-    from humanplay.series.files import now_ms
+    from humanplay.study.files import now_ms
 
     with failures(f"cannot write {database}"), study_errors(), changing(database) as conn:
         card_named(conn, evaluation_named(conn, folder, name).name, ident)

@@ -19,8 +19,8 @@ from humanplay.report.statistics.comparisons import compare_policy
 from humanplay.report.statistics.exclusion_sets import METRICS, members, people_of
 from humanplay.report.statistics.first_attempts import first_attempts
 from humanplay.report.statistics.study_figures import live_figure, worst_value
-from humanplay.series.data import StudyData
-from humanplay.series.policy_episodes import PolicyEpisode
+from humanplay.study.data import StudyData
+from humanplay.study.policy_episodes import PolicyEpisode
 from marsexplorer.intervals import Floats
 
 

@@ -25,11 +25,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from humanplay.board.messages import describe_errors
 from humanplay.db.database import open_database, reading, rows, writing
 from humanplay.db.study_rows import is_same_study
-from humanplay.series.folder import Folder, Study
-from humanplay.series.invitations import ID_LENGTH, new_id, signature
-from humanplay.series.policy_files import PolicyFiles
-from humanplay.series.protocol import NAME, StudyError, canonical_json
-from humanplay.series.seeds import commitment, seed
+from humanplay.study.folder import Folder, Study
+from humanplay.study.invitations import ID_LENGTH, new_id, signature
+from humanplay.study.policy_files import PolicyFiles
+from humanplay.study.protocol import NAME, StudyError, canonical_json
+from humanplay.study.seeds import commitment, seed
 from humanplay.task import Configuration, Rules, rules_of
 
 TABLES = (

@@ -22,7 +22,7 @@ from humanplay.agents.evaluation import (
     evaluations,
     published_folder,
 )
-from humanplay.series.protocol import StudyError
+from humanplay.study.protocol import StudyError
 from humanplay.web.access import services_of
 from humanplay.web.protection import NO_CACHE
 from humanplay.web.templates import environment, root_of

@@ -45,12 +45,12 @@ from humanplay.release import signing
 from humanplay.release.errors import ReleaseError
 from humanplay.report.costs import ProgressBar, no_bar
 from humanplay.report.making import load_with_folder
-from humanplay.series.data import StudyData
-from humanplay.series.files import iso, write_object
-from humanplay.series.folder import Folder, Study
-from humanplay.series.policy_episodes import play_policies
-from humanplay.series.protocol import StudyError, canonical_json
-from humanplay.series.seeds import commitment, seed
+from humanplay.study.data import StudyData
+from humanplay.study.files import iso, write_object
+from humanplay.study.folder import Folder, Study
+from humanplay.study.policy_episodes import play_policies
+from humanplay.study.protocol import StudyError, canonical_json
+from humanplay.study.seeds import commitment, seed
 from humanplay.task import counted
 
 OPENING_FORMAT, RECEIPT_FORMAT = "humanplay-opening-1", "humanplay-receipt-1"

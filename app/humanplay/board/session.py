@@ -203,7 +203,7 @@ class Move:
 
 
 class Participation(Protocol):
-    """A participant's part in a study, as far as their board must ask for it; `humanplay.series` implements it.
+    """A participant's part in a study, as far as their board must ask for it; `humanplay.study` implements it.
 
     A board without a participation belongs to anybody who knows its id. Everything but `driver`, `study` and `check_open`
     asks the database: call it in `Store.write` or `Store.read`.

@@ -17,7 +17,7 @@ from humanplay.task import counted
 
 if TYPE_CHECKING:
     from humanplay.release.reproduce import Reproduction
-    from humanplay.series.folder import Folder
+    from humanplay.study.folder import Folder
 
 MAX_PRINTED = 20
 """Differences that are printed; more are counted."""

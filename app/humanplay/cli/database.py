@@ -21,7 +21,7 @@ from humanplay.task import counted
 if TYPE_CHECKING:
     from humanplay.db.erasure import AskedBy
     from humanplay.db.reader import Who
-    from humanplay.series.verification import Verification
+    from humanplay.release.verification import Verification
 
 
 SERVERS = "The database that the server records in, if it is not the default one."
@@ -118,8 +118,8 @@ def verify(
 
 
 def _of_database(database: Path | None, head: str | None) -> tuple[Verification, str]:
-    from humanplay.series.folder import Folder
-    from humanplay.series.verification import check_policy_files, verify_database
+    from humanplay.release.verification import check_policy_files, verify_database
+    from humanplay.study.folder import Folder
 
     path = database or place().database
     folder = Folder.beside(path)

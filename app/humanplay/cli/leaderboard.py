@@ -31,8 +31,8 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
       humanplay leaderboard --policy ppo --out data/leaderboard
     """
     from humanplay.jobs import Jobs
-    from humanplay.web.leaderboard.entries import make_board, offered_boards
-    from humanplay.web.leaderboard.evaluations import ShippedFigures, file_name
+    from humanplay.results.entries import make_board, offered_boards
+    from humanplay.results.evaluations import ShippedFigures, file_name
     from marsexplorer.policies import names
 
     known = offered_boards()

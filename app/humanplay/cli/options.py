@@ -13,7 +13,7 @@ from humanplay.cli.settings import place
 from humanplay.command.options import PATH, F
 
 if TYPE_CHECKING:
-    from humanplay.series.folder import Folder
+    from humanplay.study.folder import Folder
 
 
 def _database(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path:
@@ -21,7 +21,7 @@ def _database(ctx: click.Context, param: click.Parameter, path: Path | None) -> 
 
 
 def _studies(ctx: click.Context, param: click.Parameter, path: Path | None) -> Folder:
-    from humanplay.series.folder import Folder
+    from humanplay.study.folder import Folder
 
     return Folder.beside(_database(ctx, param, path))
 

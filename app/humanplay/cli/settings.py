@@ -55,7 +55,7 @@ def _read(settings: type[S], flags: Mapping[str, Any]) -> S:
 @contextmanager
 def study_errors() -> Iterator[None]:
     """Turn a StudyError into one sentence: exit code 1 where the disk refused, 2 otherwise."""
-    from humanplay.series.folder import StudyError
+    from humanplay.study.folder import StudyError
 
     try:
         yield
@@ -72,7 +72,7 @@ def failures(what: str, way_out: str = "") -> Iterator[None]:
     """
     from humanplay.db.database import StoreError
     from humanplay.release.errors import ReleaseError
-    from humanplay.series.protocol import StudyError
+    from humanplay.study.protocol import StudyError
 
     try:
         yield

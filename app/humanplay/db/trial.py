@@ -50,7 +50,7 @@ class Trial:
     terrain_index  of its seed, within its phase
     pause_share    paused or out of sight, 0..1 of the time between first and last move, where it was worked out
     active_ms      from the start to the last move without pauses and time out of sight, likewise
-    labels         of `humanplay.series.plausibility`, where they were
+    labels         of `humanplay.study.plausibility`, where they were
     """
 
     id: str

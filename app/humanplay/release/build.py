@@ -35,6 +35,7 @@ from humanplay.release.manifest import (
 from humanplay.release.minari_data import MinariWriter, dataset_id
 from humanplay.release.pseudonyms import count_arrivals, write_pseudonymized
 from humanplay.release.tables import QUERIES, released_episodes, write_tables
+from humanplay.release.verification import verify_moment
 from humanplay.report.costs import (
     CostRow,
     ProgressBar,
@@ -55,15 +56,14 @@ from humanplay.report.making import (
 )
 from humanplay.report.statistics.exclusion_sets import lowest_reason, people_of, statuses
 from humanplay.report.statistics.formatting import utc
-from humanplay.series.closing import UNNOTED
-from humanplay.series.data import Person, StudyData, load
-from humanplay.series.files import now_ms
-from humanplay.series.folder import SECRET_KEPT, Advance, Folder
-from humanplay.series.invitations import Invitation, Invitations
-from humanplay.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
-from humanplay.series.policy_files import EXPERT, FOLDER, PolicyFiles
-from humanplay.series.protocol import Protocol, StudyError, parse_protocol
-from humanplay.series.verification import verify_moment
+from humanplay.study.closing import UNNOTED
+from humanplay.study.data import Person, StudyData, load
+from humanplay.study.files import now_ms
+from humanplay.study.folder import SECRET_KEPT, Advance, Folder
+from humanplay.study.invitations import Invitation, Invitations
+from humanplay.study.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
+from humanplay.study.policy_files import EXPERT, FOLDER, PolicyFiles
+from humanplay.study.protocol import Protocol, StudyError, parse_protocol
 from humanplay.task import counted
 from marsexplorer.files import replace_whole
 

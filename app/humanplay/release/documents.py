@@ -17,7 +17,7 @@ from jinja2 import Environment
 from humanplay.db.columns import BUNDLE_TABLES, bundle_table, dictionary, markdown, summary
 from humanplay.release.manifest import BUNDLE_DATABASE, ReleaseHeader
 from humanplay.report.statistics.formatting import templates
-from humanplay.series.protocol import canonical
+from humanplay.study.protocol import canonical
 
 LICENCES = {
     "CC-BY-4.0": (

@@ -14,8 +14,8 @@ from typing import Any
 from humanplay.db.resimulation import Finding
 from humanplay.release import signing
 from humanplay.release.errors import ReleaseError
-from humanplay.series.flow import Arrivals
-from humanplay.series.protocol import Protocol
+from humanplay.study.flow import Arrivals
+from humanplay.study.protocol import Protocol
 from humanplay.task import counted
 
 RELEASE_FORMAT = "humanplay-release-1"

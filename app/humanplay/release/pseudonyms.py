@@ -20,8 +20,8 @@ from humanplay.db.columns import TABLES
 from humanplay.db.database import open_database, rows, stream, transaction
 from humanplay.db.erasure import ARRIVALS, ERASED
 from humanplay.release.errors import ReleaseError
-from humanplay.series.flow import Arrivals, arrivals_of, with_invitations, with_noted
-from humanplay.series.invitations import Invitation
+from humanplay.study.flow import Arrivals, arrivals_of, with_invitations, with_noted
+from humanplay.study.invitations import Invitation
 
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
 KEPT_SETTINGS = ("modality", "palette", "keys")

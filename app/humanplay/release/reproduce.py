@@ -30,7 +30,7 @@ from humanplay.report.costs import (
 from humanplay.report.making import REPORT_STEMS, has_played, make_report, play_compared
 from humanplay.report.model import Report
 from humanplay.report.page import pages
-from humanplay.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
+from humanplay.study.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
 from humanplay.task import PolicyError
 
 NOT_COMPARED = ("made_at", "software_version")

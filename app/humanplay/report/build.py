@@ -56,10 +56,10 @@ from humanplay.report.statistics.study_figures import (
     study_figures,
     worst_value,
 )
-from humanplay.series.data import StudyData
-from humanplay.series.flow import Status, participant_flow
-from humanplay.series.policy_episodes import tested_policies
-from humanplay.series.protocol import Protocol
+from humanplay.study.data import StudyData
+from humanplay.study.flow import Status, participant_flow
+from humanplay.study.policy_episodes import tested_policies
+from humanplay.study.protocol import Protocol
 from humanplay.task import MARS, rules_of
 from marsexplorer.intervals import Floats
 

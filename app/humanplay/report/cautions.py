@@ -10,12 +10,12 @@ from humanplay.db.trial import Trial
 from humanplay.report.statistics.exclusion_sets import Cohort, ended_ranked
 from humanplay.report.statistics.formatting import counted
 from humanplay.report.statistics.study_figures import StudyFigure
-from humanplay.series.data import StudyData
-from humanplay.series.files import iso
-from humanplay.series.flow import EARLY, STATUS_IN_WORDS, Status
-from humanplay.series.policy_episodes import closed_seeds
-from humanplay.series.protocol import protocol_hash
-from humanplay.series.seeds import commitment
+from humanplay.study.data import StudyData
+from humanplay.study.files import iso
+from humanplay.study.flow import EARLY, STATUS_IN_WORDS, Status
+from humanplay.study.policy_episodes import closed_seeds
+from humanplay.study.protocol import protocol_hash
+from humanplay.study.seeds import commitment
 from humanplay.task import Words
 from marsexplorer.intervals import FEWEST
 

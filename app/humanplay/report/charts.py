@@ -21,7 +21,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from humanplay.report.model import GroupReport, Report
 from humanplay.report.statistics.intervals import Interval
-from humanplay.series.flow import BEGAN, EARLY, ENDED, STATUS_IN_WORDS, ParticipantFlow, Status
+from humanplay.study.flow import BEGAN, EARLY, ENDED, STATUS_IN_WORDS, ParticipantFlow, Status
 
 PEOPLE_COLOUR = "#1b2733"
 POLICY_COLOURS = ("#c1440e", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")

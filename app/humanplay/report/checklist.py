@@ -23,7 +23,7 @@ from humanplay.report.statistics.planning import (
     power_in_words,
 )
 from humanplay.report.statistics.study_figures import figure_sentence
-from humanplay.series.data import StudyData
+from humanplay.study.data import StudyData
 
 CITATION = "Wei et al. 2025, arXiv 2506.13776, appendix B"
 RECRUITMENT = {

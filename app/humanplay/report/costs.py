@@ -28,9 +28,9 @@ from humanplay.report.statistics.exclusion_sets import (
     unspoilt,
 )
 from humanplay.report.statistics.intervals import Interval, interval
-from humanplay.series.data import StudyData, trial_records
-from humanplay.series.policy_files import EXPERT
-from humanplay.series.protocol import StudyError
+from humanplay.study.data import StudyData, trial_records
+from humanplay.study.policy_files import EXPERT
+from humanplay.study.protocol import StudyError
 from humanplay.task import MARS, PolicyError, Record
 from marsexplorer.intervals import Floats
 

@@ -18,14 +18,14 @@ from humanplay.report.costs import CostSummary, ProgressBar, cost_cache, costs_o
 from humanplay.report.model import PolicyRun, Report
 from humanplay.report.page import pages
 from humanplay.report.statistics.summaries import curve_and_visits, summarize_groups, summary_of
-from humanplay.series.closing import UNNOTED
-from humanplay.series.data import StudyData, load
-from humanplay.series.flow import with_invitations
-from humanplay.series.folder import SECRET_KEPT, Folder
-from humanplay.series.invitations import Invitations
-from humanplay.series.policy_episodes import PolicyEpisode, compared_policies, play_policies
-from humanplay.series.policy_files import FOLDER
-from humanplay.series.protocol import Protocol, StudyError
+from humanplay.study.closing import UNNOTED
+from humanplay.study.data import StudyData, load
+from humanplay.study.flow import with_invitations
+from humanplay.study.folder import SECRET_KEPT, Folder
+from humanplay.study.invitations import Invitations
+from humanplay.study.policy_episodes import PolicyEpisode, compared_policies, play_policies
+from humanplay.study.policy_files import FOLDER
+from humanplay.study.protocol import Protocol, StudyError
 
 REPORT_STEMS = {False: "report", True: "report-synthetic"}
 """How the files of a report in a release begin: of the people, and of the scripts."""

@@ -15,7 +15,7 @@ from humanplay.report.statistics.intervals import Interval
 from humanplay.report.statistics.learning import Learning, TrialMean
 from humanplay.report.statistics.spread import VarianceComponents
 from humanplay.report.statistics.study_figures import StatusRow, StudyFigure
-from humanplay.series.flow import ParticipantFlow
+from humanplay.study.flow import ParticipantFlow
 from humanplay.task import Words, rules_of
 from marsexplorer.intervals import Floats
 

@@ -14,10 +14,10 @@ from humanplay.report.statistics.formatting import templates, utc
 from humanplay.report.statistics.intervals import INTERVAL_IN_WORDS
 from humanplay.report.statistics.planning import assumptions_in_words, power_in_words
 from humanplay.report.statistics.study_figures import EVERYBODY_RULE
-from humanplay.series.folder import Study
-from humanplay.series.plausibility import labels_of
-from humanplay.series.policy_episodes import tested_policies
-from humanplay.series.protocol import PER_PROTOCOL, Protocol
+from humanplay.study.folder import Study
+from humanplay.study.plausibility import labels_of
+from humanplay.study.policy_episodes import tested_policies
+from humanplay.study.protocol import PER_PROTOCOL, Protocol
 
 RECRUITMENT = {
     "open": "Anybody who has the link may take part.",

@@ -14,7 +14,7 @@ from humanplay.report.statistics.exclusion_sets import LOWEST_IN_WORDS, METRICS,
 from humanplay.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
 from humanplay.report.statistics.intervals import Estimate, Interval
 from humanplay.report.statistics.study_figures import StudyFigure
-from humanplay.series.flow import STATUS_IN_WORDS, Status
+from humanplay.study.flow import STATUS_IN_WORDS, Status
 from humanplay.task import rules_of
 
 

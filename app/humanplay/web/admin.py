@@ -27,10 +27,10 @@ from humanplay.db.series import StudyStore
 from humanplay.db.store import Store
 from humanplay.db.study_rows import Participant, participant_label
 from humanplay.db.trial import Trial
-from humanplay.series.closing import close_study as close_study_of
-from humanplay.series.folder import SECRET_KEPT
-from humanplay.series.invitations import MAX_INVITATIONS, token_of
-from humanplay.series.protocol import DraftStudyError, StudyError, UnknownStudyError
+from humanplay.study.closing import close_study as close_study_of
+from humanplay.study.folder import SECRET_KEPT
+from humanplay.study.invitations import MAX_INVITATIONS, token_of
+from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from humanplay.web.access import ADMIN, close, is_operator, services_of
 from humanplay.web.operator import participants
 from humanplay.web.operator.exports import ExportError, ExportKind

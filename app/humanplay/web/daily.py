@@ -10,11 +10,11 @@ from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 
 from humanplay.db.reader import Reader
 from humanplay.db.series import attempts_of
-from humanplay.series.daily import DailyPlayedError, DailyTerrain, day_before
+from humanplay.results.daily import DailyPlayedError, DailyTerrain, day_before
+from humanplay.results.daily_table import calendar, describe_attempt, people_on, streak
 from humanplay.task import MARS
 from humanplay.web.access import player_of, remember_player, services_of
 from humanplay.web.api import session_summary
-from humanplay.web.daily_results import calendar, describe_attempt, people_on, streak
 from humanplay.web.protection import has_own_origin
 from humanplay.web.services import Services
 

@@ -18,7 +18,7 @@ from starlette.staticfiles import NotModifiedResponse
 from starlette.types import Scope
 
 from humanplay import STATIC
-from humanplay.series.folder import Folder
+from humanplay.study.folder import Folder
 from humanplay.task import Rules
 from humanplay.web import api_docs
 from humanplay.web.access import services_of

@@ -18,10 +18,10 @@ from humanplay.db.trial import Trial
 from humanplay.db.volunteers import Sums, player_sums, players_of
 from humanplay.report.costs import cost_cache
 from humanplay.report.statistics.human_level import LEAST_EPISODES
-from humanplay.series.policy_files import EXPERT, PolicyFiles
+from humanplay.results.leaderboard import UnknownEntryError
+from humanplay.study.policy_files import EXPERT, PolicyFiles
 from humanplay.task import Configuration, PolicyError, Record
 from humanplay.web.access import owner_of, player_of, services_of
-from humanplay.web.leaderboard.leaderboard import UnknownEntryError
 
 router = APIRouter(prefix="/api")
 mine = APIRouter(prefix="/api/me", tags=["me"])

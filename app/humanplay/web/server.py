@@ -41,11 +41,13 @@ from humanplay.db.metrics import Metrics
 from humanplay.db.series import StudyStore
 from humanplay.db.store import Store
 from humanplay.jobs import Jobs
-from humanplay.series.daily import DailyBoards
-from humanplay.series.debrief import Debriefs
-from humanplay.series.folder import Folder
-from humanplay.series.participation import Participations
-from humanplay.series.progress import ParticipantProgress
+from humanplay.results.daily import DailyBoards
+from humanplay.results.daily_table import DailyPolicies
+from humanplay.results.leaderboard import Leaderboard
+from humanplay.study.debrief import Debriefs
+from humanplay.study.folder import Folder
+from humanplay.study.participation import Participations
+from humanplay.study.progress import ParticipantProgress
 from humanplay.task import MARS, Policies, Rules, Task, rules_of
 from humanplay.web import (
     access,
@@ -62,10 +64,8 @@ from humanplay.web import (
     viewer,
     watch,
 )
-from humanplay.web.daily_results import DailyPolicies
 from humanplay.web.downloads import Downloads
 from humanplay.web.errors import add_error_handlers, answer
-from humanplay.web.leaderboard.leaderboard import Leaderboard
 from humanplay.web.listening import (
     AnnouncingServer,
     ServerError,

@@ -12,12 +12,12 @@ from humanplay.board.sources import PlayerTokens
 from humanplay.board.spectators import Replayer, Spectators
 from humanplay.db.store import Store
 from humanplay.jobs import Jobs
-from humanplay.series.daily import DailyBoards
-from humanplay.series.debrief import Debriefs
-from humanplay.series.progress import ParticipantProgress
-from humanplay.web.daily_results import DailyPolicies
+from humanplay.results.daily import DailyBoards
+from humanplay.results.daily_table import DailyPolicies
+from humanplay.results.leaderboard import Leaderboard
+from humanplay.study.debrief import Debriefs
+from humanplay.study.progress import ParticipantProgress
 from humanplay.web.downloads import Downloads
-from humanplay.web.leaderboard.leaderboard import Leaderboard
 from humanplay.web.operator.health import Health
 from humanplay.web.operator.services import AdminServices
 from humanplay.web.replays.service import Replays

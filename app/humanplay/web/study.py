@@ -16,12 +16,12 @@ from humanplay.board.messages import PRINTABLE, Message
 from humanplay.board.session import RefusedError
 from humanplay.db.study_rows import Participant, participant_label
 from humanplay.db.trial import Trial
-from humanplay.series.debrief import NoTerrainError, Shown, own_trial
-from humanplay.series.folder import Study
-from humanplay.series.progress import NotJoinedError, ParticipantProgress, StageError, break_due
-from humanplay.series.protocol import DraftStudyError, StudyError, UnknownStudyError
-from humanplay.series.recruitment import Arrival, supervised_until_ms
-from humanplay.series.templates import placeholder_values
+from humanplay.study.debrief import NoTerrainError, Shown, own_trial
+from humanplay.study.folder import Study
+from humanplay.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
+from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from humanplay.study.recruitment import Arrival, supervised_until_ms
+from humanplay.study.templates import placeholder_values
 from humanplay.task import describe
 from humanplay.web.access import PARTICIPANT, participant_of, remember_player, services_of
 from humanplay.web.api import session_summary
@@ -34,7 +34,7 @@ T = TypeVar("T")
 Index = Annotated[int, Path(ge=0, le=10_000)]
 
 RULES = ("coverage", "lidar_radius", "max_steps")
-"""What the page's own sentences say of the configuration, by the names of `humanplay.series.templates.PLACEHOLDERS`."""
+"""What the page's own sentences say of the configuration, by the names of `humanplay.study.templates.PLACEHOLDERS`."""
 
 KEPT = (
     "You have withdrawn. What you had played until then is kept without your name. To have it erased, write to {contact} and "

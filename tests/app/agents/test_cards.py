@@ -6,7 +6,7 @@ import pytest
 
 from humanplay.agents.cards import NO_CARD, CardError
 from humanplay.agents.turns import Turns
-from humanplay.series.folder import Folder
+from humanplay.study.folder import Folder
 from tests.support.agents import Agent, begun, own, rows_of, token_of
 from tests.support.command import command
 from tests.support.study import freeze

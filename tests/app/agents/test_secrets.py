@@ -12,7 +12,7 @@ import pytest
 from numpy import packbits
 
 from humanplay.agents.cards import CardError
-from humanplay.series.folder import Folder
+from humanplay.study.folder import Folder
 from marsexplorer.config import EnvConfig
 from marsexplorer.terrain import generate
 from tests.support.agents import Agent, begun, evaluation_of, own, paths, rows_of, token_of

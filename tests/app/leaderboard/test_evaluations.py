@@ -7,7 +7,7 @@ import signal
 import pytest
 
 from humanplay.jobs import Jobs
-from humanplay.web.leaderboard.evaluations import OWNER, Evaluation, PolicyEvaluations, policy_hash
+from humanplay.results.evaluations import OWNER, Evaluation, PolicyEvaluations, policy_hash
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from tests.support.job_functions import pid
 from tests.support.servers import eventually

@@ -6,9 +6,9 @@ from humanplay.db import volunteers
 from humanplay.db.store import Store
 from humanplay.jobs import Jobs
 from humanplay.report.statistics.human_level import human_level
+from humanplay.results import leaderboard
+from humanplay.results.leaderboard import HumanSummaries, Leaderboard
 from humanplay.tasks.mars import rules as replays
-from humanplay.web.leaderboard import leaderboard
-from humanplay.web.leaderboard.leaderboard import HumanSummaries, Leaderboard
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, play
 

@@ -12,11 +12,11 @@ from humanplay.db.store import Store
 from humanplay.db.study_rows import SeriesRow
 from humanplay.report.statistics import human_level
 from humanplay.report.statistics.human_level import VolunteerFigures
-from humanplay.series.folder import Folder
-from humanplay.series.protocol import canonical, default_protocol, protocol_hash
+from humanplay.results import entries
+from humanplay.results.entries import ClosedStudies
+from humanplay.study.folder import Folder
+from humanplay.study.protocol import canonical, default_protocol, protocol_hash
 from humanplay.task import rules_of
-from humanplay.web.leaderboard import entries
-from humanplay.web.leaderboard.entries import ClosedStudies
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
 from marsexplorer.training.envs import EVALUATION_SEEDS
@@ -86,7 +86,7 @@ def test_many_who_ask_at_once_share_a_reading_and_keep_nobody_else_waiting(serve
         time.sleep(READING_S)
         return list_entries(*given)
 
-    monkeypatch.setattr("humanplay.web.leaderboard.leaderboard.list_entries", read_slowly)
+    monkeypatch.setattr("humanplay.results.leaderboard.list_entries", read_slowly)
 
     def ask(_):
         with server.page() as client:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from humanplay.jobs import Jobs
-from humanplay.web.leaderboard.entries import make_board, make_figure, offered_boards
-from humanplay.web.leaderboard.evaluations import (
+from humanplay.results.entries import make_board, make_figure, offered_boards
+from humanplay.results.evaluations import (
     FOLDER,
     Evaluation,
     ShippedFigures,

@@ -23,8 +23,8 @@ from humanplay.report.page import render
 from humanplay.report.statistics.exclusion_sets import members, people_of
 from humanplay.report.statistics.intervals import interval
 from humanplay.report.statistics.summaries import summarize_groups
-from humanplay.series.data import load, trial_records
-from humanplay.series.protocol import StudyError
+from humanplay.study.data import load, trial_records
+from humanplay.study.protocol import StudyError
 from marsexplorer.config import ACTIONS
 from marsexplorer.evaluation.cost import CostEstimator
 from marsexplorer.evaluation.episodes import play_terrain

@@ -11,8 +11,8 @@ from humanplay.db.erasure import forget
 from humanplay.db.reader import Reader
 from humanplay.report import build
 from humanplay.report.making import load_with_folder
-from humanplay.series.folder import Folder
-from humanplay.series.invitations import Invitations
+from humanplay.study.folder import Folder
+from humanplay.study.invitations import Invitations
 from tests.support.command import run
 from tests.support.declared import DECLARATIONS
 from tests.support.stored_studies import StudyRecorder, freeze, write_chain_anew

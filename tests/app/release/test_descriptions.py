@@ -14,7 +14,7 @@ import pytest
 from humanplay import ROOT
 from humanplay.db.columns import BUNDLE_TABLES, bundle_reference, bundle_table
 from humanplay.release.tables import PARQUET
-from humanplay.series.data import load
+from humanplay.study.data import load
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
 from tests.support.stored_studies import CONFIG

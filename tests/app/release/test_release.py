@@ -25,8 +25,8 @@ from humanplay.release.bundle import import_release, verify_bundle
 from humanplay.release.errors import ReleaseError
 from humanplay.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing, sha256
 from humanplay.release.tables import PARQUET
-from humanplay.series.protocol import canonical, canonical_json, parse_protocol
-from humanplay.series.verification import verify_database
+from humanplay.release.verification import verify_database
+from humanplay.study.protocol import canonical, canonical_json, parse_protocol
 from marsexplorer.config import EnvConfig
 from tests.support.command import command as run
 from tests.support.recorded import alter, ask
@@ -366,7 +366,7 @@ def test_a_study_closed_in_its_folder_alone_is_released_with_its_secret(tmp_path
     recorder = StudyRecorder(tmp_path / "play.db", study)
     recorder.play(recorder.join(0), "ranked", 0)
     recorder.close()
-    from humanplay.series.folder import Folder
+    from humanplay.study.folder import Folder
 
     Folder(tmp_path / "play.db-studies").close(study.name)
     where = "--database", tmp_path / "play.db"

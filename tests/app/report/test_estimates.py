@@ -8,9 +8,9 @@ import pytest
 
 from humanplay.report import build
 from humanplay.report.page import render
-from humanplay.series import policy_episodes
-from humanplay.series.flow import Arrivals
-from humanplay.series.protocol import default_protocol, protocol_hash
+from humanplay.study import policy_episodes
+from humanplay.study.flow import Arrivals
+from humanplay.study.protocol import default_protocol, protocol_hash
 from humanplay.task import rules_of
 from humanplay.tasks.gymnasium.description import Description
 from tests.support.made_studies import CONFIG, FROZEN_MS, person, played, study, trial

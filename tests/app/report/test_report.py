@@ -18,10 +18,10 @@ from humanplay.report.statistics.formatting import utc
 from humanplay.report.statistics.intervals import interval
 from humanplay.report.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
 from humanplay.report.tables import group_tables
-from humanplay.series.data import load
-from humanplay.series.folder import Folder
-from humanplay.series.participation import StudyParticipation
-from humanplay.series.protocol import default_protocol
+from humanplay.study.data import load
+from humanplay.study.folder import Folder
+from humanplay.study.participation import StudyParticipation
+from humanplay.study.protocol import default_protocol
 from humanplay.task import rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, score

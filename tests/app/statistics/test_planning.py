@@ -16,7 +16,7 @@ from humanplay.report.statistics.planning import (
     simulate_half_width,
     simulate_power,
 )
-from humanplay.series.protocol import default_protocol
+from humanplay.study.protocol import default_protocol
 from marsexplorer.config import EnvConfig
 from tests.support.made_studies import played, study
 

@@ -9,7 +9,7 @@ import pytest
 from humanplay.db.merging import MergeError, merge
 from humanplay.release.build import ReleaseRequest, build_release
 from humanplay.release.bundle import verify_bundle
-from humanplay.series.verification import verify_database
+from humanplay.release.verification import verify_database
 from tests.support.command import command
 from tests.support.recorded import alter, ask
 from tests.support.stored_studies import StudyRecorder, freeze, play_study
@@ -128,7 +128,7 @@ def test_a_release_is_outdated_since_anyone_knew(servers, tmp_path):
 def test_a_study_closed_in_one_is_closed_in_all(tmp_path):
     study = freeze(tmp_path / "studies", close=False)
     play_study(tmp_path / "a.db", study, ("human",))
-    from humanplay.series.folder import Folder
+    from humanplay.study.folder import Folder
 
     play_study(
         tmp_path / "b.db", Folder(tmp_path / "studies").close(study.name), ("human",), first=1

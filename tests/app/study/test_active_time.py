@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from humanplay.series.active_time import active_ms, pause_share
+from humanplay.study.active_time import active_ms, pause_share
 
 QUIET_MS = 60_000
 T = 1_790_000_000_000

@@ -6,7 +6,7 @@ from contextlib import closing
 import pytest
 
 from humanplay.db.reader import Reader
-from humanplay.series.folder import Folder
+from humanplay.study.folder import Folder
 from humanplay.task import describe
 from humanplay.web.operator.participants import list_participants
 from marsexplorer.config import EnvConfig
@@ -271,7 +271,7 @@ def test_unknown_things_and_bad_bodies_are_said_in_words(server, tmp_path):
 
 
 def test_a_draft_and_a_thawed_study_cannot_be_joined_and_tell_no_path(server, tmp_path):
-    from humanplay.series.protocol import default_protocol
+    from humanplay.study.protocol import default_protocol
 
     folder = Folder(tmp_path / "playground.db-studies")
     folder.create(default_protocol("draft", EnvConfig.of("random", 7)))

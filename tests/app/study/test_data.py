@@ -4,9 +4,9 @@ import pytest
 
 from humanplay.db.reader import Reader
 from humanplay.report.making import load_with_folder
-from humanplay.series.data import load
-from humanplay.series.folder import Folder
-from humanplay.series.protocol import StudyError
+from humanplay.study.data import load
+from humanplay.study.folder import Folder
+from humanplay.study.protocol import StudyError
 from tests.support.stored_studies import StudyRecorder, freeze, play_study
 
 
@@ -67,7 +67,7 @@ def test_the_folder_gives_every_seed_and_says_that_a_study_is_closed(tmp_path):
     recorder = StudyRecorder(tmp_path / "play.db", study)
     recorder.join(0, stage="ranked")
     recorder.close()
-    from humanplay.series.folder import Folder
+    from humanplay.study.folder import Folder
 
     Folder(tmp_path / "studies").close("dunes")
     reader = Reader.open(tmp_path / "play.db")

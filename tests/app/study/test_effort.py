@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 from humanplay.db.reader import Reader
-from humanplay.series.data import load
+from humanplay.study.data import load
 from humanplay.tasks.mars.rules import MarsRules
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode

@@ -7,8 +7,8 @@ import sqlite3
 import pytest
 
 from humanplay.db import input_events
-from humanplay.series.folder import Folder, StudyError
-from humanplay.series.verification import verify_database
+from humanplay.release.verification import verify_database
+from humanplay.study.folder import Folder, StudyError
 from tests.support.page_loads import LOAD, STORED_LOAD
 from tests.support.recorded import ask
 from tests.support.study import Person, freeze
@@ -201,7 +201,7 @@ def test_what_cannot_be_kept_now_is_answered_without_a_reason(
     with person.socket() as socket:
         for where, what in (
             ("humanplay.db.chain.append_late_events", fail),
-            ("humanplay.series.folder.Folder.study", thaw),
+            ("humanplay.study.folder.Folder.study", thaw),
         ):
             with monkeypatch.context() as patch:
                 patch.setattr(where, what)

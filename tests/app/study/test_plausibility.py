@@ -4,10 +4,10 @@ from contextlib import closing
 
 from humanplay.db.store import Store
 from humanplay.report.statistics.exclusion_sets import members, people_of
-from humanplay.series.closing import note_closed
-from humanplay.series.data import load
-from humanplay.series.folder import Folder
-from humanplay.series.plausibility import LABELS, plausibility_labels
+from humanplay.study.closing import note_closed
+from humanplay.study.data import load
+from humanplay.study.folder import Folder
+from humanplay.study.plausibility import LABELS, plausibility_labels
 from tests.support.study import Person, freeze
 
 

@@ -6,13 +6,13 @@ import shutil
 
 import pytest
 
-from humanplay.series.debrief import _play
-from humanplay.series.folder import Folder
-from humanplay.series.policy_episodes import play_policies
-from humanplay.series.protocol import StudyError, default_protocol
-from humanplay.series.verification import check_policy_files
+from humanplay.release.verification import check_policy_files
+from humanplay.results.entries import LeaderboardEntry
+from humanplay.study.debrief import _play
+from humanplay.study.folder import Folder
+from humanplay.study.policy_episodes import play_policies
+from humanplay.study.protocol import StudyError, default_protocol
 from humanplay.task import PolicyError, rules_of
-from humanplay.web.leaderboard.entries import LeaderboardEntry
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card

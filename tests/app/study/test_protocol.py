@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from humanplay.series.folder import Folder, StudyError
-from humanplay.series.protocol import canonical, default_protocol, parse_protocol, protocol_hash
-from humanplay.series.seeds import balanced_order, commitment, seed
-from humanplay.series.templates import fill
+from humanplay.study.folder import Folder, StudyError
+from humanplay.study.protocol import canonical, default_protocol, parse_protocol, protocol_hash
+from humanplay.study.seeds import balanced_order, commitment, seed
+from humanplay.study.templates import fill
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.policies import find_file
 from tests.support.command import command
@@ -243,7 +243,7 @@ def test_mistakes_are_said_in_one_sentence(frozen):
 
 def test_a_freeze_cut_short_leaves_a_draft(folder, monkeypatch):
     folder.create(small())
-    monkeypatch.setattr("humanplay.series.folder.version", lambda name: 1 / 0)
+    monkeypatch.setattr("humanplay.study.folder.version", lambda name: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         folder.freeze("small")
     monkeypatch.undo()

@@ -11,11 +11,11 @@ import pytest
 from humanplay.board.attestation import SUPERVISED_FOR_MS
 from humanplay.db.erasure import forget
 from humanplay.db.merging import merge
-from humanplay.series.data import load
-from humanplay.series.folder import Folder
-from humanplay.series.invitations import ALPHABET, MAX_INVITATIONS, Invitations, link_of, token_of
-from humanplay.series.protocol import StudyError
-from humanplay.series.recruitment import (
+from humanplay.study.data import load
+from humanplay.study.folder import Folder
+from humanplay.study.invitations import ALPHABET, MAX_INVITATIONS, Invitations, link_of, token_of
+from humanplay.study.protocol import StudyError
+from humanplay.study.recruitment import (
     DAY_MS,
     MAX_WRONG_CODES,
     NO_ID,

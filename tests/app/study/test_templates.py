@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from humanplay.series.folder import Folder
-from humanplay.series.protocol import StudyError, default_protocol, parse_protocol
-from humanplay.series.templates import PLACEHOLDERS, fill, placeholder_values
+from humanplay.study.folder import Folder
+from humanplay.study.protocol import StudyError, default_protocol, parse_protocol
+from humanplay.study.templates import PLACEHOLDERS, fill, placeholder_values
 from marsexplorer.config import EnvConfig
 from tests.support.declared import DECLARATIONS
 

@@ -18,7 +18,7 @@ import pytest
 
 from humanplay.board.sources import Sources
 from humanplay.db.store import Store
-from humanplay.series.folder import Study
+from humanplay.study.folder import Study
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load

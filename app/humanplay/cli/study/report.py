@@ -19,8 +19,8 @@ from humanplay.command.options import flag, path_option
 if TYPE_CHECKING:
     from humanplay.report.costs import CostSummary
     from humanplay.report.model import GroupReport, Report
-    from humanplay.series.data import StudyData
-    from humanplay.series.folder import Folder
+    from humanplay.study.data import StudyData
+    from humanplay.study.folder import Folder
 
 
 @click.command(short_help="A study's figures with their intervals, as a page and as JSON.")

@@ -27,9 +27,9 @@ from humanplay.tasks.mars.cli.options import env_config_of
 
 if TYPE_CHECKING:
     from humanplay.report.statistics.planning import StudyDesign
-    from humanplay.series.folder import Folder, Study
-    from humanplay.series.invitations import Use
-    from humanplay.series.protocol import Protocol
+    from humanplay.study.folder import Folder, Study
+    from humanplay.study.invitations import Use
+    from humanplay.study.protocol import Protocol
 
 
 NOTED_S = 10
@@ -127,10 +127,10 @@ def new(
       humanplay study new lake --env FrozenLake-v1
       humanplay study new online --recruitment panel --return-url "https://app.prolific.com/submissions/complete?cc={code}"
     """
-    from humanplay.series import texts
-    from humanplay.series.files import read_object
-    from humanplay.series.protocol import Declarations, StudyError, default_protocol, parse_protocol
-    from humanplay.series.templates import filled
+    from humanplay.study import texts
+    from humanplay.study.files import read_object
+    from humanplay.study.protocol import Declarations, StudyError, default_protocol, parse_protocol
+    from humanplay.study.templates import filled
 
     name_of_task = "mars" if task is None else task_name(task)
     config = env_config_of(level, size) if task is None else default_config(name_of_task)
@@ -167,7 +167,7 @@ def new(
 
 def _asked() -> dict[str, str]:
     """Ask for each declaration and return what was typed."""
-    from humanplay.series.protocol import Declarations
+    from humanplay.study.protocol import Declarations
 
     echo(
         'The report will say what only you know. "none" is an answer; Enter leaves one for later, before freezing.'
@@ -195,8 +195,8 @@ def freeze(name: str, underpowered: bool, folder: Folder, database: Path) -> Non
     knows every terrain.
     """
     from humanplay.report.statistics.planning import AT_FREEZING
-    from humanplay.series.folder import BEGINNINGS, beginnings
-    from humanplay.series.protocol import PLANNED
+    from humanplay.study.folder import BEGINNINGS, beginnings
+    from humanplay.study.protocol import PLANNED
 
     _check_database(database)
     with study_errors():
@@ -314,7 +314,7 @@ def closed(
     question  what is asked before an open one is closed; None: nothing is
     """
     from humanplay.db.reader import Reader, now_ms
-    from humanplay.series.closing import check_nobody_is_at_it, close_study
+    from humanplay.study.closing import check_nobody_is_at_it, close_study
 
     with failures(f"cannot close {name!r}"), study_errors(), ExitStack() as stack:
         folder.study(name)
@@ -353,7 +353,7 @@ def _note_in_database(found: Study, database: Path) -> bool:
     from humanplay.db.series import find_study
     from humanplay.db.store import Store, StoreError
     from humanplay.db.study_rows import is_same_study
-    from humanplay.series.closing import note_closed
+    from humanplay.study.closing import note_closed
 
     with suppress(StoreError), closing(Store(database)) as store:
         note_closed(store, found)
@@ -378,7 +378,7 @@ def show(name: str, folder: Folder) -> None:
     """
     import json
 
-    from humanplay.series.templates import fill
+    from humanplay.study.templates import fill
 
     with study_errors():
         status, protocol = folder.status(name), folder.draft(name)
@@ -434,7 +434,7 @@ def power(
       humanplay study power pilot --players 30 --difference 20
       humanplay study power main --pilot pilot
     """
-    from humanplay.series.protocol import parse_protocol
+    from humanplay.study.protocol import parse_protocol
 
     with study_errors():
         protocol = folder.draft(name)
@@ -454,7 +454,7 @@ def power(
 def _assumptions_from(name: str, protocol: Protocol, database: Path) -> dict[str, float]:
     """What a closed study shows of people; UsageError where the database has none that does."""
     from humanplay.report.statistics.planning import assumptions_from
-    from humanplay.series.data import load
+    from humanplay.study.data import load
 
     with failures(f"cannot read {database}"), study_errors():
         data = load(database, name)
@@ -467,8 +467,8 @@ def _assumptions_from(name: str, protocol: Protocol, database: Path) -> dict[str
 def _planned(protocol: Protocol, folder: Folder) -> dict[str, Any]:
     """The assumptions and the difference of a protocol, filled in where it leaves them empty."""
     from humanplay.report.statistics.planning import reachable_difference
-    from humanplay.series.policy_episodes import tested_policies
-    from humanplay.series.terrain_spread import terrain_sd
+    from humanplay.study.policy_episodes import tested_policies
+    from humanplay.study.terrain_spread import terrain_sd
 
     assumed = dict(protocol.rules.assumed(protocol.env_config, protocol.primary_metric))
     fields: dict[str, Any] = {
@@ -489,7 +489,7 @@ def _planned(protocol: Protocol, folder: Folder) -> dict[str, Any]:
 def _with_power(protocol: Protocol, studies: int | None = None) -> Protocol:
     """The protocol with its power, by so many simulated studies; without one where nothing is assumed."""
     from humanplay.report.statistics.planning import WHILE_TYPING, power_of
-    from humanplay.series.policy_episodes import tested_policies
+    from humanplay.study.policy_episodes import tested_policies
 
     if protocol.assumed_mean is None and not tested_policies(protocol):
         return protocol
@@ -547,8 +547,8 @@ def invite(
       humanplay study invite pilot --list
       humanplay study invite pilot --list --csv links.csv
     """
-    from humanplay.series.invitations import Invitations, link_of, state_of
-    from humanplay.series.recruitment import panel_link
+    from humanplay.study.invitations import Invitations, link_of, state_of
+    from humanplay.study.recruitment import panel_link
 
     if [count > 0, lists, panel is not None].count(True) != 1:
         given = "the number of links to make, such as 10, --list to see all, or --ids FILE"
@@ -609,7 +609,7 @@ def revoke(name: str, ids: tuple[str, ...], folder: Folder) -> None:
     Example:
       humanplay study revoke pilot 7K3M 9ABC
     """
-    from humanplay.series.invitations import Invitations
+    from humanplay.study.invitations import Invitations
 
     with study_errors():
         revoked = Invitations(folder).revoke(name, ids)
@@ -625,8 +625,8 @@ def supervise(name: str, folder: Folder) -> None:
     Episodes that begin within four hours after it was typed count as supervised. The code is that of this UTC day; it is
     valid until the end of the following one. Whoever knows it can type it anywhere: type it yourself, unseen.
     """
-    from humanplay.series.files import now_ms
-    from humanplay.series.recruitment import code_of, valid_until_ms
+    from humanplay.study.files import now_ms
+    from humanplay.study.recruitment import code_of, valid_until_ms
 
     with study_errors():
         study = folder.study(name)
@@ -642,7 +642,7 @@ def _uses(database: Path, name: str) -> dict[str, Use]:
     if not database.exists():
         return {}
     from humanplay.db.reader import Reader
-    from humanplay.series.invitations import uses_of
+    from humanplay.study.invitations import uses_of
 
     with failures(f"cannot read {database}"), closing(Reader.open(database)) as reader:
         return uses_of(reader, name)
@@ -665,7 +665,7 @@ def _day(ms: int) -> str:
 def _check_power(protocol: Protocol) -> None:
     """Refuse a study that tests policies and sees its planned difference in less than 50 % of cases."""
     from humanplay.report.statistics.planning import LEAST_POWER, power_in_words
-    from humanplay.series.policy_episodes import tested_policies
+    from humanplay.study.policy_episodes import tested_policies
 
     power = protocol.power
     if not tested_policies(protocol) or power is None or (power.lower or 0.0) >= LEAST_POWER:
@@ -735,7 +735,7 @@ def preregister(name: str, out: Path | None, folder: Folder) -> None:
       humanplay study preregister pilot --out pilot-preregistration.md
     """
     from humanplay.report.preregistration import preregistration
-    from humanplay.series.templates import fill
+    from humanplay.study.templates import fill
 
     with study_errors():
         found = None if folder.status(name) == "draft" else folder.study(name)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from humanplay.board.attestation import LEVELS, level_reaches
 from humanplay.db.trial import Attestation
-from humanplay.series.data import StudyData
+from humanplay.study.data import StudyData
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ import numpy as np
 from humanplay.board.attestation import level_reaches, shows_program
 from humanplay.db.trial import LEFT, Required, Trial
 from humanplay.report.statistics.formatting import percent
-from humanplay.series.data import Person, StudyData
-from humanplay.series.flow import BEGAN, INTERRUPTED, STOPPED, Status
+from humanplay.study.data import Person, StudyData
+from humanplay.study.flow import BEGAN, INTERRUPTED, STOPPED, Status
 from marsexplorer.intervals import Floats
 
 MetricName = Literal["score", "steps"]

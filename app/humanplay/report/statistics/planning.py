@@ -24,9 +24,9 @@ from humanplay.report.statistics.exclusion_sets import members, people_of
 from humanplay.report.statistics.intervals import Interval, interval
 from humanplay.report.statistics.spread import variance_components
 from humanplay.report.statistics.study_figures import metric_bounds, worst_value
-from humanplay.series.data import StudyData
-from humanplay.series.policy_episodes import tested_policies
-from humanplay.series.protocol import Power, Protocol
+from humanplay.study.data import StudyData
+from humanplay.study.policy_episodes import tested_policies
+from humanplay.study.protocol import Power, Protocol
 from humanplay.task import counted
 from marsexplorer.intervals import CONFIDENCE, FEWEST, Floats
 

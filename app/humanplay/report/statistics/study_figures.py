@@ -24,9 +24,9 @@ from humanplay.report.statistics.exclusion_sets import (
 )
 from humanplay.report.statistics.formatting import counted
 from humanplay.report.statistics.intervals import Estimate, Interval, estimate
-from humanplay.series.data import StudyData
-from humanplay.series.flow import BEGAN, Status
-from humanplay.series.protocol import PER_PROTOCOL, Protocol
+from humanplay.study.data import StudyData
+from humanplay.study.flow import BEGAN, Status
+from humanplay.study.protocol import PER_PROTOCOL, Protocol
 from humanplay.task import Configuration, Rules
 from marsexplorer.intervals import FEWEST, Floats
 

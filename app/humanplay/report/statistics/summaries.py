@@ -23,7 +23,7 @@ from humanplay.report.statistics.exclusion_sets import (
     unspoilt,
 )
 from humanplay.report.statistics.human_level import mean_interval
-from humanplay.series.data import StudyData, trial_records
+from humanplay.study.data import StudyData, trial_records
 from humanplay.task import Configuration, Record, Rules
 from marsexplorer.intervals import Floats, t_interval
 

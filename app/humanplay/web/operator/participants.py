@@ -21,12 +21,12 @@ from humanplay.db.reader import Reader
 from humanplay.db.study_rows import Stage, participant_label
 from humanplay.db.trial import Trial
 from humanplay.report.statistics.study_figures import live_figure
-from humanplay.series.data import load
-from humanplay.series.flow import REPEATED_JOIN, repeated_reasons
-from humanplay.series.folder import Study
-from humanplay.series.invitations import Invitations, state_of, token_of, uses_of
-from humanplay.series.protocol import StudyError
-from humanplay.series.recruitment import code_of, valid_until_ms
+from humanplay.study.data import load
+from humanplay.study.flow import REPEATED_JOIN, repeated_reasons
+from humanplay.study.folder import Study
+from humanplay.study.invitations import Invitations, state_of, token_of, uses_of
+from humanplay.study.protocol import StudyError
+from humanplay.study.recruitment import code_of, valid_until_ms
 
 STAGES: tuple[str, ...] = get_args(Stage)
 QUIET_MS = 30 * 60_000

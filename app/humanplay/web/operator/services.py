@@ -6,8 +6,8 @@ import time
 from typing import Any
 
 from humanplay.jobs import Jobs
-from humanplay.series.progress import ParticipantProgress
-from humanplay.series.protocol import StudyError
+from humanplay.study.progress import ParticipantProgress
+from humanplay.study.protocol import StudyError
 from humanplay.web.downloads import Downloads
 from humanplay.web.operator import participants
 from humanplay.web.operator.exports import Exports

@@ -7,8 +7,8 @@ from functools import partial
 import pytest
 
 from humanplay.db.store import Store
-from humanplay.series.folder import Folder
-from humanplay.series.protocol import default_protocol
+from humanplay.study.folder import Folder
+from humanplay.study.protocol import default_protocol
 from marsexplorer.config import EnvConfig
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS
@@ -81,8 +81,8 @@ def test_mistakes_are_one_sentence(report, given, code, said):
 
 
 def test_a_draft_and_a_thawed_protocol_are_refused(report, place):
-    from humanplay.series.folder import Folder
-    from humanplay.series.protocol import default_protocol
+    from humanplay.study.folder import Folder
+    from humanplay.study.protocol import default_protocol
     from marsexplorer.config import EnvConfig
 
     Folder(place / "draft.db-studies").create(default_protocol("dunes", EnvConfig("random", 7, 9)))

@@ -13,9 +13,9 @@ import pytest
 from click.testing import CliRunner
 
 from humanplay.cli.main import cli
-from humanplay.series.folder import Folder
-from humanplay.series.policy_episodes import play_policies
-from humanplay.series.protocol import Declarations
+from humanplay.study.folder import Folder
+from humanplay.study.policy_episodes import play_policies
+from humanplay.study.protocol import Declarations
 from humanplay.task import rules_of
 from marsexplorer.config import EnvConfig
 from tests.support.command import command

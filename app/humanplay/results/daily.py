@@ -5,7 +5,7 @@ with it. Like a ranked episode it is abandoned when nobody has moved it for a ti
 (`humanplay.board.ranked`).
 
 The day's secret, its key, is HMAC-SHA256(the database's secret, date). Earlier keys say nothing about later ones. Commitment
-and seed follow from it as from a study's secret (`humanplay.series.seeds`): the protocol is the day, the task and the
+and seed follow from it as from a study's secret (`humanplay.study.seeds`): the protocol is the day, the task and the
 configuration.
 """
 
@@ -27,8 +27,8 @@ from humanplay.db.series import add_attempt, add_series, attempts_of, daily_secr
 from humanplay.db.store import DAY_MS
 from humanplay.db.study_rows import SeriesRow
 from humanplay.db.trial import DAILY, Trial, parse_config
-from humanplay.series.protocol import canonical_json
-from humanplay.series.seeds import commitment, seed
+from humanplay.study.protocol import canonical_json
+from humanplay.study.seeds import commitment, seed
 from humanplay.task import Configuration
 
 START_SLACK_MS = 60_000

@@ -22,14 +22,14 @@ from humanplay.report.statistics.summaries import (
     trial_summaries,
     visit_counts,
 )
-from humanplay.task import MARS, Configuration, PolicyOffer
-from humanplay.web.leaderboard.entries import (
+from humanplay.results.entries import (
     ClosedStudies,
     LeaderboardEntry,
     expert_steps,
     list_entries,
 )
-from humanplay.web.leaderboard.evaluations import PolicyEvaluations, ShippedFigures
+from humanplay.results.evaluations import PolicyEvaluations, ShippedFigures
+from humanplay.task import MARS, Configuration, PolicyOffer
 
 
 class UnknownEntryError(LookupError):

@@ -22,12 +22,12 @@ from humanplay.db.file import StoreError
 from humanplay.db.series import StudyStore, add_series
 from humanplay.db.study_rows import Participant, Stage, is_same_study
 from humanplay.db.trial import Phase, Trial
-from humanplay.series.closing import left_open, left_record, note_closed
-from humanplay.series.folder import Folder, Study
-from humanplay.series.participation import CLOSED_MESSAGE, Participations, StageError
-from humanplay.series.protocol import DraftStudyError, StudyError, UnknownStudyError
-from humanplay.series.recruitment import Arrival, Recruitment, supervise
-from humanplay.series.seeds import TUTORIAL_SEED
+from humanplay.study.closing import left_open, left_record, note_closed
+from humanplay.study.folder import Folder, Study
+from humanplay.study.participation import CLOSED_MESSAGE, Participations, StageError
+from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from humanplay.study.recruitment import Arrival, Recruitment, supervise
+from humanplay.study.seeds import TUTORIAL_SEED
 from humanplay.task import counted, on_threads
 
 __all__ = ["NotJoinedError", "ParticipantProgress", "StageError", "break_due"]

@@ -27,7 +27,7 @@ from pydantic import (
 from humanplay.board.clock import Allowed
 from humanplay.board.messages import describe_errors
 from humanplay.db.trial import Required
-from humanplay.series.texts import consent
+from humanplay.study.texts import consent
 from humanplay.task import Configuration, Rules, rules_of
 from marsexplorer.intervals import FEWEST
 
@@ -351,7 +351,7 @@ class Protocol(_Part):
 def default_protocol(name: str, config: Configuration, task: str = "mars", **rest: Any) -> Protocol:
     """Return a protocol with the paper's defaults, `rest` in their place where given; StudyError when one cannot be.
 
-    Its texts are templates: `humanplay.series.templates.fill` gives what participants read.
+    Its texts are templates: `humanplay.study.templates.fill` gives what participants read.
     """
     known = dict(rules_of(task).study(config))
     keeps_episodes = bool(rest.get("keep_episodes_when_forgotten"))

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from humanplay.series.files import write_bytes
-from humanplay.series.protocol import Protocol, StudyError
+from humanplay.study.files import write_bytes
+from humanplay.study.protocol import Protocol, StudyError
 from humanplay.task import PolicyError, rules_of
 
 FOLDER = "policies"

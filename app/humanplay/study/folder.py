@@ -6,9 +6,9 @@
     NAME/secret          the study's secret (hex): whoever reads it knows every terrain
     NAME/secret_kept.json   since when nobody can take part while the secret is kept; only where it was closed so
     NAME/closed.json     the secret revealed, and when
-    NAME/policies/       see `humanplay.series.policy_files`
-    NAME/invitations.json   see `humanplay.series.invitations`
-    played/              see `humanplay.series.terrain_spread`
+    NAME/policies/       see `humanplay.study.policy_files`
+    NAME/invitations.json   see `humanplay.study.invitations`
+    played/              see `humanplay.study.terrain_spread`
 
 `frozen.json` is written last, so a freeze cut short leaves a draft. A server sees a freeze or a close at the next use.
 """
@@ -27,9 +27,9 @@ from typing import Any, Literal
 
 from humanplay.db.file import studies_beside
 from humanplay.db.study_rows import SeriesRow
-from humanplay.series.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
-from humanplay.series.policy_files import EXPERT, FOLDER, PolicyFiles, record_files
-from humanplay.series.protocol import (
+from humanplay.study.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
+from humanplay.study.policy_files import EXPERT, FOLDER, PolicyFiles, record_files
+from humanplay.study.protocol import (
     NAME,
     PLANNED,
     DraftStudyError,
@@ -41,15 +41,15 @@ from humanplay.series.protocol import (
     parse_protocol,
     protocol_hash,
 )
-from humanplay.series.seeds import (
+from humanplay.study.seeds import (
     TUTORIAL_SEED,
     SeedLabel,
     balanced_order,
     commitment,
     seed,
 )
-from humanplay.series.templates import fill
-from humanplay.series.texts import ERASURE
+from humanplay.study.templates import fill
+from humanplay.study.texts import ERASURE
 from humanplay.task import PolicyError
 
 __all__ = ["Folder", "Study", "StudyError"]

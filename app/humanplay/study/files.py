@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from humanplay.series.protocol import StudyError
+from humanplay.study.protocol import StudyError
 
 
 def read_object(path: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The words a new study begins with: templates (`humanplay.series.templates`) that a researcher edits before freezing."""
+"""The words a new study begins with: templates (`humanplay.study.templates`) that a researcher edits before freezing."""
 
 from __future__ import annotations
 

@@ -21,9 +21,9 @@ from typing import Literal
 from humanplay.db.reader import Reader
 from humanplay.db.series import participants
 from humanplay.db.study_rows import participant_label
-from humanplay.series.files import iso, locked, ms_of, now_ms, read_object, stamp_of, write_object
-from humanplay.series.folder import Folder, Study
-from humanplay.series.protocol import StudyError
+from humanplay.study.files import iso, locked, ms_of, now_ms, read_object, stamp_of, write_object
+from humanplay.study.folder import Folder, Study
+from humanplay.study.protocol import StudyError
 from humanplay.task import counted
 
 MAX_INVITATIONS = 5_000

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from string import Formatter
 from typing import Any
 
-from humanplay.series.protocol import Protocol, StudyError, parse_protocol
+from humanplay.study.protocol import Protocol, StudyError, parse_protocol
 
 PLACEHOLDERS = {
     "name": "the study's name",

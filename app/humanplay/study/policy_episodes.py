@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from humanplay.series.data import StudyData
-from humanplay.series.policy_files import PolicyFiles
-from humanplay.series.protocol import Protocol
-from humanplay.series.seeds import seed
+from humanplay.study.data import StudyData
+from humanplay.study.policy_files import PolicyFiles
+from humanplay.study.protocol import Protocol
+from humanplay.study.seeds import seed
 from humanplay.task import Configuration, Rules
 
 

@@ -21,9 +21,9 @@ from urllib.parse import urlencode
 from humanplay.board.attestation import SUPERVISED_FOR_MS
 from humanplay.db.series import StudyStore
 from humanplay.db.study_rows import Participant
-from humanplay.series.flow import MAX_NOTED, REPEATED_JOIN, Reason
-from humanplay.series.folder import Folder, Study
-from humanplay.series.invitations import (
+from humanplay.study.flow import MAX_NOTED, REPEATED_JOIN, Reason
+from humanplay.study.folder import Folder, Study
+from humanplay.study.invitations import (
     PARAMETER,
     Invitation,
     Invitations,
@@ -31,8 +31,8 @@ from humanplay.series.invitations import (
     read_code,
     signature,
 )
-from humanplay.series.participation import StageError
-from humanplay.series.protocol import StudyError
+from humanplay.study.participation import StageError
+from humanplay.study.protocol import StudyError
 
 UNREADABLE = "the invitations of this study cannot be read now; tell whoever invited you"
 NO_INVITATION = "this study is by invitation: open the link that you were sent"

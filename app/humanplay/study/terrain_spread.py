@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from humanplay.jobs import Progress
-from humanplay.series.files import read_object, write_object
-from humanplay.series.policy_episodes import play_policies, tested_policies
-from humanplay.series.protocol import Protocol, canonical_json
+from humanplay.study.files import read_object, write_object
+from humanplay.study.policy_episodes import play_policies, tested_policies
+from humanplay.study.protocol import Protocol, canonical_json
 
 TERRAINS = 200
 FOLDER = "played"

@@ -14,8 +14,8 @@ from typing import Any, Literal
 from humanplay.db.store import Store
 from humanplay.db.study_rows import Participant
 from humanplay.db.trial import Trial
-from humanplay.series.folder import SECRET_KEPT, Study
-from humanplay.series.progress import StageError
+from humanplay.study.folder import SECRET_KEPT, Study
+from humanplay.study.progress import StageError
 from humanplay.task import PolicyError, Record, RunEndedError, Task, on_threads
 
 _log = logging.getLogger(__name__)

@@ -28,11 +28,11 @@ from humanplay.db.series import (
     study_trials,
 )
 from humanplay.db.trial import ParticipantKind, Trial
-from humanplay.series.active_time import active_ms, pause_share
-from humanplay.series.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
-from humanplay.series.plausibility import plausibility_labels
-from humanplay.series.policy_files import PolicyFiles
-from humanplay.series.protocol import Protocol, StudyError, parse_protocol
+from humanplay.study.active_time import active_ms, pause_share
+from humanplay.study.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
+from humanplay.study.plausibility import plausibility_labels
+from humanplay.study.policy_files import PolicyFiles
+from humanplay.study.protocol import Protocol, StudyError, parse_protocol
 from humanplay.task import Record
 
 
@@ -47,7 +47,7 @@ class Person:
     events        stage events: (at_ms, kind, detail), in order
     invitation    whether an invitation brought them
     supervised    whether the operator's code was typed at least once
-    repeated      signs that they take part more than once, in words (`humanplay.series.flow`); none is no proof
+    repeated      signs that they take part more than once, in words (`humanplay.study.flow`); none is no proof
     """
 
     id: str

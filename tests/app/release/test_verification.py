@@ -11,8 +11,8 @@ import pytest
 from humanplay.board.attestation import COPIED
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
-from humanplay.series import verification
-from humanplay.series.verification import check_attestation, verify_database
+from humanplay.release import verification
+from humanplay.release.verification import check_attestation, verify_database
 from tests.app.play.test_attestation import STARTED, burst
 from tests.support.command import command
 from tests.support.recorded import ask

@@ -10,8 +10,8 @@ from humanplay.board.session import RefusedError, StudyUnavailableError
 from humanplay.board.sources import Sources
 from humanplay.db.series import StudyStore
 from humanplay.db.study_rows import Participant
-from humanplay.series.flow import STOPPED
-from humanplay.series.folder import Folder, Study, StudyError
+from humanplay.study.flow import STOPPED
+from humanplay.study.folder import Folder, Study, StudyError
 
 CLOSED_MESSAGE = "the study {!r} is closed: nobody can take part or go on any more"
 

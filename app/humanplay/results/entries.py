@@ -22,17 +22,17 @@ from humanplay.report.statistics.exclusion_sets import members, people_of
 from humanplay.report.statistics.human_level import VolunteerFigures
 from humanplay.report.statistics.study_figures import live_figure
 from humanplay.report.statistics.summaries import EpisodeSummary, summarize_groups, trial_summaries
-from humanplay.series.data import StudyData, load
-from humanplay.series.policy_episodes import closed_seeds
-from humanplay.series.policy_files import EXPERT, FOLDER, PolicyFiles
-from humanplay.task import MARS, Configuration, PolicyError, rules_of
-from humanplay.web.leaderboard.evaluations import (
+from humanplay.results.evaluations import (
     Evaluation,
     ShippedFigure,
     ShippedFigures,
     file_sha256,
     to_document,
 )
+from humanplay.study.data import StudyData, load
+from humanplay.study.policy_episodes import closed_seeds
+from humanplay.study.policy_files import EXPERT, FOLDER, PolicyFiles
+from humanplay.task import MARS, Configuration, PolicyError, rules_of
 
 FIRST_SEED = 1_000_000_000
 """Policies play the terrains of this seed and the next ones: training refuses them."""

@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from humanplay.series.invitations import Invitation
+    from humanplay.study.invitations import Invitation
 
 
 REPEATED_JOIN = "repeated_join"

@@ -11,8 +11,8 @@ from itertools import pairwise
 from statistics import quantiles
 
 from humanplay.board.clock import late_share
-from humanplay.series.active_time import PRESSES, Rows
-from humanplay.series.protocol import Protocol
+from humanplay.study.active_time import PRESSES, Rows
+from humanplay.study.protocol import Protocol
 
 FEWEST_PRESSES = 5
 """Fewer presses than this say nothing about key-ups or speed, and fewer moves are no attempt."""

@@ -13,9 +13,9 @@ from humanplay.db.series import StudyStore, find_study, participants, study_tria
 from humanplay.db.store import Closing, Store, StoreError
 from humanplay.db.study_rows import SeriesRow, is_same_study
 from humanplay.db.trial import Trial
-from humanplay.series.flow import INTERRUPTED
-from humanplay.series.folder import Folder, Study
-from humanplay.series.protocol import StudyError
+from humanplay.study.flow import INTERRUPTED
+from humanplay.study.folder import Folder, Study
+from humanplay.study.protocol import StudyError
 from humanplay.task import Record, Rules, counted
 
 _log = logging.getLogger(__name__)

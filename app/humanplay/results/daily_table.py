@@ -17,9 +17,9 @@ from humanplay.db.reader import Reader
 from humanplay.db.series import results
 from humanplay.db.trial import Trial
 from humanplay.jobs import Jobs
-from humanplay.series.daily import DailyTerrain, day_before
+from humanplay.results.daily import DailyTerrain, day_before
+from humanplay.results.evaluations import Evaluation, PolicyEvaluations
 from humanplay.task import PolicyOffer
-from humanplay.web.leaderboard.evaluations import Evaluation, PolicyEvaluations
 
 SHOWN = 10
 """Rows of the table of results."""
