@@ -37,7 +37,7 @@ from marsexplorer.evaluation.rollouts import (
     play_branches,
 )
 from marsexplorer.files import write_whole
-from marsexplorer.policies.files.card import refuse
+from marsexplorer.policies.files.model import refuse
 from marsexplorer.policies.loading import find_file, load
 from marsexplorer.policies.network.batch import ActionScorer
 

@@ -1,7 +1,7 @@
 """Policies: random moves, the frontier rules, the planner, and trained networks from files.
 
 `load(name_or_path)` returns a `Policy`, `names()` lists what loads by name with the best default first, and `describe(name)`
-says in a sentence what a policy does. Networks need the extra `onnx`; the rules do not.
+says in a sentence what a policy does. Networks need the extra `play`; the rules do not.
 """
 
 from marsexplorer.policies.base import Policy, PolicyFileError, PolicyNotFoundError, begin, goal_of

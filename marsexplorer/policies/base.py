@@ -81,16 +81,15 @@ class PolicyFileError(ValueError):
     """The file is there but is no policy that can be played."""
 
 
-def check_onnx() -> None:
-    """Import the libraries of the extra `onnx`; PolicyFileError when one is missing, with what to install."""
-    for library in ("onnx", "onnxruntime"):
-        try:
-            import_module(library)
-        except ModuleNotFoundError as error:
-            raise PolicyFileError(
-                f"policy files need the package {library}, which is not installed; "
-                "pip install 'humanplay[onnx]'"
-            ) from error
+def check_onnxruntime() -> None:
+    """Import what plays policy files; PolicyFileError when it is missing, with what to install."""
+    try:
+        import_module("onnxruntime")
+    except ModuleNotFoundError as error:
+        raise PolicyFileError(
+            "policy files need the package onnxruntime, which is not installed; "
+            "pip install 'humanplay[play]'"
+        ) from error
 
 
 class Memory:

@@ -12,8 +12,9 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from marsexplorer.config import FREE, MAX_RADIUS, ROVER, UNKNOWN
-from marsexplorer.policies.base import Policy, PolicyNotFoundError, RandomPolicy, check_onnx
-from marsexplorer.policies.files.card import SUFFIX, of_paper, read_card, refuse, shipped
+from marsexplorer.policies.base import Policy, PolicyNotFoundError, RandomPolicy, check_onnxruntime
+from marsexplorer.policies.files.card import SUFFIX, of_paper, read_card, shipped
+from marsexplorer.policies.files.model import refuse
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
 from marsexplorer.policies.lookahead import TITLE, Lookahead
 from marsexplorer.policies.planner import Planner
@@ -130,7 +131,7 @@ def policy_hash(name: str) -> str | None:
 
 
 def _load_file(path: Path, sensor_radius: int) -> Policy:
-    check_onnx()  # and imported here: the libraries may be absent, and take their time
+    check_onnxruntime()  # and imported here: the library may be absent, and takes its time
     from marsexplorer.policies.files.onnx import OnnxModel, load_imported
     from marsexplorer.policies.network.policy import NetworkPolicy, OnnxNet
 

@@ -106,6 +106,37 @@ def broken_onnx(kind, path, marker):
     elif kind == "a custom operator":
         graph.node[2].domain = "ai.mine"
         model.opset_import.append(helper.make_opsetid("ai.mine", 1))
+    elif kind == "a custom operator in the second of two domains":
+        model.opset_import.append(helper.make_opsetid("ai.mine", 1))
+        path.write_bytes(model.SerializeToString() + _second_graph(b"\x3a\x00\x3a\x07ai.mine"))
+        return path
+    elif kind == "a loop in the second of two graphs":
+        graph.node.add(op_type="If").attribute.add(name="then_branch").g.name = "then"
+        loop = graph.node.pop().SerializeToString()
+        path.write_bytes(model.SerializeToString() + _second_graph(loop))
+        return path
+    elif kind == "weights in another file, by a number too long":
+        tensor = b"\x08\x04\x10\x01\x42\x01b\x70\x81\x80\x80\x80\x80\x80\x80\x80\x80\x01"
+        graph.node.add(op_type="Constant", output=["c"]).attribute.add(name="value", type=4)
+        node = graph.node.pop().SerializeToString() + _field(5, _field(5, tensor))
+        path.write_bytes(model.SerializeToString() + _second_graph(node))
+        return path
+    elif kind == "sparse weights in another file":
+        tensor = numpy_helper.from_array(np.zeros(4, np.float32), "c")
+        onnx.external_data_helper.set_external_data(tensor, "elsewhere")
+        tensor.ClearField("raw_data")
+        sparse = onnx.SparseTensorProto(values=tensor, dims=[4])
+        graph.node.append(helper.make_node("Constant", [], ["c"], sparse_value=sparse))
+    elif kind == "fewer weights than their shape says":
+        graph.initializer[0].raw_data = graph.initializer[0].raw_data[:-4]
+    elif kind == "weights as large as a planet":
+        graph.initializer[0].dims[0] = 2**50
+    elif kind == "a field that the format does not have":
+        path.write_bytes(model.SerializeToString() + _field(99, b"more"))
+        return path
+    elif kind == "a hundred thousand fields too many":
+        path.write_bytes(model.SerializeToString() + 100_000 * b"\x08\x08")
+        return path
     elif kind == "an unknown operator":
         graph.node[2].op_type = "Wish"
     elif kind == "a function":
@@ -149,6 +180,18 @@ def broken_onnx(kind, path, marker):
         model = onnx_model(**ODD_MODELS[kind])
     path.write_bytes(model.SerializeToString())
     return path
+
+
+def _field(number, content):
+    """Return a field of bytes as protobuf writes it."""
+    header = number << 3 | 2
+    tag = bytes([header]) if header < 128 else bytes([header & 127 | 128, header >> 7])
+    return tag + bytes([len(content)]) + content
+
+
+def _second_graph(node):
+    """Return a further part of a model's graph with one node: protobuf joins the parts."""
+    return _field(7, _field(1, node))
 
 
 def _output(graph, name):
@@ -199,6 +242,14 @@ BROKEN_ONNX = [
     "weights of the system",
     "a constant in another file",
     "a custom operator",
+    "a custom operator in the second of two domains",
+    "a loop in the second of two graphs",
+    "weights in another file, by a number too long",
+    "sparse weights in another file",
+    "fewer weights than their shape says",
+    "weights as large as a planet",
+    "a field that the format does not have",
+    "a hundred thousand fields too many",
     "an unknown operator",
     "a function",
     "a loop",

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from marsexplorer.files import replace_whole
-from marsexplorer.policies.base import PolicyFileError, check_onnx
+from marsexplorer.policies.files.model import Model
 
 SUFFIX = ".onnx"
 FORMAT = "marsexplorer-policy-1"
@@ -35,33 +35,22 @@ def of_paper() -> dict[str, Path]:
     return {path.stem: path for path in sorted((shipped_folder() / "paper").glob(f"*{SUFFIX}"))}
 
 
-ADVICE = "give an ONNX model with the inputs and outputs that docs/policies.md lists"
-
-
-def refuse(path: Path, expected: str, came: str) -> PolicyFileError:
-    """Return the error for a file that is no policy: what was expected, what came, and what to give instead."""
-    return PolicyFileError(f"{path} is no policy: expected {expected}, got {came}; {ADVICE}")
-
-
 def read_card(path: Path) -> dict[str, Any]:
     """Return the card in a policy file, empty where there is none; PolicyFileError when it is no ONNX model."""
-    check_onnx()
-    from marsexplorer.policies.files.onnx import card_in, read_model
+    return card_in(Model(path))
 
-    return card_in(read_model(path))
+
+def card_in(model: Model) -> dict[str, Any]:
+    """Return the card in a model's metadata, empty when there is none."""
+    try:
+        card = json.loads(model.metadata.get("card", "{}"))
+    except (ValueError, RecursionError):
+        return {}
+    return card if isinstance(card, dict) else {}
 
 
 def write_card(path: Path, card: dict[str, Any]) -> None:
     """Put another card into a policy file, whole or not at all; PolicyFileError when it is no ONNX model."""
-    check_onnx()
-    import onnx
-
-    from marsexplorer.policies.files.onnx import read_model
-
-    model = read_model(path)
-    kept = [(each.key, each.value) for each in model.metadata_props if each.key != "card"]
-    del model.metadata_props[:]
-    for key, value in (*kept, ("card", json.dumps(card, indent=1))):
-        model.metadata_props.add(key=key, value=value)
+    model = Model(path).with_metadata("card", json.dumps(card, indent=1))
     with replace_whole(path) as unfinished:
-        onnx.save(model, str(unfinished))
+        unfinished.write_bytes(model)

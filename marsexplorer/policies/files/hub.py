@@ -27,7 +27,8 @@ from huggingface_hub.errors import (
 )
 
 from marsexplorer.files import write_whole
-from marsexplorer.policies.files.card import SUFFIX, read_card, refuse
+from marsexplorer.policies.files.card import SUFFIX, read_card
+from marsexplorer.policies.files.model import refuse
 
 METRICS = {
     "steps": "Steps to 99 % coverage",

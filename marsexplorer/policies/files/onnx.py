@@ -19,23 +19,19 @@ memory that it allocates on the way is bounded, and a model that asks for more i
 
 from __future__ import annotations
 
-import json
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import onnxruntime
 from numpy.typing import NDArray
-from onnx import numpy_helper
 
 from marsexplorer.policies.base import INVALID_LOGIT, PolicyFileError
-from marsexplorer.policies.files.card import FORMAT, refuse
+from marsexplorer.policies.files.card import FORMAT, card_in
 from marsexplorer.policies.files.imported import Evaluate, ImportedPolicy
+from marsexplorer.policies.files.model import Model, refuse
 
-LARGEST = 64 << 20
-"""Bytes of a file; a larger one is refused unread."""
 MOST_MEMORY = 256 << 20
 """Bytes that all models of a process may take together while they run."""
 
@@ -43,46 +39,19 @@ PROBE = 21
 """Cells a side of the board that a model of open size is tried on."""
 
 
-def read_model(path: Path) -> onnx.ModelProto:
-    """Return a file's model, unchecked; PolicyFileError when it is too large, cannot be read or is none."""
-    try:
-        size = path.stat().st_size
-        if size > LARGEST:
-            raise refuse(path, f"a file of at most {LARGEST >> 20} MiB", f"{size >> 20} MiB")
-        data = path.read_bytes()
-    except OSError as error:
-        came = f"{type(error).__name__}: {error.strerror}"
-        raise refuse(path, "a file that can be read", came) from error
-    try:
-        return onnx.load_from_string(data)
-    except Exception as error:  # protobuf raises kinds of its own
-        raise refuse(path, "an ONNX model", "bytes that are none") from error
-
-
-def card_in(model: onnx.ModelProto) -> dict[str, Any]:
-    """Return the card in a model's metadata, empty when there is none."""
-    metadata = {str(one.key): str(one.value) for one in model.metadata_props}
-    try:
-        card = json.loads(metadata.get("card", "{}"))
-    except (ValueError, RecursionError):
-        return {}
-    return card if isinstance(card, dict) else {}
-
-
 class OnnxModel:
     """A checked model, ready to run.
 
-    card             see `card_in`
+    card             that in its metadata, empty when there is none
     inputs, outputs  name -> (type, shape), None for an open dimension
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        model = read_model(path)
-        self.card, self._graph = card_in(model), model.graph
+        self.path, self._file = path, Model(path)
+        self.card = card_in(self._file)
         if self.card.get("format", FORMAT) != FORMAT:
             raise self.refuse(f"the format {FORMAT}", repr(self.card["format"])[:60])
-        self._check(model)
+        self._file.check()
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4
@@ -90,7 +59,10 @@ class OnnxModel:
         options.add_session_config_entry("session.use_env_allocators", "1")
         try:
             self._session = onnxruntime.InferenceSession(
-                model.SerializeToString(), options, providers=["CPUExecutionProvider"]
+                self._file.data,
+                options,
+                providers=["CPUExecutionProvider"],
+                enable_fallback=0,  # else it prints, and tries the same once more
             )
         except Exception as error:
             raise self.refuse("a model that onnxruntime can load", _first_line(error)) from error
@@ -117,7 +89,7 @@ class OnnxModel:
 
     def weights(self) -> dict[str, NDArray[Any]]:
         """Return its weights by name."""
-        return {str(one.name): numpy_helper.to_array(one) for one in self._graph.initializer}
+        return self._file.weights()
 
     def run(self, inputs: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         """Return the outputs by name."""
@@ -129,31 +101,6 @@ class OnnxModel:
             return self.run(inputs)
         except Exception as error:
             raise self.refuse("a model that runs", _first_line(error)) from error
-
-    def _check(self, model: Any) -> None:
-        """Refuse a model that is not made of standard operators and weights of its own."""
-        external = onnx.TensorProto.EXTERNAL
-        tensors = list(model.graph.initializer)
-        if len(model.functions) or len(model.graph.sparse_initializer) or len(model.training_info):
-            raise self.refuse("one plain graph", "functions, sparse weights or training of its own")
-        for node in model.graph.node:
-            if node.domain not in ("", "ai.onnx"):
-                came = f"the custom operator {node.domain}.{node.op_type}"[:90]
-                raise self.refuse("standard operators", came)
-            for attribute in node.attribute:
-                if attribute.HasField("g") or len(attribute.graphs):
-                    came = f"the operator {node.op_type}"
-                    raise self.refuse("a graph without control flow", came)
-                tensors += [attribute.t] if attribute.HasField("t") else []
-                tensors += list(attribute.tensors)
-        for tensor in tensors:
-            if tensor.data_location == external or len(tensor.external_data):
-                came = f"{tensor.name or 'one'} in another file"[:90]
-                raise self.refuse("all weights inside the file", came)
-        try:
-            onnx.checker.check_model(model)
-        except Exception as error:
-            raise self.refuse("a model that is whole", _first_line(error)) from error
 
 
 def load_imported(model: OnnxModel) -> ImportedPolicy:
