@@ -27,14 +27,14 @@ from numpy.typing import NDArray
 from marsexplorer.policies.base import Memory, Policy, cell_at, goal_of
 from marsexplorer.policies.kernels.grid import completion_target, neighbour
 from marsexplorer.policies.kernels.posterior import move_chains, posterior_chains
-from marsexplorer.policies.kernels.prices import PricedBoard, price_scratch, update_board
+from marsexplorer.policies.kernels.prices import SCREEN, PricedBoard, price_scratch, update_board
 from marsexplorer.policies.kernels.rollouts import (
     MOST_CANDIDATES,
     compare,
     fill_truths,
     list_candidates,
 )
-from marsexplorer.policies.priced import SCREEN, TUNED, RuleTables
+from marsexplorer.policies.priced import TUNED, RuleTables
 from marsexplorer.random_numbers import mix
 
 TITLE = "Expert that knows how terrains are made"

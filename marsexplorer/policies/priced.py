@@ -33,6 +33,7 @@ from marsexplorer.policies.kernels.grid import UNREACHABLE, neighbour
 from marsexplorer.policies.kernels.prices import (
     FADE_UNIT,
     PRICE_UNIT,
+    SCREEN,
     TUNED_RADIUS,
     PricedBoard,
     PriceParameters,
@@ -42,9 +43,6 @@ from marsexplorer.policies.kernels.prices import (
     update_board,
 )
 from marsexplorer.policies.kernels.visibility import count_visible
-
-SCREEN = 1
-"""The square whose half side is the sensor radius: where it has no unknown cell, nothing new can be seen."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ import httpx
 import numpy as np
 from websockets.asyncio.client import connect
 
-from humanplay.board.clock import COUNTDOWN_S, late_share
+from humanplay.board.controls import COUNTDOWN_S, late_share
 from humanplay.release.verification import verify_database
 from tests.support.browser import AS_A_PERSON, NO_3D, QUIET, chromium_path, free_port
 

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from humanplay.board.messages import Pace
-from humanplay.board.session import Move, RefusedError, Session
+from humanplay.board.participation import RefusedError
+from humanplay.board.session import Move, Session
 from humanplay.db.store import NOTICE_S, StoreError, Trial
 from humanplay.task import Decides, Policy, Task
 

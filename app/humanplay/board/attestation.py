@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import Any, get_args
 
-from humanplay.board.clock import PAUSE_MS, Controls, Held
+from humanplay.board.controls import PAUSE_MS, Controls, HeldKeys
 from humanplay.db.chain import BegunHash, begin_hash
 from humanplay.db.input_events import (
     count_input_events,
@@ -180,7 +180,7 @@ def _check_ticks(moves: Sequence[Row], events: Sequence[Row], conditions: Condit
 
     No tick comes while the board stands still: after a pause the page asks for it to go on, and a countdown follows.
     """
-    held, at, before, runs_from_ms = Held(), 0, 0, None
+    held, at, before, runs_from_ms = HeldKeys(), 0, 0, None
     presses, shown_ms = list[dict[str, Any]](), list[float]()
     for step, move in enumerate(moves):
         while at < len(events) and events[at]["server_ms"] < move["server_ms"]:

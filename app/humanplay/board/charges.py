@@ -6,9 +6,37 @@ import threading
 import time
 from collections import Counter
 
+from humanplay.db.input_events import EVENT_BYTES, MAX_EVENTS_PER_EPISODE
+from humanplay.db.trial import Trial
+
 DAY_S = 86_400
 Owner = tuple[str, str]
 """Kind ("address", "player" or "study") and name."""
+
+STEP_BYTES, EPISODE_BYTES = 85, 2000
+"""Bytes of the database's file that a move takes, and a board with its ended episode. On top come the terrain, twice (a row of
+a 128x128 board fills a page), and the input events."""
+EVENTS_PER_MOVE, LEAST_EVENTS = 20, 10_000
+"""For how many input events an episode has room: so many for each move that it may have, and never fewer than for a key that
+repeats for five minutes."""
+
+
+def stored_bytes(episode: Trial, steps: int, event_bytes: int) -> int:
+    """Bytes that an episode takes with so many moves and so many bytes of input events."""
+    return EPISODE_BYTES + 2 * len(episode.terrain) + steps * STEP_BYTES + event_bytes
+
+
+def event_room(episode: Trial) -> int:
+    """Bytes that the input events of an episode may take."""
+    limit: int = episode.config.limit
+    events = min(max(LEAST_EVENTS, EVENTS_PER_MOVE * limit), MAX_EVENTS_PER_EPISODE)
+    return events * EVENT_BYTES
+
+
+def most_bytes(episode: Trial, has_events: bool) -> int:
+    """The most that an episode stores, with input events if it has them."""
+    limit: int = episode.config.limit
+    return stored_bytes(episode, limit, event_room(episode) if has_events else 0)
 
 
 class Charges:

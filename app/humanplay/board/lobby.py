@@ -31,7 +31,8 @@ from humanplay.board.agent import (
 from humanplay.board.attestation import Attested
 from humanplay.board.charges import Charges
 from humanplay.board.messages import ChangePace, Pace, PaceMode
-from humanplay.board.session import HUMAN, Participation, Session
+from humanplay.board.participation import HUMAN, Participation
+from humanplay.board.session import Session
 from humanplay.board.sources import Sources, WatchIds
 from humanplay.db.reader import Reader
 from humanplay.db.store import Control, Resumable, SessionRow, Store, Trial
@@ -353,12 +354,12 @@ class Lobby:
                 (board, board.current, await board.take_abandoned(), board.now_ms())
                 for board in running
             ]
-            endings = [await board.prepare_end(board.current) for board in running]
+            endings = [await board.inputs.prepare_end(board.current) for board in running]
 
             def record() -> tuple[list[Attested | None], list[bool], list[Trial]]:
                 with self.store.transaction(), within(rows[0]) if within else nullcontext():
                     found = [
-                        board.closing(current, run, at_ms, ending)
+                        board.inputs.closing(current, run, at_ms, ending)
                         for (board, current, run, at_ms), ending in zip(
                             abandoned, endings, strict=True
                         )
@@ -370,7 +371,7 @@ class Lobby:
             def publish(found: tuple[list[Attested | None], list[bool], list[Trial]]) -> None:
                 levels, hidden, opened = found
                 for (board, current, run, _), ending in zip(abandoned, endings, strict=True):
-                    board.settle(current, run.view().steps, ending)
+                    board.charge(current, run.view().steps, ending)
                 for board, row, run, hides in zip(boards, opened, runs, hidden, strict=True):
                     board.begin(row, run, hides)
                 for (board, current, run, _), level in zip(abandoned, levels, strict=True):

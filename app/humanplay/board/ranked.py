@@ -23,7 +23,8 @@ from contextlib import suppress
 from functools import partial
 
 from humanplay.board.lobby import Lobby, Locks, UnknownSessionError
-from humanplay.board.session import HUMAN, RefusedError, Session
+from humanplay.board.participation import HUMAN, RefusedError
+from humanplay.board.session import Session
 from humanplay.db.playground import (
     Deleted,
     delete_unplayed,

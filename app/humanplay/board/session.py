@@ -18,34 +18,46 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
-from typing import Any, Literal, Protocol, Self, cast
+from typing import Any, Literal, Self, cast
 from weakref import WeakSet
 
-from humanplay.board.attestation import (
-    Attested,
-    Conditions,
-    Ending,
-    attest_stored,
-    key_map_of,
-    level_reaches,
-    prepare_end,
-)
-from humanplay.board.charges import Charges
-from humanplay.board.clock import PAUSE_MS, TAKES_KEYS, Allowed, BoardClock, Held, controls_of
-from humanplay.board.messages import KEY_CODES, UNIDENTIFIED, Events, Pace, Remade
-from humanplay.db.input_events import (
-    EVENT_BYTES,
-    MAX_EVENTS_PER_EPISODE,
-    TOO_MANY_EVENTS,
-    InputEventRow,
-    PageLoad,
-    TooManyEventsError,
-    add_input_events,
-    batch_bytes,
-    input_events,
-)
-from humanplay.db.store import Closing, Notice, SessionRow, StepRow, Store, StoreError, Trial
+from humanplay.board.attestation import Attested, Ending, level_reaches
+from humanplay.board.charges import Charges, most_bytes, stored_bytes
+from humanplay.board.clock import TAKES_KEYS, BoardClock
+from humanplay.board.controls import PAUSE_MS, ClockLimits, HeldKeys
+from humanplay.board.input_log import InputLog
+from humanplay.board.messages import Events, Pace, Remade
+from humanplay.board.participation import HUMAN, SCRIPT, Participation, RefusedError
+from humanplay.db.input_events import TOO_MANY_EVENTS, batch_bytes
+from humanplay.db.store import Notice, SessionRow, StepRow, Store, StoreError, Trial
 from humanplay.task import Run, RunElsewhere, RunEndedError, Task, View, on_threads
+
+SessionKind = Literal["ranked", "practice", "challenge", "watch", "daily", "study"]
+"""What an episode on a board is.
+
+ranked     a person's alone, on a terrain that the server drew: it counts, unless something comes between
+practice   beside a policy, on a terrain that was chosen, or moved by a script
+challenge  a person's on the terrain of a finished episode, against what was done there
+watch      a policy's
+daily, study  a person's attempt at the day's terrain, a participant's
+"""
+
+
+UNKEPT = "the key press before this move could not be recorded: nothing has changed; press again in a moment"
+
+
+@dataclass(frozen=True)
+class Move:
+    """A move as asked for: which frame it answers, where to, and who drives ("human", "script" or "policy:NAME")."""
+
+    episode: str
+    step: int
+    action: int
+    driver: str
+    input: Literal["key", "touch"] | None = None
+    key_down_ms: float | None = None
+    key_up_ms: float | None = None
+    client_ms: float | None = None
 
 
 class Channel:
@@ -151,102 +163,34 @@ class Subscriber:
         self.close()
 
 
-HUMAN, SCRIPT = "human", "script"
+class ServerTime:
+    """A monotonic server time in ms: it never runs backwards, even if the system clock does.
 
-SessionKind = Literal["ranked", "practice", "challenge", "watch", "daily", "study"]
-"""What an episode on a board is.
-
-ranked     a person's alone, on a terrain that the server drew: it counts, unless something comes between
-practice   beside a policy, on a terrain that was chosen, or moved by a script
-challenge  a person's on the terrain of a finished episode, against what was done there
-watch      a policy's
-daily, study  a person's attempt at the day's terrain, a participant's
-"""
-
-
-UNKEPT = "the key press before this move could not be recorded: nothing has changed; press again in a moment"
-
-
-STEP_BYTES, EPISODE_BYTES = 85, 2000
-"""Bytes of the database's file that a move takes, and a board with its ended episode. On top come the terrain, twice (a row of
-a 128x128 board fills a page), and the input events."""
-EVENTS_PER_MOVE, LEAST_EVENTS = 20, 10_000
-"""For how many input events an episode has room: so many for each move that it may have, and never fewer than for a key that
-repeats for five minutes."""
-
-
-def first_bytes(row: Trial) -> int:
-    """Return what is stored of an episode before its first move."""
-    return EPISODE_BYTES + 2 * len(row.terrain)
-
-
-class RefusedError(Exception):
-    """The move does not answer the current frame, or is not this sender's to make; nothing has changed."""
-
-
-class StudyUnavailableError(RefusedError):
-    """The study cannot go on at the moment; the same request may succeed later."""
-
-
-@dataclass(frozen=True)
-class Move:
-    """A move as asked for: which frame it answers, where to, and who drives ("human", "script" or "policy:NAME")."""
-
-    episode: str
-    step: int
-    action: int
-    driver: str
-    input: Literal["key", "touch"] | None = None
-    key_down_ms: float | None = None
-    key_up_ms: float | None = None
-    client_ms: float | None = None
-
-
-class Participation(Protocol):
-    """A participant's part in a study, as far as their board must ask for it; `humanplay.study` implements it.
-
-    A board without a participation belongs to anybody who knows its id. Everything but `driver`, `study` and `check_open`
-    asks the database: call it in `Store.write` or `Store.read`.
+    Args:
+        clock: Reads the system clock, in milliseconds since 1970.
     """
 
-    @property
-    def driver(self) -> str:
-        """Return who drives an episode at its start: "human" or "script"."""
+    def __init__(self, clock: Callable[[], int]) -> None:
+        self._clock = clock
+        self._newest_ms = self._read_ms = self._ahead_ms = 0
 
-    @property
-    def study(self) -> str:
-        """Return the name of the study."""
+    def begin(self, newest_ms: int) -> None:
+        """Go on from the newest time that an episode has."""
+        self._newest_ms = self._read_ms = newest_ms
+        self._ahead_ms = 0
 
-    def hides_scores(self, episode_id: str) -> bool:
-        """Return whether frames of the episode leave out reward, return and score."""
+    def now_ms(self) -> int:
+        """Read the time."""
+        read_ms = self._clock()
+        # a clock that was set back is ahead of itself by as much from now on
+        self._ahead_ms += max(0, self._read_ms - read_ms)
+        self._read_ms = read_ms
+        self._newest_ms = max(self._newest_ms, read_ms + self._ahead_ms)
+        return self._newest_ms
 
-    def is_secret(self, episode_id: str) -> bool:
-        """Whether nobody but the participant sees anything of the episode, the operator included."""
-
-    def check_open(self) -> None:
-        """Raise RefusedError when the study is closed and no move may be made."""
-
-    @property
-    def allowed(self) -> Allowed:
-        """Return what an episode may have in time, where a clock runs; RefusedError where the study cannot be looked up."""
-
-    def note_script(self, episode_id: str) -> None:
-        """Record that a person's episode has become a script's, in the transaction of the move that made it so."""
-
-    def note_stopped(self, episode_id: str) -> None:
-        """Record that a rule of the protocol ended an episode, in the transaction that ends it."""
-
-    def note_end(self) -> None:
-        """Record that an episode has ended, in the transaction that ends it."""
-
-    def check_events(self, episode_id: str) -> None:
-        """Check that input events of an episode are to be kept; RefusedError when it is none of this participation."""
-
-    def settings(self) -> list[dict[str, Any]]:
-        """Return what the participant has chosen (`keys` among it), every version so far."""
-
-    def supervised_ms(self) -> tuple[int, ...]:
-        """Return when the operator's code was typed for the participant."""
+    def move_past(self, at_ms: int) -> None:
+        """Let the next reading be later than a time."""
+        self._newest_ms = max(self._newest_ms, at_ms + 1)
 
 
 class Session:
@@ -264,6 +208,7 @@ class Session:
     attested       the level of the current episode since it has ended here, else None
     touched        monotonic seconds of the last access
     clock          of a person's board whose task has one, else None
+    inputs         the input events of its current episode
     changing       held from the check of a move, or of whatever else changes the episode or its input events, until it is
                    committed
     """
@@ -298,23 +243,20 @@ class Session:
         self._is_second = row.rival_of is not None
         self._store = store
         self._charges = charges
-        self._clock = clock
-        self._keeping: asyncio.Future[None] | None = None
-        """The write of the newest input events."""
-        self._taken = set[str]()
-        """Batches of input events of the current episode: what comes again, as after a lost connection, changes no clock."""
-        self._lacks_events = False
-        """Whether input events could not be written: a move without its press would be held against the person."""
+        self._time = ServerTime(clock)
         frames = task.clock if self.is_human else None
         self.clock = None if frames is None else BoardClock(self, frames)
-        self._event_ms = self._newest_ms = self._read_ms = self._ahead_ms = 0
-        """Times of the newest input event and of the newest of all, what the server's clock said then, and how far it was set
-        back since: an event is no earlier than a tick before it, a tick later."""
+        self.inputs = InputLog(row, task, store, participation)
 
     @property
     def is_human(self) -> bool:
         """Return whether no policy drives this board."""
         return self.row.driver_name == HUMAN
+
+    @property
+    def episode(self) -> str:
+        """The id of the current episode."""
+        return self.current.id
 
     @property
     def frame(self) -> str:
@@ -343,7 +285,7 @@ class Session:
         if self.row.challenges is not None:
             return "challenge"
         is_drawn = not (self.current.assisted or self.current.seed_chosen)
-        return "ranked" if is_drawn and self.takes_persons_moves else "practice"
+        return "ranked" if is_drawn and self.inputs.is_persons else "practice"
 
     @property
     def counts(self) -> bool:
@@ -352,11 +294,6 @@ class Session:
         is_known = self.kind == "ranked" and row.driver == HUMAN and not row.terrain_met_before
         level = None if self.attested is None else self.attested.level
         return is_known and (level is None or level_reaches(level, "attested"))
-
-    @property
-    def takes_persons_moves(self) -> bool:
-        """Return whether a move can be a person's here: on a board of the page's or a study's, never on a script's."""
-        return self.row.control == "cookie" or self.participation is not None
 
     @property
     def study(self) -> str:
@@ -393,7 +330,7 @@ class Session:
             self._run = run
             return self.shown, seen
 
-    async def tick(self, held: Held) -> None:
+    async def tick(self, held: HeldKeys) -> None:
         """Make the move that follows from what is held, commit it together with others' ticks, and publish its frame."""
         async with self.changing:
             if self.clock is None or self.clock.is_standing:
@@ -404,30 +341,21 @@ class Session:
                 action, input = self._controls.action(held.down, before)
                 driver = self.driver if held.is_trusted else SCRIPT
                 move = Move(self.current.id, self.shown.steps, action, driver, input)
-                self._newest_ms = max(self._newest_ms, self._event_ms + 1)
+                # an event belongs to the ticks after it
+                self._time.move_past(self.inputs.newest_ms)
                 await self._make(move, self.now_ms(), waits=not self.clock.shares_commits)
             except RefusedError as refusal:
                 self.clock.stand(str(refusal))
 
-    async def held_keys(self) -> Held:
+    async def held_keys(self) -> HeldKeys:
         """Return what is held by the input events that are stored, with the keys that hold now; hold `changing`."""
-        if self._keeping is not None:
-            await asyncio.wait([self._keeping])
-
-        def read() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-            study = self.participation
-            return input_events(self._store, self.current.id), study.settings() if study else []
-
-        events, settings = await self._store.read(read)
-        self._controls, held = controls_of(self.task, settings)[-1], Held()
-        for event in events:
-            held.take(event)
+        self._controls, held = await self.inputs.held(self.current.id)
         return held
 
     async def end_if_left(self) -> None:
         """End the episode as left where its board has stood still more often or for longer than is allowed."""
         async with self.changing:
-            allowed = Allowed() if self.participation is None else self.participation.allowed
+            allowed = ClockLimits() if self.participation is None else self.participation.allowed
             until_ms = self.now_ms() + PAUSE_MS
             read = partial(self._store.pauses, self.current.id, PAUSE_MS, until_ms)
             number, paused_ms = await self._store.read(read)
@@ -455,10 +383,10 @@ class Session:
             await self._end_here(run)
             raise RefusedError(str(failure)) from failure
         row = self._step_row(move, reward, held.discovered, at_ms)
-        ending = await self.prepare_end(current, row) if held.ended else None
+        ending = await self.inputs.prepare_end(current, row) if held.ended else None
 
         def record() -> tuple[Attested | None, bool]:
-            if self._lacks_events:
+            if self.inputs.is_incomplete:
                 raise StoreError(UNKEPT)
             if not is_deviation and not held.ended:
                 self._store.add_step(row)  # one statement, without a transaction around it
@@ -473,7 +401,7 @@ class Session:
         def publish(found: tuple[Attested | None, bool]) -> None:
             self.go_on(current, run, held, *found)
             if held.ended:
-                self.settle(current, held.steps, ending)
+                self.charge(current, held.steps, ending)
             metrics, seconds = self._store.metrics, time.perf_counter() - began
             metrics.moves[move.driver.partition(":")[0]].inc()
             metrics.step.observe(seconds)
@@ -510,12 +438,12 @@ class Session:
 
     def _tell_remade(self, done: int, of: int) -> None:
         self.remade = Remade(episode=self.current.id, done=done, of=of)
-        self.channel.notify()
+        self.notify()
 
     async def _end_here(self, run: Run, note: Callable[[], None] | None = None) -> None:
         """End the episode for good by a run that ended without a move, and publish its last frame; hold `changing`."""
         current, at_ms = self.current, self.now_ms()
-        ending = await self.prepare_end(current)
+        ending = await self.inputs.prepare_end(current)
 
         def record() -> tuple[Attested | None, bool]:
             with self._store.transaction():
@@ -526,17 +454,13 @@ class Session:
 
         def publish(found: tuple[Attested | None, bool]) -> None:
             self.go_on(current, run, run.view(), *found)
-            self.settle(current, self.shown.steps, ending)
+            self.charge(current, self.shown.steps, ending)
 
         await self._store.write(record, then=publish)
 
     def now_ms(self) -> int:
-        """Return the time in the current episode, which goes on where the server's clock is set back."""
-        read_ms = self._clock()
-        self._ahead_ms += max(0, self._read_ms - read_ms)
-        self._read_ms = read_ms
-        self._newest_ms = max(self._newest_ms, read_ms + self._ahead_ms)
-        return self._newest_ms
+        """The time in the current episode, in milliseconds since 1970: it never runs backwards."""
+        return self._time.now_ms()
 
     def begin(
         self,
@@ -551,9 +475,9 @@ class Session:
         newest_ms  time of its newest move or input event
         batches    ids of the batches of input events that it has
         """
-        self._taken = {*batches}
-        self._event_ms = self._newest_ms = self._read_ms = max(row.started_ms, newest_ms)
-        self._ahead_ms = 0
+        newest_ms = max(row.started_ms, newest_ms)
+        self.inputs.begin(newest_ms, batches)
+        self._time.begin(newest_ms)
         self.number, self.fault = row.number, None
         shown = run.view()
         if not shown.ended:
@@ -590,41 +514,6 @@ class Session:
             return run
         return await on_threads(self.task, self.task.replay, self.current, self.shown.actions)
 
-    async def prepare_end(self, current: Trial, last: StepRow | None = None) -> Ending | None:
-        """Return what the end of an episode needs of its input events, for `closing`: hold `changing`, so that no more come.
-
-        There may be 50,000 of them, so that the thread of the writes would take long, and everybody's moves wait for it.
-
-        last  the move that ends it; None when it is abandoned
-        """
-        if not self.is_human:
-            return None  # its board keeps no input events
-
-        if self._keeping is not None:
-            # what came without it would be compared again on the thread of the writes
-            await asyncio.wait([self._keeping])
-
-        def prepare() -> Ending:
-            row = None if last is None else dataclasses.asdict(last)
-            return prepare_end(self._store, current.id, self._conditions(current), row)
-
-        return await self._store.read(prepare)
-
-    def closing(
-        self, current: Trial, run: Run, at_ms: int, ending: Ending | None
-    ) -> tuple[Closing, Attested | None]:
-        """Return what closes an episode that has ended, its moves compared with its input events; call it in `Store.write`.
-
-        ending  of `prepare_end`
-        """
-        conditions = self._conditions(current)
-        attested = None
-        if conditions is not None:
-            attested = attest_stored(self._store, current.id, conditions, ending)
-        level, reason = (None, None) if attested is None else (attested.level, attested.reason)
-        events = None if ending is None else ending.events
-        return Closing(current.id, run.record(), at_ms, level, reason, events), attested
-
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether frames of an episode leave out its scores; call it in `Store.write` or `Store.read`."""
         return self.participation is not None and self.participation.hides_scores(episode_id)
@@ -639,103 +528,37 @@ class Session:
         The next move need not wait: it is written behind them, with the same commit.
         """
         async with self.changing:
-            is_current = events.episode == self.current.id and not self.shown.ended
-            if self._keeps_events and not is_current:
+            is_running = events.episode == self.current.id and not self.shown.ended
+            if self.inputs.is_persons and not is_running:
                 if self._charges.is_full(self.study):
                     raise RefusedError(TOO_MANY_EVENTS)
                 self._charges.add(self.study, batch_bytes(len(events.events), events.batch))
-            self._lacks_events = True
-            self._event_ms = self.now_ms()
-            keep = partial(self._keep_events, events, self._event_ms)
-            self._keeping = keeping = self._store.put_write(keep)
-            if self.clock is not None and is_current and events.batch not in self._taken:
-                self._taken.add(events.batch)
+            writing = self.inputs.write(events, self.now_ms(), self.current)
+            # what comes again, as after a lost connection, changes no clock
+            if self.clock is not None and is_running and self.inputs.takes(events.batch):
                 self.clock.take(events.events)
         try:
-            await asyncio.shield(keeping)
+            await asyncio.shield(writing)
         except (StoreError, RefusedError):
-            self._taken.discard(events.batch)
+            self.inputs.drop(events.batch)
             if self.clock is not None:
                 self.clock.stand(UNKEPT)  # it goes on by the events that are stored
             raise
 
-    def most_bytes(self, row: Trial) -> int:
-        """The most that an episode of this board stores: its beginning, its moves and its input events."""
-        limit: int = row.config.limit
-        return first_bytes(row) + limit * STEP_BYTES + self._event_room(row)
+    def most_bytes(self, episode: Trial) -> int:
+        """The most that an episode of this board stores."""
+        return most_bytes(episode, self.inputs.is_persons)
 
-    def settle(self, current: Trial, steps: int, ending: Ending | None) -> None:
-        """Charge what an episode has stored, which has ended.
-
-        Args:
-            ending: What `prepare_end` returned.
-        """
-        of_events = 0 if ending is None else ending.event_bytes
-        self._charges.close(current.id, first_bytes(current) + steps * STEP_BYTES + of_events)
-
-    def _event_room(self, row: Trial) -> int:
-        """Bytes that the input events of an episode may take."""
-        limit: int = row.config.limit
-        events = min(max(LEAST_EVENTS, EVENTS_PER_MOVE * limit), MAX_EVENTS_PER_EPISODE)
-        return events * EVENT_BYTES if self._keeps_events else 0
-
-    @property
-    def _keeps_events(self) -> bool:
-        return self.is_human and self.takes_persons_moves
-
-    def _keep_events(self, events: Events, came_ms: int) -> None:
-        try:
-            self._add_events(events, came_ms)
-        except RefusedError:
-            # none of it belongs to the moves that follow, but to ticks that have taken its keys
-            self._lacks_events = self.clock is not None and self._keeps_events
-            raise
-        self._lacks_events = False
-
-    def _add_events(self, events: Events, came_ms: int) -> None:
-        if self.participation is not None:
-            self.participation.check_events(events.episode)
-        elif not self.is_human:
-            which = "a board that a person drives; a policy drives this one"
-            raise RefusedError(f"input events are kept of {which}")
-        elif not self.takes_persons_moves:
-            raise RefusedError(
-                "input events are kept of a board that the page has begun; on this one every move is a script's"
-            )
-        elif not self._store.is_episode_of(self.id, events.episode):
-            what = f"episode {events.episode!r} is none of this board's"
-            raise RefusedError(f"{what}: no input events were kept")
-        unknown = self._unknown_codes(events)
-        told = [event.model_dump() for event in events.events]
-        for each in told:
-            each["code"] = UNIDENTIFIED if each["code"] in unknown else each["code"]
-        rows = [InputEventRow(**each) for each in told]
-        page_load = PageLoad(events.page_load, events.tab)
-        try:
-            room = self._event_room(self.current)
-            add_input_events(
-                self._store, events.episode, rows, came_ms, events.batch, page_load, room
-            )
-        except TooManyEventsError as error:
-            raise RefusedError(str(error)) from None
-
-    def _unknown_codes(self, events: Events) -> set[str]:
-        """Return the codes of events that are neither a key of the standard, nor one that can have driven a move here.
-
-        Where they are kept as UNIDENTIFIED, no honest episode loses its attestation, and nobody chooses what is stored.
-        """
-        told = {event.code for event in events.events if event.code is not None}
-        unknown = told - KEY_CODES - {*self.task.actions}
-        if unknown and self.participation is not None:
-            key_map = key_map_of(self.task.keys, self.participation.settings())
-            unknown -= {code for _, code in key_map}
-        return unknown
+    def charge(self, episode: Trial, steps: int, ending: Ending | None) -> None:
+        """Charge what an ended episode has stored instead of the most that it could."""
+        event_bytes = 0 if ending is None else ending.event_bytes
+        self._charges.close(episode.id, stored_bytes(episode, steps, event_bytes))
 
     def pair_with(self, second: Session) -> None:
         """Show `second`, a rival's board or a replay's, with this one from now on."""
         second.join_as_second(self)
         self._paired_with = second
-        self.channel.notify()
+        self.notify()
 
     def join_as_second(self, first: Session) -> None:
         """Be shown as the second board of a pair, with `first`; `pair_with` calls it."""
@@ -754,40 +577,29 @@ class Session:
 
         def change(_: None) -> None:
             self.fault, self.pace = None, pace
-            self.channel.notify()
+            self.notify()
 
         set_pace = partial(self._store.set_pace, self.id, pace.mode, pace.moves_per_second)
         await self._store.write(set_pace, then=change)
 
+    def notify(self) -> None:
+        """Wake whoever looks at the board, without a new frame."""
+        self.channel.notify()
+
     def fail(self, fault: str) -> None:
         """Keep the policy's failure, one sentence, and notify subscribers."""
         self.fault = fault
-        self.channel.notify()
+        self.notify()
 
     def _close(
         self, current: Trial, run: Run, at_ms: int, ending: Ending | None
     ) -> Attested | None:
         """Close an episode, which has ended, in the store, and return its level; call it in a transaction."""
-        closing, attested = self.closing(current, run, at_ms, ending)
+        closing, attested = self.inputs.closing(current, run, at_ms, ending)
         self._store.next_episode([closing], ())
         if self.participation is not None:
             self.participation.note_end()
         return attested
-
-    def _conditions(self, current: Trial) -> Conditions | None:
-        """Return what the level of an episode depends on besides its rows; None where no move can be a person's.
-
-        An episode that a script has moved may have begun as a person's.
-        """
-        study = self.participation
-        is_persons = self.is_human and self.takes_persons_moves
-        if current.driver != HUMAN and not (is_persons and self.driver == HUMAN):
-            return None
-        settings = study.settings() if study is not None else ()
-        key_map = key_map_of(self.task.keys, settings)
-        supervised_ms = study.supervised_ms() if study is not None else ()
-        controls = () if self.clock is None else controls_of(self.task, settings)
-        return Conditions(current.started_ms, key_map, supervised_ms, study is None, controls)
 
     def _check_current(self, episode: str, step: int) -> None:
         if self.participation is not None:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from humanplay.board.attestation import COPIED, Conditions, attest, key_map_of
-from humanplay.board.clock import controls_of
+from humanplay.board.controls import controls_of
 from humanplay.db import checks, volunteers
 from humanplay.db.checks import (
     ChainState,

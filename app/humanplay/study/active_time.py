@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from humanplay.board.clock import pauses_of
+from humanplay.board.controls import pauses_of
 
 PRESSES = ("keydown", "touchdown")
 Rows = Sequence[Mapping[str, Any]]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from humanplay.board.attestation import Conditions, attest_stored, key_map_of
-from humanplay.board.clock import controls_of
+from humanplay.board.controls import controls_of
 from humanplay.db.reader import Reader
 from humanplay.db.series import StudyStore, find_study, participants, study_trials, trial_activity
 from humanplay.db.store import Closing, Store, StoreError

@@ -11,11 +11,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-if TYPE_CHECKING:
-    from humanplay.study.invitations import Invitation
-
+from humanplay.study.invitations import Invitation
 
 REPEATED_JOIN = "repeated_join"
 """Kind of the stage event of a further join; its detail is {"reason": one of Reason}."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from humanplay.board.clock import Allowed
-from humanplay.board.session import RefusedError, StudyUnavailableError
+from humanplay.board.controls import ClockLimits
+from humanplay.board.participation import RefusedError, StudyUnavailableError
 from humanplay.board.sources import Sources
 from humanplay.db.series import StudyStore
 from humanplay.db.study_rows import Participant
@@ -47,7 +47,7 @@ class StudyParticipation:
             raise RefusedError(CLOSED_MESSAGE.format(self._participant.study))
 
     @property
-    def allowed(self) -> Allowed:
+    def allowed(self) -> ClockLimits:
         """Return what the protocol allows an episode in time, where a clock runs."""
         return self._study().protocol.allowed
 

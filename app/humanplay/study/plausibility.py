@@ -10,7 +10,7 @@ from __future__ import annotations
 from itertools import pairwise
 from statistics import quantiles
 
-from humanplay.board.clock import late_share
+from humanplay.board.controls import late_share
 from humanplay.study.active_time import PRESSES, Rows
 from humanplay.study.protocol import Protocol
 

@@ -17,7 +17,8 @@ from functools import partial
 from typing import Any
 
 from humanplay.board.lobby import Lobby, Locks
-from humanplay.board.session import RefusedError, Session
+from humanplay.board.participation import RefusedError
+from humanplay.board.session import Session
 from humanplay.db.file import StoreError
 from humanplay.db.series import StudyStore, add_series
 from humanplay.db.study_rows import Participant, Stage, is_same_study

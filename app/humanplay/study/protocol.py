@@ -24,7 +24,7 @@ from pydantic import (
     model_validator,
 )
 
-from humanplay.board.clock import Allowed
+from humanplay.board.controls import ClockLimits
 from humanplay.board.messages import describe_errors
 from humanplay.db.trial import Required
 from humanplay.study.texts import consent
@@ -228,9 +228,9 @@ class Protocol(_Part):
     players: int = Field(default=10, ge=1, le=100_000)
     break_every: int = Field(default=10, ge=1)
     pause_after_s: float = Field(default=60, gt=0, le=3600, allow_inf_nan=False)
-    max_pauses: int = Field(default=Allowed.pauses, ge=0, le=1000)
-    max_paused_s: float = Field(default=Allowed.paused_s, ge=0, le=86_400, allow_inf_nan=False)
-    max_late: float = Field(default=Allowed.late, ge=0, le=1, allow_inf_nan=False)
+    max_pauses: int = Field(default=ClockLimits.pauses, ge=0, le=1000)
+    max_paused_s: float = Field(default=ClockLimits.paused_s, ge=0, le=86_400, allow_inf_nan=False)
+    max_late: float = Field(default=ClockLimits.late, ge=0, le=1, allow_inf_nan=False)
     consent: Consent
     questions: tuple[Question, ...] = Field(max_length=20)
     outside_ids: tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")], ...] = Field(
@@ -338,9 +338,9 @@ class Protocol(_Part):
         return self.ranked >= FEWEST and not self.fixed_terrains
 
     @property
-    def allowed(self) -> Allowed:
+    def allowed(self) -> ClockLimits:
         """What an episode may have in time, where a clock runs."""
-        return Allowed(self.max_pauses, self.max_paused_s, self.max_late)
+        return ClockLimits(self.max_pauses, self.max_paused_s, self.max_late)
 
     @property
     def env_config(self) -> Configuration:

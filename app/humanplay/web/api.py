@@ -8,7 +8,8 @@ from fastapi import APIRouter, HTTPException, Query, Request, Response
 
 from humanplay.board.lobby import Lobby
 from humanplay.board.messages import Act, ChangePace, Pace
-from humanplay.board.session import SCRIPT, RefusedError, Session
+from humanplay.board.participation import SCRIPT, RefusedError
+from humanplay.board.session import Session
 from humanplay.task import Messages, describe
 from humanplay.web.access import (
     is_owner,

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import Response
 
-from humanplay.board.session import HUMAN
+from humanplay.board.participation import HUMAN
 from humanplay.db.export import ExportTable, write_human_scores, write_table
 from humanplay.db.reader import Reader
 from humanplay.db.trial import Trial

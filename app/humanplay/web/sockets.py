@@ -28,14 +28,8 @@ from humanplay.board.messages import (
     no_action,
     parse_message,
 )
-from humanplay.board.session import (
-    HUMAN,
-    SCRIPT,
-    Move,
-    RefusedError,
-    Session,
-    StudyUnavailableError,
-)
+from humanplay.board.participation import HUMAN, SCRIPT, RefusedError, StudyUnavailableError
+from humanplay.board.session import Move, Session
 from humanplay.db.store import StoreError
 from humanplay.task import Task
 from humanplay.web.access import close, is_owner, services_of, session_of
@@ -187,7 +181,7 @@ class PlaySocket:
             self._is_owner
             and self._is_page
             and act.input is not None
-            and self._session.takes_persons_moves
+            and self._session.inputs.is_persons
             and (participation is None or participation.driver == HUMAN)
         )
         return HUMAN if is_human else SCRIPT

@@ -13,7 +13,7 @@ from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 from pydantic import Field, field_validator
 
 from humanplay.board.messages import PRINTABLE, Message
-from humanplay.board.session import RefusedError
+from humanplay.board.participation import RefusedError
 from humanplay.db.study_rows import Participant, participant_label
 from humanplay.db.trial import Trial
 from humanplay.study.debrief import NoTerrainError, Shown, own_trial

@@ -39,6 +39,9 @@ from marsexplorer.compiled import inlined, kernel, lowest
 from marsexplorer.config import OBSTACLE, UNKNOWN
 from marsexplorer.policies.kernels.visibility import VisibilityMap, word_and_bit
 
+SCREEN = 1
+"""The square whose half side is the sensor radius: where it has no unknown cell, nothing new can be seen."""
+
 PRICE_UNIT = 1024
 """The price of an unknown cell in the open."""
 FADE_UNIT = 64

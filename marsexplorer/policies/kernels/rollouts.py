@@ -20,9 +20,8 @@ from marsexplorer.config import FREE, OBSTACLE, UNKNOWN
 from marsexplorer.lidar import ONE
 from marsexplorer.policies.kernels.grid import UNREACHABLE, neighbour
 from marsexplorer.policies.kernels.posterior import copy_to
-from marsexplorer.policies.kernels.prices import count_in_squares, forget_prices, sum_prices
+from marsexplorer.policies.kernels.prices import SCREEN, count_in_squares, forget_prices, sum_prices
 from marsexplorer.policies.kernels.visibility import count_visible, word_and_bit
-from marsexplorer.policies.priced import SCREEN
 
 MOST_CANDIDATES = 16
 BLOCK = 8

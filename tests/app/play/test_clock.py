@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from humanplay.board import attestation, clock, session
-from humanplay.board.clock import Controls, Held, late_share, pauses_of
+from humanplay.board import attestation, clock, controls, input_log, session
+from humanplay.board.controls import Controls, HeldKeys, late_share, pauses_of
 from humanplay.release.verification import verify_database
 from humanplay.study.active_time import active_ms, pause_share
 from humanplay.study.plausibility import labels_of, plausibility_labels
@@ -32,7 +32,7 @@ def event(kind, code=None, repeat=False, trusted=True):
 
 
 def held(*events):
-    found = Held()
+    found = HeldKeys()
     for each in events:
         found.take(event(*each))
     return found
@@ -235,7 +235,7 @@ def test_a_batch_that_comes_again_lets_no_time_run(ticking, is_unloaded):
 def test_more_pauses_than_are_allowed_end_the_episode_as_left(
     ticking, tmp_path, monkeypatch, allowed, pauses
 ):
-    monkeypatch.setattr(session, "Allowed", lambda: clock.Allowed(**allowed))
+    monkeypatch.setattr(session, "ClockLimits", lambda: controls.ClockLimits(**allowed))
     client, board = begin(ticking)
     with ticking.socket(board, client) as socket:
         me = Keyboard(socket)
@@ -313,7 +313,7 @@ def test_keys_that_could_not_be_kept_let_the_board_stand_still(
                 time.sleep(0.1)  # ticks come meanwhile, and are written behind it
                 raise error("no room")
 
-            broken.setattr(session, "add_input_events", refuse)
+            broken.setattr(input_log, "add_input_events", refuse)
             me.send(("keydown", "KeyD"))
             me.until(lambda: me.state == "standing")
         assert me.reason == session.UNKEPT
@@ -355,7 +355,7 @@ def test_a_protocol_says_what_is_allowed_and_late_frames_are_labelled():
     config = rules_of(TASK).default
     limits = {"max_pauses": 2, "max_paused_s": 30, "max_late": 0.1}
     protocol = default_protocol("ticking", config, TASK, **limits)
-    assert protocol.allowed == clock.Allowed(2, 30, 0.1)
+    assert protocol.allowed == controls.ClockLimits(2, 30, 0.1)
     assert "late frames" in labels_of(protocol)
     assert "under 80 ms" not in labels_of(protocol)
     assert "late frames" not in labels_of(default_protocol("mars", rules_of("mars").configuration({})))  # fmt: skip

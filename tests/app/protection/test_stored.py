@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from humanplay.board.session import LEAST_EVENTS
+from humanplay.board.charges import LEAST_EVENTS
 from humanplay.db.input_events import EVENT_BYTES
 from humanplay.web.protection.limits import ASKER, Asker, BudgetedCharges
 from humanplay.web.settings import Limits

@@ -1,0 +1,137 @@
+"""The keys that are held on a board whose time runs, and the action that follows from them.
+
+Whoever has the stored input events can derive every action again: the events before a tick are those with an earlier
+`server_ms`.
+
+Pauses and late ticks need no rows of their own: each tick has its time, and a board that stood still goes on after a
+countdown, so that a gap as long as that is a pause, and one longer than two frames otherwise is a tick that came late.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Literal
+
+from humanplay.task import Rules
+
+COUNTDOWN_S = 3.0
+"""Between the wish to go on and the first tick."""
+PAUSE_MS = int(COUNTDOWN_S * 1000)
+"""A gap between two ticks that is no shorter is a pause."""
+
+_PRESSES = {
+    "keydown": ("key", True), "keyup": ("key", False), "touchdown": ("touch", True), "touchup": ("touch", False),
+}  # fmt: skip
+_RELEASES = frozenset({"blur", "hidden", "pause", "resume"})
+"""Events after which every key counts as up."""
+Input = Literal["key", "touch"]
+
+
+@dataclass(frozen=True)
+class ClockLimits:
+    """What an episode may have in time.
+
+    pauses    how often its board may stand still once it has begun; beyond, the episode ends as left
+    paused_s  for how long in all; beyond, it ends as left
+    late      share (0..1) of its ticks that may come more than a frame late; beyond, it is labelled
+    """
+
+    pauses: int = 10
+    paused_s: float = 600.0
+    late: float = 0.02
+
+
+class HeldKeys:
+    """The keys and buttons that are down, in the order in which they went down."""
+
+    def __init__(self) -> None:
+        self._down: dict[tuple[Input, str], bool] = {}
+
+    def take(self, event: Mapping[str, Any]) -> None:
+        """Take an input event, a row of `input_events` or a message's."""
+        kind, code = event["kind"], event["code"]
+        if kind in _RELEASES:
+            self._down.clear()
+        if kind in _PRESSES and code is not None and not event["repeat"]:
+            by, is_down = _PRESSES[kind]
+            self._down.pop((by, code), None)  # type: ignore[arg-type]
+            if is_down:
+                self._down[by, code] = bool(event["trusted"])  # type: ignore[index]
+
+    @property
+    def down(self) -> list[tuple[Input, str]]:
+        """(input, `event.code` or the name of a button's action) of all that is down, the newest last."""
+        return list(self._down)
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether the browser vouches for all that is down."""
+        return all(self._down.values())
+
+
+@dataclass(frozen=True)
+class Controls:
+    """Which action follows from what is held.
+
+    keys  action -> its keys, of all the task's actions in their order; "KeyA+KeyD" is a combination
+    noop  the action of no key; None: the last action again, and the first one at the start
+    """
+
+    keys: Mapping[str, Sequence[str]]
+    noop: int | None
+
+    @cached_property
+    def _codes(self) -> dict[tuple[Input, str], int]:
+        found: dict[tuple[Input, str], int] = {}
+        for number, (name, codes) in enumerate(self.keys.items()):
+            found.update({("key", code): number for code in codes if "+" not in code})
+            if codes:
+                found["touch", name] = number
+        return found
+
+    @cached_property
+    def _combinations(self) -> list[tuple[set[tuple[Input, str]], int]]:
+        """(keys, action), the largest first."""
+        found: list[tuple[set[tuple[Input, str]], int]] = [
+            ({("key", each) for each in code.split("+")}, number)
+            for number, codes in enumerate(self.keys.values())
+            for code in codes
+            if "+" in code
+        ]
+        return sorted(found, key=lambda each: -len(each[0]))
+
+    def action(self, down: Sequence[tuple[Input, str]], before: int) -> tuple[int, Input | None]:
+        """Return the action of what is down, and what decided: a key, a touch, or None for nothing.
+
+        The largest combination that is held, else the newest key or button that names an action, else the no-op.
+
+        down    of `HeldKeys.down`
+        before  the action of the tick before
+        """
+        for keys, number in self._combinations:
+            if keys <= {*down}:
+                return number, "key"
+        for each in reversed(down):
+            if each in self._codes:
+                return self._codes[each], each[0]
+        return (before if self.noop is None else self.noop), None
+
+
+def controls_of(rules: Rules, settings: Iterable[Mapping[str, Any]] = ()) -> tuple[Controls, ...]:
+    """Return the controls of a task's own keys, and those of each version of a participant's settings, the newest last."""
+    keys = ({**rules.keys, **(each.get("keys") or {})} for each in ({}, *settings))
+    return tuple(Controls(each, rules.noop) for each in keys)
+
+
+def pauses_of(times_ms: Iterable[float]) -> list[float]:
+    """Return the lengths (ms) of an episode's pauses; `times_ms` are those of its ticks."""
+    return [after - before for before, after in pairwise(times_ms) if after - before >= PAUSE_MS]
+
+
+def late_share(times_ms: Sequence[float], clock: int) -> float:
+    """Return the share (0..1) of an episode's ticks that came more than a frame late, those after a pause left out."""
+    gaps = [after - before for before, after in pairwise(times_ms) if after - before < PAUSE_MS]
+    return sum(gap > 2 * 1000 / clock + 1 for gap in gaps) / (len(gaps) or 1)
