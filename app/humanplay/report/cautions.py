@@ -55,12 +55,18 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _players(group: GroupReport, number: int) -> str:
+    """Count the members of a group: people are called so, simulated players are not."""
+    return counted(number, *(("person", "people") if group.kind == "human" else ("player",)))
+
+
 def _about_shared_terrains(data: StudyData, group: GroupReport) -> Iterable[str]:
     """Yield why policies are not tested where too few terrains were played by all of them and by people."""
     shared = min((row.terrains for row in group.comparisons), default=FEWEST)
     if data.protocol.terrains_drawn and shared < FEWEST:
+        players = "people" if group.kind == "human" else "simulated players"
         yield (
-            f"{counted(shared, 'terrain')} {'was' if shared == 1 else 'were'} played by people and by every policy; a claim "
+            f"{counted(shared, 'terrain')} {'was' if shared == 1 else 'were'} played by {players} and by every policy; a claim "
             f"about other terrains needs {FEWEST}: no difference has an interval or a p."
         )
 
@@ -77,7 +83,7 @@ def _about_who_is_missing(group: GroupReport) -> Iterable[str]:
     )
     are = "is" if missing == 1 else "are"
     yield (
-        f"{missing} of {counted(everybody.players, 'person', 'people')} who began a ranked episode {are} not in the "
+        f"{missing} of {_players(group, everybody.players)} who began a ranked episode {are} not in the "
         f"per-protocol estimate ({why}): {_means(finished, group.words)} per protocol, {_means(everybody, group.words)} of "
         "everybody."
     )

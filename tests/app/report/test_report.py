@@ -155,6 +155,20 @@ def test_a_synthetic_report_is_marked_everywhere_and_holds_one_group_a_script():
     assert "SYNTHETIC" not in render(build(study(people, trials)))
 
 
+def test_the_cautions_about_simulated_players_call_nobody_a_person():
+    scripts, trials = played(SCORES, "script", "idler")
+    left = person(30, completed=False, kind="script", script="idler", stage="ranked")
+    trials = [*trials, trial(left, 0, 0.5, 20)]
+    values = np.array([0.9, 0.9, NAN, NAN, NAN, NAN])
+    runs = [run("ppo", values, np.where(np.isnan(values), NAN, 30.0))]
+    data = study([*scripts, left], trials, policies=("ppo",))
+    (group,) = build(data, runs, synthetic=True).groups
+    cautions = " ".join(group.cautions)
+    assert "players who began a ranked episode" in cautions
+    assert "played by simulated players and by every policy" in cautions
+    assert not re.search(r"people|person", cautions)
+
+
 def test_the_exclusion_sets():
     people, trials = played([*SCORES, [0.8, 0.8, NAN, NAN, NAN, NAN]])
     by = {person.id: index for index, person in enumerate(people)}
