@@ -4,16 +4,21 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
+import sys
 import tempfile
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 
+import httpx
 import pytest
 import yaml
 
 from humanplay.web.settings import Settings
 from tests.support.browser import free_port
+from tests.support.servers import PATIENCE_S, eventually
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PYTHON = shutil.which("python3.11", path="/usr/local/bin:/usr/bin")
@@ -51,6 +56,101 @@ def test_systemd_reads_the_units(tmp_path):
     assert [line for line in said if "humanplay" in line] == []
 
 
+UNIT = (DEPLOY / "systemd" / "humanplay.service").read_text()
+MOST_EXPOSED = 3.0
+"""Of 10, by `systemd-analyze security`."""
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")
+def test_systemd_finds_little_that_the_unit_may_do(tmp_path):
+    unit = tmp_path / "humanplay.service"
+    unit.write_text(UNIT)
+    command = ["systemd-analyze", "security", "--offline=true", "--no-pager", unit]
+    done = subprocess.run(command, capture_output=True, text=True)
+    (exposure,) = re.findall(r"Overall exposure level .*: ([\d.]+)", done.stdout)
+    assert float(exposure) <= MOST_EXPOSED
+    for ceiling in ("MemoryMax", "TasksMax", "CPUQuota", "StartLimitBurst"):
+        assert re.search(rf"^{ceiling}=\S", UNIT, re.M), ceiling
+
+
+def system_call_groups():
+    """The groups of system calls that systemd knows, by name."""
+    command = ["systemd-analyze", "syscall-filter", "--no-pager"]
+    listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    groups, members = {}, []
+    for line in listed.splitlines():
+        if line.startswith("@"):
+            groups[line.strip()] = members = []
+        elif line.strip() and not line.strip().startswith("#"):
+            members.append(line.strip())
+    return groups
+
+
+def expanded(names, groups):
+    """The system calls of a list in which groups begin with @."""
+    calls = set()
+    for name in names:
+        calls |= expanded(groups[name], groups) if name.startswith("@") else {name}
+    return calls
+
+
+def calls_allowed():
+    """The system calls that the unit's filter lets pass."""
+    groups, allowed = system_call_groups(), set()
+    for line in re.findall(r"^SystemCallFilter=(.*)$", UNIT, re.M):
+        if line.startswith("~"):
+            allowed -= expanded(line[1:].split(), groups)
+        else:
+            allowed |= expanded(line.split(), groups)
+    return allowed
+
+
+AS_ROOT = {"chown", "setgroups", "setresuid", "setresgid", "setuid", "setgid", "fchown"}
+"""Calls of a server that root starts: its environments' processes become another user. The unit's user is not root."""
+
+
+@pytest.mark.timeout(240)
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")
+@pytest.mark.skipif(shutil.which("strace") is None, reason="NO STRACE: install it to see calls")
+def test_the_unit_lets_pass_every_system_call_of_a_server_and_its_boards(tmp_path):
+    port, counts = free_port(), tmp_path / "counts"
+    serve = [sys.executable, "-m", "humanplay.cli", "serve", "--port", str(port)]
+    environments = ["--env", "mars", "--env", "FrozenLake-v1", "--env", "CartPole-v1"]
+    files = ["--database", tmp_path / "a.db", "--backup-every", "60", "--backup-to", tmp_path / "b"]
+    traced = ["strace", "-f", "-qq", "-c", "-o", counts, *serve, *environments, *files]
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen(traced, **silent)
+    with process, httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S) as client:
+        client.headers["Origin"] = f"http://127.0.0.1:{port}"
+
+        def answers():
+            with suppress(httpx.TransportError):
+                return client.get("/healthz").status_code == 200
+            return False
+
+        eventually(answers, 120)
+        for root in ("", "/play/frozenlake-v1", "/play/cartpole-v1"):
+            begun = client.post(f"{root}/api/sessions", json={})
+            assert begun.status_code == 201, begun.text
+        watched = client.post("/api/sessions", json={"player": "ppo", "size": [7, 9]})
+        assert watched.status_code == 201
+        assert client.get("/api/export/episodes.csv").status_code == 200
+        server = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()[0]
+        os.kill(int(server), signal.SIGTERM)
+        process.wait(PATIENCE_S)
+    calls = set(re.findall(r"(\w+)$", counts.read_text(), re.M)) - {"syscall", "total", "errors"}
+    assert {"landlock_restrict_self", "unshare"} <= calls, "boards keep to their files"
+    assert calls - AS_ROOT <= calls_allowed()
+
+
+def test_the_certificates_of_the_documents_are_taken_up_when_they_are_renewed():
+    commands = re.findall(
+        r"^certbot certonly .*$", (DEPLOY.parent / "docs/deploy.md").read_text(), re.M
+    )
+    assert commands
+    assert all("--deploy-hook 'systemctl reload nginx'" in command for command in commands)
+
+
 def test_the_compose_file_gives_settings_and_opens_the_ports_of_caddy_alone(monkeypatch):
     compose = yaml.safe_load((DEPLOY / "docker" / "compose.yaml").read_text())
     playground, caddy = compose["services"]["playground"], compose["services"]["caddy"]
@@ -65,6 +165,7 @@ def test_the_compose_file_gives_settings_and_opens_the_ports_of_caddy_alone(monk
     assert caddy["ports"] == ["80:80", "443:443", "443:443/udp"]
     assert playground["build"]["dockerfile"] == "deploy/docker/Dockerfile"
     assert playground["read_only"] is True
+    assert {"mem_limit", "pids_limit", "cpus"} <= set(playground)
 
 
 def test_the_image_runs_as_nobody_in_particular_and_copies_files_that_exist():

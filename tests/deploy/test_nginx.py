@@ -2,6 +2,7 @@
 
 import re
 import socket
+import ssl
 import subprocess
 import time
 from contextlib import ExitStack
@@ -97,7 +98,7 @@ def test_a_visitor_cannot_invent_addresses_to_guess_from(proxied):
 def test_a_flood_from_one_address_is_limited(proxied):
     """With smaller figures than the file's, so that the flood need not be so large."""
     slower = (("rate=200r/s", "rate=1r/s"), ("burst=5000", "burst=20"))
-    server = proxied(*slower, ("mars_connections 800", "mars_connections 8"))
+    server = proxied(*slower, ("humanplay_connections 800", "humanplay_connections 8"))
     with browser(server) as client:
         statuses = [client.get("/healthz").status_code for _ in range(40)]
     assert 20 <= statuses.count(200) < 30
@@ -105,7 +106,7 @@ def test_a_flood_from_one_address_is_limited(proxied):
 
 
 def test_connections_of_one_address_are_limited(proxied):
-    server = proxied(("mars_connections 800", "mars_connections 4"))
+    server = proxied(("humanplay_connections 800", "humanplay_connections 4"))
     with browser(server) as client:
         del client.headers["Origin"]
         session = client.post("/api/sessions", json={"size": [7, 9]}).json()["session"]
@@ -123,6 +124,67 @@ def test_connections_of_one_address_are_limited(proxied):
         assert [asked() for _ in range(4)] == [429] * 4
         sockets[0].close()
         eventually(lambda: asked() == 200)
+
+
+NETWORKS = [
+    ("2001:db8:0:1::1", "2001:db8:0:1:ffff::2", False),
+    ("2001:db8:0:1::1", "2001:db8:0:2::1", True),
+    ("203.0.113.1", "203.0.113.2", True),
+]
+"""Two addresses, and whether they are two visitors."""
+
+
+def status_from(folder, address):
+    """Ask nginx behind its front for a page, as from an address; return the status."""
+    family = "TCP6" if ":" in address else "TCP4"
+    here = "::1" if ":" in address else "127.0.0.1"
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.settimeout(PATIENCE_S)
+        connection.connect(str(folder / "front.sock"))
+        request = "GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+        connection.sendall(f"PROXY {family} {address} {here} 4000 443\r\n{request}".encode())
+        return int(connection.makefile("rb").readline().split()[1])
+
+
+@pytest.mark.parametrize(("first", "second", "are_two"), NETWORKS)
+def test_a_network_of_ipv6_is_one_visitor(proxied, first, second, are_two):
+    server = proxied(("rate=200r/s", "rate=1r/m"), ("burst=5000", "burst=4"))
+    statuses = [status_from(server.nginx, first) for _ in range(6)]
+    assert (statuses[0], statuses[-1]) == (200, 429)
+    assert status_from(server.nginx, second) == (200 if are_two else 429)
+
+
+@pytest.mark.parametrize(("first", "second", "are_two"), NETWORKS)
+def test_the_front_counts_the_connections_of_a_network_of_ipv6_as_one_visitors(
+    proxied, first, second, are_two
+):
+    """The addresses come by the protocol PROXY, of which the shipped front takes none."""
+    server = proxied(
+        (" ssl;", " ssl proxy_protocol;"),
+        ("    ssl_protocols", "    set_real_ip_from 127.0.0.1;\n    ssl_protocols"),
+        ("humanplay_front 1000", "humanplay_front 1"),
+    )
+    port = int(server.public.rpartition(":")[2])
+
+    def connected(address):
+        plain = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
+        family = "TCP6" if ":" in address else "TCP4"
+        here = "::1" if ":" in address else "127.0.0.1"
+        plain.sendall(f"PROXY {family} {address} {here} 4000 443\r\n".encode())
+        secured = trusting().wrap_socket(plain)
+        secured.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        return secured, secured.recv(12)
+
+    held, answer = connected(first)
+    with held:
+        assert answer == b"HTTP/1.1 200"
+        if are_two:
+            other, answer = connected(second)
+            other.close()
+            assert answer == b"HTTP/1.1 200"
+        else:
+            with pytest.raises((ssl.SSLError, ConnectionError)):
+                connected(second)
 
 
 def test_what_a_slow_reader_has_not_taken_waits_in_no_file(proxied):

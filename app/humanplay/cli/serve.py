@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from humanplay.web.settings import Settings
 
 
-HUMANPLAY_NEEDS = ("numba", "onnxruntime", "viser")
+MARS_NEEDS = ("numba", "onnxruntime", "viser")
 """Modules of the extra [play] without which MarsExplorer is not served."""
 
 
@@ -174,7 +174,7 @@ def _run(settings: Settings, *opened: Callable[[str], object]) -> None:
 
 def _check_mars() -> None:
     """Raise UsageError if what plays MarsExplorer is not installed."""
-    if not all(map(find_spec, HUMANPLAY_NEEDS)):
+    if not all(map(find_spec, MARS_NEEDS)):
         raise UsageError(
             "MarsExplorer needs the extra [play]: pip install 'humanplay[play]'. Any other environment works now: "
             "humanplay serve --env FrozenLake-v1"
