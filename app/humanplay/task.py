@@ -339,8 +339,8 @@ class Rules(Protocol):
     def words(self) -> Words:
         """Return what reports call its figures."""
 
-    def forfeited_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
-        """Return the score that an ended episode would have come to by giving up; `total` is its return, `own` its score."""
+    def given_up_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
+        """The score that an ended episode would have had by giving up; `total` is its return, `own` its score."""
 
     @property
     def courses(self) -> Any | None:
@@ -353,12 +353,12 @@ class Rules(Protocol):
         (`humanplay.tasks.mars.players`); None where there are no policies."""
 
     @property
-    def spread(self) -> str:
-        """Return what the standard deviations are that a new study assumes, in words."""
+    def assumptions_in_words(self) -> str:
+        """Where the standard deviations that a new study assumes come from."""
 
     @property
-    def own_labels(self) -> Mapping[str, str]:
-        """Return what `labels` can be, with what each means."""
+    def label_texts(self) -> Mapping[str, str]:
+        """What each data-quality label of `labels` means."""
 
     def study(self, config: Configuration) -> Mapping[str, Any]:
         """Return the fields of a new protocol that the task knows: title, questions, policies,
@@ -371,11 +371,11 @@ class Rules(Protocol):
     def placeholders(self, config: Configuration) -> Mapping[str, Any]:
         """Return what a study's texts may name in braces of a configuration: name -> what it becomes."""
 
-    def where(self, config: Configuration) -> str:
-        """Return what was played, in words of a sentence."""
+    def setting(self, config: Configuration) -> str:
+        """Describe a configuration in part of a sentence."""
 
-    def sees(self, config: Configuration) -> str:
-        """Return what people see of it and what agents are given, a sentence; "" where that is not said."""
+    def observations_in_words(self, config: Configuration) -> str:
+        """Say in a sentence what people see and what agents are given; empty if unknown."""
 
     def briefing(self, config: Configuration) -> str:
         """Return what an agent is told to do, with the rules that the pages tell people."""
@@ -398,17 +398,17 @@ class Rules(Protocol):
     def lock(self) -> dict[str, Any]:
         """Return what must be the same where a study is frozen and where it is served, beside the version."""
 
-    def unlike(self, lock: Mapping[str, Any]) -> str:
-        """Return what is here instead of what `lock` returned elsewhere, in words; "" where nothing is."""
+    def lock_differences(self, lock: Mapping[str, Any]) -> str:
+        """Describe how this machine differs from a recorded lock; empty if it does not."""
 
-    def elsewhere(self, record: Record, rewards: Sequence[float]) -> str:
-        """Return why another version's episode, with the rewards of its moves, cannot be simulated here, and what differs."""
+    def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
+        """Say why an episode of another version cannot be simulated here, and what differs."""
 
     def examine(self, config: Configuration) -> None:
         """Raise ValueError, saying what differs and why, where episodes do not follow from seed and actions."""
 
-    def drawn(self, config: Configuration, seed: int) -> tuple[bytes, tuple[int, int]]:
-        """Return the packed instance that a seed draws, and where an episode starts on it."""
+    def instance(self, config: Configuration, seed: int) -> tuple[bytes, tuple[int, int]]:
+        """Draw the packed instance of a seed, and where an episode starts on it."""
 
     def instance_hash(self, was: Cause) -> str:
         """Return SHA-256 (hex) of the instance: the same for two seeds that draw the same one."""

@@ -140,7 +140,7 @@ class Cards:
             "instructions": rules.briefing(config),
             "actions": list(rules.actions),
             "sees": protocol.sees,
-            "seen": rules.sees(config),
+            "seen": rules.observations_in_words(config),
             "config": config.to_dict(),
             "limit": int(config.limit),
             "instances": protocol.instances,
@@ -252,7 +252,7 @@ class Cards:
                 f"the evaluation is of {protocol.rules.title}, and this server plays {task.title}: whoever gave you the card "
                 "must start it with --env",
             )
-        if protocol.core_version != task.version or task.unlike(protocol.lock):
+        if protocol.core_version != task.version or task.lock_differences(protocol.lock):
             raise CardError(
                 409,
                 "the evaluation cannot be played here: this server has other versions than it was begun with; tell whoever "

@@ -46,7 +46,7 @@ class _Played:
             outcome = outcomes[index] = episode["outcome"]
             score[index] = episode["score"]
             if outcome in LEFT:
-                score[index] = rules.forfeited_score(
+                score[index] = rules.given_up_score(
                     cause, outcome, episode["total"], episode["score"]
                 )
             steps[index] = episode["steps"] if outcome in rules.successes else config.limit
@@ -96,7 +96,10 @@ def compare(
         row["rank"] = 1 + sum(other > mean for other in means)
     people = None
     if data is not None:
-        people = {**live_figure(data), "sees": protocol.rules.sees(protocol.env_config)}
+        people = {
+            **live_figure(data),
+            "sees": protocol.rules.observations_in_words(protocol.env_config),
+        }
     return {
         "words": {"score": words.score, "steps": words.steps, "definition": words.definition},
         "terrains_drawn": is_drawn,

@@ -305,7 +305,7 @@ def begin_evaluation(
         )
         made = Evaluation(protocol, draw(32), now_ms, None, study)
         for index in range(protocol.instances):
-            rules.drawn(config, made.seed(index))
+            rules.instance(config, made.seed(index))
     except ValidationError as error:
         raise EvaluationError(describe_errors(error.errors(include_url=False))) from error
     except ValueError as error:
@@ -420,7 +420,7 @@ def forget_card(conn: sqlite3.Connection, card: str) -> None:
 def cause_of(protocol: Protocol, number: int) -> Any:
     """What fixes an episode on the instance of a seed (`humanplay.task.Cause`)."""
     config = protocol.env_config
-    terrain, start = protocol.rules.drawn(config, number)
+    terrain, start = protocol.rules.instance(config, number)
     return SimpleNamespace(config=config, seed=number, terrain=terrain, start=start)
 
 

@@ -107,7 +107,7 @@ def _about(evaluation: Evaluation) -> dict[str, Any]:
         "name": evaluation.name,
         "status": "open" if evaluation.closed_ms is None else "closed",
         "task": protocol.rules.title,
-        "where": protocol.rules.where(protocol.env_config),
+        "where": protocol.rules.setting(protocol.env_config),
         "instances": protocol.instances,
         "protocol_hash": protocol.hash,
         "commitment": evaluation.commitment,

@@ -59,7 +59,9 @@ def _simulated(row: dict[str, Any], steps: list[dict[str, Any]], found: list[Fou
     found += _of_config(row, trial)
     if row["core_version"] != version:
         try:
-            here = trial.rules.elsewhere(trial.record(steps), [step["reward"] for step in steps])
+            here = trial.rules.why_not_replayable(
+                trial.record(steps), [step["reward"] for step in steps]
+            )
         except (ValueError, TypeError, RuntimeError) as error:
             here = f"cannot be simulated here: {error}"
         found.append(("core_version", row["core_version"], here))
@@ -92,7 +94,7 @@ def _of_config(row: dict[str, Any], trial: Trial) -> Iterator[Found]:
 def _of_seed(row: dict[str, Any], trial: Trial) -> Iterator[Found]:
     if trial.seed is None:
         return
-    terrain, start = trial.rules.drawn(trial.config, trial.seed)
+    terrain, start = trial.rules.instance(trial.config, trial.seed)
     if row["terrain"] != terrain:
         yield "terrain", row["terrain"].hex(), f"{terrain.hex()} from seed {row['seed']}"
     if trial.start != start:

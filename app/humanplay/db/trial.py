@@ -165,7 +165,7 @@ class Trial:
         """Return it as it counts where it is spoilt: given up at its last move, so that spoiling is worth what leaving is."""
         if self.outcome is None or self.total is None or self.score is None:
             return self
-        score = self.rules.forfeited_score(self, self.outcome, self.total, self.score)
+        score = self.rules.given_up_score(self, self.outcome, self.total, self.score)
         return replace(self, outcome="abandoned", score=score)
 
     def as_left(self) -> Trial:

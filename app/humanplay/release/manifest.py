@@ -85,7 +85,10 @@ class ReleaseHeader:
         recorded = ", ".join(
             counted(self.rows.get(table, 0), words) for table, words in COUNTED_TABLES.items()
         )
-        where, sees = self.protocol.rules.where(config), self.protocol.rules.sees(config)
+        where, sees = (
+            self.protocol.rules.setting(config),
+            self.protocol.rules.observations_in_words(config),
+        )
         return (
             f"Recordings of the {self.protocol.rules.title} study {self.study}: {recorded}, on {where}. Every participant met "
             f"the same {counted(self.protocol.ranked, 'ranked terrain')}. Each episode replays exactly from its cause."

@@ -33,8 +33,8 @@ def _where(protocol: Mapping[str, Any]) -> tuple[str, str]:
     """Return what was played, beginning a sentence, and what was seen of it."""
     rules = rules_of(protocol["task"])
     config = rules.configuration(protocol["config"])
-    text = rules.where(config)
-    return text[0].upper() + text[1:], rules.sees(config)
+    text = rules.setting(config)
+    return text[0].upper() + text[1:], rules.observations_in_words(config)
 
 
 def render(report: Report, page: str = "report.html") -> str:

@@ -57,7 +57,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
             for name, rules in protocol.exclusion.items()
             if name != PER_PROTOCOL
         },
-        labels={**labels_of(protocol), **protocol.rules.own_labels},
+        labels={**labels_of(protocol), **protocol.rules.label_texts},
         rule=INTERVAL_IN_WORDS,
         policies=tested_policies(protocol),
         metric=words.score if is_score else words.steps,

@@ -110,7 +110,7 @@ def left_record(trial: Trial, steps: Sequence[Mapping[str, Any]], rules: Rules) 
     came_to = {
         "outcome": "abandoned",
         "total": total,
-        "score": trial.rules.forfeited_score(trial, "timed_out", total, total),
+        "score": trial.rules.given_up_score(trial, "timed_out", total, total),
         "steps": len(steps),
         "discovered": steps[-1]["discovered"] if steps else 0,
         "trajectory_hash": "",

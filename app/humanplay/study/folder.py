@@ -145,7 +145,7 @@ def beginnings(protocol: Protocol) -> int:
     rules, config = protocol.rules, protocol.env_config
     found = set()
     for drawn in range(BEGINNINGS):
-        terrain, start = rules.drawn(config, drawn)
+        terrain, start = rules.instance(config, drawn)
         cause = SimpleNamespace(config=config, seed=drawn, terrain=terrain, start=start)
         found.add(rules.replay(cause).view().frame(""))
     return len(found)
@@ -405,7 +405,7 @@ def _check_terrains(study: Study, advance: Advance) -> None:
     seeds = [TUTORIAL_SEED, *study.seeds()]
     for number, each in enumerate(seeds, 1):
         try:
-            study.protocol.rules.drawn(study.protocol.env_config, each)
+            study.protocol.rules.instance(study.protocol.env_config, each)
         except ValueError as error:
             raise StudyError(
                 "the level and size have terrains that cannot be solved: choose another level or size"

@@ -130,7 +130,7 @@ class ParticipantProgress:
                 "whoever invited you must start it with --env"
             )
         rules = study.protocol.rules
-        unlike = rules.unlike(study.protocol.lock)
+        unlike = rules.lock_differences(study.protocol.lock)
         if study.protocol.core_version != rules.version or unlike:
             what = "study %s is for core version %s, this is %s; here is: %s"
             other = unlike or "nothing else that differs"

@@ -197,13 +197,16 @@ def test_what_is_seen_is_said_of_the_arguments_that_it_holds_for_alone():
     )
     pov = Description(id=rooms, kwargs={"agent_pov": True})
     rules = GymnasiumRules(pov.told)
-    assert rules.sees(rules.default) == ""
+    assert rules.observations_in_words(rules.default) == ""
     said = Description(
         id=rooms, kwargs={"agent_pov": True}, people_see="7x7 cells", agents_see="7x7 cells"
     )
     rules = GymnasiumRules(said.told)
-    assert rules.sees(rules.default) == "People see 7x7 cells; agents are given the same."
-    assert rules.sees(rules.configuration({"kwargs": {"agent_pov": False}})) == ""
+    assert (
+        rules.observations_in_words(rules.default)
+        == "People see 7x7 cells; agents are given the same."
+    )
+    assert rules.observations_in_words(rules.configuration({"kwargs": {"agent_pov": False}})) == ""
 
 
 def test_a_photograph_is_shown_as_jpeg_and_everything_else_as_it_is():

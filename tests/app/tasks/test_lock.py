@@ -40,13 +40,17 @@ def test_an_episode_of_another_version_is_named_with_its_first_difference(monkey
     run.abandon()
     record, was = run.record(), "gymnasium 0.29.1, numpy 1.26.4"
     object.__setattr__(record, "core_version", was)
-    said = rules.elsewhere(record, [0.0, 0.0, 0.0])
+    said = rules.why_not_replayable(record, [0.0, 0.0, 0.0])
     assert said.startswith("cannot be simulated here: gymnasium ")
     assert "instead of 0.29.1, numpy " in said
     assert said.endswith("; no difference in 3 steps")
-    assert rules.elsewhere(record, [0.0, 1.0, 0.0]).endswith("; first difference at step 2")
+    assert rules.why_not_replayable(record, [0.0, 1.0, 0.0]).endswith(
+        "; first difference at step 2"
+    )
     object.__setattr__(record, "trajectory_hash", "0")
-    assert rules.elsewhere(record, [0.0, 0.0, 0.0]).endswith("; other observations in 3 steps")
+    assert rules.why_not_replayable(record, [0.0, 0.0, 0.0]).endswith(
+        "; other observations in 3 steps"
+    )
 
 
 def test_a_changed_version_is_found_by_the_chain(serve, tmp_path):

@@ -88,7 +88,7 @@ def _figure(task: str, config_json: str, players: Sequence[Sums]) -> dict[str, A
     return {
         "task": task,
         "level": config.level,
-        "where": rules.where(config),
+        "where": rules.setting(config),
         **{side: values[side] for side in ("rows", "cols") if side in values},
         "config_hash": config.hash,
         "config": values,

@@ -429,8 +429,10 @@ class GymnasiumRules:
         return Words(score, "moves to the end", "ended by itself", "without an end", definition)
 
     courses: ClassVar[None] = None
-    spread: ClassVar[str] = "shares of the range of values, for want of anything better"
-    own_labels: ClassVar[Mapping[str, str]] = {}
+    assumptions_in_words: ClassVar[str] = (
+        "shares of the range of values, for want of anything better"
+    )
+    label_texts: ClassVar[Mapping[str, str]] = {}
 
     def study(self, config: GymnasiumConfig) -> Mapping[str, Any]:
         """Return texts of a new study, and that it compares with random actions."""
@@ -460,11 +462,11 @@ class GymnasiumRules:
         """Return what texts may name of the environment."""
         return {"title": self.title}
 
-    def where(self, config: GymnasiumConfig) -> str:
+    def setting(self, config: GymnasiumConfig) -> str:
         """Return the environment's id, with its arguments where there are some."""
         return config.level if config.arguments == "{}" else f"{config.level} {config.arguments}"
 
-    def sees(self, config: GymnasiumConfig) -> str:
+    def observations_in_words(self, config: GymnasiumConfig) -> str:
         """Return what people and agents see, where the description says it of these arguments."""
         seen, given = self.description.people_see, self.description.agents_see
         if not (seen or given) or config.arguments != canonical(self.description.kwargs):
@@ -475,15 +477,15 @@ class GymnasiumRules:
 
     def briefing(self, config: GymnasiumConfig) -> str:
         """Return the description's instructions, or what is played and how it is scored."""
-        return self.instructions or f"{self.where(config)}. {self.words.definition}"
+        return self.instructions or f"{self.setting(config)}. {self.words.definition}"
 
     def design(self, config: GymnasiumConfig) -> str:
         """Return id, arguments, versions, limit, and what people and agents see of it where that is said."""
-        sees = f" {said}" if (said := self.sees(config)) else ""
+        sees = f" {said}" if (said := self.observations_in_words(config)) else ""
         described = "" if self._told == self.level else f" It is described by `{self._told}`."
         time = f" Time runs at {self.clock} frames a second." if self.clock else ""
         most = counted(config.limit, "move")
-        return f"`{self.where(config)}` with {self.version}, at most {most} an episode.{time}{sees}{described}"
+        return f"`{self.setting(config)}` with {self.version}, at most {most} an episode.{time}{sees}{described}"
 
     def minutes(self, config: GymnasiumConfig) -> float:
         """Return how long a person takes for an episode: half a second a move, or a frame, and never more than two minutes."""
@@ -494,7 +496,7 @@ class GymnasiumRules:
         low, high = self.description.bounds
         return (-math.inf if low is None else low, math.inf if high is None else high)
 
-    def forfeited_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
+    def given_up_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
         """Return the lowest score that there is where that is known, else its own: giving up costs nothing more."""
         return min(own, lowest) if math.isfinite(lowest := self.bounds(was.config)[0]) else own
 
@@ -514,11 +516,11 @@ class GymnasiumRules:
             spec = str(spec_of(self.level))
         return {"spec": canonical(spec), **lock_of(tuple(self.description.packages))}
 
-    def unlike(self, lock: Mapping[str, Any]) -> str:
+    def lock_differences(self, lock: Mapping[str, Any]) -> str:
         """Return what is here instead of what was there."""
         return ", ".join(differences(lock, self.lock()))
 
-    def elsewhere(self, record: GymnasiumRecord, rewards: Sequence[float]) -> str:
+    def why_not_replayable(self, record: GymnasiumRecord, rewards: Sequence[float]) -> str:
         """Return how another version's episode, with its rewards, differs when it is played with what is here."""
         played = dict(each.rsplit(" ", 1) for each in record.core_version.split(", "))
         here = dict(each.rsplit(" ", 1) for each in self.version.split(", "))
@@ -549,7 +551,7 @@ class GymnasiumRules:
             # the error names the line that suits the installed Gymnasium
             raise ValueError(f"{self.level} cannot be drawn: {error}") from error
 
-    def drawn(self, config: GymnasiumConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
+    def instance(self, config: GymnasiumConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Return no bytes: the instance is whatever the environment makes of the seed."""
         return b"", (0, 0)
 

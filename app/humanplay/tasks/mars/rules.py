@@ -114,8 +114,8 @@ class MarsRules:
 
         return players
 
-    spread: ClassVar[str] = "those of synthetic players"
-    own_labels: ClassVar[Mapping[str, str]] = {
+    assumptions_in_words: ClassVar[str] = "those of synthetic players"
+    label_texts: ClassVar[Mapping[str, str]] = {
         "no effort": f"no better explored than by random moves in {QUANTILE:.0%} of cases; "
         f"{SHORTEST:.1%} of the limit or longer"
     }
@@ -156,11 +156,11 @@ class MarsRules:
         size, share = {"rows": config.rows, "cols": config.cols}, f"{100 * config.beta:g} %"
         return {"coverage": share, "lidar_radius": config.sensor_radius, **size}
 
-    def where(self, config: EnvConfig) -> str:
+    def setting(self, config: EnvConfig) -> str:
         """Return level and size in words."""
         return f"level {config.level}, {config.rows} x {config.cols}"
 
-    def sees(self, config: EnvConfig) -> str:
+    def observations_in_words(self, config: EnvConfig) -> str:
         """Say that a person's page and a policy's observation hold the same."""
         return "People and policies are given the same: the cells that were discovered."
 
@@ -192,7 +192,7 @@ class MarsRules:
         cells = 1 if config.discoverable_only else config.n
         return -0.5 * config.limit / (config.r_invalid + config.r_bonus + cells), 1.0
 
-    def forfeited_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
+    def given_up_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
         """Return the score without the bonus, and with the penalty of leaving where none was paid: else its own."""
         if outcome not in ("explored", "timed_out"):
             return own
@@ -207,11 +207,11 @@ class MarsRules:
         """Return nothing: the version of the core says it, whose rules have no floating-point arithmetic that could differ."""
         return {}
 
-    def unlike(self, lock: Mapping[str, Any]) -> str:
+    def lock_differences(self, lock: Mapping[str, Any]) -> str:
         """Return ""."""
         return ""
 
-    def elsewhere(self, record: Record, rewards: Sequence[float]) -> str:
+    def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
         """Return that another version's episode needs that version."""
         return f"{self.version} here: only the release that made it can simulate it"
 
@@ -233,7 +233,7 @@ class MarsRules:
         """Let the rules be compiled now: a moment where it has been done before, seconds else."""
         Episode.begin(EnvConfig.of("random", 5), seed=0).step(0)
 
-    def drawn(self, config: EnvConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
+    def instance(self, config: EnvConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Return the packed terrain of a seed, and the north-west corner."""
         return _drawn(config, seed), (0, 0)
 
