@@ -1,10 +1,15 @@
-"""Student's t intervals, the one place where the repository takes a t quantile for the mean of independent values; and
-Wilson's interval of a share."""
+"""Student's t and its intervals of a mean of independent values; Wilson's interval of a share.
+
+They stand here, and not in SciPy, because whoever plays or evaluates needs nothing else of it.
+"""
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+from statistics import NormalDist
+
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -22,7 +27,72 @@ towards better) misses it, which four values do in one study of eight.
 
 def t_quantile(degrees_of_freedom: float, confidence: float = CONFIDENCE) -> float:
     """Return the two-sided quantile of Student's t: |T| stays below it with probability `confidence` (0..1)."""
-    return float(scipy.special.stdtrit(degrees_of_freedom, (1 + confidence) / 2))
+    return t_exceeded(degrees_of_freedom, (1 - confidence) / 2)
+
+
+@lru_cache(10_000)
+def t_exceeded(degrees_of_freedom: float, tail: float) -> float:
+    """Return what Student's t exceeds with probability `tail`, above 0 and at most 0.5."""
+    # The tail is convex and longer than the normal one, so Newton's method begins there, comes
+    # nearer from below and never passes the value.
+    value = -NormalDist().inv_cdf(tail)
+    while True:
+        above = t_tail(value, degrees_of_freedom) - tail
+        step = above / _t_density(value, degrees_of_freedom)
+        if not step > 1e-15 * value:
+            return value
+        value += step
+
+
+def t_tail(value: float, degrees_of_freedom: float) -> float:
+    """Return the probability that Student's t exceeds a value."""
+    if value < 0:
+        return 1 - t_tail(-value, degrees_of_freedom)
+    half, square = degrees_of_freedom / 2, value * value
+    density = _t_density(value, degrees_of_freedom)
+    far = degrees_of_freedom / (degrees_of_freedom + square)
+    near = square / (degrees_of_freedom + square)
+    # the incomplete beta function, from whichever end its continued fraction is short
+    if far < (half + 1) / (half + 2.5):
+        return density * value / degrees_of_freedom * _beta_fraction(half, 0.5, far)
+    return 0.5 - density * value * _beta_fraction(0.5, half, near)
+
+
+def _t_density(value: float, degrees_of_freedom: float) -> float:
+    half = degrees_of_freedom / 2
+    shape = math.exp(-(half + 0.5) * math.log1p(value * value / degrees_of_freedom))
+    return _gamma_ratio(half) / math.sqrt(degrees_of_freedom * math.pi) * shape
+
+
+def _gamma_ratio(half: float) -> float:
+    """Return gamma(half + 1/2) / gamma(half)."""
+    if half < 20:
+        return math.gamma(half + 0.5) / math.gamma(half)
+    # Stirling's series: the difference of two large logarithms would leave too few digits
+    inverse, square = 1 / half, 1 / half**2
+    series = 1 / 8 - square * (1 / 192 - square * (1 / 640 - square * 17 / 14336))
+    return math.sqrt(half) * math.exp(-inverse * series)
+
+
+def _beta_fraction(a: float, b: float, x: float) -> float:
+    """Return the continued fraction of the incomplete beta function, by Lentz's method."""
+    tiny = 1e-300
+    top, bottom = 1.0, 1 / (1 - (a + b) * x / (a + 1) or tiny)
+    fraction, number = bottom, 0
+    while True:
+        number += 1
+        change = 1.0
+        twice = a + 2 * number
+        for term in (
+            number * (b - number) * x / ((twice - 1) * twice),
+            -(a + number) * (a + b + number) * x / (twice * (twice + 1)),
+        ):
+            bottom = 1 / (1 + term * bottom or tiny)
+            top = 1 + term / top or tiny
+            change = top * bottom
+            fraction *= change
+        if abs(change - 1) < 1e-15:
+            return fraction
 
 
 def t_interval(values: Floats, confidence: float = CONFIDENCE) -> tuple[Floats, Floats]:
@@ -39,5 +109,8 @@ def t_interval(values: Floats, confidence: float = CONFIDENCE) -> tuple[Floats, 
 
 def wilson_interval(count: int, total: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Return (low, high) of Wilson's score interval for a share, 0..1 each, from `count` of `total` independent cases."""
-    interval = scipy.stats.binomtest(count, total).proportion_ci(confidence, "wilson")
-    return float(interval.low), float(interval.high)
+    z = NormalDist().inv_cdf((1 + confidence) / 2)
+    middle = (count + z * z / 2) / (total + z * z)
+    half_width = z * math.sqrt(count * (total - count) / total + z * z / 4) / (total + z * z)
+    low = middle - half_width if count else 0.0
+    return low, middle + half_width if count < total else 1.0

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from marsexplorer.config import UNKNOWN
@@ -126,19 +125,39 @@ def leaves_pocket(
     codes     uint8[rows, cols], known; terrain bool[rows, cols], True where blocked
     towards   the cells (row, col) that the two moves lead to; distances are row and column steps, obstacles ignored
     """
-    groups, count = scipy.ndimage.label(codes == UNKNOWN)
-    for number in range(1, count + 1):
-        cells = np.argwhere(groups == number)
-        if len(cells) > POCKET_CELLS or not (~terrain[tuple(cells.T)]).any():
+    for pocket in _pockets(codes != UNKNOWN, position, radius):
+        cells = np.array(pocket)
+        if terrain[tuple(cells.T)].all():
             continue
         places = (np.array(cell) for cell in (position, *towards))
         before, made, better = (int(np.abs(cells - place).sum(1).min()) for place in places)
-        if (
-            int(np.abs(cells - np.array(position)).max(1).min()) <= radius
-            and better < before <= made
-        ):
+        if better < before <= made:
             return True
     return False
+
+
+def _pockets(
+    known: NDArray[np.bool_], position: tuple[int, int], radius: int
+) -> Iterator[list[tuple[int, int]]]:
+    """Yield the groups of at most POCKET_CELLS unknown cells that reach within `radius` of the rover."""
+    top, left = (max(0, side - radius) for side in position)
+    near = ~known[top : position[0] + radius + 1, left : position[1] + radius + 1]
+    seen = set[tuple[int, int]]()
+    for row, col in np.argwhere(near).tolist():
+        cell = (top + row, left + col)
+        if cell in seen:
+            continue
+        group = [cell]
+        seen.add(cell)
+        for place in group:  # it grows while it is walked, until it is too large for a pocket
+            around = [moved(place, action) for action in range(len(DISPLACEMENTS))]
+            joined = [one for one in around if one not in group and not is_blocked(known, one)]
+            group += joined
+            seen.update(joined)
+            if len(group) > POCKET_CELLS:
+                break
+        else:
+            yield group
 
 
 def moved(position: tuple[int, int], action: int) -> tuple[int, int]:

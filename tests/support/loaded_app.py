@@ -10,7 +10,6 @@ from humanplay.task import MARS, rules_of
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.tasks.mars.viewer3d import viewer
 from humanplay.web.server import run
-from marsexplorer.intervals import t_quantile
 from tests.support.forked_server import Worker
 
 __all__ = ["run"]
@@ -19,6 +18,5 @@ jobs._Process = Worker
 rules_of(MARS).prepare()
 PolicyCatalogue()
 viewer.ClientPage.load()
-t_quantile(1)  # scipy loads its parts when they are needed
 gc.collect()
 gc.freeze()  # or the collection at each server's start would walk, and so copy, all of it

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 EXTRAS: dict[str, tuple[str, ...]] = {
     "mars": ("numba", "llvmlite"),
     "play": ("onnxruntime", "viser", "msgspec", "zstandard", "yaml"),
-    "study": ("httpx", "matplotlib"),
+    "study": ("httpx", "matplotlib", "scipy"),
     "onnx": ("onnx", "onnxruntime"),
     "train": ("torch", "tensorboardX", "matplotlib", "huggingface_hub", "httpx2"),
     "export": ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography"),

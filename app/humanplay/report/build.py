@@ -30,7 +30,6 @@ from humanplay.report.statistics.comparisons import (
     PolicyComparison,
     compare_policy,
     holm,
-    player_means,
     policy_p,
 )
 from humanplay.report.statistics.exclusion_sets import (
@@ -46,7 +45,7 @@ from humanplay.report.statistics.exclusion_sets import (
 )
 from humanplay.report.statistics.first_attempts import first_attempts
 from humanplay.report.statistics.formatting import utc
-from humanplay.report.statistics.intervals import INTERVAL_IN_WORDS
+from humanplay.report.statistics.intervals import INTERVAL_IN_WORDS, player_means
 from humanplay.report.statistics.learning import assess_learning, trial_means
 from humanplay.report.statistics.spread import iqm, iqm_interval, variance_components
 from humanplay.report.statistics.study_figures import (

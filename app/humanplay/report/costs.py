@@ -20,14 +20,13 @@ import numpy as np
 from humanplay.db.reader import Reader
 from humanplay.db.trial import Trial
 from humanplay.jobs import Progress
-from humanplay.report.statistics.comparisons import player_means
 from humanplay.report.statistics.exclusion_sets import (
     Cohort,
     members,
     people_of,
     unspoilt,
 )
-from humanplay.report.statistics.intervals import Interval, interval
+from humanplay.report.statistics.intervals import Interval, interval, player_means
 from humanplay.study.data import StudyData, trial_records
 from humanplay.study.policy_files import EXPERT
 from humanplay.study.protocol import StudyError

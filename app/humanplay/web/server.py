@@ -93,7 +93,6 @@ from humanplay.web.replays.service import Replays
 from humanplay.web.requests import NotedRoute, ObservedRequests
 from humanplay.web.services import Services
 from humanplay.web.settings import Settings
-from marsexplorer.intervals import t_quantile
 
 __all__ = ["ServerError", "create_app", "run"]
 
@@ -162,8 +161,6 @@ def _app_of(
                 for sweeper in sweepers:
                     sweeper.add_done_callback(_log_failure)
                 current_default_thread_limiter().total_tokens = READERS
-                # scipy loads its parts when they are needed: now, and not while somebody plays
-                t_quantile(1)
                 try:
                     yield
                 finally:

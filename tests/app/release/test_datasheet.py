@@ -9,7 +9,7 @@ import pytest
 
 from humanplay.db.erasure import forget
 from humanplay.db.reader import Reader
-from humanplay.report import build
+from humanplay.report.build import build
 from humanplay.report.making import load_with_folder
 from humanplay.study.folder import Folder
 from humanplay.study.invitations import Invitations

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from humanplay.report import build
+from humanplay.report.build import build
 from humanplay.report.page import render
 from humanplay.study import policy_episodes
 from humanplay.study.flow import Arrivals

@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from humanplay.report import build
+from humanplay.report.build import build
 from humanplay.report.page import pages as all_pages
 from humanplay.report.page import render
 from humanplay.report.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from humanplay.report import build
+from humanplay.report.build import build
 from humanplay.report.statistics.exclusion_sets import members, people_of
 from tests.support.made_studies import played, run, study
 

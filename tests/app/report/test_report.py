@@ -11,7 +11,7 @@ import pytest
 from humanplay.board.sources import Sources
 from humanplay.db.reader import Reader
 from humanplay.db.series import StudyStore
-from humanplay.report import build
+from humanplay.report.build import build
 from humanplay.report.model import SYNTHETIC
 from humanplay.report.page import render
 from humanplay.report.statistics.formatting import utc

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from humanplay.report import build
+from humanplay.report.build import build
 from humanplay.report.page import render
 from humanplay.report.statistics.exclusion_sets import people_of
 from humanplay.report.statistics.first_attempts import first_attempts

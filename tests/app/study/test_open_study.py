@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from humanplay.report import build
+from humanplay.report.build import build
 from humanplay.report.page import render
 from humanplay.report.statistics.study_figures import live_figure
 from tests.support.made_studies import played, run, study

@@ -135,13 +135,16 @@ def test_the_file_that_doctor_prints_describes_the_same_environment(tmp_path, ca
 
 WITHOUT = """
 import sys
-ABSENT = {"torch", "numba", "llvmlite", "viser", "onnx", "onnxruntime", "msgspec", "zstandard", "yaml", "httpx"}
+ABSENT = {
+    "torch", "numba", "llvmlite", "viser", "onnx", "onnxruntime", "msgspec", "zstandard", "yaml", "httpx", "scipy",
+    "matplotlib",
+}
 for name in ABSENT:
     sys.modules[name] = None
 from humanplay.cli.main import main
 main()
 """
-"""The command where the extra `any` alone is installed."""
+"""The command where no extra is installed."""
 
 
 def test_play_opens_a_browser_at_the_environment_without_what_mars_explorer_needs(tmp_path):

@@ -3,6 +3,8 @@
 import csv
 import json
 import random
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +23,7 @@ from humanplay.task import rules_of
 from humanplay.tasks.gymnasium.description import Description
 from humanplay.web.simulate import KEY_CODES, Participant, RefusedError
 from tests.support import made_studies
+from tests.support.absent import environment_without
 from tests.support.command import run
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.recorded import ask
@@ -124,6 +127,16 @@ def check_that_no_policy_plays(server, done, other, secret):
     assert str(seed) not in secret, "what was begun above"
 
 
+def reported_with_study_alone(database, folder):
+    """The same report's numbers, made where the extra [study] is installed and no other."""
+    numbers = folder / "alone.json"
+    command = [sys.executable, "-m", "humanplay.cli", "report", "--study", "any", *database]
+    absent = ("numba", "llvmlite", "viser", "onnx", "onnxruntime", "torch", "pyarrow")
+    files = ("--html", folder / "alone.html", "--json", numbers)
+    subprocess.run([*command, *files], env=environment_without(absent, folder), check=True)
+    return json.loads(numbers.read_text())
+
+
 def test_a_study_is_played_reported_released_verified_and_derived_again(played, tmp_path, capsys):
     database = played
     assert verify_database(database[1]).findings == ()
@@ -131,6 +144,8 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     files = ("--html", page, "--json", numbers)
     assert run("report", "--study", "any", *database, *files) == 0
     report = json.loads(numbers.read_text())
+    alone = reported_with_study_alone(database, tmp_path)
+    assert alone | {"made_at": report["made_at"]} == report
     (group,) = report["groups"]
     (scores,) = ask(
         database[1],

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -9,7 +10,13 @@ from marsexplorer.config import FREE, OUTCOMES, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode, moves_of, replay
 from marsexplorer.evaluation.cost import CostEstimator
 from marsexplorer.evaluation.missed import SOON
-from marsexplorer.evaluation.mistakes import MistakeKind, is_blocked, leaves_pocket, moved
+from marsexplorer.evaluation.mistakes import (
+    POCKET_CELLS,
+    MistakeKind,
+    is_blocked,
+    leaves_pocket,
+    moved,
+)
 from marsexplorer.observation import valid_actions
 from marsexplorer.policies import PolicyFileError, PolicyNotFoundError, load
 from marsexplorer.policies.network.policy import NetworkPolicy
@@ -226,6 +233,38 @@ def test_a_pocket_is_left_by_the_move_away_from_it_alone():
     codes[:, 5:] = UNKNOWN  # no pocket, the open country
     terrain[:] = False
     assert not leaves_pocket(codes, terrain, (4, 2), [farther, nearer], 6)
+
+
+def leaves_pocket_by_scipy(codes, terrain, position, towards, radius):
+    groups, count = scipy.ndimage.label(codes == UNKNOWN)
+    for number in range(1, count + 1):
+        cells = np.argwhere(groups == number)
+        if len(cells) > POCKET_CELLS or terrain[tuple(cells.T)].all():
+            continue
+        before, made, better = (
+            np.abs(cells - place).sum(1).min() for place in (position, *towards)
+        )
+        is_near = np.abs(cells - position).max(1).min() <= radius
+        if is_near and better < before <= made:
+            return True
+    return False
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.integers(0, 2**32), st.integers(5, 30), st.integers(5, 30),
+    st.sampled_from([0.05, 0.2, 0.4, 0.7]), st.integers(1, 8),
+)  # fmt: skip
+def test_pockets_are_the_groups_that_scipy_labels(seed, rows, cols, unknown, radius):
+    rng = np.random.default_rng(seed)
+    codes = np.where(rng.random((rows, cols)) < unknown, UNKNOWN, FREE).astype(np.uint8)
+    terrain = rng.random((rows, cols)) < 0.5
+    position = (int(rng.integers(rows)), int(rng.integers(cols)))
+    for made in range(4):
+        for expert in range(4):
+            towards = [moved(position, made), moved(position, expert)]
+            asked = (codes, terrain, position, towards, radius)
+            assert leaves_pocket(*asked) == leaves_pocket_by_scipy(*asked)
 
 
 def test_what_is_kept_is_read_again_and_a_broken_file_is_worked_out_anew(

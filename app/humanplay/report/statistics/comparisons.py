@@ -15,16 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from humanplay.report.statistics.intervals import Interval, interval, p_value
+from humanplay.report.statistics.intervals import Interval, interval, p_value, player_means
 from marsexplorer.intervals import CONFIDENCE, Floats
 
 FEWEST_TO_TEST = 5
 """Players below whom no p value is given: their spread is too poorly known."""
-
-
-def player_means(table: Floats) -> Floats:
-    """Return each player's mean: float64[players] from a table in which every player has at least one value."""
-    return np.asarray(np.nanmean(table, axis=1))
 
 
 def _ends(ends: tuple[Floats, Floats]) -> Interval | None:

@@ -50,6 +50,11 @@ class Estimate:
     interval: Interval | None = None
 
 
+def player_means(table: Floats) -> Floats:
+    """Return each player's mean: float64[players] from a table in which every player has at least one value."""
+    return np.asarray(np.nanmean(table, axis=1))
+
+
 def interval(
     table: Floats,
     worst: float | Floats | None,

@@ -8,10 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from humanplay.report.statistics.intervals import Interval
-from marsexplorer.intervals import CONFIDENCE, Floats, t_interval
+from marsexplorer.intervals import CONFIDENCE, Floats, t_interval, t_tail
 
 TrialMean = tuple[int, float, float | None, float | None]
 """Players, mean, low and high; low and high None below two players."""
@@ -101,8 +100,8 @@ def tost(changes: Floats, margin: float) -> tuple[Interval, float]:
     ends = _interval(changes, 1 - 2 * LEVEL)
     if error == 0:
         return ends, 0.0 if abs(mean) < margin else 1.0
-    p = scipy.special.stdtr(freedom, [-(mean + margin) / error, (mean - margin) / error])
-    return ends, float(p.max())
+    sides = (mean + margin) / error, (margin - mean) / error
+    return ends, max(t_tail(side, freedom) for side in sides)
 
 
 def trial_means(table: Floats) -> tuple[TrialMean, ...]:

@@ -15,11 +15,11 @@ one side with a probability of up to 2^-n.
 from __future__ import annotations
 
 from functools import cache
+from statistics import NormalDist
 
 import numpy as np
-import scipy
 
-from marsexplorer.intervals import CONFIDENCE, Floats
+from marsexplorer.intervals import CONFIDENCE, Floats, t_exceeded
 
 TAIL = (1 - CONFIDENCE) / 2
 LEVELS: Floats = np.unique(np.append(np.geomspace(1e-6, 0.5, 34), TAIL))[::-1]
@@ -34,8 +34,10 @@ def radii(count: int, stretch: float = 1.0) -> Floats:
         count: of the values, at least 2.
         stretch: by how much further than Student's end the lowest mean of normal scores lies.
     """
-    scores = scipy.special.ndtri((np.arange(count) + 0.625) / (count + 0.25))
-    reach = -stretch * scipy.special.stdtrit(count - 1, LEVELS) / np.sqrt(count)
+    normal = NormalDist()
+    scores = np.array([normal.inv_cdf((rank + 0.625) / (count + 0.25)) for rank in range(count)])
+    quantiles = np.array([t_exceeded(count - 1, float(level)) for level in LEVELS])
+    reach = stretch * quantiles / np.sqrt(count)
     above = scores - scores[0]
     near, far = np.full_like(reach, -60.0), np.full_like(reach, 60.0)
     for _ in range(100):

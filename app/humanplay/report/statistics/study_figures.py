@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from humanplay.report.statistics.comparisons import player_means
 from humanplay.report.statistics.exclusion_sets import (
     EVERYBODY,
     METRICS,
@@ -23,7 +22,7 @@ from humanplay.report.statistics.exclusion_sets import (
     statuses,
 )
 from humanplay.report.statistics.formatting import counted
-from humanplay.report.statistics.intervals import Estimate, Interval, estimate
+from humanplay.report.statistics.intervals import Estimate, Interval, estimate, player_means
 from humanplay.study.data import StudyData
 from humanplay.study.flow import BEGAN, Status
 from humanplay.study.protocol import PER_PROTOCOL, Protocol

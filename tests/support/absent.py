@@ -1,0 +1,14 @@
+"""Processes that have no more packages than an extra brings."""
+
+import os
+
+
+def environment_without(modules, folder):
+    """Return the variables of a process that cannot import these modules, nor can any that it starts."""
+    absent = folder / "absent"
+    absent.mkdir()
+    for module in modules:
+        said = f"raise ModuleNotFoundError(\"No module named '{module}'\", name={module!r})\n"
+        (absent / f"{module}.py").write_text(said)
+    path = os.pathsep.join(filter(None, [str(absent), os.environ.get("PYTHONPATH")]))
+    return {**os.environ, "PYTHONPATH": path}

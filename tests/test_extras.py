@@ -1,0 +1,71 @@
+"""What an extra leaves out is not needed by what the extra is for."""
+
+import re
+import subprocess
+import sys
+from contextlib import contextmanager
+
+from humanplay.db.store import Store
+from tests.support.absent import environment_without
+from tests.support.recorded import play
+from tests.support.servers import Running
+
+MORE_THAN_PLAY = ("scipy", "matplotlib", "onnx", "torch", "httpx", "pyarrow", "cryptography")
+
+
+@contextmanager
+def serving(folder, *options):
+    """Yield a server, started by the command where [play] alone is installed."""
+    command = [sys.executable, "-m", "humanplay.cli", "serve", "--port", "0", *options]
+    environ = environment_without(MORE_THAN_PLAY, folder)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen(command, env=environ, **pipes) as process:
+        try:
+            lines = []
+            for line in process.stdout:
+                lines.append(line)
+                if "is open at" in line:
+                    break
+            address = re.search(r"http://127\.0\.0\.1:(\d+)", "".join(lines))
+            assert address, "".join(lines)
+            server = Running(int(address[1]))
+            yield server
+            server.close()
+        finally:
+            process.terminate()
+            process.wait(60)
+
+
+def test_play_serves_marsexplorer_with_its_human_figures(tmp_path):
+    database = tmp_path / "playground.db"
+    store = Store(database)
+    for seed in range(30):
+        play(store, seed, f"player-{seed % 5}", explore=seed >= 5)
+    store.close()
+    with serving(tmp_path, "--database", str(database)) as server:
+        client = server.page()
+        begun = client.post("/api/sessions", json={"size": [9, 11], "rival": "ppo"}).json()
+        episode, session = begun["frame"]["episode"], begun["session"]
+        act = {"episode": episode, "step": 0, "action": "north"}
+        assert client.post(f"/api/sessions/{session}/act", json=act).json()["outcome"]
+        costs = client.get(f"/api/episodes/{episode}/costs").json()
+        assert (costs["policy"], costs["reason"]) == ("ppo", None)
+        (figure,) = client.get("/api/human-level").json()["figures"]
+        assert figure["score"]["low"] < figure["score"]["mean"] < figure["score"]["high"]
+        entries = client.get("/api/leaderboard").json()
+        assert "random" in {entry["level"] for entry in entries}
+        for path in ("/", "/leaderboard", "/api/people", "/api/daily", f"/replay/{episode}"):
+            assert client.get(path).status_code == 200, path
+
+
+def test_play_evaluates_policies(tmp_path):
+    evaluate = ["-m", "humanplay.tasks.mars.cli", "evaluate", "--policy", "ppo", "--size", "9"]
+    process = subprocess.run(
+        [sys.executable, *evaluate, "--policy", "frontier-cost", "--episodes", "3"],
+        env=environment_without(MORE_THAN_PLAY, tmp_path),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (process.returncode, process.stderr) == (0, "")
+    assert "frontier-cost" in process.stdout
