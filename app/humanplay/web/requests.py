@@ -71,6 +71,19 @@ class ObservedRequests:
         _log.info("request", extra=what)
 
 
+class HeadRequests:
+    """Answers HEAD wherever GET is answered: the server leaves the body away."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http" and scope["method"] == "HEAD":
+            # a copy: who counts and logs requests sees what was asked
+            scope = {**scope, "method": "GET"}
+        await self._app(scope, receive, send)
+
+
 class NotedRoute:
     """Notes for ObservedRequests which route answered; it stands next to the router, with which it shares the scope."""
 

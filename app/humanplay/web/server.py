@@ -90,7 +90,7 @@ from humanplay.web.protection import (
     own_names,
 )
 from humanplay.web.replays.service import Replays
-from humanplay.web.requests import NotedRoute, ObservedRequests
+from humanplay.web.requests import HeadRequests, NotedRoute, ObservedRequests
 from humanplay.web.services import Services
 from humanplay.web.settings import Settings
 
@@ -209,6 +209,7 @@ def _add_protection(
         what = f"Bytes stored today (UTC) or charged to open boards, of the {kind} with the most."
         metrics.add_gauge(f"stored_bytes_{kind}", what, partial(protection.charges.most, kind))
     app.add_middleware(NotedRoute)
+    app.add_middleware(HeadRequests)
     app.add_middleware(LimitedClients, protection=protection, most_bytes=MAX_MESSAGE_BYTES)
     app.add_middleware(
         Gate,

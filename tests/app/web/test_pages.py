@@ -3,6 +3,7 @@
 import re
 from urllib.parse import urljoin
 
+from fastapi.routing import APIRoute
 from jinja2 import Environment, FileSystemLoader
 
 from humanplay.web import pages
@@ -47,6 +48,21 @@ def test_an_address_is_shown_as_text_and_a_method_that_is_not_taken_says_so(serv
     assert (refused.status_code, refused.headers["allow"]) == (405, "GET")
     assert "This address is not used that way" in refused.text
     assert "nothing answers POST /leaderboard" in client.post("/leaderboard").json()["detail"]
+
+
+def test_head_is_answered_wherever_get_is(serve):
+    """As uptime checks, link previews and load balancers ask."""
+    server = serve()
+    client = server.client()
+    routes = [route for route in server.app.routes if isinstance(route, APIRoute)]
+    paths = {route.path for route in routes if "GET" in route.methods}
+    assert {"/", "/healthz", "/me", "/study/{name}", "/api/human-level"} <= paths
+    for path in ("/nowhere", "/static/play/main.js", *sorted(paths)):
+        address = re.sub(r"\{\w+\}", "none", path)
+        got, head = client.get(address), client.head(address)
+        assert (path, head.status_code) == (path, got.status_code)
+        assert head.content == b""
+        assert head.headers.get("content-type") == got.headers.get("content-type")
 
 
 def test_behind_a_prefix_the_links_of_an_error_stay_behind_it(serve):
