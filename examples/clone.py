@@ -24,8 +24,7 @@ from marsexplorer.episode import Episode, Record
 from marsexplorer.evaluation.episodes import Agreement, agreement_with
 from marsexplorer.policies.base import Memory
 from marsexplorer.policies.network.features import RememberedFeatures
-from marsexplorer.training.network import Net, save_network
-from marsexplorer.training.refine import TRANSPOSED
+from marsexplorer.training.network import TRANSPOSED, Net, save_network
 
 COMPARED = ("ppo", "frontier-cost", "frontier-utility")
 HELD_OUT = 0.2

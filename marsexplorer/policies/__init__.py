@@ -1,4 +1,4 @@
-"""Policies: random moves, the frontier rules, the planner, and trained networks from files.
+"""Policies: random moves, the frontier rules, and trained networks from files.
 
 `load(name_or_path)` returns a `Policy`, `names()` lists what loads by name with the best default first, and `describe(name)`
 says in a sentence what a policy does. Networks need the extra `play`; the rules do not.

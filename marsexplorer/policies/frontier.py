@@ -48,7 +48,7 @@ def toward_nearest(codes, visited, row, col, heading, view, scratch, goal):
     is_open, distance, queue = scratch
     goal[0] = -1
     fill_bitboards(codes, view)
-    find_open_cells(codes, False, is_open)
+    find_open_cells(codes, is_open)
 
     # 1. Every candidate becomes a source: an unvisited frontier cell that shows something. One search from all of them gives
     #    the rover's distance to the nearest; step to a cell that is one move nearer.
@@ -85,7 +85,7 @@ def toward_best(codes, visited, row, col, heading, view, scratch, goal):
     rows, cols = codes.shape
     is_open, distance, queue = scratch
     fill_bitboards(codes, view)
-    find_open_cells(codes, False, is_open)
+    find_open_cells(codes, is_open)
 
     # 1. Search from the rover: the queue then holds every cell within reach, nearest first.
     queue[0] = row * cols + col

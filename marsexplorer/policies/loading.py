@@ -17,7 +17,6 @@ from marsexplorer.policies.files.card import SUFFIX, of_paper, read_card, shippe
 from marsexplorer.policies.files.model import refuse
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
 from marsexplorer.policies.lookahead import TITLE, Lookahead
-from marsexplorer.policies.planner import Planner
 from marsexplorer.policies.priced import FrontierPriced
 
 if TYPE_CHECKING:
@@ -29,7 +28,6 @@ BUILT_IN: dict[str, tuple[Callable[[int], Policy], str]] = {
     ),
     "frontier-utility": (FrontierUtility, "Goes where the most new cells are expected for the squared way."),
     "frontier-cost": (FrontierCost, "Walks the shortest known way to the nearest frontier cell."),
-    "planner": (Planner, "Imagines 16 whole tours at every move and follows the shortest."),
     "lookahead": (
         lambda sensor_radius: Lookahead(load("ppo", sensor_radius), sensor_radius),
         "On level random it tries goals on terrains that agree with what is known, once most is known; elsewhere it is ppo.",

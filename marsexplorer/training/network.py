@@ -22,7 +22,7 @@ from marsexplorer.files import replace_whole
 from marsexplorer.policies.base import INVALID_LOGIT
 from marsexplorer.policies.files.card import FORMAT
 from marsexplorer.policies.files.onnx import OnnxModel
-from marsexplorer.policies.network.features import MOVE_NUMBERS, PICTURE_CELLS, PLANES
+from marsexplorer.policies.network.features import MOVE_NUMBERS, PICTURE_CELLS, PLANES, SCALES
 from marsexplorer.policies.network.policy import sample_inputs
 from marsexplorer.training.prior import prior_logits, prior_weights
 
@@ -57,6 +57,18 @@ class Net(nn.Module):
         logits = logits + prior_logits(moves, self.prior)
         value = self.value_head(torch.cat([hidden, moves.flatten(1)], dim=1)).squeeze(1).float()
         return logits.masked_fill(moves[:, :, 0] < 0.5, INVALID_LOGIT), value * 5
+
+
+def _transposed_cells() -> Tensor:
+    parts, start = [], 0
+    for side, _ in SCALES:
+        parts.append(torch.arange(start, start + side * side).view(side, side).T.flatten())
+        start += side * side
+    return torch.cat(parts)
+
+
+TRANSPOSED = _transposed_cells()
+"""Where each cell of the planes lies once rows and columns are exchanged: int64[PICTURE_CELLS]."""
 
 
 def mixed_precision(device: str = "cpu") -> torch.autocast:

@@ -1,6 +1,6 @@
 """The folder of a training run: its log, learning curve, checkpoints and policy file.
 
-NAME.onnx          the policy with its card, NAME being the folder's; NAME-ppo.onnx in a run that goes on to refine it
+NAME.onnx          the policy with its card, NAME being the folder's
 checkpoint.pt      what `--resume` goes on from, tensors, numbers and lists without pickled code:
                    identity (JSON of `TrainingRun.identity`), run (`TrainingRun.state_dict`), seconds
 log.jsonl          a line for each update
@@ -49,7 +49,6 @@ class RunFolder:
 
     card       what the policy's card says besides the numbers of the run
     on_update  called with the metrics of each update and the seconds that the run has taken
-    suffix     of the policy file's name
     """
 
     def __init__(
@@ -58,11 +57,10 @@ class RunFolder:
         run: TrainingRun,
         card: dict[str, Any],
         on_update: Callable[[UpdateMetrics, float], None],
-        suffix: str = "",
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self._run, self._card, self._on_update = folder, run, card, on_update
-        self.policy = folder / f"{folder.resolve().name}{suffix}.onnx"
+        self.policy = folder / f"{folder.resolve().name}.onnx"
         self._lines: list[dict[str, Any]] = []
         self._seconds_before, self._started, self._saved = 0.0, time.monotonic(), time.monotonic()
         from tensorboardX import SummaryWriter  # it takes a second to load

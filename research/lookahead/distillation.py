@@ -2,7 +2,7 @@
 
 A round plays episodes of level `random` with the network so far. Where `lookahead` would look ahead, its goals are tried on
 terrains that agree with what is known, and each first move other than the network's own gives a label: the mean difference of
-moves, weighted by 1 / (SE^2 + 1). A label counts as a pair of actions does in `marsexplorer refine` (its loss, its network, its
+moves, weighted by 1 / (SE^2 + 1). A label counts as a pair of actions does in `research.refinement` (its loss, its network, its
 optimiser); everywhere else, earlier in the episode and on other levels and sizes, the network is held to what it was. The next
 round plays with what the last one learnt.
 
@@ -36,7 +36,7 @@ from marsexplorer.policies.kernels.rollouts import BLOCK
 from marsexplorer.policies.lookahead import Lookahead
 from marsexplorer.policies.network.policy import NetworkPolicy
 from marsexplorer.training.network import Net, load_net, save_network
-from marsexplorer.training.refine import (
+from research.refinement.refine import (
     MAX_COST,
     ActionPairs,
     EpisodeTask,

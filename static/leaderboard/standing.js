@@ -6,9 +6,9 @@ import { levelName, policyName } from "../task/mars/names.js";
 /** Colour (a custom property of base.css) and dash of the policies everybody has, the same on every board; others take
  * the rest in turn.
  * @type {Record<string, [string, string]>} */
-const OWN = { ppo: ["--chart-policy", "7 4"], "frontier-priced": ["--line-green", "12 4"], "frontier-utility": ["--line-violet", "2 3"], "frontier-cost": ["--line-blue", "9 3 2 3"], planner: ["--line-stone", "1 4"], lookahead: ["--line-clay", "3 6"], random: ["--line-rose", "4 4"] };
+const OWN = { ppo: ["--chart-policy", "7 4"], "frontier-priced": ["--line-green", "12 4"], "frontier-utility": ["--line-violet", "2 3"], "frontier-cost": ["--line-blue", "9 3 2 3"], lookahead: ["--line-clay", "3 6"], random: ["--line-rose", "4 4"] };
 /** @type {[string, string][]} */
-const REST = [["--line-olive", "10 2 2 2"], ["--line-clay", "12 3 3 3"]];
+const REST = [["--line-olive", "10 2 2 2"], ["--line-stone", "1 4"]];
 const PEOPLE_COLOUR = "--chart-you";
 
 /** @param {number} value @param {Leaderboard.Measure} measure */

@@ -32,10 +32,10 @@ RED = """async (health) => {
 
 
 class QuickPolicies(PolicyCatalogue):
-    """The policies on offer without the two slow ones: an evaluation has only the time that everything else leaves."""
+    """The policies on offer without the slow ones: an evaluation has only the time that everything else leaves."""
 
     def offers(self):
-        return [offer for offer in super().offers() if offer.name not in ("ppo", "planner")]
+        return [offer for offer in super().offers() if offer.name not in ("ppo", "lookahead")]
 
 
 @pytest.fixture

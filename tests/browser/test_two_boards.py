@@ -49,7 +49,10 @@ def test_a_board_that_counts_is_alone_and_paths_meet_only_after_the_end(serve, p
 def test_any_policy_can_be_given_to_either_board(serve, player):
     me = player(serve(), NO_3D)
     me.begin(player="frontier-cost", rival="ppo", size=[9, 12])
-    for role, other, name in (("player", "rival", "random"), ("rival", "player", "planner")):
+    for role, other, name in (
+        ("player", "rival", "random"),
+        ("rival", "player", "frontier-utility"),
+    ):
         session, kept = me.state("player.session"), me.state(f"{other}.name")
         me.page.get_by_test_id(f"pick-{role}").select_option(name)
         me.wait(

@@ -1,4 +1,4 @@
-"""Recorded episodes: a change of terrains, rules, frontier rules or planner shows here, and CORE_VERSION rises with it."""
+"""Recorded episodes: a change of terrains, rules or frontier rules shows here, and CORE_VERSION rises with it."""
 
 import hashlib
 import json

@@ -21,7 +21,7 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
 
     The package comes with the figures that this command wrote to data/leaderboard. Run it again when the rules, a shipped
     policy or the terrains have changed. The figures are the same for any number of processes. All boards take about half an
-    hour of one core; most of it is the planner on 84 x 84 cells. With --policy the figures that --out has of other policies
+    hour of one core; most of it is `lookahead` on 84 x 84 cells. With --policy the figures that --out has of other policies
     stay, where they still hold.
 
     \b

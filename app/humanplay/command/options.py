@@ -14,7 +14,6 @@ PATH = click.Path(path_type=Path)
 COUNT = click.IntRange(min=1)
 PORT = click.IntRange(0, 65535)
 KEY = option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed it.")
-WORKERS = option("--workers", type=COUNT, help="Processes that play.  [default: one for each core]")
 
 
 def flag(*given: str, default: bool | None = False) -> Callable[[F], F]:

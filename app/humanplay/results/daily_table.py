@@ -27,7 +27,7 @@ CALENDAR = 28
 """Days of a player's calendar."""
 WAIT_S = 3.0
 """How long the evaluation waits after somebody has begun: the page that was just opened comes first."""
-_SLOW = ("planner", "random", "lookahead")
+_SLOW = ("random", "lookahead")
 
 
 def people_on(

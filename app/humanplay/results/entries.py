@@ -65,7 +65,7 @@ class LeaderboardEntry:
         sources  what `policies.load` takes, by name. A study's policies are played from their own files; where one is lost,
                  its evaluation names the place where it was kept, and fails
         """
-        slow = ("random", "planner", "lookahead")  # by hundreds of moves, by milliseconds a move
+        slow = ("random", "lookahead")  # by hundreds of moves, by milliseconds a move
         chosen = list(sources) if self.policies is None else self.policies
         ordered = sorted(chosen, key=lambda name: slow.index(name) + 1 if name in slow else 0)
         found = {name: self._source(name, sources) for name in ordered}
@@ -165,7 +165,7 @@ def list_entries(
 
 
 def held_out_seeds(config: Configuration) -> tuple[int, ...]:
-    """Return the seeds of the policies' terrains: 100, fewer on large grids, where an episode takes a planner a minute."""
+    """Return the seeds of the policies' terrains: 100, fewer on large grids, where an episode takes seconds."""
     count = 100 if config.n <= 900 else 40 if config.n <= 2500 else 10
     return tuple(range(FIRST_SEED, FIRST_SEED + count))
 

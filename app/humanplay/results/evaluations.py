@@ -26,7 +26,7 @@ from marsexplorer.files import write_whole
 OWNER = "policies"
 """Whose jobs evaluations are: they take turns with what people ask for."""
 LIMIT_S = 2 * 3600.0
-"""Seconds for a policy's episodes; the planner takes minutes on large boards."""
+"""Seconds for a policy's episodes; `lookahead` takes minutes on large boards."""
 FOLDER = SHIPPED_DATA / "leaderboard"
 FORMAT = 1
 

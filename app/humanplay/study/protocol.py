@@ -238,7 +238,7 @@ class Protocol(_Part):
     )
     return_url: str | None = Field(default=None, max_length=2000, pattern=r"^https?://")
     completion_code: str | None = Field(default=None, min_length=1, max_length=100)
-    policies: tuple[Line, ...] = ("ppo", "frontier-cost", "frontier-utility", "planner", "random")
+    policies: tuple[Line, ...] = ("ppo", "frontier-cost", "frontier-utility", "random")
     debrief_policy: Line | None = "ppo"
     policy_hashes: dict[str, str] = Field(default_factory=dict)
     exclusion: dict[str, ExclusionRules] = Field(default_factory=lambda: dict(EXCLUSION))

@@ -33,7 +33,7 @@ _ANYWHERE = """arschloch asshole bastard bitch cunt faggot fotze fuck hitler hur
     putain retard schwuchtel shit slut vagina wank whore wichser"""
 _WHOLE = "anus arsch ass cock coon cum dick fag heil hure kike kkk merde nutte paki puta rape salope spic tit twat"
 _RESERVED = """administrator admin moderator operator you somebody nobody anonymous humanplay marsexplorer people
-    human script policy expert nearest greedy random tidy planner ppo"""
+    human script policy expert nearest greedy random tidy ppo"""
 
 
 NOTHING_PLAYED = "play a terrain first: a name belongs to what was played in this browser"

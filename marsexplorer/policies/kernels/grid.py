@@ -43,13 +43,13 @@ def neighbour(cell, action, rows, cols):
 
 
 @kernel
-def find_open_cells(codes, with_unknown, is_open):
-    """Write uint8[n]: 1 where the rover may plan to go, free cells and its own; unknown ones too when `with_unknown`."""
+def find_open_cells(codes, is_open):
+    """Write uint8[n]: 1 where the rover may plan to go, free cells and its own."""
     cols = codes.shape[1]
     for row in range(codes.shape[0]):
         for col in range(cols):
             code = codes[row, col]
-            is_open[row * cols + col] = code != OBSTACLE and (with_unknown or code != UNKNOWN)
+            is_open[row * cols + col] = code != OBSTACLE and code != UNKNOWN
 
 
 @kernel

@@ -14,8 +14,6 @@ needs no bounds test; grid cell (row, col) is bit col + radius of padded row row
 
 from __future__ import annotations
 
-from copy import copy
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,27 +64,6 @@ def count_visible(view, row, col):
     )
 
 
-@kernel
-def mark_discovered(view, row, col):
-    """Make the cells that `count_visible` left in `visible` known: clear their bits in `unknown`."""
-    unknown, _, sight, visible, stride, radius = view
-    side = 2 * radius + 1
-    lane, words = np.int64(sight[0]), np.int64(sight[1])
-    per_word = 64 // lane
-    mask = (ONE << np.uint64(side)) - ONE
-    shift = np.uint64(col & 63)
-    i = 0
-    for k in range(words):
-        for j in range(min(per_word, side - i)):
-            bits = (visible[k] >> np.uint64(j * lane)) & mask
-            if bits != np.uint64(0):
-                at = (row + i + j) * stride + (col >> 6)
-                unknown[at] &= ~(bits << shift)
-                if (col & 63) + side > 64:  # the window straddles two words
-                    unknown[at + 1] &= ~(bits >> (np.uint64(64) - shift))
-        i += per_word
-
-
 class VisibilityMap:
     """The bitboards and tables of one grid shape and radius, reused from move to move.
 
@@ -101,12 +78,6 @@ class VisibilityMap:
         self.view: View = (
             np.zeros(words, np.uint64), np.zeros(words, np.uint64), sight, scratch, row_words(cols, radius), radius,
         )  # fmt: skip
-
-    def with_own_unknown(self) -> VisibilityMap:
-        """Return a map that shares everything with this one but `unknown`: for imagining what would become known."""
-        other = copy(self)
-        other.view = (np.zeros_like(self.view[0]), *self.view[1:])
-        return other
 
     def fill(self, codes: NDArray[np.uint8]) -> None:
         """Copy a grid, codes uint8[rows, cols], into the bitboards."""

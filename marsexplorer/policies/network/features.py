@@ -190,7 +190,7 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
         left = update_new_cells(board, kept_board, half_sides, new_cells, changed_columns)
 
         # 2. How far is every cell, and which moves begin a shortest path to it? One search from the rover answers both.
-        find_open_cells(board, False, is_open)
+        find_open_cells(board, is_open)
         reached = search_first_actions(is_open, rows, cols, cell, distance, first_actions, queue)
         # a literal would have what it is handed on to compiled for itself as well
         count = np.int64(0)

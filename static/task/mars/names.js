@@ -2,7 +2,7 @@
 
 /** @type {Readonly<Record<string, string>>} */
 const POLICIES = Object.freeze({
-  ppo: "Expert", "frontier-cost": "Nearest", "frontier-utility": "Greedy", "frontier-priced": "Tidy", planner: "Planner",
+  ppo: "Expert", "frontier-cost": "Nearest", "frontier-utility": "Greedy", "frontier-priced": "Tidy",
   lookahead: "Expert that knows how terrains are made", random: "Random",
 });
 /** @type {Readonly<Record<string, string>>} */

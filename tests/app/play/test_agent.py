@@ -253,7 +253,7 @@ def test_boards_that_ask_at_once_are_decided_in_one_call_with_the_moves_they_wou
         return bytes(episode.actions)
 
     with ThreadPoolExecutor(1) as thread:
-        names = ["ppo", "frontier-cost", "ppo", "ppo", "planner", "ppo"]
+        names = ["ppo", "frontier-cost", "ppo", "ppo", "frontier-utility", "ppo"]
         calls, moves = asyncio.run(ask(names))
     assert calls == [4] * 5
     assert moves == [alone(name, seed) for seed, name in enumerate(names)]

@@ -58,8 +58,8 @@ def moves_of(server, session, client, seconds):
 
 
 def decision_ms():
-    """How long the planner takes for a decision on 128x128 in this process: the median of those of an episode's beginning."""
-    policy, spent = policies.load("planner"), []
+    """How long `ppo` takes for a decision on 128x128 in this process: the median of those of an episode's beginning."""
+    policy, spent = policies.load("ppo"), []
     episode = Episode.begin(EnvConfig.of("random", 128), seed=7)
     policy.reset(0)
     for _ in range(20):
@@ -70,7 +70,7 @@ def decision_ms():
     return float(np.median(spent))
 
 
-def test_thirty_planner_boards_of_128_keep_an_honest_board_waiting_for_one_decision(spawn):
+def test_thirty_boards_of_ppo_on_128_keep_an_honest_board_waiting_for_one_decision(spawn):
     """The honest board asks for 20 moves a second on 64x64; the thirty, each of another player, for 60 a second."""
     server = spawn()
     with ExitStack() as stack:
@@ -83,7 +83,7 @@ def test_thirty_planner_boards_of_128_keep_an_honest_board_waiting_for_one_decis
         quiet_ms = 8000 / moves_of(server, honest, client, 8)
         for number in range(30):
             greedy = stack.enter_context(server.client())
-            body = {"size": 128, "player": "planner", "seed": number}
+            body = {"size": 128, "player": "ppo", "seed": number}
             session = greedy.post("/api/sessions", json=body).json()["session"]
             greedy.post(f"/api/sessions/{session}/pace", json={"moves_per_second": 60})
             watched.append(stack.enter_context(server.socket(session, greedy)))
@@ -91,7 +91,7 @@ def test_thirty_planner_boards_of_128_keep_an_honest_board_waiting_for_one_decis
         busy_ms = 10_000 / max(1, moves_of(server, honest, client, 10))
         one_ms = decision_ms()
     print(
-        f"\nhonest board beside 30 planners on 128x128: {quiet_ms:.0f} -> {busy_ms:.0f} ms a move; one decision {one_ms:.0f} ms"
+        f"\nbeside 30 boards of ppo on 128x128: {quiet_ms:.0f} -> {busy_ms:.0f} ms a move; one decision {one_ms:.0f} ms"
     )
     assert busy_ms < quiet_ms + 3 * one_ms + 50
 

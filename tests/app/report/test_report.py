@@ -347,13 +347,13 @@ def test_the_policies_of_the_protocol_without_random_are_tested_in_its_primary_m
     scores = np.random.default_rng(2).normal(0.7, 0.05, (5, 6))
     runs = [
         run("ppo", scores.mean(0) + 0.05),
-        run("planner", scores.mean(0)),
+        run("frontier-cost", scores.mean(0)),
         run("random", [0.3] * 6),
     ]
-    named = {"policies": ("ppo", "planner", "random"), "primary_metric": primary}
+    named = {"policies": ("ppo", "frontier-cost", "random"), "primary_metric": primary}
     comparisons = build(study(*played(scores), **named), runs).groups[0].comparisons
     tested = {each.policy: each for each in comparisons if each.p_value is not None}
-    assert set(tested) == {"ppo", "planner"}
+    assert set(tested) == {"ppo", "frontier-cost"}
     assert {each.metric for each in tested.values()} == {primary}
     smaller, larger = sorted(tested.values(), key=lambda each: each.p_value)
     assert smaller.p_adjusted == pytest.approx(2 * smaller.p_value)

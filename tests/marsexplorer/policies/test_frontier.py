@@ -83,7 +83,7 @@ def test_a_rule_sees_all_that_can_be_seen_and_wanders_no_more_than_it_must(terra
         assert (around != 0).all(), (row, col)
 
 
-@pytest.mark.parametrize("name", ["frontier-cost", "frontier-utility", "planner"])
+@pytest.mark.parametrize("name", ["frontier-cost", "frontier-utility"])
 def test_with_nothing_left_to_see_the_moves_stay_valid(name):
     codes = board("?##.... ##..... .@..... ####### ???????")
     codes[0, 0] = 0

@@ -179,7 +179,7 @@ def test_neither_the_server_nor_the_shipped_network_imports_torch_nor_a_rule_wha
     code = """
 import sys
 from marsexplorer import policies
-policies.load("planner")
+policies.load("frontier-priced")
 assert not {"onnx", "onnxruntime"} & set(sys.modules)
 import humanplay.web.server
 from marsexplorer.config import EnvConfig

@@ -14,7 +14,6 @@ BUILT_IN = [
     "frontier-priced",
     "frontier-utility",
     "frontier-cost",
-    "planner",
     "lookahead",
     "random",
 ]
@@ -22,13 +21,13 @@ CONFIG = EnvConfig("random", 9, 14, sensor_radius=4)
 
 
 def test_names_come_best_default_first_and_all_load():
-    assert policies.names()[-6:] == BUILT_IN
+    assert policies.names()[-5:] == BUILT_IN
     for name in policies.names():
         policy = policies.load(name)
         assert policy.name == name
         assert isinstance(policy, policies.Policy)
         assert policies.describe(name).endswith(".")
-    if len(policies.names()) > 6:
+    if len(policies.names()) > 5:
         assert policies.names()[0] == "ppo"
 
 

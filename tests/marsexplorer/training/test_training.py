@@ -13,9 +13,11 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies import load
+from marsexplorer.policies.network.features import FeatureExtractor
 from marsexplorer.training import ppo, run_folder
 from marsexplorer.training.config import RECIPES
 from marsexplorer.training.envs import EVALUATION_SEEDS, TrainingEnvs, make_envs, rewards_in_moves
+from marsexplorer.training.network import TRANSPOSED
 from marsexplorer.training.ppo import RolloutBuffer, TrainingRun, compute_advantages
 from marsexplorer.training.prior import rule_probabilities
 from marsexplorer.training.run_folder import RunFolder
@@ -369,3 +371,17 @@ def test_sigterm_that_is_handled_like_ctrl_c_waits_for_the_end_of_an_update():
     finally:
         signal.signal(signal.SIGTERM, before)
     assert done
+
+
+def test_transposing_exchanges_rows_and_columns():
+    """A board and its transpose look the same once transposed, moves exchanged north-west and east-south."""
+    codes = np.random.default_rng(5).choice([0, 1, 1, 3], size=(1, 21, 21)).astype(np.uint8)
+    codes[0, 8, 5] = 2
+    features, nothing = FeatureExtractor(1, 21, 21, 6), np.zeros((1, 441), np.uint8)
+    found = features(codes, np.array([8 * 21 + 5]), nothing, np.array([1]))
+    planes, moves = (each.copy() for each in found)
+    turned = np.ascontiguousarray(codes.transpose(0, 2, 1))
+    mirrored, flipped = features(turned, np.array([5 * 21 + 8]), nothing, np.array([2]))
+    assert np.array_equal(planes[:, :, TRANSPOSED], mirrored)
+    alike = [k for k in range(16) if k not in (7, 8, 9)]  # rules break ties by compass
+    assert np.allclose(moves[:, ::-1, alike], flipped[:, :, alike])

@@ -22,7 +22,7 @@ test("each ending has words of its own", () => {
 test("the rank counts the very policies that are listed", () => {
   const mine = (moves) => ({ outcome: "explored", moves, coverage: 0.99, you: true, rank: 2 });
   const named = (name, moves, state = "ready") => ({ name, moves, state, coverage: 0.9 });
-  const seven = ["ppo", "frontier-cost", "frontier-utility", "frontier-priced", "planner", "lookahead", "random"].map((name, at) => named(name, name === "random" ? null : 70 + at));
+  const seven = ["ppo", "frontier-cost", "frontier-utility", "frontier-priced", "mine", "lookahead", "random"].map((name, at) => named(name, name === "random" ? null : 70 + at));
   const cases = [
     [seven, 72, "better than 4 of 7 policies"], [seven, 60, "better than all 7 policies"], [seven, 76, "better than 1 of 7 policies"],
     [seven, null, "better than none of 7 policies"], [[named("ppo", 80)], 70, "better than the one policy"],

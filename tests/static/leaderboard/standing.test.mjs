@@ -13,10 +13,10 @@ const board = { id: "random-21x21", title: "", study: null, level: "random", row
 const people = { ...figure(90, 0.9), players: 5, episodes: 38, trials: [] };
 
 test("the best stands first by either measure, whoever has no figure last", () => {
-  const detail = { board, people, policies: [waiting("planner"), ready("ppo", 78, 0.95), ready("random", 441, 0.2)] };
-  assert.deepEqual(rows(detail, "steps").map(({ name }) => name), ["ppo", "Volunteers", "random", "planner"]);
-  assert.deepEqual(rows(detail, "score").map(({ name }) => name), ["ppo", "Volunteers", "random", "planner"]);
-  assert.deepEqual(rows({ ...detail, people: null }, "steps").map(({ name }) => name), ["ppo", "random", "planner"]);
+  const detail = { board, people, policies: [waiting("frontier-cost"), ready("ppo", 78, 0.95), ready("random", 441, 0.2)] };
+  assert.deepEqual(rows(detail, "steps").map(({ name }) => name), ["ppo", "Volunteers", "random", "frontier-cost"]);
+  assert.deepEqual(rows(detail, "score").map(({ name }) => name), ["ppo", "Volunteers", "random", "frontier-cost"]);
+  assert.deepEqual(rows({ ...detail, people: null }, "steps").map(({ name }) => name), ["ppo", "random", "frontier-cost"]);
 });
 
 test("the scale holds whoever is near the best; who is far out stands beyond a break", () => {
@@ -67,7 +67,7 @@ test("honest words when nobody has played, too few for a mean, and enough", () =
   assert.match(headline({ target: "99 %" }, { board: { ...board, study: "dunes" }, people: { ...people, claim, players: 1, steps: interval(90) }, policies }), /\(no interval: fewer than five players\), from 1 player and/);
   assert.match(headline({ target: "99 %" }, { board, people: { ...people, players: 5, steps: interval(441) }, policies }), /\(no interval: these players do not differ\), from 5/);
   assert.match(headline({ target: "99 %" }, { board, people, policies }), /^Volunteers on this playground, Scattered 21 \u00d7 21: 90\.0 moves to 99 % \(95 % interval 88\.0 to 92\.0\), from 5 players and 38 episodes; 2 players with fewer episodes are not in it\. The best policy, Expert, takes 78\.0/);
-  assert.doesNotMatch(headline({ target: "99 %" }, { board, people, policies: [...policies, waiting("planner")] }), /best policy/, "not before all are known");
+  assert.doesNotMatch(headline({ target: "99 %" }, { board, people, policies: [...policies, waiting("frontier-cost")] }), /best policy/, "not before all are known");
 });
 
 test("a study's board says so, and who enters it", () => {
@@ -87,9 +87,9 @@ test("a study's board says so, and who enters it", () => {
 
 test("what is being evaluated is said, and nothing once all is done", () => {
   assert.equal(working([ready("ppo", 78, 0.9)]), null);
-  const busy = working([ready("ppo", 78, 0.9), { ...waiting("planner"), state: "computing", done: 20 }, waiting("random")]);
+  const busy = working([ready("ppo", 78, 0.9), { ...waiting("frontier-cost"), state: "computing", done: 20 }, waiting("random")]);
   assert.deepEqual([busy.done, busy.of], [120, 300]);
-  assert.match(busy.text, /Evaluating 2 policies: Planner plays terrain 21 of 100/);
+  assert.match(busy.text, /Evaluating 2 policies: Nearest plays terrain 21 of 100/);
 });
 
 test("the axis of coverage ends where the last who finishes is done", () => {

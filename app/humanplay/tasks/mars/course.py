@@ -30,7 +30,7 @@ PREFERRED = ("ppo", "frontier-cost")
 
 PLAIN_POLICIES = {
     "ppo": "Expert", "frontier-cost": "Nearest", "frontier-utility": "Greedy", "frontier-priced": "Tidy",
-    "planner": "Planner", "lookahead": "Expert that knows how terrains are made", "random": "Random",
+    "lookahead": "Expert that knows how terrains are made", "random": "Random",
 }  # fmt: skip
 """Names of policies as pages and pictures say them; `static/task/mars/names.js` has the same."""
 PLAIN_LEVELS = {

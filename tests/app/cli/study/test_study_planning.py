@@ -188,7 +188,7 @@ def test_people_who_leave_are_part_of_what_freezing_refuses(study, tmp_path):
 
 
 def test_a_study_that_can_see_no_difference_is_told_to_plan_more_of_both(study, tmp_path):
-    study("new", "mine", "--size", "9x13", "--warm-up", "2", "--ranked", "5", "--players", "6")
+    study("new", "mine", "--size", "9x13", "--warm-up", "2", "--ranked", "5", "--players", "5")
     edit(tmp_path, declarations=DECLARATIONS)
     _, _, err = study("freeze", "mine")
     assert "No difference is seen in 60 % of studies of this size." in err

@@ -1,6 +1,5 @@
-"""`marsexplorer train --refine`: PPO that begins as the priced rules, then rounds of refining, in one run with one card."""
+"""`marsexplorer train`: a run of PPO, with its card, that stops and goes on."""
 
-import json
 import os
 import re
 import shlex
@@ -11,47 +10,22 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
-import torch
 from click.testing import CliRunner
 
 from humanplay.tasks.mars.cli import cards, cli
-from marsexplorer.config import EnvConfig
-from marsexplorer.episode import Episode
-from marsexplorer.policies import load
-from marsexplorer.policies.files.card import read_card, shipped
-from marsexplorer.training import refine as refine_module
+from marsexplorer.policies.files.card import read_card
 from marsexplorer.training import run_folder
 from marsexplorer.training.config import RECIPES
-from marsexplorer.training.refine import RefineConfig
 
 TINY = replace(
     RECIPES["priced"], num_envs=8, num_steps=16, minibatch_size=64, value_warmup_updates=1
 )
-TINY_REFINE = RefineConfig(
-    tasks_per_level=(("random", 1),),
-    episodes_per_task=2,
-    pairs_per_episode=2,
-    anchor_sizes=((23, 1),),
-    gradient_steps=6,
-    batch_size=64,
-    anchor_batch_size=16,
-)
-OPTIONS = [
-    "train",
-    "--recipe=priced",
-    "--size=21",
-    "--size=24",
-    "--steps=256",
-    "--workers=1",
-    "--seed=3",
-]
 
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Let the recipe and the rounds be small enough for a test, and draw no curve; everything else is as it is."""
+    """Let the recipe be small enough for a test, and draw no curve; everything else is as it is."""
     monkeypatch.setitem(RECIPES, "priced", TINY)
-    monkeypatch.setattr(refine_module, "DEFAULT_CONFIG", TINY_REFINE)
     monkeypatch.setattr(cards, "HELD_OUT_TERRAINS", 3)
     monkeypatch.setattr(run_folder, "VALIDATION_EPISODES", 8)
     monkeypatch.setattr(run_folder, "plot_learning_curve", lambda _, path: path.touch())
@@ -60,87 +34,31 @@ def quick(monkeypatch):
 
 @pytest.fixture
 def in_a_thread(monkeypatch):
-    """Play in a thread instead of a process: `test_the_shipped_policy_is_refined_from_the_file_that_plays` takes processes."""
+    """Play in a thread instead of a process: `research/refinement` has a test that takes processes."""
     monkeypatch.setattr("humanplay.jobs.Jobs", lambda *_: ThreadPoolExecutor(1))
 
 
-@pytest.fixture
-def interrupted_once(monkeypatch):
-    """`interrupted_once(file)` presses Ctrl-C where episodes are played and the file is there; no second time."""
-    play_task = refine_module.play_task
-
-    def arm(file):
-        def play(job):
-            if file.exists():
-                monkeypatch.setattr(refine_module, "play_task", play_task)
-                os.kill(os.getpid(), signal.SIGINT)
-            return play_task(job)
-
-        monkeypatch.setattr(refine_module, "play_task", play)
-
-    return arm
-
-
-@pytest.mark.long
-def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(
-    quick, in_a_thread, interrupted_once, tmp_path
-):
-    folder = tmp_path / "of one" / "mine"
-    unrefined = [*OPTIONS, "--out", str(folder)]
-    command = [*unrefined, "--refine", "2"]
-    interrupted_once(folder / "refine.pt")
-    stopped = CliRunner().invoke(cli, command)
-    assert "stopped after 1 of 2 rounds of refining" in stopped.output
-    assert "pairs" in torch.load(folder / "refine.pt", weights_only=True)["run"]
-    refused = CliRunner().invoke(cli, [*unrefined, "--resume"])
-    assert refused.exit_code == 2
-    printed = re.search(r"go on with: marsexplorer (.*)", stopped.output)[1]
-    done = CliRunner().invoke(cli, shlex.split(printed))
+def test_the_card_has_the_command_and_the_figures_of_every_size(quick, in_a_thread, tmp_path):
+    options = [
+        "--recipe",
+        "priced",
+        "--level",
+        "random",
+        "--size",
+        "21",
+        "--size",
+        "24",
+        "--steps",
+        "256",
+        "--seed",
+        "3",
+    ]
+    done = CliRunner().invoke(cli, ["train", *options, "--out", str(tmp_path / "mine")])
     assert done.exit_code == 0, done.output
-
-    card = read_card(folder / "mine.onnx")
-    own, began = card["training"], card["training"]["began_with"]
-    ppo = began["training"]
-    assert (own["rounds"], own["plan"]["sizes"], own["seed"]) == (2, [21, 24], 3)
-    assert (ppo["moves"], ppo["seed"]) == (256, 3)
-    assert ppo["recipe"]["rule_coef"] == list(TINY.rule_coef)
-    given = "--recipe priced --level random --size 21 --size 24 --steps 256 --refine 2 --seed 3"
-    assert given in card["command"]
-    for results in (card["results"], began["results"]):
-        terrains = {where: each["terrains"] for where, each in results.items()}
-        assert terrains == {"random 21x21": 3, "random 24x24": 2}
-    lines = (folder / "refine.jsonl").read_text().splitlines()
-    assert [json.loads(line)["round"] for line in lines] == [1, 2]
-    assert "pairs" not in torch.load(folder / "refine.pt", weights_only=True)["run"]
-
-
-@pytest.mark.parametrize(
-    ("options", "part"),
-    [
-        (["--size", "21x42", "--refine", "2"], "square grids of sides 21 to 84"),
-        (["--size", "12", "--refine", "2"], "square grids of sides 21 to 84"),
-        (["--workers", "2"], "are the processes of --refine"),
-    ],
-)
-def test_what_cannot_be_refined_is_refused_before_anything_is_trained(options, part, tmp_path):
-    words = ["train", *options, "--steps", "1", "--out", str(tmp_path / "new")]
-    refused = CliRunner().invoke(cli, words)
-    assert refused.exit_code == 2
-    assert part in refused.output
-    assert not (tmp_path / "new").exists()
-
-
-@pytest.mark.long
-def test_the_shipped_policy_is_refined_from_the_file_that_plays(quick, tmp_path):
-    folder = tmp_path / "mine"
-    options = ["refine", "--rounds", "1", "--workers", "1", "--out", str(folder)]
-    done = CliRunner().invoke(cli, options)
-    assert done.exit_code == 0, done.output
-    card, began = read_card(folder / "mine.onnx"), read_card(shipped()["ppo"])
-    assert (card["training"]["rounds"], card["results"]["random 21x21"]["terrains"]) == (1, 3)
-    assert card["training"]["began_with"]["training"] == began["training"]
-    board = Episode.begin(EnvConfig(), seed=1).codes
-    assert load(folder / "mine.onnx").act(board) in range(4)
+    card = read_card(tmp_path / "mine" / "mine.onnx")
+    assert card["command"] == f"marsexplorer train {' '.join(options)} --out mine"
+    terrains = {where: figures["terrains"] for where, figures in card["results"].items()}
+    assert terrains == {"random 21x21": 3, "random 24x24": 2}
 
 
 def test_a_stopped_run_goes_on_by_the_same_command_with_resume(

@@ -19,6 +19,6 @@ test("a map is wished for by its name, whatever stands in the fields of level, s
 
 test("the default rival is the trained one, else the best rule", () => {
   assert.equal(favourite(["random", "ppo-21", "frontier-utility"]), "ppo-21");
-  assert.equal(favourite(["random", "frontier-utility", "planner"]), "frontier-utility");
+  assert.equal(favourite(["random", "frontier-utility", "frontier-cost"]), "frontier-utility");
   assert.equal(favourite([]), "");
 });

@@ -14,14 +14,10 @@ from humanplay.command.group import SETTINGS, Commands, Entry, run
 COMMANDS = {
     "evaluate": Entry("evaluate", "play", "Score policies on the same terrains."),
     "train": Entry("train", "train", "Train a policy on this machine."),
-    "refine": Entry("refine", "train", "Improve a trained policy by trying other moves."),
-    "sweep": Entry("sweep", "train", "Train on many levels and seeds."),
     "policies": Entry(
         "policies", "train", "List policies, show their cards, share them on the Hugging Face hub."
     ),
 }
-KEPT_BY_CTRL_C = frozenset({"train", "refine"})
-"""Commands that keep what they have done when Ctrl-C ends them; SIGTERM ends them the same way."""
 
 
 @click.group(
@@ -43,6 +39,6 @@ def cli() -> None:
 def main(args: Sequence[str] | None = None) -> NoReturn:
     """Run the command and exit with its code. args: the words after `marsexplorer`, those of the process by default."""
     words = sys.argv[1:] if args is None else args
-    if words and words[0] in KEPT_BY_CTRL_C:
+    if words and words[0] == "train":  # it keeps what it has done, as for Ctrl-C
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     run(cli, "marsexplorer", words)

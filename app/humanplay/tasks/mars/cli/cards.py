@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -25,11 +24,6 @@ def commit() -> str | None:
         return None
     top, head = done.stdout.splitlines()
     return head if Path(top) == root else None
-
-
-def hardware(processes: int) -> str:
-    """Return what the card says of the machine."""
-    return f"{platform.machine()}, {processes} cores"
 
 
 def measure_policy(

@@ -1,4 +1,4 @@
-"""The command `marsexplorer train`: train a policy by PPO, with a log, a learning curve and checkpoints; then refine it."""
+"""The command `marsexplorer train`: train a policy by PPO, with a log, a learning curve and checkpoints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from humanplay.command.console import noted_progress, written
 from humanplay.command.options import COUNT, flag, path_option, several
 from humanplay.tasks.mars.cli.cards import commit, measure_policy
 from humanplay.tasks.mars.cli.options import env_config_of, levels_option, seed_option, sizes_option
-from humanplay.tasks.mars.cli.refine import RefineOutput, own_card_of, refine_policy
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -31,8 +30,6 @@ TIMED_UPDATES = 4
 """Updates that are timed to find how many steps fit into --minutes."""
 PRINT_INTERVAL_S = 15
 """Seconds between two lines where stderr is no terminal."""
-REFINE_CHECKPOINT = "refine.pt"
-"""The file in a run's folder that its refining goes on from."""
 
 
 @click.command(short_help="Train a policy on this machine.")
@@ -50,20 +47,13 @@ REFINE_CHECKPOINT = "refine.pt"
     help="Train for about this long; a short measurement sets the steps.  [default: 30]",
 )
 @option("--steps", type=COUNT, help="Train for this many moves, rounded up to whole updates.")
-@option(
-    "--refine",
-    "rounds",
-    type=COUNT,
-    help="Then refine the policy on grids of these sizes for so many rounds, as `marsexplorer refine` does.",
-)
-@option("--workers", type=COUNT, help="Processes of --refine.  [default: one for each core]")
 @several(
     "--set",
     "settings",
     "Change a field of the recipe, such as gamma=0.99; repeatable. A wrong one lists all.",
     metavar="FIELD=VALUE",
 )
-@seed_option("The same seed, steps and rounds give the same weights.")
+@seed_option("The same seed and steps give the same weights.")
 @path_option("--out", "Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]")
 @flag("--resume", "Go on with the run in --out: the command that began it, with --resume.")
 @option(
@@ -78,8 +68,6 @@ def train(
     sizes: tuple[Any, ...],
     minutes: float | None,
     steps: int | None,
-    rounds: int | None,
-    workers: int | None,
     settings: tuple[str, ...],
     seed: int,
     out: Path | None,
@@ -91,8 +79,7 @@ def train(
     The folder --out gets the policy file, a log, a learning curve (curve.png), TensorBoard events and, every minute,
     a checkpoint. Ctrl-C keeps all of it, and --resume goes on to the same result as without the interruption. At the end
     the policy and the frontier rules play terrains that training never uses, 200 of 21x21 and fewer larger ones; the policy's
-    card gets the figures. With --refine the folder also keeps what PPO came to, NAME-ppo.onnx, and after every round
-    another checkpoint, which may take 1 GB while rounds are left; --minutes are those of PPO.
+    card gets the figures.
 
     \b
     Examples:
@@ -100,7 +87,7 @@ def train(
       marsexplorer train --minutes 5 --seed 1 --out runs/quick
       marsexplorer train --minutes 5 --set gamma=0.99 --set target_entropy=0.5,0.05
       marsexplorer train --level all --size 21 --size 42 --steps 10000000 --out runs/general
-      marsexplorer train --recipe priced --level all --size 21 --size 42 --size 84 --refine 10
+      marsexplorer train --recipe priced --level all --size 21 --size 42 --size 84
       humanplay serve --policy runs/quick/quick.onnx
     """
     if minutes is not None and steps is not None:
@@ -110,7 +97,6 @@ def train(
     from marsexplorer.training.run_folder import steps_of
 
     configs = configs_of(levels, sizes)
-    _check_rounds(rounds, workers, sizes)
     _check_device(device)
     try:
         config = with_fields(RECIPES[recipe], settings)
@@ -120,17 +106,14 @@ def train(
     folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(sides)}-s{seed}"
     if not resume and (folder / "checkpoint.pt").exists():
         raise UsageError(f"{folder} holds a run already; go on with --resume, or another --out")
-    if resume and rounds is None and (folder / REFINE_CHECKPOINT).exists():
-        raise UsageError(f"the run in {folder} is being refined; give the --refine it began with")
     try:
         if resume and steps is None:
             steps = steps_of(folder)
         steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
         given = [f"--level {level}" for level in levels] + [f"--size {side}" for side in sides]
-        refining = f" --refine {rounds}" if rounds else ""
         given += [f"--set {shlex.quote(each)}" for each in settings]
-        command = f"marsexplorer train --recipe {recipe} {' '.join(given)} --steps {steps}{refining} --seed {seed} --out "
-        here = f"{'' if device == 'cpu' else f' --device {device}'}{f' --workers {workers}' if workers else ''}"
+        command = f"marsexplorer train --recipe {recipe} {' '.join(given)} --steps {steps} --seed {seed} --out "
+        here = "" if device == "cpu" else f" --device {device}"
         again = f"{command}{shlex.quote(str(folder))}{here}"
         command += folder.name
         echo(again, err=True)
@@ -143,9 +126,7 @@ def train(
         run = TrainingRun.begin(config, configs, steps, seed, device)
         with written(f"to {folder}"):
             try:
-                trained = _train(run, steps, folder, resume, command, "-ppo" if rounds else "")
-                if rounds:
-                    _refine(run, trained, rounds, workers, command)
+                _train(run, steps, folder, resume, command)
             except KeyboardInterrupt:
                 kept = " --resume" if (folder / "checkpoint.pt").exists() else ""
                 echo(f"go on with: {again}{kept}", err=True)
@@ -154,26 +135,13 @@ def train(
         raise UsageError(str(error)) from error
 
 
-def _check_rounds(rounds: int | None, workers: int | None, sizes: tuple[Any, ...]) -> None:
-    """Raise UsageError where a policy cannot be refined as it was asked for."""
-    if rounds is None:
-        if workers is not None:
-            raise UsageError("--workers are the processes of --refine; add it, or leave it")
-        return
-    if not all(isinstance(size, int) and 21 <= size <= 84 for size in sizes):
-        instead = "give such a --size, or leave --refine out"
-        raise UsageError(f"--refine plays square grids of sides 21 to 84; {instead}")
-
-
-def _train(
-    run: TrainingRun, steps: int, folder: Path, resume: bool, command: str, suffix: str
-) -> Path:
-    """Make the run, write its folder, print how the policy does on held-out terrains and return its file."""
+def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: str) -> None:
+    """Make the run, write its folder and print how the policy does on held-out terrains."""
     from marsexplorer.training.ppo import train as train_network
     from marsexplorer.training.run_folder import RunFolder
 
     with _progress_bar(run) as on_update:
-        run_folder = RunFolder(folder, run, _card(run, steps, command), on_update, suffix)
+        run_folder = RunFolder(folder, run, _card(run, steps, command), on_update)
         if resume:
             run_folder.resume()
         try:
@@ -186,34 +154,6 @@ def _train(
             raise
     policy = run_folder.policy
     echo(f"{policy}: {measure_policy(policy, run_folder.save_policy, _measured(run))}")
-    return policy
-
-
-def _refine(
-    run: TrainingRun, trained: Path, rounds: int, workers: int | None, command: str
-) -> None:
-    """Refine the trained policy on the sizes of its run, in the run's folder, and print how it does on held-out terrains."""
-    from humanplay.jobs import cores
-    from marsexplorer.policies.files.card import read_card
-    from marsexplorer.training.network import load_net
-    from marsexplorer.training.refine import RefineRun, config_for
-
-    folder, processes = trained.parent, workers or cores()
-    sizes = tuple(config.rows for config in run.env_configs)
-    config = config_for(rounds, sizes, was_refined=False)
-    refine_run = RefineRun(load_net(trained), run.seed, config)
-    file = folder / f"{folder.resolve().name}.onnx"
-    own_card = own_card_of(command, processes)
-    log, checkpoint = folder / "refine.jsonl", folder / REFINE_CHECKPOINT
-    output = RefineOutput(file, refine_run, rounds, read_card(trained), own_card, log, checkpoint)
-    output.resume()
-    try:
-        refine_policy(output, processes)
-    except KeyboardInterrupt:
-        done = f"{refine_run.rounds_done} of {rounds} rounds of refining"
-        echo(f"stopped after {done}", err=True)
-        raise
-    echo(f"{file}: {measure_policy(file, output.save_policy, _measured(run))}")
 
 
 def _measured(run: TrainingRun) -> list[EnvConfig]:

@@ -7,7 +7,7 @@ from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import play_episode
-from marsexplorer.policies.planner import Planner, distance_weights
+from research.planner.planner import Planner, distance_weights
 
 
 def steps(policy, config, seeds):

@@ -1,5 +1,6 @@
 """Branched rollouts and refining: costs are what a literal replay finds, and a network learns from them."""
 
+import json
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
@@ -10,21 +11,22 @@ import pytest
 import torch
 from click.testing import CliRunner
 
-from humanplay.tasks.mars.cli import cli
+from humanplay.tasks.mars.cli import cards
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies import load
-from marsexplorer.policies.files.card import shipped
-from marsexplorer.policies.network.features import MOVE_NUMBERS, FeatureExtractor
+from marsexplorer.policies.files.card import read_card, shipped
+from marsexplorer.policies.network.features import MOVE_NUMBERS
 from marsexplorer.policies.network.policy import NetworkPolicy
 from marsexplorer.training.envs import EVALUATION_SEEDS
 from marsexplorer.training.network import Net, load_net
-from marsexplorer.training.refine import (
+from research.refinement import refine as refine_module
+from research.refinement.__main__ import refine
+from research.refinement.refine import (
     MAX_COST,
     MAX_EXTRA_MOVES,
     MAX_MOVES_PER_CELL,
-    TRANSPOSED,
     EpisodeTask,
     RefineConfig,
     RefineRun,
@@ -46,6 +48,15 @@ SMALL = RefineConfig(
     gradient_steps=40,
     batch_size=256,
     anchor_batch_size=32,
+)
+TINY = RefineConfig(
+    tasks_per_level=(("random", 1),),
+    episodes_per_task=2,
+    pairs_per_episode=2,
+    anchor_sizes=((23, 1),),
+    gradient_steps=6,
+    batch_size=64,
+    anchor_batch_size=16,
 )
 CONFIG = EnvConfig()
 SEED = 77_000
@@ -135,20 +146,6 @@ def test_terrains_kept_for_evaluation_are_refused(scorer):
         branch_episodes(CONFIG, scorer, EVALUATION_SEEDS.start - 2, 8, 4)
 
 
-def test_transposing_exchanges_rows_and_columns():
-    """A board and its transpose look the same once transposed, moves exchanged north-west and east-south."""
-    codes = np.random.default_rng(5).choice([0, 1, 1, 3], size=(1, 21, 21)).astype(np.uint8)
-    codes[0, 8, 5] = 2
-    features, nothing = FeatureExtractor(1, 21, 21, 6), np.zeros((1, 441), np.uint8)
-    found = features(codes, np.array([8 * 21 + 5]), nothing, np.array([1]))
-    planes, moves = (each.copy() for each in found)
-    turned = np.ascontiguousarray(codes.transpose(0, 2, 1))
-    mirrored, flipped = features(turned, np.array([5 * 21 + 8]), nothing, np.array([2]))
-    assert np.array_equal(planes[:, :, TRANSPOSED], mirrored)
-    alike = [k for k in range(16) if k not in (7, 8, 9)]  # rules break ties by compass
-    assert np.allclose(moves[:, ::-1, alike], flipped[:, :, alike])
-
-
 def test_sizes_that_are_branched_are_no_anchors_and_have_fewer_episodes(net):
     anchors = {"anchor_sizes": ((84, 2), (42, 8)), "anchor_levels": ("2-2-1",)}
     run, tasks = RefineRun(net, 4, replace(SMALL, sizes=(21, 42), **anchors)), set()
@@ -204,7 +201,6 @@ def test_a_run_that_is_gone_on_with_comes_to_the_same_weights_on_any_number_of_w
     assert all(map(torch.equal, whole.net.parameters(), second.net.parameters()))
     assert not all(map(torch.equal, whole.net.parameters(), net.parameters()))
     assert second.num_pairs == whole.num_pairs
-    assert first.identity == second.identity != RefineRun(deepcopy(net), 5, tiny).identity
 
 
 def test_a_network_begins_with_the_moves_that_it_made(net, scorer, tmp_path):
@@ -240,14 +236,41 @@ def test_a_spoilt_network_learns_which_moves_are_better_the_same_on_any_number_o
     assert saved_moves.mean() - 1.96 * saved_moves.std() / 100**0.5 > 0
 
 
-def test_what_is_no_network_of_ours_is_refused_and_a_run_is_never_written_over(tmp_path):
-    (tmp_path / "no.onnx").write_bytes(b"nothing")
-    refused = CliRunner().invoke(cli, ["refine", str(tmp_path / "no.onnx")])
+def test_the_command_refines_the_file_that_plays_and_writes_a_card_and_a_log(monkeypatch, tmp_path):
+    monkeypatch.setattr(refine_module, "DEFAULT_CONFIG", TINY)
+    monkeypatch.setattr(cards, "HELD_OUT_TERRAINS", 3)
+    folder = tmp_path / "mine"
+    done = CliRunner().invoke(refine, ["--rounds=2", "--workers=1", f"--out={folder}"])
+    assert done.exit_code == 0, done.output
+    card, began = read_card(folder / "mine.onnx"), read_card(shipped()["ppo"])
+    assert card["command"] == "python -m research.refinement ppo --rounds 2 --seed 0 --out mine"
+    assert card["training"]["rounds"] == 2
+    assert card["training"]["began_with"]["training"] == began["training"]
+    assert card["results"]["random 21x21"]["terrains"] == 3
+    lines = (folder / "log.jsonl").read_text().splitlines()
+    assert [json.loads(line)["round"] for line in lines] == [1, 2]
+    board = Episode.begin(EnvConfig(), seed=1).codes
+    assert load(folder / "mine.onnx").act(board) in range(4)
+
+
+@pytest.mark.parametrize(
+    ("policy", "part"),
+    [
+        ("ppo-works", "ppo-works.onnx is no policy: expected the 13 weights"),
+        ("ppo2", 'no policy "ppo2"'),
+        ("frontier-cost", "frontier-cost is a rule"),
+    ],
+)
+def test_what_is_no_network_of_ours_is_refused(policy, part):
+    refused = CliRunner().invoke(refine, [policy])
     assert refused.exit_code == 2
-    assert "is no policy" in refused.output
+    assert part in refused.output
+
+
+def test_a_run_is_never_written_over(tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run.onnx").write_bytes(b"mine")
-    kept = CliRunner().invoke(cli, ["refine", "--out", str(tmp_path / "run")])
+    kept = CliRunner().invoke(refine, ["--out", str(tmp_path / "run")])
     assert kept.exit_code == 2
     assert "exists already" in kept.output
     assert (tmp_path / "run" / "run.onnx").read_bytes() == b"mine"

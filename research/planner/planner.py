@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.compiled import kernel
+from marsexplorer.config import OBSTACLE
+from marsexplorer.lidar import ONE
 from marsexplorer.observation import valid_actions
 from marsexplorer.policies.base import Memory
 from marsexplorer.policies.guard import GuardedRule
@@ -22,15 +24,14 @@ from marsexplorer.policies.kernels.grid import (
     UNREACHABLE,
     Scratch,
     completion_target,
-    find_open_cells,
     grid_scratch,
     neighbour,
 )
 from marsexplorer.policies.kernels.visibility import (
+    View,
     VisibilityMap,
     count_visible,
     fill_bitboards,
-    mark_discovered,
 )
 from marsexplorer.random_numbers import below, mix, uniform
 
@@ -40,6 +41,27 @@ FULL_TOURS_CELLS = 42 * 42
 
 POWERS = 9
 """Weights distance^-(k/4) for k = 0..8."""
+
+
+@kernel
+def mark_discovered(view, row, col):
+    """Make the cells that `count_visible` left in `visible` known: clear their bits in `unknown`."""
+    unknown, _, sight, visible, stride, radius = view
+    side = 2 * radius + 1
+    lane, words = np.int64(sight[0]), np.int64(sight[1])
+    per_word = 64 // lane
+    mask = (ONE << np.uint64(side)) - ONE
+    shift = np.uint64(col & 63)
+    i = 0
+    for k in range(words):
+        for j in range(min(per_word, side - i)):
+            bits = (visible[k] >> np.uint64(j * lane)) & mask
+            if bits != np.uint64(0):
+                at = (row + i + j) * stride + (col >> 6)
+                unknown[at] &= ~(bits << shift)
+                if (col & 63) + side > 64:  # the window straddles two words
+                    unknown[at + 1] &= ~(bits >> (np.uint64(64) - shift))
+        i += per_word
 
 
 @kernel
@@ -125,10 +147,10 @@ def plan(codes, visited, start, target, tours, view, imagined, scratch, weights,
 
     # 1. Set out what is known. Unknown cells count as open: a tour walks through them.
     fill_bitboards(codes, view)
-    find_open_cells(codes, True, is_open)
     at_start = np.int64(0)
     for row in range(rows):
         for col in range(cols):
+            is_open[row * cols + col] = codes[row, col] != OBSTACLE
             at_start += codes[row, col] != 0
     largest = 0
     for d_row in range(-radius, radius + 1):
@@ -167,8 +189,8 @@ def plan(codes, visited, start, target, tours, view, imagined, scratch, weights,
     return best_action
 
 
-PlannerArrays = tuple[VisibilityMap, VisibilityMap, Scratch, NDArray[np.float64]]
-"""(known, imagined, scratch, weights), see `plan`."""
+PlannerArrays = tuple[View, View, Scratch, NDArray[np.float64]]
+"""(view, imagined, scratch, weights), see `plan`."""
 
 
 class Planner(GuardedRule):
@@ -182,6 +204,7 @@ class Planner(GuardedRule):
         super().__init__(sensor_radius)
         self.tours = tours
         self._state = np.zeros(1, np.uint64)
+        self._shape: tuple[int, ...] = ()
         self._arrays: PlannerArrays | None = None
         self.reset(0)
 
@@ -193,7 +216,7 @@ class Planner(GuardedRule):
     def decide(self, memory: Memory) -> int:
         """Return what the planner would do, guard aside, for an episode remembered elsewhere."""
         codes = memory.codes
-        known_map, imagined, scratch, weights = self._arrays_for(codes.shape)
+        view, imagined, scratch, weights = self._arrays_for(codes.shape)
         row, col = memory.position
         known, most = int(np.count_nonzero(codes)), completion_target(codes.size)
         target = most if known < most else codes.size
@@ -201,15 +224,17 @@ class Planner(GuardedRule):
         self._state[0] = mix(self._seed ^ memory.steps)
         action = plan(
             codes, memory.visited.reshape(-1), row * codes.shape[1] + col, target, tours,
-            known_map.view, imagined.view, scratch, weights, self._state,
+            view, imagined, scratch, weights, self._state,
         )  # fmt: skip
         return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
 
     def _arrays_for(self, shape: tuple[int, ...]) -> PlannerArrays:
-        if self._arrays is None or self._arrays[0].shape != shape:
+        if self._arrays is None or self._shape != shape:
+            self._shape = shape
+            view = VisibilityMap(shape, self.sensor_radius).view
+            imagined = (np.zeros_like(view[0]), *view[1:])  # shares all but `unknown`
             weights = distance_weights(math.prod(shape))
-            known_map = VisibilityMap(shape, self.sensor_radius)
-            self._arrays = known_map, known_map.with_own_unknown(), grid_scratch(shape), weights
+            self._arrays = view, imagined, grid_scratch(shape), weights
         return self._arrays
 
 

@@ -17,14 +17,12 @@ optimization", section 5.2; here with the whole episode as its length.)
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from copy import deepcopy
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from statistics import fmean
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch
@@ -42,10 +40,9 @@ from marsexplorer.evaluation.rollouts import (
     play_branches,
 )
 from marsexplorer.policies.network.batch import ActionScorer
-from marsexplorer.policies.network.features import SCALES
 from marsexplorer.policies.network.policy import rules_that_count
 from marsexplorer.training.envs import refuse_evaluation_seeds
-from marsexplorer.training.network import Net, mixed_precision
+from marsexplorer.training.network import TRANSPOSED, Net, mixed_precision
 from marsexplorer.training.ppo import MIN_LOG_PROB, between
 
 SIDE = 21
@@ -229,17 +226,8 @@ class RefineRun:
         self._observations = SampleBuffer(self.config.max_observations)
         self._next_seed = 2 * 10**15 + 10**12 * seed
 
-    @property
-    def identity(self) -> dict[str, Any]:
-        """What must agree for a state to go on in this run, as JSON has it: configuration, seed and first weights."""
-        weights = (tensor.numpy().tobytes() for tensor in self._original.state_dict().values())
-        digest = hashlib.sha256(b"".join(weights)).hexdigest()
-        identity = {"config": asdict(self.config), "seed": self.seed, "began_with": digest}
-        return cast(dict[str, Any], json.loads(json.dumps(identity)))
-
-    def state_dict(self, with_samples: bool = True) -> dict[str, Any]:
-        """Return everything that changes; without the samples where no further round is to be made."""
-        buffers = {"pairs": self._pairs, "observations": self._observations} if with_samples else {}
+    def state_dict(self) -> dict[str, Any]:
+        """Return everything that changes."""
         return {
             "rounds_done": self.rounds_done,
             "num_pairs": self.num_pairs,
@@ -248,7 +236,8 @@ class RefineRun:
             "learner": self._learner.state_dict(),
             "optimizer": self._optimizer.state_dict(),
             "rng_state": torch.get_rng_state(),
-            **{name: buffer.state_dict() for name, buffer in buffers.items()},
+            "pairs": self._pairs.state_dict(),
+            "observations": self._observations.state_dict(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -258,9 +247,8 @@ class RefineRun:
         self.net.load_state_dict(state["net"])
         self._learner.load_state_dict(state["learner"])
         self._optimizer.load_state_dict(state["optimizer"])
-        for name, buffer in (("pairs", self._pairs), ("observations", self._observations)):
-            if name in state:
-                buffer.load_state_dict(state[name])
+        self._pairs.load_state_dict(state["pairs"])
+        self._observations.load_state_dict(state["observations"])
         torch.set_rng_state(state["rng_state"])
 
     def make_tasks(self) -> list[EpisodeTask]:
@@ -549,15 +537,3 @@ class _FastNet(Net):
         with torch.inference_mode(), mixed_precision():
             logits, values = self(torch.from_numpy(planes), torch.from_numpy(moves))
         return logits.float().numpy(), values.float().numpy()
-
-
-def transposed_cells() -> Tensor:
-    """Return where each cell of the planes lies once rows and columns are exchanged: int64[CELLS]."""
-    parts, start = [], 0
-    for side, _ in SCALES:
-        parts.append(torch.arange(start, start + side * side).view(side, side).T.flatten())
-        start += side * side
-    return torch.cat(parts)
-
-
-TRANSPOSED = transposed_cells()

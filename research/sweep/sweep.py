@@ -1,4 +1,4 @@
-"""The command `marsexplorer sweep`: one training run for every level, size and seed, each on one core."""
+"""The command `python -m research.sweep`: one training run for every level, size and seed, each on one core."""
 
 from __future__ import annotations
 
@@ -10,18 +10,23 @@ from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click import ClickException, UsageError, option
 
 from humanplay.command.console import print_table, progress, written
 from humanplay.command.options import COUNT, path_option, several
+from humanplay.jobs import ClusterError, Jobs
 from humanplay.tasks.mars.cli.options import levels_option, sizes_option
 from humanplay.tasks.mars.cli.train import configs_of
-
-if TYPE_CHECKING:
-    from marsexplorer.config import EnvConfig
+from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation import RULES, evaluate
+from marsexplorer.files import to_cell, write_whole
+from marsexplorer.training.config import RECIPES
+from marsexplorer.training.envs import EVALUATION_SEEDS
+from marsexplorer.training.ppo import TrainingRun, train
+from marsexplorer.training.run_folder import RunFolder
 
 
 @dataclass(frozen=True)
@@ -66,7 +71,7 @@ NAN = float("nan")
 FIGURES = ("steps", "completion", "score", "rule_ratio")
 
 
-@click.command(short_help="Train on many levels and seeds.")
+@click.command(context_settings={"show_default": True})
 @levels_option("random")
 @sizes_option("21")
 @several("--seed", "seeds", "Training seed; repeatable.", type=click.IntRange(0, 1000), default=[0])
@@ -93,15 +98,13 @@ def sweep(
 
     \b
     Examples:
-      marsexplorer sweep --level all --seed 0 --seed 1 --seed 2 --out runs/levels
-      marsexplorer sweep --level random --size 21 --size 42 --steps 10000000 --ray head:6379 --out /shared/sizes
+      python -m research.sweep --level all --seed 0 --seed 1 --seed 2 --out runs/levels
+      python -m research.sweep --level random --size 21 --size 42 --steps 10000000 --ray head:6379 --out /shared/sizes
     """
     each = product(configs_of(levels, sizes), dict.fromkeys(seeds))
     runs = [_sweep_run(config, seed, recipe, steps, episodes) for config, seed in each]
     if (out / "sweep.csv").exists():
         raise UsageError(f"{out} holds a sweep already; give another --out")
-    from marsexplorer.files import write_whole
-
     with written(f"to {out}"):
         out.mkdir(parents=True, exist_ok=True)
         with write_whole(out / "sweep.csv") as file:
@@ -126,8 +129,6 @@ def _sweep_run(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: 
 
 
 def _run(runs: Sequence[SweepRun], out: Path, address: str | None) -> list[SweepResult]:
-    from humanplay.jobs import ClusterError, Jobs
-
     try:
         with Jobs(ray=address) as jobs, progress("training") as advance:
             advance(0, len(runs))
@@ -159,13 +160,6 @@ def train_all(
 
 def train_one(sweep_run: SweepRun, out: Path) -> SweepResult:
     """Train, measure and write one run, in this process."""
-    from marsexplorer.config import EnvConfig
-    from marsexplorer.evaluation import RULES, evaluate
-    from marsexplorer.training.config import RECIPES
-    from marsexplorer.training.envs import EVALUATION_SEEDS
-    from marsexplorer.training.ppo import TrainingRun, train
-    from marsexplorer.training.run_folder import RunFolder
-
     config = EnvConfig(**sweep_run.config)
     run = TrainingRun.begin(RECIPES[sweep_run.recipe], [config], sweep_run.steps, sweep_run.seed)
     folder = RunFolder(out / sweep_run.name, run, sweep_run.card, lambda metrics, seconds: None)
@@ -185,8 +179,6 @@ def train_one(sweep_run: SweepRun, out: Path) -> SweepResult:
 
 
 def _csv(results: list[SweepResult]) -> str:
-    from marsexplorer.files import to_cell
-
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["name", "recipe", "level", "rows", "cols", "seed", "moves", *FIGURES, "error"])

@@ -1,0 +1,1 @@
+"""How many moves does following imagined tours save? `python -m research.planner`."""

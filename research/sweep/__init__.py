@@ -1,0 +1,1 @@
+"""One training for every level, size and seed: `python -m research.sweep`."""
