@@ -430,7 +430,8 @@ def test_serve_refuses_a_taken_port_and_a_file_that_is_none(run, tmp_path):
     assert "choose another with --port" in err
     assert not (tmp_path / "play.db").exists()
     code, _, err = run("serve", "--port", 0, "--database", tmp_path / "no" / "such" / "play.db")
-    assert (code, is_one_sentence(err), "there is no folder" in err) == (1, True, True)
+    assert is_one_sentence(err), err
+    assert (code, "there is no folder" in err) == (1, True)
     assert not (tmp_path / "no").exists()
     (tmp_path / "text").write_text("hello " * 30)
     code, _, err = run("serve", "--port", 0, "--database", tmp_path / "text")
