@@ -3,16 +3,19 @@
 Kernels take whole numpy arrays and plain numbers; what each stands for is said where the kernel is called from. Counting
 references to array views cost more than half of the time of a step, hence `_nrt=False`: a kernel allocates nothing.
 
-The first run on a machine compiles for some seconds; one line on stderr says so, once a process. Later runs read the cache.
+The first run on a machine compiles for some seconds, and one line on stderr says so. Later runs read numba's cache.
 """
 
 from __future__ import annotations
 
+import fcntl
 import multiprocessing
+import os
 import sys
-import threading
 from collections.abc import Callable
-from typing import Any, TypeVar
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 from numpy.typing import NDArray
 
@@ -20,6 +23,7 @@ try:
     from llvmlite import ir
     from numba import int64, njit, types, uint64
     from numba.core import event
+    from numba.core.caching import FunctionCache
     from numba.extending import intrinsic
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
@@ -29,40 +33,107 @@ except ModuleNotFoundError as error:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-NOTICE_AFTER_S = 0.5
-"""Compiling that takes longer is explained on stderr."""
-
 NOTICE = "marsexplorer: compiling the rules for this machine, some seconds; the next start reads them from a cache"
 
 
-class CompilationNotice(event.Listener):
-    """Prints one line when compiling takes longer than NOTICE_AFTER_S; once a process, and never in a worker process."""
+class KernelCall(NamedTuple):
+    """A kernel as it is called: what to compile.
+
+    types  of the arguments, numba's
+    """
+
+    module: str
+    name: str
+    types: tuple[Any, ...]
+
+    def compile(self) -> None:
+        """Compile the kernel for these types, unless the cache has it."""
+        getattr(import_module(self.module), self.name).compile(self.types)
+
+
+class Compiling:
+    """Compiling in this process: it is said once, and done while no other process compiles.
+
+    instead  called with a kernel that the cache lacks, in place of compiling it; it raises. None: this process compiles
+    """
 
     def __init__(self) -> None:
-        self._depth, self._is_printed = 0, multiprocessing.parent_process() is not None
-        self._timer: threading.Timer | None = None
+        self.instead: Callable[[KernelCall], object] | None = None
+        self._is_said = multiprocessing.parent_process() is not None
+        self._depth = self._depth_at_lock = 0
+        self._lock: int | None = None
 
-    def on_start(self, event: Any) -> None:
-        """Start the timer at the outermost of nested compilations; numba holds its compiler lock here."""
+    @property
+    def is_locked(self) -> bool:
+        """Whether no other process compiles until this one has."""
+        return self._lock is not None
+
+    def lock(self) -> None:
+        """Wait until no other process compiles: numba's index of a kernel loses what two processes write at once."""
+        path = Path(FunctionCache(kernel).cache_path) / "compiling.lock"
+        self._lock = os.open(path, os.O_RDONLY | os.O_CREAT, 0o644)
+        fcntl.flock(self._lock, fcntl.LOCK_EX)
+        self._depth_at_lock = self._depth
+
+    def unlock(self) -> None:
+        """Let other processes compile, once the outermost of nested kernels is compiled."""
+        if self._lock is not None and self._depth == self._depth_at_lock:
+            os.close(self._lock)
+            self._lock = None
+
+    def began(self) -> None:
+        """Note that numba compiles a function, and say so the first time."""
         self._depth += 1
-        if self._depth == 1 and not self._is_printed:
-            self._timer = threading.Timer(NOTICE_AFTER_S, self._print)
-            self._timer.daemon = True
-            self._timer.start()
-
-    def on_end(self, event: Any) -> None:
-        """Stop the timer."""
-        self._depth -= 1
-        if self._depth == 0 and self._timer is not None:
-            self._timer.cancel()
-
-    def _print(self) -> None:
-        if not self._is_printed:
-            self._is_printed = True
+        if not self._is_said:
+            self._is_said = True
             print(NOTICE, file=sys.stderr, flush=True)
 
+    def ended(self, is_failed: bool) -> None:
+        """Note that a function is compiled, or could not be."""
+        self._depth -= 1
+        if is_failed:
+            self.unlock()
 
-event.register("numba:compile", CompilationNotice())  # type: ignore[no-untyped-call]
+
+compiling = Compiling()
+
+
+class _Listener(event.Listener):
+    """numba calls it on a cache miss alone, and holds its compiler lock then."""
+
+    def on_start(self, event: Any) -> None:
+        compiling.began()
+
+    def on_end(self, event: Any) -> None:
+        compiling.ended(event.is_failed)
+
+
+event.register("numba:compile", _Listener())  # type: ignore[no-untyped-call]
+
+
+class KernelCache(FunctionCache):  # type: ignore[misc]
+    """What was compiled of a kernel, on disk."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return what the cache has for these types of arguments; None: numba compiles it next, and saves it."""
+        found = super().load_overload(sig, target_context)
+        if found is not None or compiling.is_locked:
+            return found
+        if compiling.instead is not None:
+            function = self._py_func
+            compiling.instead(KernelCall(function.__module__, function.__name__, sig))
+        compiling.lock()
+        found = super().load_overload(sig, target_context)  # another process may have compiled it
+        if found is not None:
+            compiling.unlock()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save what was compiled."""
+        try:
+            super().save_overload(sig, data)
+        finally:
+            compiling.unlock()
 
 
 def kernel(function: F) -> F:
@@ -70,8 +141,9 @@ def kernel(function: F) -> F:
 
     What several kernels share is a kernel as well when it is long: compiled once for all of them instead of into each.
     """
-    compiled: F = njit(cache=True, nogil=True, _nrt=False)(function)  # type: ignore[call-overload]
-    return compiled
+    compiled: Any = njit(nogil=True, _nrt=False)(function)  # type: ignore[call-overload]
+    compiled._cache = KernelCache(function)  # as `cache=True` does with a FunctionCache
+    return compiled  # type: ignore[no-any-return]
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:

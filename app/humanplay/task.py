@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib import import_module
@@ -50,6 +50,9 @@ animation(others, is_large)  draws the course, and others beside it: `size` in p
 """
 
 
+GETTING_READY = "getting ready: this is compiled for this machine once, which takes some seconds"
+
+
 class GhostError(ValueError):
     """The policy that is asked for cannot be shown beside an episode; the text says why."""
 
@@ -60,6 +63,21 @@ class PolicyError(ValueError):
 
 class TaskFullError(RuntimeError):
     """No further run can begin at the moment; the text says why."""
+
+
+class NotReadyError(RuntimeError):
+    """Something that this needs is being made ready beside the server, once on a machine.
+
+    ready  done when it is, so that the same call succeeds; or with the error that kept it from being made
+    """
+
+    def __init__(self, ready: Future[None]) -> None:
+        super().__init__(GETTING_READY)
+        self.ready = ready
+
+    async def wait(self) -> None:
+        """Wait until it is ready; raise what kept it from being made."""
+        await asyncio.shield(asyncio.wrap_future(self.ready))
 
 
 class RunEndedError(Exception):
@@ -567,11 +585,14 @@ class Task(Rules, Protocol):
     def begin(self, choice: Choice) -> Run:
         """Return a run at its start; ValueError before a seed is drawn, or where it cannot be made.
 
-        TaskFullError where no further run can begin at the moment.
+        TaskFullError where no further run can begin at the moment. NotReadyError: see `on_threads`.
         """
 
     def viewer(self) -> Any:
         """Return the 3-D view of a server's boards (`Services.viewer`); None where there is none."""
+
+    def is_getting_ready(self) -> bool:
+        """Return whether something that a board waits for is being made ready beside the server (`NotReadyError`)."""
 
     def guards(self) -> str:
         """Return what guards the server from its runs, a sentence; "" where none is needed. ValueError where none can begin."""
@@ -581,6 +602,13 @@ class Task(Rules, Protocol):
 
 
 async def on_threads(task: Task, function: Callable[..., T], *arguments: Any) -> T:
-    """Return what a function comes to on a task's threads, or on those of the event loop where it has none."""
+    """Return what a function comes to on a task's threads, or on those of the event loop where it has none.
+
+    It is called again when what it lacked is ready, and no thread waits meanwhile.
+    """
     loop = asyncio.get_running_loop()
-    return await loop.run_in_executor(task.steps_on, function, *arguments)
+    while True:
+        try:
+            return await loop.run_in_executor(task.steps_on, function, *arguments)
+        except NotReadyError as error:
+            await error.wait()

@@ -52,6 +52,9 @@ export async function withTask(asked) {
   return answer && { ...answer, task: await loadTask(/** @type {TaskAbout | undefined} */ (answer.task)) };
 }
 
+/** How long a board may take that has to be compiled for this machine, in ms. */
+const BEGIN_MS = 300_000;
+
 /** @param {string} id */
 const session = (id) => `sessions/${encodeURIComponent(id)}`;
 
@@ -68,10 +71,10 @@ export const api = {
   episode: (id) => request(`episodes/${encodeURIComponent(id)}`),
   costs: (id) => request(`episodes/${encodeURIComponent(id)}/costs`, undefined, 600_000),
   act: (id, move) => request(`${session(id)}/act`, move),
-  createSession: (wish) => withTask(request("sessions", wish)),
+  createSession: (wish) => withTask(request("sessions", wish, BEGIN_MS)),
   about: (id) => withTask(request(`${session(id)}/about`, undefined, 4000)),
   mySession: (question = {}) => withTask(request(`me/session?${new URLSearchParams(question)}`)),
   watched: (id) => withTask(request(`watch/${encodeURIComponent(id)}`)),
-  nextEpisode: (id, wish) => withTask(request(`${session(id)}/episodes`, wish)),
+  nextEpisode: (id, wish) => withTask(request(`${session(id)}/episodes`, wish, BEGIN_MS)),
   setPace: (id, pace) => request(`${session(id)}/pace`, pace),
 };

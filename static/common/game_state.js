@@ -121,7 +121,7 @@ function applied(state, event) {
     case "notice": return noticed(state, event.text, event.tone ?? "error");
     case "challenged": return { ...state, opponent: event.opponent };
     case "moved": return state.notices.length ? { ...state, notices: [] } : state; // what they said was read before the key
-    case "dismiss": return { ...state, notices: state.notices.filter((notice) => notice.id !== event.id) };
+    case "dismiss": return { ...state, notices: state.notices.filter(({ id, text }) => id !== event.id && text !== event.text) };
   }
 }
 

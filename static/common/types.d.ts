@@ -28,7 +28,7 @@ type View = Window & typeof globalThis;
 type ApiRequest = <T>(path: string, body?: unknown, timeout_ms?: number, rest?: RequestInit) => Promise<T>;
 type Wished = Record<string, unknown>;
 type Api = {
-  health(): Promise<unknown>, task(): Promise<TaskAbout>, levels(): Promise<Mars.Level[]>, maps(): Promise<Mars.GivenMap[]>,
+  health(): Promise<{getting_ready: string | null}>, task(): Promise<TaskAbout>, levels(): Promise<Mars.Level[]>, maps(): Promise<Mars.GivenMap[]>,
   policies(): Promise<Choice[]>, history(): Promise<Me.History>,
   episode(id: string): Promise<{seed: number | null, level: string, rows: number, cols: number, actions: string[]}>,
   replay(id: string): Promise<ReplayData>,
@@ -92,7 +92,7 @@ type Opponent = {episode: string, course: Course};
 type GameEvent = {kind: "begun", about: About} | {kind: "received", role: Role, message: FromServer}
   | {kind: "link", link: GameState["link"]} | {kind: "watched", watched: Watched, name: string}
   | {kind: "replay", episode: string, about: About} | {kind: "notice", text: string, tone?: "error" | "note"}
-  | {kind: "dismiss", id: number} | {kind: "moved"} | {kind: "challenged", opponent: Opponent};
+  | {kind: "dismiss", id?: number, text?: string} | {kind: "moved"} | {kind: "challenged", opponent: Opponent};
 type Action = string;
 /** A position, (row, col), row 0 at the north edge. */
 type Cell = [number, number];

@@ -103,7 +103,16 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
   async function once(work) {
     if (isBusy) return;
     isBusy = true;
+    let text = "";
+    const late = setTimeout(async () => {
+      const why = (await api.health().catch(() => null))?.getting_ready;
+      if (!why || !isBusy) return;
+      text = `${why[0]?.toUpperCase()}${why.slice(1)}.`;
+      note(text);
+    }, 1000);
     await attempt(work);
+    clearTimeout(late);
+    if (text) dispatch({ kind: "dismiss", text });
     isBusy = false;
   }
   const note = (/** @type {string} */ text) => dispatch({ kind: "notice", text, tone: "note" });

@@ -20,7 +20,7 @@ from humanplay.board.messages import Pace
 from humanplay.board.participation import RefusedError
 from humanplay.board.session import Move, Session
 from humanplay.db.store import NOTICE_S, StoreError, Trial
-from humanplay.task import Decides, Policy, Task
+from humanplay.task import Decides, NotReadyError, Policy, Task
 
 MAX_BATCH = 64
 """Boards decided in one call at most: some 10 ms."""
@@ -215,10 +215,28 @@ class Agent:
                 self._decided = None  # the next episode began while the move waited
             except SlowDecisionError as error:
                 await self._give_up(error)
+            except NotReadyError as error:
+                await self._wait_for(error)
             except Exception as error:
-                _log.exception("the policy %s failed", self._session.row.driver_name)
-                self._single_moves, self._prepared_for, self._decided = 0, None, None
-                self._session.fail(f"the policy {self._session.row.driver_name!r} failed: {error}")
+                self._note_failure(error)
+
+    def _note_failure(self, error: Exception) -> None:
+        """Say that the policy failed; the next episode, or another policy, goes on."""
+        _log.error("the policy %s failed", self._session.row.driver_name, exc_info=error)
+        self._single_moves, self._prepared_for, self._decided = 0, None, None
+        self._session.fail(f"the policy {self._session.row.driver_name!r} failed: {error}")
+
+    async def _wait_for(self, error: NotReadyError) -> None:
+        """Say that the policy is getting ready, and wait; it is shown the episode again, which it may have seen in part."""
+        session = self._session
+        self._prepared_for = self._decided = None
+        session.fail(f"the policy {session.row.driver_name!r} is {error}")
+        try:
+            await error.wait()
+        except Exception as failure:
+            self._note_failure(failure)
+        else:
+            session.fault = None
 
     async def _give_up(self, error: SlowDecisionError) -> None:
         """Pause the board and say why; its policy is still at work on that decision, so the next one is of a fresh copy."""

@@ -10,7 +10,7 @@ from humanplay.board.lobby import Lobby
 from humanplay.board.messages import Act, ChangePace, Pace
 from humanplay.board.participation import SCRIPT, RefusedError
 from humanplay.board.session import Session
-from humanplay.task import Messages, describe
+from humanplay.task import GETTING_READY, Messages, describe
 from humanplay.web.access import (
     is_owner,
     player_of,
@@ -73,6 +73,8 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
 async def health(request: Request) -> dict[str, Any]:
     """Report the core version, which fixes what a recorded episode replays to, and how many sessions are in memory.
 
+    `getting_ready` says why a board that was asked for takes longer than a moment on a fresh machine; null otherwise.
+
     Like /healthz it says that the server is alive, with what a page shows; /readyz says whether moves are recorded. `status`
     is "failing", with the reason under `detail`, while the database is not where it was opened.
     """
@@ -80,6 +82,7 @@ async def health(request: Request) -> dict[str, Any]:
     fault = store.fault
     return {
         **({"status": "ok"} if fault is None else {"status": "failing", "detail": fault}),
+        "getting_ready": GETTING_READY if lobby.task.is_getting_ready() else None,
         "core_version": lobby.task.version,
         "sessions": len(lobby),
         "database": store.path.name,

@@ -18,7 +18,7 @@ from humanplay.board.messages import NO_BODY, describe_errors
 from humanplay.board.spectators import UnwatchableError
 from humanplay.db.store import StoreError
 from humanplay.jobs import REMEMBERED_S, RETRY_S, JobError, JobsFullError
-from humanplay.task import TaskFullError
+from humanplay.task import NotReadyError, TaskFullError
 from humanplay.web.protection.headers import headers_of
 from humanplay.web.replays.episodes import UnknownReplayError
 from humanplay.web.replays.files import VideoMissingError
@@ -27,7 +27,7 @@ from humanplay.web.templates import environment, path_of, root_of
 STATUSES: dict[type[Exception], int] = {
     UnknownSessionError: 404, UnwatchableError: 404, UnknownReplayError: 404, VideoMissingError: 404,
     RequestValidationError: 422, StoreError: 503, JobError: 503, JobsFullError: 503, TaskFullError: 503,
-    sqlite3.DatabaseError: 503,
+    NotReadyError: 503, sqlite3.DatabaseError: 503,
 }  # fmt: skip
 """Errors that may leave a handler as they are. A study's are none of them: their text may name files of the server."""
 

@@ -349,13 +349,17 @@ def _of_another(settings: Settings, task: str) -> Settings:
 
 
 def _task(
-    settings: Settings, policies: Policies | None = None, hidden: Sequence[Path] = ()
+    settings: Settings,
+    policies: Policies | None = None,
+    hidden: Sequence[Path] = (),
+    compiles_beside: bool = False,
 ) -> Task:
     """Return the task that the settings name; ValueError, LookupError or OSError where it, or a file of it, is none."""
     if settings.task == MARS:
         from humanplay.tasks.mars.task import served
 
-        return served(settings.policies, settings.maps, settings.cell_m, policies)
+        return served(settings.policies, settings.maps, settings.cell_m, policies, compiles_beside)
+    rules_of(settings.task).prepare()
     from humanplay.tasks.gymnasium.task import GymnasiumTask
 
     hides = (settings.database, settings.studies, settings.backups, *hidden)
@@ -439,8 +443,6 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
 
                 for path in settings.policies:
                     check_file(path)
-        once = "some seconds on the first start"
-        print(f"compiling the rules and loading the policies ({once})", flush=True)
         with _file_errors(), ExitStack() as stack:
             served = [settings, *(_of_another(settings, task) for task in settings.more)]
             names = [offer_name(rules_of(each.task)) for each in served]
@@ -449,11 +451,8 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
                 raise ValueError(f"{said}; give one another title in its file")
             tasks = []
             for each in served:
-                rules_of(each.task).prepare()
-                task = _task(
-                    each,
-                    hidden=[path for other in served for path in (other.database, other.studies)],
-                )
+                hidden = [path for other in served for path in (other.database, other.studies)]
+                task = _task(each, hidden=hidden, compiles_beside=True)
                 tasks.append(stack.enter_context(closing(task)))
                 if guards := task.guards():
                     print(guards, flush=True)

@@ -1,5 +1,5 @@
 import assert from "node:assert/strict";
-import test from "node:test";
+import { mock, test } from "node:test";
 import { ApiError } from "../../../static/common/api.js";
 import { createSessions, findBoard, modeOn, patiently, sessionWish, watchedInHash } from "../../../static/play/sessions.js";
 
@@ -91,4 +91,26 @@ test("an answer that does not come begins no board, which would abandon a ranked
 
 test("where nothing is to be chosen, nothing is asked for", () => {
   assert.deepEqual(sessionWish("practice", null), { player: "human" });
+});
+
+test("a board that has to be compiled says so until it begins", async () => {
+  mock.timers.enable({ apis: ["setTimeout"] });
+  /** @type {unknown[]} */
+  const said = [];
+  /** @type {(about: unknown) => void} */
+  let answer = () => {};
+  const api = { createSession: () => new Promise((resolve) => { answer = resolve; }), health: async () => ({ getting_ready: "getting ready: once" }) };
+  const sessions = createSessions({ api, storage: { setItem() {} }, wish: () => null, setHash() {}, onBegun() {},
+    dispatch: ({ kind, text }) => said.push([kind, text]) });
+  const started = sessions.start("practice");
+  mock.timers.tick(999);
+  for (let turn = 0; turn < 20; turn += 1) await null;
+  assert.deepEqual(said, []);
+  mock.timers.tick(1);
+  for (let turn = 0; turn < 20; turn += 1) await null;
+  assert.deepEqual(said, [["notice", "Getting ready: once."]]);
+  answer(about("new"));
+  await started;
+  assert.deepEqual(said.slice(1), [["begun", undefined], ["dismiss", "Getting ready: once."]]);
+  mock.timers.reset();
 });

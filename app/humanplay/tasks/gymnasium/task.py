@@ -73,6 +73,10 @@ class GymnasiumTask(GymnasiumRules):
     def viewer(self) -> None:
         """Return None: pages draw the environment's own picture."""
 
+    def is_getting_ready(self) -> bool:
+        """Return False: nothing is compiled."""
+        return False
+
     def guards(self) -> str:
         """Return what guards the server; ValueError where a process does not start, PolicyError where a policy cannot play."""
         for offer in self.policies.offers():

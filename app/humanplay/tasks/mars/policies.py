@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from humanplay.task import Configuration, PolicyOffer
+from humanplay.task import Configuration, NotReadyError, PolicyOffer
 from marsexplorer import policies
-from marsexplorer.config import MAP, OTHER_LEVELS, EnvConfig
+from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import Policy
 from marsexplorer.policies.files.imported import wrong_size
@@ -17,24 +17,16 @@ from marsexplorer.policies.files.imported import wrong_size
 class PolicyCatalogue:
     """The policies on offer: those that load by name, and further ones from paths.
 
-    Loading each once at the start finds a file that is no policy before anybody chooses it. One decision and one move of
-    each compile the kernels and the rules. A building and a cave compile what draws them.
+    The shipped ones play every size, and are loaded when somebody chooses them. A file is loaded and decides once before
+    anybody can, so that one that is no policy is found at the start.
     """
 
     def __init__(self, paths: Iterable[Path] = ()) -> None:
-        self._offers: dict[str, PolicyOffer] = {}
-        shipped = policies.names()
-        for source in (*shipped, *map(str, paths)):
-            policy = policies.load(source)
-            policy.reset(0)
-            size: tuple[int, int] | None = getattr(policy, "size", None)
-            episode = Episode.begin(EnvConfig.of("random", size or 5), seed=0)
-            episode.step(policy.act(episode.codes.copy()))
-            self._offers[policy.name] = PolicyOffer(
-                policy.name, policies.describe(source), source, size, policy.name in shipped
-            )
-        for level in (name for name in OTHER_LEVELS if name != MAP):
-            Episode.begin(EnvConfig.of(level, (6, 8)), seed=1)
+        offers = [
+            PolicyOffer(name, policies.describe(name), name, None, True)
+            for name in policies.names()
+        ]
+        self._offers = {offer.name: offer for offer in (*offers, *map(_try_out, paths))}
 
     def offers(self) -> list[PolicyOffer]:
         """Return what may be chosen."""
@@ -66,3 +58,17 @@ class PolicyCatalogue:
 def check_file(path: Path) -> None:
     """Read what a policy file says of itself; PolicyFileError or PolicyNotFoundError where there is none."""
     policies.describe(str(path))
+
+
+def _try_out(path: Path) -> PolicyOffer:
+    """Return the offer of a file whose policy decides and moves; PolicyFileError or PolicyNotFoundError where it is none."""
+    while True:
+        try:
+            policy = policies.load(path)
+            policy.reset(0)
+            size: tuple[int, int] | None = getattr(policy, "size", None)
+            episode = Episode.begin(EnvConfig.of("random", size or 5), seed=0)
+            episode.step(policy.act(episode.codes.copy()))
+            return PolicyOffer(policy.name, policies.describe(str(path)), str(path), size, False)
+        except NotReadyError as error:
+            error.ready.result()

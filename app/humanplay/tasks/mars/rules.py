@@ -20,6 +20,7 @@ from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode, Record, replay, score, unpack_terrain
 from marsexplorer.evaluation.effort import QUANTILE, SHORTEST, makes_no_effort
 from marsexplorer.terrain import generate
+from marsexplorer.warmup import step_once
 from marsexplorer.world import cells_that_count
 
 KEYS: Mapping[str, tuple[str, ...]] = {
@@ -231,7 +232,7 @@ class MarsRules:
 
     def prepare(self) -> None:
         """Let the rules be compiled now: a moment where it has been done before, seconds else."""
-        Episode.begin(EnvConfig.of("random", 5), seed=0).step(0)
+        step_once()
 
     def instance(self, config: EnvConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Return the packed terrain of a seed, and the north-west corner."""

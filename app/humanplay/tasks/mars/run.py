@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import msgspec
@@ -13,16 +14,24 @@ from numpy.typing import NDArray
 from humanplay.task import counted
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
+from marsexplorer.warmup import step_once
 
 CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
 """Code of a cell -> its character in a frame's grid."""
 _ENCODER = msgspec.json.Encoder()
 
 
+@cache
+def _load_step() -> None:
+    """Load what a move needs, or raise NotReadyError: a board moves on its event loop, where nothing may take long."""
+    step_once()
+
+
 class MarsRun:
     """One running episode (`humanplay.task.Run`)."""
 
     def __init__(self, episode: Episode) -> None:
+        _load_step()
         self._episode = episode
         self.step, self.abandon, self.record = episode.step, episode.abandon, episode.record
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-
 from humanplay.task import Cause, Choice, Decides, Policies
+from humanplay.tasks.mars.compilation import Compilation
 from humanplay.tasks.mars.messages import DRAWN_LEVELS, NewEpisode, NewSession
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.tasks.mars.rules import MarsRules
@@ -18,10 +19,11 @@ from humanplay.tasks.mars.terrains import GivenTerrain, MapCatalogue
 from marsexplorer.config import ALL_LEVELS, MAP, EnvConfig
 from marsexplorer.episode import Episode, unpack_terrain
 from marsexplorer.policies.network import batch
-from marsexplorer.terrain import generate
 
 SIDE = 21
 """Cells along a side of a terrain, unless another size is asked for."""
+EXAMPLES = Path(__file__).with_name("levels.json")
+"""A terrain of each level (SIDE, seed 0) by its name: rocks as bits of rows. `python -m tests.support.level_examples` draws it."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class Mars(MarsRules):
 
     policies: Policies
     catalogue: MapCatalogue = field(default_factory=MapCatalogue)
+    compilation: Compilation | None = None
 
     daily: ClassVar[EnvConfig] = EnvConfig.of("random", 21)
     decides: ClassVar[Decides] = batch
@@ -45,11 +48,18 @@ class Mars(MarsRules):
         """Return "": its runs are the server's own."""
         return ""
 
+    def is_getting_ready(self) -> bool:
+        """Return whether kernels are being compiled that a board waits for."""
+        return self.compilation is not None and self.compilation.is_running
+
     def close(self) -> None:
-        """Do nothing: all of it runs in the server."""
+        """End the process that compiles; all else runs in the server."""
+        if self.compilation is not None:
+            self.compilation.close()
 
     def levels(self) -> list[dict[str, Any]]:
         """Return the levels whose terrains seeds draw, each with one of them for a picture: rocks as bits of rows."""
+        examples = _examples()
         return [
             {
                 "name": level.name,
@@ -57,9 +67,7 @@ class Mars(MarsRules):
                 "topology": level.topology,
                 "morphology": level.morphology,
                 "pays_bonus": level.has_bonus,
-                "example": (
-                    generate(EnvConfig.of(level.name, SIDE), 0) @ (1 << np.arange(SIDE))
-                ).tolist(),
+                "example": examples[level.name],
             }
             for level in (ALL_LEVELS[name] for name in DRAWN_LEVELS)
         ]
@@ -112,13 +120,28 @@ class Mars(MarsRules):
         return MarsRun(Episode.begin(choice.config, None, given.cells, given.start))
 
 
+@cache
+def _examples() -> dict[str, list[int]]:
+    """Return the drawn terrains, since drawing them would compile what draws every level."""
+    examples: dict[str, list[int]] = json.loads(EXAMPLES.read_text())
+    return examples
+
+
 def served(
-    paths: Iterable[Path], maps: Iterable[Path], cell_m: float | None, policies: Policies | None
+    paths: Iterable[Path],
+    maps: Iterable[Path],
+    cell_m: float | None,
+    policies: Policies | None,
+    compiles_beside: bool = False,
 ) -> Mars:
     """Return the task of a server; LookupError, ValueError or OSError where a file is none.
 
-    paths     of further policies
-    maps      of map_server files, with cells of `cell_m` metres
-    policies  what is on offer, where that is loaded already
+    paths            of further policies
+    maps             of map_server files, with cells of `cell_m` metres
+    policies         what is on offer, where that is loaded already
+    compiles_beside  whether a process beside this one compiles what is missing, from now until the task is closed
     """
-    return Mars(policies or PolicyCatalogue(paths), MapCatalogue.read(maps, cell_m))
+    compilation = Compilation() if compiles_beside else None
+    if compilation is not None:
+        compilation.start()
+    return Mars(policies or PolicyCatalogue(paths), MapCatalogue.read(maps, cell_m), compilation)

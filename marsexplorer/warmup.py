@@ -1,0 +1,75 @@
+"""Calls of every kernel, in the order in which players need them: what a machine that has compiled none compiles.
+
+`python -m marsexplorer.warmup` makes all of them, so that no later process has anything to compile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from marsexplorer.config import MAP, OTHER_LEVELS, EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.policies import load, names
+from marsexplorer.terrain import generate, next_seed
+from marsexplorer.vector import MarsExplorerVector
+from marsexplorer.world import Worlds
+
+SMALL = EnvConfig.of("random", (6, 8))
+
+
+def step_once() -> None:
+    """Begin an episode on the paper's terrain and make a move."""
+    Episode.begin(EnvConfig.of("random", 5), seed=0).step(0)
+
+
+def begin(level: str) -> None:
+    """Begin an episode of a level."""
+    Episode.begin(EnvConfig.of(level, (6, 8)), seed=1)
+
+
+def play(name: str, config: EnvConfig = SMALL) -> None:
+    """Let a policy play an episode."""
+    episode, policy = Episode.begin(config, seed=1), load(name)
+    policy.reset(1)
+    while not episode.ended:
+        episode.step(policy.act(episode.codes))
+
+
+def decide_on_large_board(name: str) -> None:
+    """Let a policy decide where one rule is priced, not three."""
+    load(name).act(Episode.begin(EnvConfig.of("random", 84), seed=1).codes)
+
+
+def step_stacks() -> None:
+    """Step environments side by side, and draw terrains without an episode."""
+    envs = MarsExplorerVector(num_envs=2, level="random", size=(6, 8))
+    envs.reset(seed=1)
+    envs.step(envs.action_space.sample())
+    envs.action_masks()
+    generate(SMALL, next_seed(1))
+    worlds = Worlds(SMALL, 2)
+    worlds.start(np.arange(2))
+    worlds.step_autoreset(np.zeros(2, np.int64))
+
+
+def warmups() -> list[Callable[[], None]]:
+    """Return the calls: the rules, the shipped policy, the other levels, and the rest."""
+    best, *others = names()
+    levels = (name for name in OTHER_LEVELS if name != MAP)
+    return [
+        step_once,
+        partial(play, best),
+        partial(decide_on_large_board, best),
+        *(partial(begin, level) for level in levels),
+        *(partial(play, name) for name in others),
+        partial(play, "lookahead", EnvConfig.of("random", 14)),
+        step_stacks,
+    ]
+
+
+if __name__ == "__main__":
+    for warmup in warmups():
+        warmup()
