@@ -31,7 +31,7 @@ play: $(PLAY) ## serve the playground on http://127.0.0.1:8000 (PORT=... for ano
 agents: $(AGENTS)/.done ## what the agents in examples/agents need, in an environment of its own (docs/agents.md)
 
 test: $(DEV) browser ## all tests but the long campaigns, real browser included (WORKERS=... for fewer processes)
-	@$(BIN)/python -m tests.support.compile_kernels
+	@$(BIN)/python -m marsexplorer.warmup
 	$(BIN)/python -m pytest -m "not long and not bench and not alone" -n $(WORKERS) --dist worksteal
 	$(BIN)/python -m pytest -m alone $$(grep -rl --include='test_*.py' 'mark\.alone' tests)
 

@@ -108,10 +108,10 @@ class _Listener(event.Listener):
         compiling.ended(event.is_failed)
 
 
-event.register("numba:compile", _Listener())  # type: ignore[no-untyped-call]
+event.register("numba:compile", _Listener())
 
 
-class KernelCache(FunctionCache):  # type: ignore[misc]
+class KernelCache(FunctionCache):
     """What was compiled of a kernel, on disk."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -173,11 +173,11 @@ def merged(function: F) -> F:
 
 
 @intrinsic
-def popcount(typingctx, word):  # type: ignore[no-untyped-def]  # numba's calling convention for intrinsics
+def popcount(typingctx, word):  # numba's calling convention for intrinsics
     """Return the number of set bits in a uint64."""
     del typingctx, word
 
-    def code(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def code(context, builder, signature, args):
         del context, signature
         return builder.ctpop(args[0])
 
@@ -185,11 +185,11 @@ def popcount(typingctx, word):  # type: ignore[no-untyped-def]  # numba's callin
 
 
 @intrinsic
-def lowest(typingctx, word):  # type: ignore[no-untyped-def]  # numba's calling convention for intrinsics
+def lowest(typingctx, word):  # numba's calling convention for intrinsics
     """Return the index of the lowest set bit in a nonzero uint64."""
     del typingctx, word
 
-    def code(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def code(context, builder, signature, args):
         del context, signature
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
@@ -197,11 +197,11 @@ def lowest(typingctx, word):  # type: ignore[no-untyped-def]  # numba's calling 
 
 
 @intrinsic
-def prefetch(typingctx, array, index):  # type: ignore[no-untyped-def]  # numba's calling convention for intrinsics
+def prefetch(typingctx, array, index):  # numba's calling convention for intrinsics
     """Ask for the cache line of array[index], which need not exist, and go on without it."""
     del typingctx, index
 
-    def code(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    def code(context, builder, signature, args):
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
         place = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer())
         number = ir.IntType(32)

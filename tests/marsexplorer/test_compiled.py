@@ -1,8 +1,10 @@
 """Compiling takes long once: it is said once, and nothing is left to compile."""
 
+import fcntl
 import os
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 
@@ -49,13 +51,44 @@ def test_a_cold_start_says_it_once_and_leaves_nothing_to_compile(tmp_path):
     assert said[1] == ""
 
 
-def test_compiling_for_long_is_said_once(capsys, monkeypatch):
-    monkeypatch.setattr(compiled, "NOTICE_AFTER_S", 0.01)
-    notice = compiled.CompilationNotice()
-    for _ in range(2):
-        for _ in range(2):  # one compilation inside another
-            notice.on_start(None)
-        notice._timer.join()
-        for _ in range(2):
-            notice.on_end(None)
-    assert capsys.readouterr().err.splitlines() == [compiled.NOTICE]
+DOUBLED = """
+import numpy as np
+from marsexplorer.compiled import kernel
+
+@kernel
+def double(number):
+    return 2 * number
+
+if __name__ == "__main__":
+    import doubled, sys
+    print("calls", flush=True)
+    assert doubled.double(np.dtype(sys.argv[1]).type(3)) == 6
+"""
+
+
+@contextmanager
+def doubling(folder, kind):
+    """A process that calls a kernel of a module in the folder, for one type of number."""
+    env = os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": str(folder)}
+    command = [sys.executable, "-W", "error", folder / "doubled.py", kind]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=env, **pipes) as process:
+        assert process.stdout.readline() == "calls\n"
+        yield process
+
+
+def test_a_process_compiles_when_no_other_does_and_both_find_what_either_has_compiled(tmp_path):
+    (tmp_path / "doubled.py").write_text(DOUBLED)
+    with doubling(tmp_path, "int64") as first:
+        assert compiled.NOTICE in first.communicate()[1]
+    (lock,) = (tmp_path / "cache").rglob("compiling.lock")
+    with doubling(tmp_path, "float64") as second:
+        with lock.open() as held:
+            fcntl.flock(held, fcntl.LOCK_EX)
+            with doubling(tmp_path, "int64") as warm:
+                assert warm.communicate()[1] == "", "what is compiled waits for nobody"
+            assert second.poll() is None
+        assert compiled.NOTICE in second.communicate()[1]
+    for kind in ("int64", "float64"):
+        with doubling(tmp_path, kind) as warm:
+            assert warm.communicate()[1] == ""

@@ -38,6 +38,8 @@ from multiprocessing.reduction import recv_handle, send_handle
 from pathlib import Path
 from typing import Any, NoReturn
 
+from humanplay.jobs import give_way
+
 STEP_CPU_S = 2.0
 """Seconds of processor from one yield of a worker to the next."""
 START_S = 120.0
@@ -308,26 +310,12 @@ def _resident(pid: int) -> int:
         return 0
 
 
-def _give_way(nice: int) -> None:
-    """Lower the priority of this process and of its session, which Linux weighs as one against others (sched(7), autogroup)."""
-    own = str(os.nice(nice))
-    for _ in range(10):
-        try:
-            Path("/proc/self/autogroup").write_text(own)
-        except BlockingIOError:  # Linux takes one in 100 ms of a user who is not root
-            time.sleep(0.1)
-        except OSError:  # there are no such groups here
-            return
-        else:
-            return
-
-
 def _serve(name: str, argument: str, settings: Mapping[str, Any], descriptor: int) -> None:
     """Fork a worker for each request, until nobody asks any more."""
     connection = Connection(descriptor)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    _give_way(5)  # a worker that takes all it can get gives way to the server
+    give_way(5)  # a worker that takes all it can get gives way to the server
     try:
         confined = confine(settings["readable"], settings["hidden"], Path.cwd())
         module = import_module(name)

@@ -23,7 +23,7 @@ from marsexplorer.policies.network import batch
 SIDE = 21
 """Cells along a side of a terrain, unless another size is asked for."""
 EXAMPLES = Path(__file__).with_name("levels.json")
-"""A terrain of each level (SIDE, seed 0) by its name: rocks as bits of rows. `python -m tests.support.level_examples` draws it."""
+"""A terrain of each level by its name: rocks as bits of rows. `python -m tests.support.level_examples` draws them."""
 
 
 @dataclass(frozen=True)
