@@ -20,7 +20,7 @@ INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help play agents test test-long cards paper test-research check check-types check-rest format docs bench audit sbom dist clean browser
+.PHONY: help play agents test test-long cards paper tables test-research check check-types check-rest format docs bench audit sbom dist clean browser
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -40,6 +40,9 @@ test-long: $(DEV) browser ## the slow campaigns
 
 cards: $(DEV) ## play every episode that the cards of shipped policies list, move for move (`make test` plays ten of each)
 	$(BIN)/python -m pytest -m long --timeout 3600 tests/marsexplorer/policies/test_cards.py
+
+tables: $(DEV) ## draw the documents' tables of columns, settings, limits and commands again from the code
+	$(BIN)/python docs/draw_tables.py
 
 paper: $(RESEARCH)/.done ## what the paper's four algorithms need, in an environment of its own; then draw docs/paper.md again
 	$(RESEARCH)/bin/python -m research.paper.claims.page

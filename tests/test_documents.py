@@ -1,5 +1,6 @@
 """What the documents show in Python runs, block after block, and the environment's page keeps Gymnasium's headings."""
 
+import importlib.util
 import json
 import os
 import re
@@ -18,6 +19,9 @@ from humanplay.tasks.mars import cli as mars
 from marsexplorer.policies.files.card import of_paper, read_card, shipped
 
 ROOT = Path(__file__).parents[1]
+_spec = importlib.util.spec_from_file_location("draw_tables", ROOT / "docs/draw_tables.py")
+draw_tables = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(draw_tables)
 HEADINGS = [
     "Description",
     "Action Space",
@@ -281,6 +285,12 @@ def test_the_site_builds_without_a_warning_and_asks_nobody_else(tmp_path):
         assert not re.findall(
             r'<(?:script|link rel="stylesheet")[^>]*(?:src|href)="https?:', text
         ), name
+
+
+@pytest.mark.parametrize("page", draw_tables.PAGES)
+def test_the_tables_are_what_the_code_says(page):
+    text = (ROOT / "docs" / page).read_text()
+    assert draw_tables.redraw(text) == text, "`make tables` draws them again"
 
 
 def test_every_document_is_in_the_sites_navigation():

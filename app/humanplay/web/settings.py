@@ -84,112 +84,129 @@ class Limits(BaseModel):
 
     A bucket like 50+10/s lets 50 come at once and 10 a second after that. A classroom of 100 people
     behind one address stays below all of them.
-
-    sockets, sockets_per_address  websockets that may be open
-    handshakes_per_address  websockets that one address may open; one closed for too much costs 100
-    messages         of any one websocket; beyond, they wait, and a flood of them closes it with 1008
-    body_s           seconds in which the body of a request has come; beyond, it is answered 408
-    answer_s         seconds in which a client takes what is sent to it; beyond, it is disconnected
-    requests_per_address                       HTTP requests; beyond, they are refused
-    paced_per_address                          those for no file of a page; beyond, they wait
-    joins_per_address, joins_per_player        new and resumed participations, answers and settings of participants
-    sessions_per_address, sessions_per_player  new boards and attempts at the daily terrain
-    episodes_per_address, episodes_per_player  next episodes
-    decision_s       seconds that one decision of a policy may take; a board that is slower pauses
-    unplayed_h       hours after which a board of no study that was left is deleted, or closed if something was done on it
-    stored_address_percent, stored_player_percent, stored_study_percent
-                     bytes, in percent of the disk, that are stored for each on a day (UTC), or kept
-                     free for open episodes, before no board or episode is begun for it any more; a
-                     study's are not its addresses'
-    free_mb          free space of the disk, in megabytes, below which none is begun for anybody
-    token            whoever sends it in the header X-Humanplay-Token is not limited in what they ask
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     sockets: int = Field(default=2000, ge=1)
+    """Websockets that may be open in all."""
     sockets_per_address: int = Field(default=500, ge=1)
+    """Websockets that one address may have open."""
     handshakes_per_address: Bucket = "1000+10/s"
+    """Websockets that one address may open; one that was closed for too much costs 100."""
     messages: Bucket = "200+100/s"
+    """Messages over one websocket; beyond, they wait, and after 100 unanswered ones it is closed
+    with 1008."""
     body_s: float = Field(default=60.0, gt=0)
+    """Seconds in which the body of a request has come; beyond, 408."""
     answer_s: float = Field(default=20.0, gt=0)
+    """Seconds in which a client takes what is sent to it; beyond, it is disconnected."""
     requests_per_address: Bucket = "8000+500/s"
+    """HTTP requests of one address; beyond, 429. `/healthz` and `/readyz` have the same rate for
+    themselves."""
     paced_per_address: Bucket = "400+100/s"
+    """HTTP requests of one address, but for the files of pages; beyond, they wait."""
     joins_per_address: Bucket = "1000+1/s"
+    """Joins of studies, answers and settings of one address."""
     joins_per_player: Bucket = "60+0.5/s"
+    """Joins of studies, answers and settings of one cookie."""
     sessions_per_address: Bucket = "300+2/s"
+    """New boards and attempts at the daily terrain of one address."""
     sessions_per_player: Bucket = "60+1/s"
+    """New boards and attempts at the daily terrain of one cookie."""
     episodes_per_address: Bucket = "1200+20/s"
+    """Next episodes of one address."""
     episodes_per_player: Bucket = "120+2/s"
+    """Next episodes of one cookie."""
     decision_s: float = Field(default=10.0, gt=0)
+    """Seconds that one decision of a policy may take; beyond, its board is paused."""
     unplayed_h: float = Field(default=24.0, gt=0)
+    """Hours after which an abandoned board of no study is deleted, or closed if something was done
+    on it."""
     stored_address_percent: float = Field(default=0.5, gt=0)
+    """Percent of the disk that is charged to one address on a day (UTC), but for studies. An
+    episode counts the most that it can store while it is open, and then what it has stored."""
     stored_player_percent: float = Field(default=0.1, gt=0)
+    """The same, of one cookie."""
     stored_study_percent: float = Field(default=5.0, gt=0)
+    """The same, of one study, whose boards do not count against addresses."""
     free_mb: float = Field(default=500.0, ge=0)
+    """Megabytes of free disk below which nothing is begun for anybody."""
     token: SecretStr | None = Field(default=None, min_length=16)
+    """Whoever sends it in `X-Humanplay-Token`, as `humanplay simulate` does, has no limit on
+    requests, joins, boards, episodes and sockets."""
 
 
 class Place(BaseSettings):
     """Where a server and its files are, which is all that commands beside it need; see Settings."""
 
     model_config = SettingsConfigDict(
-        env_prefix=PREFIX, env_nested_delimiter="__", frozen=True, extra="forbid"
+        env_prefix=PREFIX,
+        env_nested_delimiter="__",
+        frozen=True,
+        extra="forbid",
+        use_attribute_docstrings=True,
     )
 
     host: str = "127.0.0.1"
+    """Where to listen."""
     port: int = Field(default=8000, ge=0, le=65535)
+    """The port to listen on; 0 takes a free one. A socket that systemd passes on stands in for
+    both."""
     public_url: Annotated[str, AfterValidator(_checked_url)] | None = None
+    """Where browsers find the pages, like https://mars.example. Its host is served beside IP
+    addresses, localhost and the machine's own names."""
     database: Path = DEFAULT_DATABASE
+    """The SQLite file, made on the first start. Its studies lie in the folder beside it."""
     signers: Path | None = None
+    """The file of pinned signing keys of releases; by default `known_signers.json` in your
+    configuration folder."""
 
 
 class Settings(Place):
-    """One server's settings, frozen; `Settings(port=0)` overrides, `HUMANPLAY_PORT=9000` in the environment as well.
-
-    host, port   where to listen; port 0 takes a free one. A socket that systemd passes on stands in for both
-    database     the SQLite file; made on first start. The studies that are played in it lie in the folder beside it
-    task         what is played: mars, or gymnasium: with an id or a description as JSON (`serve --env ENV`)
-    more         further ones, each below /play/NAME with a database of its own beside the first one's
-    signers      the file of pinned signing keys of releases; None: known_signers.json in the user's configuration folder
-    policies     paths of further policies to offer in addition to the shipped ones (`serve --policy PATH`)
-    maps         map_server files (YAML) to offer for play (`serve --map FILE`)
-    cell_m       side of their cells in metres; None for the task's own
-    public_url   where browsers find the pages, like https://mars.example; its host is served beside IP literals, localhost and
-                 the machine's own names
-    trusted_proxies  addresses and networks of proxies whose X-Forwarded headers count (`serve --trusted-proxy`)
-    durable      True survives a power cut at a few milliseconds a step (`synchronous=FULL`)
-    admin        True opens the operator's page /admin; with admin_password in the environment it is open anyway
-    admin_password  of the operator, from HUMANPLAY_ADMIN_PASSWORD; None: one is drawn and printed
-    metrics_port  of a listener of its own that serves metrics to Prometheus; 0 takes a free one, None: there is none
-    metrics_host  where that listener is; nobody but this machine reaches the default
-    log_format   "text", or "json" for one object a line on stderr
-    accept_loss  True starts with a database whose log is gone after a crash, without the moves that were in it
-    backup_every  minutes between backups that the server makes by itself; None: it makes none
-    backup_to    the folder that they are kept in; None: `backups`, beside the database
-    idle_s       seconds after which a session that nobody subscribes to or asks for leaves memory (access resumes it)
-    abandon_after_s  seconds without a move after which a ranked episode on the playground counts as abandoned
-    limits       what one client may ask of the server
-    """
+    """One server's settings, frozen; `Settings(port=0)` overrides, `HUMANPLAY_PORT=9000` in the environment as well."""
 
     task: str = "mars"
+    """What is played: `mars`, or `gymnasium:` with an id or a description as JSON (`serve --env
+    ENV`)."""
     more: tuple[str, ...] = ()
+    """Further tasks, each below `/play/NAME` with a database of its own beside the first one's."""
     policies: tuple[Path, ...] = ()
+    """Files of further policies to offer (`serve --policy FILE`)."""
     maps: tuple[Path, ...] = ()
+    """Maps of map_server (YAML) to offer (`serve --map FILE`)."""
     cell_m: float | None = Field(default=None, gt=0)
+    """The side of their cells in metres; by default the task's own."""
     trusted_proxies: tuple[Annotated[str, AfterValidator(_checked_proxy)], ...] = ()
+    """Addresses and networks of proxies whose X-Forwarded headers count (`serve --trusted-proxy`)."""
     durable: bool = False
+    """True survives a power cut, at a few milliseconds a move (`synchronous=FULL`)."""
     admin: bool = False
+    """True opens the operator's page `/admin`; with a password in the environment it is open
+    anyway."""
     admin_password: SecretStr | None = None
+    """The operator's password; if there is none, one is drawn and printed."""
     metrics_port: int | None = Field(default=None, ge=0, le=65535)
+    """A port of its own that serves metrics to Prometheus; 0 takes a free one. By default there is
+    none."""
     metrics_host: str = "127.0.0.1"
+    """Where that port listens; by default nobody but this machine reaches it."""
     log_format: Literal["text", "json"] = "text"
+    """`text`, or `json` for one object a line on stderr."""
     accept_loss: bool = False
+    """True starts with a database whose log is gone after a crash, without the moves that were in
+    it."""
     backup_every: float | None = Field(default=None, gt=0)
+    """Minutes between backups that the server makes by itself; by default it makes none."""
     backup_to: Path | None = None
+    """The folder of those backups; by default `backups` beside the database."""
     idle_s: float = Field(default=600.0, gt=0)
+    """Seconds after which a session that nobody looks at leaves memory; the next access resumes
+    it."""
     abandon_after_s: float = Field(default=1800.0, gt=0)
+    """Seconds without a move after which a ranked episode on the playground counts as abandoned."""
     limits: Limits = Limits()
+    """What one client may ask of the server."""
 
     @property
     def backups(self) -> Path:

@@ -3,29 +3,8 @@
 import sqlite3
 from contextlib import closing
 
-import pytest
-
-from humanplay import ROOT
-from humanplay.db.columns import TABLES, bundle_table, markdown, markdown_tables
+from humanplay.db.columns import TABLES
 from humanplay.db.store import Store
-
-
-def beyond_the_export(name):
-    """Return a bundle table's columns that no export has."""
-    exported = TABLES[name].names("export")
-    return tuple(each for each in bundle_table(name)[1] if each.name not in exported)
-
-
-@pytest.mark.parametrize(
-    ("page", "text"),
-    [
-        ("data", markdown_tables()),
-        *(("data", markdown(TABLES[name].columns("export"))) for name in ("episodes", "steps")),
-        *(("release", markdown(beyond_the_export(name))) for name in ("episodes", "input_events")),
-    ],
-)
-def test_the_documents_say_what_the_list_says(page, text):
-    assert f"\n{text}\n" in (ROOT / f"docs/{page}.md").read_text()
 
 
 def test_a_new_database_has_the_tables_and_columns_of_the_list_and_no_others(tmp_path):
