@@ -66,12 +66,17 @@ MAX_PRINTED = 200
 @KEY
 @flag("--pin", "to_pin", "Remember the dataset's signing key as a known one, if all else is well.")
 @option("--head", help="A head of the chain from before, or a release's folder, which holds one.")
+@flag(
+    "--accept-loss",
+    "Verify what is there, and let a server start with it, although commits are missing.",
+)
 def verify(
     database: Path | None,
     dataset: Path | None,
     key: str | None,
     to_pin: bool,
     head: str | None,
+    accept_loss: bool,
 ) -> int:
     """Simulate every finished episode from its configuration, terrain and actions, and compare all that was recorded.
 
@@ -99,10 +104,12 @@ def verify(
         raise UsageError(f"{given} goes with --dataset: a database is not signed")
     if dataset is not None and head is not None:
         raise UsageError("--head goes with --database: a dataset's signature stands for all of it")
+    if dataset is not None and accept_loss:
+        raise UsageError("--accept-loss goes with --database: nothing is noted beside a dataset")
     signer = None
     with failures(f"cannot read {dataset or 'the database'}"):
         if dataset is None:
-            result, about = _of_database(database, head)
+            result, about = _of_database(database, head, accept_loss)
         else:
             result, about, signer = _of_dataset(dataset, key, to_pin)
     for finding in result.findings[:MAX_PRINTED]:
@@ -117,7 +124,10 @@ def verify(
     return 1 if result.findings else 0
 
 
-def _of_database(database: Path | None, head: str | None) -> tuple[Verification, str]:
+def _of_database(
+    database: Path | None, head: str | None, accept_loss: bool
+) -> tuple[Verification, str]:
+    from humanplay.db.database import accept_missing
     from humanplay.release.verification import check_policy_files, verify_database
     from humanplay.study.folder import Folder
 
@@ -125,6 +135,8 @@ def _of_database(database: Path | None, head: str | None) -> tuple[Verification,
     folder = Folder.beside(path)
     known = {name: secret for name, (_, secret) in folder.known_secrets().items()}
     earlier = None if head is None else _earlier_head(head)
+    if accept_loss:
+        accept_missing(path)
     with progress("verifying (the rules are compiled first)") as advance:
         result = verify_database(path, advance, known, head=earlier)
     findings = (*result.findings, *check_policy_files(folder, known))

@@ -52,7 +52,7 @@ MARS_NEEDS = ("numba", "onnxruntime", "viser")
     metavar="ADDRESS",
 )
 @flag("--durable", "Survive a power cut; costs milliseconds.", default=None)
-@flag("--accept-loss", "Start although the log of a killed server is gone.", default=None)
+@flag("--accept-loss", "Start although commits are missing, or may be.", default=None)
 @option("--backup-every", type=float, metavar="MINUTES", help="Make a verified backup this often.")
 @path_option("--backup-to", "Keep them there.  [default: backups beside it]", metavar="DIR")
 @flag("--admin", "Open the operator's page /admin; its password is printed.", default=None)

@@ -20,8 +20,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from humanplay.db.checks import check_chain
-from humanplay.db.database import StoreError, reading
-from humanplay.db.file import DatabaseLock
+from humanplay.db.database import RUNS, StoreError, reading
+from humanplay.db.file import DatabaseLock, lock_path
 
 _log = logging.getLogger(__name__)
 
@@ -97,6 +97,9 @@ def _copy(database: Path, target: Path, advance: Advance | None) -> None:
             conn.execute("SELECT count(*) FROM meta").fetchone()
             check_room(conn, target.parent, "make room there, or give another place")
             conn.backup(copy, pages=PAGES, progress=progress)
+            # no server has the copy, and all of it is in the file
+            copy.execute("DELETE FROM meta WHERE name = ?", [RUNS])
+            copy.commit()
             # one file, which can be read where nothing can be written
             copy.execute("PRAGMA journal_mode = DELETE")
     except sqlite3.Error as error:
@@ -133,7 +136,7 @@ def restore(
 ) -> Path | None:
     """Put a verified copy of a backup in the place of a database, and return the name of what stood there, if anything did.
 
-    stamp  distinguishes that name: NAME.before-STAMP, with its log NAME.before-STAMP-wal where it has one
+    stamp  distinguishes that name: NAME.before-STAMP, with its log and note (-wal, -lock) where it has them
 
     StoreError while a server has the database, when the backup is not whole, and when the disk is full: nothing changes then.
     """
@@ -145,7 +148,7 @@ def restore(
         back_up(backup, new, advance)
         kept = _set_aside(database, stamp)
         new.replace(database)
-        lock.clear_step()
+        lock.clear_note()
         sync_folder(database.parent)
         return kept
     except OSError as error:
@@ -177,6 +180,8 @@ def _set_aside(database: Path, stamp: str) -> Path | None:
         each = database.with_name(database.name + suffix)
         if each.exists():
             os.link(each, kept.with_name(kept.name + suffix))
+    if was_there:
+        shutil.copy(lock_path(database), lock_path(kept))
     sync_folder(database.parent)
     for suffix in ("-wal", "-shm"):
         database.with_name(database.name + suffix).unlink(missing_ok=True)

@@ -2,10 +2,16 @@
 
 A database of ours has APPLICATION_ID in its header and the schema's number in `user_version`. The id is written before the
 file turns to write-ahead logging (WAL), so that it is in the file itself even when the server is killed a moment later.
+
+**Commits are counted.** The row `commits` of the table `meta` counts those of the server, and of commands beside it; the note
+beside the file (`humanplay.db.file`) says how many were acknowledged. The row `runs` is there while a server has the file, and
+after one that was killed. Before the file is used the two numbers are compared, as a reader sees them with the log if there is
+one, and nothing is written, so that a log can still be put back.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import sqlite3
 import sys
@@ -15,7 +21,18 @@ from pathlib import Path
 from typing import Any
 
 from humanplay.db.columns import SCHEMA, TABLES
-from humanplay.db.file import StoreError, hold, is_in_use
+from humanplay.db.file import (
+    DURABLE,
+    DatabaseLock,
+    StoreError,
+    boot_id,
+    hold,
+    is_in_use,
+    lock_path,
+    note_commit,
+    note_of,
+)
+from humanplay.task import counted
 
 
 @contextmanager
@@ -39,12 +56,14 @@ APPLICATION_ID = 0x48504C59
 
 __all__ = [
     "APPLICATION_ID",
+    "RUNS",
     "StoreError",
-    "check_last_step",
+    "accept_missing",
+    "check_commits",
     "check_writable",
+    "commits_in",
+    "count_commit",
     "damaged",
-    "holds_step",
-    "lost_steps",
     "open_database",
     "open_read_only",
     "reading",
@@ -56,6 +75,11 @@ __all__ = [
 
 BUSY_MS = 5_000
 _CONNECTION: Any = {"timeout": BUSY_MS / 1000, "isolation_level": None, "check_same_thread": False}
+RUNS = "runs"
+"""The row of `meta` that is there from a server's start to its clean end."""
+_COUNT = """INSERT INTO meta VALUES ('commits', '1') ON CONFLICT (name) DO UPDATE SET value = value + 1
+    RETURNING CAST(value AS INTEGER)"""
+_log = logging.getLogger(__name__)
 READ_ONLY = "the database {} is read-only: make it writable or give another --database"
 
 
@@ -79,6 +103,7 @@ def writing(path: Path, timeout_s: float = BUSY_MS / 1000) -> Iterator[sqlite3.C
     timeout_s  to wait for another program that is writing
     """
     check_writable(path)
+    check_commits(path)
     # mode=rw: a file that was just deleted is not made again, as an empty one
     uri = path.resolve().as_uri() + "?mode=rw"
     try:
@@ -86,6 +111,8 @@ def writing(path: Path, timeout_s: float = BUSY_MS / 1000) -> Iterator[sqlite3.C
             _check_schema(conn, path)
             with transaction(conn):
                 yield conn
+                commits = count_commit(conn)
+            note_commit(path, commits)
     except (sqlite3.Error, OSError) as error:
         raise StoreError(f"the database {path} did not take a write: {error}") from error
 
@@ -183,45 +210,82 @@ def check_writable(path: Path) -> None:
         raise StoreError(READ_ONLY.format(path))
 
 
-def check_last_step(path: Path, expected: tuple[str, int] | None) -> None:
-    """Check that a database holds the last step of a server that was killed, where its log is gone; StoreError otherwise.
+def count_commit(conn: sqlite3.Connection) -> int:
+    """Raise the number of commits within a transaction, and return it."""
+    return int(conn.execute(_COUNT).fetchone()[0])
 
-    expected  episode and step; None: nothing is known. Nothing is written, so that the log can still be put back.
+
+def check_commits(path: Path) -> int:
+    """Check that a database holds every commit that was acknowledged; StoreError otherwise. Writes nothing.
+
+    Returns: how many a power cut took from a server that was not `--durable`, which is logged; else 0.
     """
-    if expected is None or Path(f"{os.path.realpath(path)}-wal").exists():
-        return
-    try:
-        uri = path.resolve().as_uri() + "?mode=ro&immutable=1"
-        with closing(sqlite3.connect(uri, uri=True)) as conn:
-            if holds_step(conn, expected):
-                return
-    except sqlite3.Error as error:
-        if path.exists() and "no such table" not in str(error):
-            return  # damaged: whoever opens it says so
+    if path.exists() and is_in_use(path):
+        return 0
+    # the note first: what is committed meanwhile is not missing
+    note = note_of(path)
+    commits, runs = commits_in(path)
+    if note is None and runs:
+        raise StoreError(
+            f"cannot tell whether the database {path} is whole: a server had it open and was killed, or runs still, and "
+            f"{lock_path(path).name} is gone, which says how many commits there must be. Put that file back, restore a backup "
+            "(humanplay restore), or go on with what is there (`humanplay verify`, then `serve`, with --accept-loss)"
+        )
+    missing = 0 if note is None else note.commits - commits
+    if note is None or missing <= 0:
+        return 0
+    has_log = _log_of(path).exists()
+    what = counted(missing, "commit that was", "commits that were")
+    lacks = f"the database {path} lacks {what} acknowledged before its server was killed"
+    if has_log and note.boot not in (DURABLE, boot_id()):
+        _log.warning("%s: a power cut can do this, which --durable prevents", lacks)
+        return missing
+    state = "is not the one that they are in" if has_log else "is gone, and they are in it"
     raise StoreError(
-        f"{lost_steps(path, expected)}. Its log {path.name}-wal is gone, and with it what was played last: put it back beside "
-        "the database before anything else opens it, restore a backup, or go on without those moves (serve --accept-loss)"
+        f"{lacks}: it holds {commits}. Its log {_log_of(path).name} {state}: put it back beside the database before "
+        "anything else opens it, restore a backup (humanplay restore), or go on without them (`humanplay verify`, then "
+        "`serve`, with --accept-loss)"
     )
 
 
-def holds_step(conn: sqlite3.Connection, step: tuple[str, int]) -> bool:
-    """Return whether a database holds a step, given as episode and number."""
-    sql = "SELECT 1 FROM steps WHERE episode_id = ? AND step = ?"
-    return conn.execute(sql, step).fetchone() is not None
+def accept_missing(path: Path) -> None:
+    """Let a database be used as it is, although commits are missing or might be; StoreError while a server has it."""
+    lock = DatabaseLock(path)
+    try:
+        lock.begin_note(commits_in(path)[0], durable=False)
+    finally:
+        lock.close()
 
 
-def lost_steps(path: Path, step: tuple[str, int]) -> str:
-    """Return in words that a database lacks the last step which was recorded in it, without a full stop."""
-    episode, number = step
-    return (
-        f"the database {path} is older than it was when its server was killed: step {number} of the episode {episode}, the "
-        "last one that was recorded, is not in it"
-    )
+def commits_in(path: Path) -> tuple[int, bool]:
+    """Count a database's commits, 0 if it is new; and whether a server has not ended by itself. Writes nothing."""
+    if not path.exists() or path.stat().st_size == 0:
+        return 0, False
+    # without a log nothing is to be read but the file, and a log is not made here
+    uri = path.resolve().as_uri() + "?mode=ro" + ("" if _log_of(path).exists() else "&immutable=1")
+    try:
+        with closing(sqlite3.connect(uri, uri=True, **_CONNECTION)) as conn:
+            _check_schema(conn, path, may_be_new=True)
+            if _schema_of(conn) == 0:
+                return 0, False
+            found = dict(
+                conn.execute(
+                    "SELECT name, value FROM meta WHERE name IN ('commits', ?)", [RUNS]
+                ).fetchall()
+            )
+    except sqlite3.Error as error:
+        raise StoreError(_explain(path, error)) from error
+    return int(found.get("commits", 0)), RUNS in found
+
+
+def _log_of(path: Path) -> Path:
+    return Path(f"{os.path.realpath(path)}-wal")
 
 
 def open_database(path: Path, durable: bool = False) -> Database:
-    """Open the database for writing, recognised and in WAL mode; it is made when absent."""
+    """Open the database for writing, recognised, compared with its note and in WAL mode; it is made when absent."""
     check_writable(path)
+    check_commits(path)
     try:
         conn: sqlite3.Connection = sqlite3.connect(path, **_CONNECTION)
     except sqlite3.Error as error:
@@ -252,8 +316,8 @@ def open_read_only(path: Path) -> Database:
     if not path.exists():
         raise StoreError(f"no database at {path}: play first, or give the path with --database")
     recognise(path)
-    has_log = path.with_name(path.name + "-wal").exists()
-    still = "" if has_log or os.access(path.parent, os.W_OK) else "&immutable=1"
+    check_commits(path)
+    still = "" if _log_of(path).exists() or os.access(path.parent, os.W_OK) else "&immutable=1"
     uri = path.resolve().as_uri() + "?mode=ro" + still
     try:
         conn: sqlite3.Connection = sqlite3.connect(uri, uri=True, **_CONNECTION)

@@ -21,7 +21,7 @@ from typing import Any, Literal
 from humanplay.db import chain, names, volunteers
 from humanplay.db.backup import check_room
 from humanplay.db.chain import Thing
-from humanplay.db.database import StoreError, open_database, reading, rows, transaction
+from humanplay.db.database import RUNS, StoreError, open_database, reading, rows, transaction
 from humanplay.db.file import DatabaseLock
 from humanplay.db.releases import mark_outdated_releases
 from humanplay.db.study_rows import participant_label
@@ -100,7 +100,8 @@ def _rewritten(database: Path) -> Iterator[sqlite3.Connection]:
             with transaction(conn):
                 conn.execute("PRAGMA defer_foreign_keys = ON")
                 yield conn
-            lock.clear_step()  # it may be one of those that were erased
+                conn.execute("DELETE FROM meta WHERE name = ?", [RUNS])
+            lock.clear_note()
             try:
                 conn.execute("VACUUM")
             except sqlite3.Error as error:

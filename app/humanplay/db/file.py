@@ -13,10 +13,10 @@ there is a database. On Linux the other one is on the database itself, so that a
 link, through a hard link, and after NAME-lock was deleted. Linux keeps such locks (flock) apart from those of SQLite (POSIX);
 other systems do not, and have the first lock alone.
 
-**What it held last.** A server that is killed leaves its newest steps in the write-ahead log. If that log is gone at the next
-start, the database is whole and simply older, and SQLite cannot tell; a note of the last step in the lock file can. It is
-written after each step into the page cache, which a kill does not take away, and stands as long as a server has not ended by
-itself.
+**How much it must hold.** A server that is killed leaves its newest commits in the write-ahead log. If that log is gone at the
+next start, the database is whole and simply older, and SQLite cannot tell. So NAME-lock holds a note of how many commits were
+acknowledged (`humanplay.db.database` counts them). It is written after each commit into the page cache, which a kill does not
+take away, and emptied when a server ends by itself.
 """
 
 from __future__ import annotations
@@ -29,13 +29,16 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 GONE = (
     "the database file {name} was deleted, moved or replaced while the server runs: no move is made and nothing is recorded "
     "until it is put back; else stop the server and restore a backup (humanplay restore)"
 )
-_NOTE_BYTES = 256
-_ENDED, _RUNS = "-", "runs"
+DIGITS = 20
+"""Of the number of commits in a note, which is written over the former one."""
+DURABLE = "durable"
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 Identity = tuple[int, int]
 """Device and inode."""
@@ -174,32 +177,26 @@ class DatabaseLock:
         self._database = handle, identity
         _locked.add(identity)
 
-    def note_step(self, episode: str, step: int) -> None:
-        """Note the last step that was committed; takes about 2 microseconds. A disk that is full keeps the former note."""
-        self._note(f"{episode} {step}")
+    def begin_note(self, commits: int, durable: bool) -> None:
+        """Note on the disk how many commits the database holds, and whether a power cut may take further ones."""
+        if self._lock_file is not None:
+            text = f"{commits:0{DIGITS}} {DURABLE if durable else boot_id()}\n"
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._lock_file, 0)
+                os.pwrite(self._lock_file, text.encode(), 0)
+                os.fsync(self._lock_file)
 
-    def note_begin(self) -> bool:
-        """Note that a server runs, and return whether the one before it ended by itself; a noted step stays."""
-        if self._lock_file is None or os.pread(self._lock_file, 2, 0) != f"{_ENDED}\n".encode():
-            return False
-        self._note(_RUNS)
-        return True
-
-    def clear_step(self) -> None:
-        """Note that the server ended by itself, or that somebody changed the database on purpose: no step is expected."""
-        self._note(_ENDED)
-
-    def expected_step(self) -> tuple[str, int] | None:
-        """Return the episode and the step that the database must hold after a server that did not end by itself, else None."""
-        if self._lock_file is None:
-            return None
-        words = os.pread(self._lock_file, _NOTE_BYTES, 0).decode(errors="replace").split()
-        return (words[0], int(words[1])) if len(words) == 2 and words[1].isdecimal() else None
-
-    def _note(self, text: str) -> None:
+    def note(self, commits: int) -> None:
+        """Note a commit; takes about 2 microseconds. A disk that is full keeps the former note."""
         if self._lock_file is not None:
             with contextlib.suppress(OSError):
-                os.pwrite(self._lock_file, f"{text}\n".ljust(_NOTE_BYTES).encode(), 0)
+                os.pwrite(self._lock_file, f"{commits:0{DIGITS}}".encode(), 0)
+
+    def clear_note(self) -> None:
+        """Empty the note: all commits are in the file, which anybody may replace."""
+        if self._lock_file is not None:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._lock_file, 0)
 
     def close(self) -> None:
         """Leave the database to another server; a second call changes nothing."""
@@ -219,10 +216,51 @@ def in_use_error(path: Path) -> StoreError:
     return StoreError(f"{path} is in use by another server: stop it or give another --database")
 
 
+class Note(NamedTuple):
+    """What a note says.
+
+    commits  that were acknowledged
+    boot     of the system that they were made on, or DURABLE: then a power cut takes none
+    """
+
+    commits: int
+    boot: str
+
+
+def note_of(path: Path) -> Note | None:
+    """The note beside a database; None without one."""
+    try:
+        words = lock_path(path).read_text(errors="replace").split()
+    except OSError:
+        return None
+    return Note(int(words[0]), words[1]) if len(words) == 2 and words[0].isdecimal() else None
+
+
+def note_commit(path: Path, commits: int) -> None:
+    """Note a commit that was made beside a server, unless the server has noted a later one."""
+    note = note_of(path)
+    if note is not None and note.commits < commits:
+        with contextlib.suppress(OSError), lock_path(path).open("r+b") as file:
+            file.write(f"{commits:0{DIGITS}}".encode())
+
+
+def boot_id() -> str:
+    """What tells one start of the system from another; "unknown" where it is not Linux."""
+    try:
+        return _BOOT_ID.read_text().strip()
+    except OSError:
+        return "unknown"
+
+
+def lock_path(path: Path) -> Path:
+    """NAME-lock of a database, like its log beside the file that a link leads to."""
+    return Path(f"{os.path.realpath(path)}-lock")
+
+
 def _lock_file_of(path: Path) -> int:
     """Return the handle of NAME-lock, locked."""
     try:
-        name = path.with_name(path.name + "-lock")
+        name = lock_path(path)
         handle = os.open(name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:
         why = f"{error.strerror}; give another --database"

@@ -28,13 +28,15 @@ from humanplay.db import chain, volunteers
 from humanplay.db.columns import TABLES
 from humanplay.db.database import (
     BUSY_MS,
+    RUNS,
     StoreError,
-    check_last_step,
+    check_commits,
     check_writable,
-    holds_step,
-    lost_steps,
+    commits_in,
+    count_commit,
     open_database,
     open_read_only,
+    transaction,
 )
 from humanplay.db.file import DatabaseLock, FilePlace, LostDatabaseError, WriteRefusedError
 from humanplay.db.metrics import Metrics
@@ -452,9 +454,8 @@ async def _send(notice: Notice, text: str) -> None:
 class Store(Reader):
     """The one writer of a database; `path` is its file, and `metrics` counts its commits and the moves of its sessions.
 
-    accept_loss  open the database also when the log of a server that was killed is gone, with steps that were acknowledged
-    ended_well   whether the server before this one ended by itself
-    notice       one sentence when the last step that was committed before a crash is not there, else None
+    accept_loss  open the database also where commits that were acknowledged are missing, or might be
+    missing      how many commits a power cut took
     """
 
     def __init__(
@@ -469,28 +470,38 @@ class Store(Reader):
         check_writable(path)
         self._lock = DatabaseLock(path)
         try:
-            expected = self._lock.expected_step()
-            if not accept_loss:
-                check_last_step(path, expected)
+            self.missing = 0 if accept_loss else check_commits(path)
+            # from here on commits may be in the log alone: the note comes first, and is emptied last
+            self._lock.begin_note(commits_in(path)[0], durable)
             super().__init__(open_database(path, durable), path)
         except BaseException:
             self._lock.close()
             raise
+        self._conn: sqlite3.Connection = self._db.conn
+        self._lost: str | None = None
+        self._is_within, self._began = False, 0.0
+        self._undone: StoreError | None = None
+        self.writes = WriteQueue(self._commit, self._roll_back)
         try:
             self._lock.lock_database()  # of a file that was made just now
             self._place = FilePlace(path)
-            self.ended_well = self._lock.note_begin()
+            self._note_running(True)
         except BaseException:
             self.close()
             raise
-        self._lost: str | None = None
-        self._conn: sqlite3.Connection = self._db.conn
-        self.writes = WriteQueue(self._commit, self._roll_back)
-        self._is_within, self._began = False, 0.0
-        self._undone: StoreError | None = None
-        self._step: tuple[str, int] | None = None
-        is_there = expected is None or holds_step(self._conn, expected)
-        self.notice = lost_steps(path, expected) if expected and not is_there else None
+
+    def _note_running(self, runs: bool) -> None:
+        """Write that a server has the file, into the file itself, or that it has ended."""
+        how = (
+            "INSERT OR IGNORE INTO meta VALUES (?, '1')"
+            if runs
+            else "DELETE FROM meta WHERE name = ?"
+        )
+        with suppress(sqlite3.Error):  # a full disk: the note alone tells then
+            with transaction(self._conn):
+                self._conn.execute(how, [RUNS])
+                count_commit(self._conn)
+            self._conn.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
 
     def start_threads(self) -> None:
         """From now on write on one thread and read on others; call it on the running event loop."""
@@ -546,9 +557,11 @@ class Store(Reader):
         """Write everything to disk and leave the file to another server."""
         self.stop_threads()
         ends_well = self.fault is None
+        if ends_well:
+            self._note_running(False)
         super().close()
         if ends_well:
-            self._lock.clear_step()
+            self._lock.clear_note()
         self._lock.close()
 
     @property
@@ -594,7 +607,7 @@ class Store(Reader):
         if self._is_within:
             yield
             return
-        is_first, step = not self._conn.in_transaction, self._step
+        is_first = not self._conn.in_transaction
         has_savepoint = not is_first and not is_one_statement
         self._is_within = True
         try:
@@ -604,7 +617,6 @@ class Store(Reader):
                 if has_savepoint:
                     self._conn.execute("RELEASE part")
             except BaseException as error:
-                self._step = step
                 self._take_back(is_first, has_savepoint, error)
                 raise
         except sqlite3.Error as error:
@@ -646,13 +658,14 @@ class Store(Reader):
 
     def _commit(self) -> None:
         """Commit the transactions since the last call, if the file is where it was opened; else take them back."""
-        step, undone, self._step, self._undone = self._step, self._undone, None, None
+        undone, self._undone = self._undone, None
         if not self._conn.in_transaction and undone is None:
             return
         try:
             if undone is not None:
                 raise undone
             self._place.check()  # now the write can still be taken back
+            commits = count_commit(self._conn)
             self._conn.execute("COMMIT")
         except BaseException as error:
             self._roll_back()
@@ -663,8 +676,7 @@ class Store(Reader):
         self._lost = self._place.fault()
         if self._lost is not None:
             raise LostDatabaseError(self._lost)
-        if step is not None:
-            self._lock.note_step(*step)
+        self._lock.note(commits)
         self.metrics.commit.observe(time.perf_counter() - self._began)
 
     def _roll_back(self) -> None:
@@ -727,7 +739,6 @@ class Store(Reader):
             if self._conn.execute(_ADD_STEP, values).rowcount != 1:
                 what = f"step {row.step} is not the next of an open episode {row.episode_id!r}"
                 raise StoreError(f"{what}: nothing changed")
-            self._step = row.episode_id, row.step
             if row.step == 0:
                 chain.append_first_move(self._conn, row.episode_id)
             if closing is not None:
@@ -738,7 +749,6 @@ class Store(Reader):
         with self.transaction(is_one_statement=True):
             if self._conn.execute(_ADD_STEP, values).rowcount != 1:
                 return False
-            self._step = values[0], values[1]
         return True
 
     def is_episode_of(self, session_id: str, episode_id: str) -> bool:

@@ -155,8 +155,7 @@ def _app_of(
                 running += [services.progress.watch_closing()]
                 if (backups := _backups(settings, store)) is not None:
                     running.append(backups.run())
-                if store.ended_well:
-                    running.append(asyncio.to_thread(services.health.check))
+                running.append(asyncio.to_thread(services.health.check))
                 sweepers = [asyncio.create_task(each, name="sweep") for each in running]
                 for sweeper in sweepers:
                     sweeper.add_done_callback(_log_failure)
@@ -465,12 +464,9 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
                 # the store comes last: a start that fails leaves no new file behind
                 opened_store = Store(each.database, each.durable, counted, each.accept_loss)
                 store = stack.enter_context(closing(opened_store))
-                # after a clean stop it is checked beside play
-                if not store.ended_well and (found := quick_check(store.path)) != "ok":
+                # else it is checked beside play
+                if store.missing and (found := quick_check(store.path)) != "ok":
                     raise StoreError(damaged(store.path, found))
-                if store.notice is not None:
-                    why = "a power cut can do this, which --durable prevents"
-                    print(f"{store.notice}; {why}", flush=True)
                 prepared = replace(shared, task=task, store=store)
                 apps.append(_app_of(each, prepared, password, name))
             if password is not None and password.drawn:

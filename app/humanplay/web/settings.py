@@ -194,8 +194,7 @@ class Settings(Place):
     log_format: Literal["text", "json"] = "text"
     """`text`, or `json` for one object a line on stderr."""
     accept_loss: bool = False
-    """True starts with a database whose log is gone after a crash, without the moves that were in
-    it."""
+    """True starts although commits that were acknowledged are missing, or may be."""
     backup_every: float | None = Field(default=None, gt=0)
     """Minutes between backups that the server makes by itself; by default it makes none."""
     backup_to: Path | None = None

@@ -275,7 +275,7 @@ def test_a_database_killed_before_its_first_checkpoint_is_still_ours(tmp_path, p
     play(store, seed=1)
     copy = tmp_path / "copy"
     copy.mkdir()
-    for suffix in ("", "-wal"):
+    for suffix in ("", "-wal", "-lock"):
         shutil.copy(f"{path}{suffix}", copy / f"play.db{suffix}")
     store.close()
     again = Store(copy / "play.db")
