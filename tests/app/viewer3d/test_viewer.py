@@ -122,7 +122,7 @@ def test_one_page_serves_all_boards_and_is_kept_by_the_browser(server):
     assert other.status_code == 307
 
 
-def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, board):
+def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, board, caplog):
     client, about = board
     with (
         open_view(server, about["session"], "viser-v0.0.0") as view,
@@ -138,6 +138,11 @@ def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, 
         (msgspec.msgpack.encode({"type": "NoSuchMessage"}), 1007),
         (msgspec.msgpack.encode({**camera, "wxyz": "north"}), 1007),
         (msgspec.msgpack.encode({**camera, "image_width": "wide"}), 1007),
+        (msgspec.msgpack.encode({**camera, "position": [0.0, 0.0, 1e308]}), 1007),
+        (msgspec.msgpack.encode({**camera, "look_at": [float("nan"), 0.0, 0.0]}), 1007),
+        (msgspec.msgpack.encode({**camera, "fov": float("inf")}), 1007),
+        (msgspec.msgpack.encode({**camera, "image_height": 2**63}), 1007),
+        (msgspec.msgpack.encode({**camera, "position": [0.0, 1.0]}), 1007),
         ("text", 1003),
         (b"x" * 100_000, 1009),
     ):
@@ -149,6 +154,7 @@ def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, 
                 read_until(view, lambda _: False)
             assert closed.value.rcvd.code == code, invalid[:40]
             assert "expected" in closed.value.rcvd.reason
+    assert [record.getMessage() for record in caplog.records if record.levelname == "ERROR"] == []
     assert client.get("/api/health").status_code == 200
 
 

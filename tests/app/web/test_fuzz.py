@@ -5,8 +5,10 @@ What is sent is drawn from the seed alone, so a finding is found again.
 
 import json
 import logging
+import math
 import random
 import secrets
+import sys
 from collections import Counter
 from contextlib import suppress
 
@@ -30,8 +32,13 @@ MEANT = (503,)
 """Server statuses that are answers: too many ask at once."""
 
 WORDS = [
-    None, True, -1, 0, 2**63, 1e308, -0.0, "", "\x00", "\ud800", "e" * 5000, [], {}, [[]], {"kind": "act"}, "NaN",
+    None, True, -1, 0, 2**63, -0.0, "", "\x00", "\ud800", "e" * 5000, [], {}, [[]], {"kind": "act"}, "NaN",
 ]  # fmt: skip
+EXTREMES = [
+    sys.float_info.max, -sys.float_info.max, 1e308, 1e155, sys.float_info.min, 5e-324, sys.float_info.epsilon, 2.0**53,
+    math.inf, -math.inf, math.nan,
+]  # fmt: skip
+"""Floating-point numbers at which arithmetic overflows, vanishes or loses its order."""
 
 
 @pytest.fixture
@@ -126,10 +133,10 @@ def mutated(message, draw):
         elif what < 0.3 and isinstance(place, dict):
             place[draw.choice(["kind", "x", "episode", "step"])] = draw.choice(WORDS)
         else:
-            place[key] = draw.choice(WORDS)
+            place[key] = draw.choice(draw.choice([WORDS, EXTREMES]))
         if not message:
             return "{}"
-    if draw.random() < 0.1:
+    if draw.random() < (0.9 if "type" in message else 0.1):
         with suppress(UnicodeError, OverflowError):
             return msgspec.msgpack.encode(message)
     return json.dumps(message)

@@ -30,8 +30,15 @@ MAX_VIEWER_MESSAGE_BYTES = 64 * 1024
 ACCEPTED_MESSAGES = frozenset({"ViewerCameraMessage"})
 """Types of viser's messages that a browser may send: where it looks from, and nothing that changes anything here."""
 
+LARGEST = 1e6
+"""Largest number in such a message, in metres, radians or pixels: what is computed from larger ones may not be finite."""
+
 UNSUPPORTED, INVALID, TOO_BIG = 1003, 1007, 1009
 """Close codes of RFC 6455: a text message, one that viser cannot read, one that is too large."""
+
+
+_VECTORS = {"wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3}
+_NUMBERS = ("fov", "near", "far", "image_height", "image_width")
 
 
 class ViewerMessageError(Exception):
@@ -180,6 +187,7 @@ class Transport(_infra.WebsockServer):
             try:
                 message = self._message_class.deserialize(data)
                 if type(message).__name__ in ACCEPTED_MESSAGES:
+                    _check_numbers(message)
                     await self._handle_incoming_message(client_id, message)
                     await client._handle_incoming_message(client_id, message)
             except ConnectionClosedOK:
@@ -203,6 +211,17 @@ class Transport(_infra.WebsockServer):
         self._broadcast_buffer.generator_cursors.pop(client.client_id, None)
         await _call(self._client_disconnect_cb, client)
         self.boards.pop(client.client_id, None)
+
+
+def _check_numbers(camera: Any) -> None:
+    """Raise ValueError unless a camera's vectors have their lengths, and all of its numbers are small enough."""
+    for name, length in _VECTORS.items():
+        if len(getattr(camera, name)) != length:
+            raise ValueError(f"{name} must hold {length} numbers")
+    numbers = [getattr(camera, name) for name in _NUMBERS]
+    for number in itertools.chain(numbers, *(getattr(camera, name) for name in _VECTORS)):
+        if not abs(number) <= LARGEST:  # not a number compares with nothing
+            raise ValueError(f"expected a number of at most {LARGEST:g}, got {number}")
 
 
 async def _call(callbacks: list[Any], client: Any) -> None:
