@@ -72,6 +72,13 @@ def order_events(conn: sqlite3.Connection, participant: str) -> tuple[str, list[
     return kind, [row[0] for row in conn.execute(sql, (participant, ORDER_EVENT))]
 
 
+def stages_of(conn: sqlite3.Connection, participant: str) -> set[str]:
+    """Every stage that a participant came to, by their row and their events."""
+    sql = """SELECT stage FROM participants WHERE id = ?1 UNION SELECT json_extract(detail, '$.stage') FROM stage_events
+        WHERE participant_id = ?1 AND kind = 'stage' AND json_valid(detail)"""
+    return {str(stage) for (stage,) in conn.execute(sql, [participant])}
+
+
 def tasks(conn: sqlite3.Connection) -> list[str]:
     """Return the names of the tasks that episodes are of."""
     return [str(row["task"]) for row in rows(conn, "SELECT DISTINCT task FROM episodes")]

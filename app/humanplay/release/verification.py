@@ -34,6 +34,7 @@ from humanplay.db.checks import (
     order_events,
     participants_of,
     series,
+    stages_of,
 )
 from humanplay.db.database import reading
 from humanplay.db.resimulation import Finding
@@ -246,6 +247,7 @@ def _check_participants(
         episodes = episodes_of(conn, participant)
         order = yield from _ranked_order(conn, participant, episodes, protocol, expected)
         yield from _check_order(participant, episodes, protocol, order)
+        yield from _check_stage(conn, participant, episodes, protocol)
         for row in episodes:
             yield from _check_cause(row, expected)
 
@@ -310,6 +312,19 @@ def _check_order(
         order = list(range(count)) if phase == "warm_up" else ranked
         if order is not None and terrains != order[: len(terrains)]:
             yield Finding(where, f"order of {phase} terrains", terrains, order[: len(terrains)])
+
+
+def _check_stage(
+    conn: sqlite3.Connection,
+    participant: str,
+    episodes: list[dict[str, Any]],
+    protocol: Protocol,
+) -> Iterator[Finding]:
+    """Yield that a participant who came to the debrief has ended fewer ranked episodes than that takes."""
+    ended = sum(row["phase"] == "ranked" and row["ended_ms"] is not None for row in episodes)
+    if ended < protocol.ranked and {"debrief", "complete"} & stages_of(conn, participant):
+        wanted = f"{protocol.ranked}, since they came to the debrief"
+        yield Finding(f"participant {participant}", "ranked episodes that ended", ended, wanted)
 
 
 def _check_cause(row: dict[str, Any], expected: _Expected) -> Iterator[Finding]:

@@ -43,7 +43,7 @@ def place(tmp_path_factory):
             for trial in range(study.protocol.ranked):
                 recorder.play(people[-1], "ranked", trial)
     recorder.play(people[2], "ranked", 0)
-    recorder.join(7, kind="script")
+    recorder.join(7, kind="script", stage="ranked")
     write_chain_anew(recorder.conn)
     recorder.close()
     forget(folder / "play.db", people[0])

@@ -74,10 +74,13 @@ def traces(folder):
     """Everything in the database that says who somebody is, or lets one act for them."""
     found = {value.format(number) for value in IDENTITIES.values() for number in (0, 1, 2, 7)}
     ids = "participants.id players.id sessions.id participants.completion_code"
-    for name in f"{ids} meta.value identities.value".split():
+    for name in f"{ids} identities.value".split():
         found |= {
             row[0] for row in ask(folder / "play.db", f"SELECT {name} FROM {name.split('.')[0]}")
         }
+    found |= {
+        row[0] for row in ask(folder / "play.db", "SELECT value FROM meta WHERE name = 'secret'")
+    }
     assert len(found) > 20
     return found
 
@@ -147,7 +150,7 @@ def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypat
         tmp_path / "play.db-studies", config=EnvConfig("random", 33, 34), warm_up=0, ranked=1
     )
     recorder = StudyRecorder(tmp_path / "play.db", study)
-    ident = recorder.play(recorder.join(0), "ranked", 0)
+    ident = recorder.play(recorder.join(0, stage="ranked"), "ranked", 0)
     recorder.close()
     build_release(ReleaseRequest(tmp_path / "play.db", "dunes", tmp_path / "out"))
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "out/minari"))
@@ -163,7 +166,7 @@ def test_a_release_is_built_while_a_server_runs(copy):
     recorder = StudyRecorder(copy / "play.db", freeze(copy / "studies2", "unused"))
     built = build_release(ReleaseRequest(copy / "play.db", "dunes", copy / "new"))
     assert built.header.version == 2
-    recorder.play(recorder.join(9), "warm_up", 0)
+    recorder.play(recorder.join(9, stage="ranked"), "warm_up", 0)
     recorder.close()
     assert verify_database(copy / "play.db").findings == ()
     assert [row[1] for row in table(copy / "play.db", "releases", "version")] == [1, 2]
@@ -364,7 +367,7 @@ def test_a_study_closed_in_its_folder_alone_is_released_with_its_secret(tmp_path
     """`study close` may have run while no server noted it in the database."""
     study = freeze(tmp_path / "play.db-studies", close=False)
     recorder = StudyRecorder(tmp_path / "play.db", study)
-    recorder.play(recorder.join(0), "ranked", 0)
+    recorder.play(recorder.join(0, stage="ranked"), "ranked", 0)
     recorder.close()
     from humanplay.study.folder import Folder
 

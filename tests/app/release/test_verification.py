@@ -1,6 +1,7 @@
 """`verify`: what is as it was passes; whatever was changed is found and named."""
 
 import json
+import re
 import shutil
 import sqlite3
 from contextlib import closing
@@ -288,6 +289,58 @@ def test_a_forged_reward_is_named_with_what_is_stored_and_what_is_right(copy):
 RANKED = "(SELECT episode_id FROM series_episodes WHERE phase = 'ranked' AND trial = {})"
 
 
+@pytest.mark.parametrize("stage", ["complete", "withdrawn"])
+def test_the_newest_ranked_episode_is_missed_also_where_the_chain_is_made_anew(copy, stage):
+    conn, path = copy
+    conn.execute("PRAGMA foreign_keys = OFF")
+    newest = "SELECT episode_id, participant_id FROM series_episodes WHERE phase = 'ranked' ORDER BY trial DESC LIMIT 1"
+    episode, participant = conn.execute(newest).fetchone()
+    for table in ("steps", "input_events", "series_episodes"):
+        conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [episode])
+    conn.execute("DELETE FROM episodes WHERE id = ?", [episode])
+    conn.execute("DELETE FROM chain_salts WHERE id = ?", [episode])
+    came = "INSERT INTO stage_events VALUES (?, 900, 0, 'stage', ?)"
+    conn.execute(came, (participant, '{"stage": "debrief"}'))
+    conn.execute("UPDATE participants SET stage = ? WHERE id = ?", (stage, participant))
+    write_chain_anew(conn)
+    (finding,) = verify_database(path).findings
+    assert (finding.where, finding.what, finding.stored) == (
+        f"participant {participant}",
+        "ranked episodes that ended",
+        2,
+    )
+
+
+def test_the_documents_name_the_tables_outside_the_chain():
+    page = Path(__file__).parents[3] / "docs" / "release.md"
+    listed = (
+        page.read_text(encoding="utf-8").split("|tables outside the chain|", 1)[1].split("\n\n")[0]
+    )
+    names = {
+        name
+        for line in listed.splitlines()[2:]
+        for name in re.findall(r"`(\w+)`", line.split("|")[1])
+    }
+    outside = {
+        table.name for table in TABLES.values() if table.names() and not table.columns("chain")
+    }
+    assert names == outside
+
+
+CHAINED = [table.name for table in TABLES.values() if table.columns("chain")]
+
+
+@pytest.mark.parametrize("place", ["ASC", "DESC"])
+@pytest.mark.parametrize("table", CHAINED)
+def test_a_chained_row_that_is_deleted_from_a_closed_study_is_found(copy, table, place):
+    conn, path = copy
+    conn.execute("PRAGMA foreign_keys = OFF")
+    key = TABLES[table].names("chain")[0]
+    (row,) = conn.execute(f"SELECT {key} FROM {table} ORDER BY {key} {place} LIMIT 1").fetchone()
+    assert conn.execute(f"DELETE FROM {table} WHERE {key} = ?", [row]).rowcount > 0
+    assert verify_database(path).findings
+
+
 @pytest.mark.parametrize(
     ("harm", "found"),
     [
@@ -429,7 +482,7 @@ def test_a_damaged_file_is_a_sentence(played, tmp_path, capsys):
 def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_is_known(tmp_path):
     study = freeze(tmp_path / "play.db-studies", close=False)
     recorder = StudyRecorder(tmp_path / "play.db", study)
-    person = recorder.join(0)
+    person = recorder.join(0, stage="tutorial")
     recorder.play(person, "warm_up", 0)
     recorder.play(person, "ranked", 0, "open")
     recorder.close()

@@ -136,7 +136,7 @@ def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(s
 
 def test_a_participants_change_replaces_their_entry_and_hides_no_change_made_before_it(tmp_path):
     recorder = StudyRecorder(tmp_path / "play.db", freeze(tmp_path / "play.db-studies"))
-    person = recorder.join(0)
+    person = recorder.join(0, stage="ranked")
     study_store = StudyStore(recorder.store)
     study_store.add_stage_event(person, 5, "break", {})
     (entry,) = recorder.conn.execute(

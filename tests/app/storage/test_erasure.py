@@ -288,11 +288,11 @@ def test_somebody_in_two_studies_is_erased_from_one(tmp_path):
     path = tmp_path / "play.db"
     first, second = freeze(tmp_path / "studies", "first"), freeze(tmp_path / "studies", "second")
     recorder = StudyRecorder(path, first)
-    person = recorder.join(0)
+    person = recorder.join(0, stage="ranked")
     recorder.play(person, "ranked", 0)
     recorder.close()
     recorder = StudyRecorder(path, second)
-    other = recorder.join(0)
+    other = recorder.join(0, stage="ranked")
     recorder.play(other, "ranked", 0)
     (player,) = recorder.conn.execute(
         "SELECT player_id FROM participants WHERE id = ?", [person]

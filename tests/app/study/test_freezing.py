@@ -61,7 +61,7 @@ def test_a_time_of_freezing_that_was_changed_before_anybody_joined_is_found(tmp_
         json.dumps({**json.loads(file.read_text()), "frozen_at": "2026-01-01T00:00:00.000Z"})
     )
     with closing(StudyRecorder(path, folder.study("dunes"))) as recorder:
-        recorder.join(0)
+        recorder.join(0, stage="ranked")
     (found,) = verify_database(path).findings
     assert (found.where, found.what) == ("series dunes", "what the chain says was frozen")
 
