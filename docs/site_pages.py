@@ -11,7 +11,8 @@ from typing import Any
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-from humanplay.tasks.mars.course import PLAIN_POLICIES, course_of, play_ghost
+from humanplay.tasks.mars.course import course_of, play_ghost
+from humanplay.tasks.mars.drawn import PLAIN_POLICIES
 from humanplay.web.replays.page import single_file
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, Record

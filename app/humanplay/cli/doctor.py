@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from typing import Any
 
 import click
 from click import BadParameter, UsageError, argument, echo, option
@@ -100,7 +102,7 @@ def doctor(
       humanplay doctor minigrid:MiniGrid-FourRooms-v0 --toml > rooms.toml
       humanplay doctor --table CartPole-v1 Acrobot-v1 rooms.toml
     """
-    from humanplay.tasks.gymnasium.doctor import description_file, examine
+    from humanplay.tasks.gymnasium.doctor import examine
 
     if table:
         echo(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|")
@@ -111,7 +113,7 @@ def doctor(
         raise UsageError("expected an id of Gymnasium's; mars follows from seed and moves")
     try:
         if toml:
-            echo(description_file(task), nl=False)
+            echo(_description_file(task), nl=False)
             return 0
         with progress("playing in fresh processes") as advance:
             found = examine(task, seeds, steps, advance, rule=rule)
@@ -133,3 +135,33 @@ def doctor(
     for action, keys in found.keys.items():
         echo(f"  {action}: {', '.join(keys) or 'no key'}")
     return int(bool(found.differences))
+
+
+def _description_file(task: str) -> str:
+    """Return all that is known of an environment as a TOML file, with what is derived where nothing is said; ValueError."""
+    from humanplay.tasks.gymnasium.description import Description
+    from humanplay.tasks.gymnasium.rules import GymnasiumRules
+
+    rules = GymnasiumRules(task.partition(":")[2])
+    found = rules.description.model_dump(mode="json") | {
+        "title": rules.title,
+        "actions": rules.actions,
+        "keys": {code: name for name, codes in rules.keys.items() for code in codes},
+        "max_steps": rules.limit,
+    }
+    lines = []
+    for name, field in Description.model_fields.items():
+        is_said = found[name] not in ({}, [None, None])
+        said = f"{name} = {_toml(found[name])}" if is_said else f"# {name} ="
+        lines.append(f"{said}  # {field.description}\n")
+    return "".join(lines)
+
+
+def _toml(value: Any) -> str:
+    """Return a value as TOML: JSON but for tables."""
+    if isinstance(value, Mapping):
+        held = ", ".join(f"{json.dumps(name)} = {_toml(each)}" for name, each in value.items())
+        return f"{{ {held} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(value, ensure_ascii=False)

@@ -8,14 +8,12 @@ import pytest
 from humanplay import STATIC
 from humanplay.task import GhostError
 from humanplay.tasks.mars.course import (
-    PLAIN_LEVELS,
-    PLAIN_POLICIES,
     course_of,
     play_ghost,
     preferred,
-    sentence,
 )
-from humanplay.tasks.mars.run import CELL_CHARACTERS
+from humanplay.tasks.mars.drawn import PLAIN_LEVELS, PLAIN_POLICIES, sentence
+from humanplay.tasks.mars.grid import CELL_CHARACTERS
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import play_terrain

@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 
 from humanplay.task import counted, rules_of
-from humanplay.tasks.gymnasium.description import Description
-from humanplay.tasks.gymnasium.rules import GymnasiumRules, bytes_of, finite
+from humanplay.tasks.gymnasium.values import bytes_of, finite
 
 Progress = Callable[[int, int], None]
 
@@ -145,33 +144,6 @@ def examine(
         _median(ms for each in costs for ms in each["picture"]),
         (rows, columns), int(_median(size for each in costs for size in each["bytes"])), rules.keys,
     )  # fmt: skip
-
-
-def description_file(task: str) -> str:
-    """Return all that is known of an environment as a TOML file, with what is derived where nothing is said; ValueError."""
-    rules = GymnasiumRules(task.partition(":")[2])
-    found = rules.description.model_dump(mode="json") | {
-        "title": rules.title,
-        "actions": rules.actions,
-        "keys": {code: name for name, codes in rules.keys.items() for code in codes},
-        "max_steps": rules.limit,
-    }
-    lines = []
-    for name, field in Description.model_fields.items():
-        is_said = found[name] not in ({}, [None, None])
-        said = f"{name} = {_toml(found[name])}" if is_said else f"# {name} ="
-        lines.append(f"{said}  # {field.description}\n")
-    return "".join(lines)
-
-
-def _toml(value: Any) -> str:
-    """Return a value as TOML: JSON but for tables."""
-    if isinstance(value, Mapping):
-        held = ", ".join(f"{json.dumps(name)} = {_toml(each)}" for name, each in value.items())
-        return f"{{ {held} }}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return json.dumps(value, ensure_ascii=False)
 
 
 def _median(values: Iterator[float]) -> float:

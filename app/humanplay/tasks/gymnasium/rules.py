@@ -34,6 +34,8 @@ from humanplay.tasks.gymnasium.description import (
     keys_of,
     spec_of,
 )
+from humanplay.tasks.gymnasium.doctor import examine
+from humanplay.tasks.gymnasium.values import bytes_of, finite, plain
 from humanplay.tasks.lock import differences, lock_of
 from humanplay.tasks.policies import ProcessPolicies
 
@@ -535,8 +537,6 @@ class GymnasiumRules:
 
     def examine(self, config: GymnasiumConfig) -> None:
         """Raise ValueError where fresh processes play episodes of `EXAMINED` moves on each of five seeds differently."""
-        from humanplay.tasks.gymnasium.doctor import examine
-
         found = examine(self.name, steps=EXAMINED, config=config.to_dict())
         if found.differences:
             way = "mend the environment or name a wrapper that does; `humanplay doctor` says more"
@@ -614,39 +614,3 @@ class GymnasiumRules:
 def rules(told: str) -> GymnasiumRules:
     """Return the rules of an environment by what describes it; ValueError where there is none."""
     return GymnasiumRules(told)
-
-
-def finite(name: str, given: Any) -> float:
-    """Return what an environment told as a number; ValueError for one that neither database nor JSON holds."""
-    if not math.isfinite(value := float(given)):
-        raise ValueError(f"its {name} is {value}, which is no finite number")
-    return value
-
-
-def bytes_of(observation: Any) -> bytes:
-    """Return an observation as bytes that say its type and shape too."""
-    if isinstance(observation, Mapping):
-        parts = ((str(key).encode(), bytes_of(observation[key])) for key in sorted(observation))
-        return b"".join(part for pair in parts for part in pair)
-    if isinstance(observation, tuple):
-        return b"".join(map(bytes_of, observation))
-    if isinstance(observation, str):
-        return observation.encode()
-    array = np.asarray(observation)
-    whole = np.ascontiguousarray(array)
-    return b"".join((f"{array.dtype.str}{array.shape}".encode(), whole.view(np.uint8).data))
-
-
-def plain(observation: Any) -> Any:
-    """Return an observation as JSON holds it: arrays as nested lists, numbers that are not finite as null."""
-    if isinstance(observation, Mapping):
-        return {str(key): plain(value) for key, value in observation.items()}
-    if isinstance(observation, (tuple, list)):
-        return [plain(value) for value in observation]
-    if isinstance(observation, str):
-        return observation
-    values = np.asarray(observation)
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        values = values.astype(object)
-        values[~np.isfinite(values.astype(float))] = None
-    return values.tolist()

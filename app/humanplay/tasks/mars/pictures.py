@@ -16,19 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from humanplay.board.pictures import png as packed
-from humanplay.tasks.mars.course import NEVER, Course, sentence
+from humanplay.tasks.mars.drawn import NEVER, DrawnEpisode, sentence
+from humanplay.tasks.mars.grid import AMBER, NIGHT, ROCK, SOIL, Colour
 from marsexplorer.config import ACTIONS, OBSTACLE
 
-Colour = tuple[int, int, int]
-NIGHT: Colour = (14, 11, 13)
-SOIL: Colour = (168, 98, 60)
 SOIL_EDGE: Colour = (147, 82, 49)
-ROCK: Colour = (220, 203, 184)
 ROCK_EDGE: Colour = (189, 169, 143)
 SHOWN_NOW: Colour = (201, 144, 102)
 """Ground that the last move has shown."""
-AMBER: Colour = (255, 179, 71)
 TEAL: Colour = (95, 208, 197)
 ALARM: Colour = (255, 92, 69)
 ROVERS = (AMBER, TEAL)
@@ -45,17 +40,17 @@ LINE: Colour = (58, 44, 40)
 GOAL = 0.99
 
 
-def pixels_a_cell(course: Course, pixels: int) -> int:
+def pixels_a_cell(course: DrawnEpisode, pixels: int) -> int:
     """Return how many pixels a cell gets so that the longer side of the board stays within `pixels`."""
     return max(1, pixels // max(course.config.rows, course.config.cols))
 
 
 def board_picture(
-    course: Course,
+    course: DrawnEpisode,
     step: int,
     cell: int,
     colour: Colour,
-    other: tuple[Course, Colour] | None = None,
+    other: tuple[DrawnEpisode, Colour] | None = None,
     before: int | None = None,
 ) -> Image.Image:
     """Return a board as it stood after some moves; `cell` is the side of a cell in pixels.
@@ -79,7 +74,7 @@ def board_picture(
     return picture
 
 
-def _ground(course: Course, step: int, cell: int, before: int) -> Image.Image:
+def _ground(course: DrawnEpisode, step: int, cell: int, before: int) -> Image.Image:
     """Return the cells alone, with lines between them where there is room."""
     known = (course.known_since != NEVER) & (course.known_since <= step)
     fresh = known & (course.known_since > before)
@@ -101,7 +96,7 @@ def _ground(course: Course, step: int, cell: int, before: int) -> Image.Image:
 
 def _draw_path(
     draw: ImageDraw.ImageDraw,
-    course: Course,
+    course: DrawnEpisode,
     step: int,
     cell: int,
     colour: Colour,
@@ -137,7 +132,7 @@ def _rover(side: int, colour: Colour, heading: str) -> Image.Image:
     return picture.resize((side, side), Image.Resampling.LANCZOS)
 
 
-def _mark_crash(picture: Image.Image, course: Course, cell: int) -> None:
+def _mark_crash(picture: Image.Image, course: DrawnEpisode, cell: int) -> None:
     """Draw a cross on the rock that was hit, or at the edge that was driven over."""
     down, right = _AROUND[ACTIONS[course.actions[-1]]]
     (row, col), (row_before, col_before) = course.path[-1], course.path[-2]
@@ -168,7 +163,7 @@ class Look:
 class AnimationPicture:
     """Draws the boards of one course or two side by side, with names, moves and coverage."""
 
-    def __init__(self, courses: Sequence[Course], look: Look) -> None:
+    def __init__(self, courses: Sequence[DrawnEpisode], look: Look) -> None:
         self._courses, self._look = courses, look
         self._cell = pixels_a_cell(courses[0], look.board)
         config = courses[0].config
@@ -194,7 +189,7 @@ class AnimationPicture:
         return picture
 
     def _write(
-        self, draw: ImageDraw.ImageDraw, course: Course, step: int, colour: Colour, left: int
+        self, draw: ImageDraw.ImageDraw, course: DrawnEpisode, step: int, colour: Colour, left: int
     ) -> None:
         """Write name and moves above the board, coverage as a bar and what it came to below."""
         look, right = self._look, left + self._column
@@ -213,7 +208,7 @@ class AnimationPicture:
         draw.text((left, top + round(1.9 * look.text)), words, shade, font(look.text), anchor="ls")
 
 
-def preview(course: Course) -> bytes:
+def preview(course: DrawnEpisode) -> bytes:
     """Return the picture of a link's preview as PNG: the board at the end with the path, and what it came to in words."""
     picture = Image.new("RGB", PREVIEW, NIGHT)
     draw = ImageDraw.Draw(picture)
@@ -238,14 +233,6 @@ def png(picture: Image.Image) -> bytes:
     buffer = io.BytesIO()
     picture.save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
-
-
-def data_url(codes: NDArray[np.uint8]) -> str:
-    """Return what is known (uint8[rows, cols], codes of a view) as the data URL of a PNG, its longer side near 480 pixels."""
-    colours = np.array([NIGHT, SOIL, AMBER, ROCK], np.uint8)
-    cell = max(1, 480 // max(codes.shape))
-    pixels: NDArray[np.uint8] = np.repeat(np.repeat(colours[codes], cell, 0), cell, 1)
-    return packed(pixels, quick=True)
 
 
 def percent(share: float) -> str:

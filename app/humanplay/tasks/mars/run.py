@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from humanplay.task import counted
+from humanplay.tasks.mars.grid import data_url, encode_grid
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
 from marsexplorer.warmup import step_once
 
-CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
-"""Code of a cell -> its character in a frame's grid."""
 _ENCODER = msgspec.json.Encoder()
 
 
@@ -41,8 +40,6 @@ class MarsRun:
 
     def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
         """Return the known map as a picture and as what a frame holds of it: no reward, return, score or outcome."""
-        from humanplay.tasks.mars.pictures import data_url
-
         view = self.view()
         names = ("rows", "cols", "grid", "position", "discovered", "cells", "coverage", "heading")
         frame = json.loads(view.frame("", hides_scores=True)) if observation else {}
@@ -186,10 +183,3 @@ def text_frame(given: Mapping[str, Any]) -> str:
         f"@ the rover, at row {row}, column {col}; ? not seen yet; . free; # rock. {given['coverage']:.1%} is mapped.",
         *matrix,
     ))  # fmt: skip
-
-
-def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
-    """Return what is known of a terrain, codes uint8[rows, cols], as the `grid` of a frame."""
-    rows, cols = codes.shape
-    cells = codes.tobytes().translate(CELL_CHARACTERS).decode()
-    return [cells[start : start + cols] for start in range(0, rows * cols, cols)]

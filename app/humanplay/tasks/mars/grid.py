@@ -1,0 +1,32 @@
+"""What is known of a terrain: as the text of a frame, and as a small picture."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from humanplay.board.pictures import png
+
+CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
+"""Code of a cell -> its character in a frame's grid."""
+
+Colour = tuple[int, int, int]
+NIGHT: Colour = (14, 11, 13)
+SOIL: Colour = (168, 98, 60)
+AMBER: Colour = (255, 179, 71)
+ROCK: Colour = (220, 203, 184)
+
+
+def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
+    """Return what is known of a terrain, codes uint8[rows, cols], as the `grid` of a frame."""
+    rows, cols = codes.shape
+    cells = codes.tobytes().translate(CELL_CHARACTERS).decode()
+    return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
+
+
+def data_url(codes: NDArray[np.uint8]) -> str:
+    """Return what is known (uint8[rows, cols], codes of a view) as the data URL of a PNG, its longer side near 480 pixels."""
+    colours = np.array([NIGHT, SOIL, AMBER, ROCK], np.uint8)
+    cell = max(1, 480 // max(codes.shape))
+    pixels: NDArray[np.uint8] = np.repeat(np.repeat(colours[codes], cell, 0), cell, 1)
+    return png(pixels, quick=True)
