@@ -67,5 +67,5 @@ def test_play_evaluates_policies(tmp_path):
         text=True,
         check=False,
     )
-    assert (process.returncode, process.stderr) == (0, "")
+    assert process.returncode == 0, process.stderr
     assert "frontier-cost" in process.stdout

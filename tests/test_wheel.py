@@ -106,9 +106,9 @@ def test_page_and_shipped_policies_travel_with_the_wheel(wheel):
     for folder in (ROOT / "app" / "humanplay", ROOT / "marsexplorer"):
         own = {name for name in files_under(folder) if "__pycache__" not in name}
         assert {f"{folder.name}/{name}" for name in own} <= held, "templates and tables are there"
-    assert {
-        f"marsexplorer/data/policies/{name}" for name in files_under(ROOT / "data" / "policies")
-    } <= held
+    shipped = {path.name for path in (ROOT / "data/policies").iterdir() if path.is_file()}
+    assert {f"marsexplorer/data/policies/{name}" for name in shipped} <= held
+    assert not [name for name in held if "data/policies/paper" in name], "they are for a checkout"
     assert not [
         name
         for name in held
@@ -152,6 +152,50 @@ def test_an_installed_wheel_serves_the_page_and_a_session(home, tmp_path):
         assert client.get(f"/viewer/{begun.json()['session']}/").status_code == 200
     assert (tmp_path / "away.db").is_file()
     assert not files_under(tmp_path) - {"away.db", "away.db-lock", "away.db-wal", "away.db-shm"}
+
+
+@pytest.fixture
+def crowded(tmp_path):
+    """A folder of somebody's own project, with the names that other projects use too."""
+    for name in ("app.py", "research.py", "tests.py", "static.py", "data.py"):
+        (tmp_path / name).write_text("raise SystemExit('this module is not for humanplay')\n")
+    (tmp_path / "static").mkdir()
+    (tmp_path / "static/index.html").write_text("somebody's own page")
+    return tmp_path
+
+
+@pytest.mark.timeout(PATIENCE_S)
+def test_the_wheel_is_used_in_a_folder_of_somebodys_own_project(home, crowded):
+    environ = {**os.environ, "PYTHONPATH": "."}
+
+    def said(*command):
+        given = {"cwd": crowded, "env": environ, "capture_output": True, "text": True}
+        process = subprocess.run([*map(str, command)], check=False, **given)
+        assert (process.returncode, process.stderr) == (0, ""), process.stderr
+        return process.stdout
+
+    assert "serve" in said(home / "humanplay", "--help")
+    assert said(home / "humanplay", "--version").startswith("humanplay")
+    where = "import humanplay; print(humanplay.__file__)"
+    assert said(home / "python", "-c", where).startswith(str(home.parent))
+    assert "train" in said(home / "marsexplorer", "--help")
+    assert "no difference in" in said(
+        home / "humanplay", "doctor", "FrozenLake-v1", "--steps", "20"
+    )
+    served = (home / "humanplay", "serve", "--env", "FrozenLake-v1", "--port", "0")
+    with (
+        serving(crowded, *served, "--database", "lake.db", PYTHONPATH=".") as url,
+        httpx.Client(base_url=url, timeout=60, trust_env=False) as client,
+    ):
+        assert "somebody's own" not in client.get("/").text
+        assert client.post("/api/sessions", json={}).json()["task"]["title"] == "FrozenLake-v1"
+
+
+def test_the_agents_of_the_paper_are_asked_for_in_a_checkout(home, tmp_path):
+    command = [str(home / "humanplay"), "serve", "--paper", "--port", "0"]
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert process.returncode == 2
+    assert "Run `humanplay serve --paper` in a checkout" in process.stderr
 
 
 @pytest.mark.long

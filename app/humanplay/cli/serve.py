@@ -40,7 +40,7 @@ MARS_NEEDS = ("numba", "onnxruntime", "viser")
 )
 @flag(
     "--paper",
-    "Offer the agents of the paper's four algorithms too; ppo-paper had 240,000 of its 9,000,000 moves.",
+    "In a checkout: offer the agents of the paper's four algorithms too; ppo-paper had 240,000 of its 9,000,000 moves.",
 )
 @several("--map", "maps", "A map_server file (YAML) to play on; repeatable.", type=PATH)
 @option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
@@ -112,11 +112,7 @@ def serve(
       humanplay serve --map office.yaml --map garage.yaml
     """
     check_more(more, policies)
-    of_the_paper: Iterable[Path] = ()
-    if given.pop("paper"):
-        from humanplay.tasks.mars.players import of_paper
-
-        of_the_paper = of_paper().values()
+    of_the_paper = _policies_of_the_paper() if given.pop("paper") else ()
     flags = {name: value for name, value in given.items() if value is not None}
     if envs:
         flags["task"], *flags["more"] = map(task_name, envs)
@@ -170,6 +166,18 @@ def _run(settings: Settings, *opened: Callable[[str], object]) -> None:
         run(settings, *opened)
     except (ServerError, StoreError) as error:
         raise ClickException(str(error)) from error
+
+
+def _policies_of_the_paper() -> Iterable[Path]:
+    """The files of the paper's agents; UsageError if they are not here."""
+    from humanplay.tasks.mars.players import of_paper
+
+    if not (files := of_paper()):
+        raise UsageError(
+            "the agents of the paper are not installed: they are files of the repository, in data/policies/paper. "
+            "Run `humanplay serve --paper` in a checkout, or give a copy of a file with --policy"
+        )
+    return files.values()
 
 
 def _check_mars() -> None:

@@ -30,7 +30,8 @@ def shipped() -> dict[str, Path]:
 def of_paper() -> dict[str, Path]:
     """Return the files of the policies that the paper's four algorithms trained (docs/paper.md), by name: their stem.
 
-    They load by name as the shipped ones do, but `names` does not list them: `serve --paper` offers them.
+    They load by name as the shipped ones do, but `names` does not list them: `serve --paper` offers them. The wheel
+    has none.
     """
     return {path.stem: path for path in sorted((shipped_folder() / "paper").glob(f"*{SUFFIX}"))}
 
