@@ -18,6 +18,8 @@ from humanplay.web.access import (
     services_of,
     session_of,
 )
+from humanplay.web.answers.boards import Board
+from humanplay.web.answers.server import Alive, Health, Level, Map, Offer, Task
 from humanplay.web.errors import bad_input
 from humanplay.web.protection import has_own_origin
 from humanplay.web.sockets import as_move
@@ -69,7 +71,13 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
     }  # fmt: skip
 
 
-@router.get("/health", tags=["server"], summary="Is the server well?")
+@router.get(
+    "/health",
+    response_model=Health,
+    response_model_exclude_unset=True,
+    tags=["server"],
+    summary="Is the server well?",
+)
 async def health(request: Request) -> dict[str, Any]:
     """Report the core version, which fixes what a recorded episode replays to, and how many sessions are in memory.
 
@@ -89,7 +97,7 @@ async def health(request: Request) -> dict[str, Any]:
     }
 
 
-@probes.get("/healthz", summary="Is the server alive?")
+@probes.get("/healthz", response_model=Alive, summary="Is the server alive?")
 async def healthz() -> dict[str, str]:
     """Answer 200 for as long as requests are answered at all, whatever the disk does."""
     return {"status": "ok"}
@@ -97,6 +105,7 @@ async def healthz() -> dict[str, str]:
 
 @probes.get(
     "/readyz",
+    response_model=Alive,
     summary="Can the server record a move?",
     responses={503: {"description": "no: `detail` says why"}},
 )
@@ -110,26 +119,31 @@ async def readyz(request: Request) -> dict[str, str]:
     return {"status": "ok"}
 
 
-@router.get("/task", tags=["server"], summary="What is played here")
+@router.get("/task", response_model=Task, tags=["server"], summary="What is played here")
 async def task(request: Request) -> dict[str, Any]:
     """Return how it is called, drawn and measured, its actions by their codes, and the keys that pages begin with."""
     return describe(_lobby(request).task)
 
 
-@router.get("/levels", tags=["server"], summary="What can be played")
+@router.get("/levels", response_model=list[Level], tags=["server"], summary="What can be played")
 async def levels(request: Request) -> list[dict[str, Any]]:
     """List the levels; MarsExplorer has them: `random` is the paper's section 3.2, `t-m-b` the twelve of its section 3.3."""
     return _lobby(request).task.levels()
 
 
-@router.get("/maps", tags=["server"], summary="The maps that can be played")
+@router.get(
+    "/maps", response_model=list[Map], tags=["server"], summary="The maps that can be played"
+)
 async def maps(request: Request) -> list[dict[str, Any]]:
     """List the maps that the server was started with (`serve --map`); each name can be given as `map`, instead of a level."""
     return _lobby(request).task.maps()
 
 
 @router.get(
-    "/policies", tags=["server"], summary="The policies that can be watched or played against"
+    "/policies",
+    response_model=list[Offer],
+    tags=["server"],
+    summary="The policies that can be watched or played against",
 )
 async def policies(request: Request) -> list[dict[str, str]]:
     """List the policies; each name can be given as `player` or as `rival`."""
@@ -137,7 +151,12 @@ async def policies(request: Request) -> list[dict[str, str]]:
     return [{"name": offer.name, "summary": offer.summary} for offer in offers]
 
 
-@router.get("/me/session", tags=["play"], summary="The board that my page goes on with")
+@router.get(
+    "/me/session",
+    response_model=Board | None,
+    tags=["play"],
+    summary="The board that my page goes on with",
+)
 async def get_my_session(
     request: Request, watch: Id = None, episode: Id = None
 ) -> dict[str, Any] | None:
@@ -154,7 +173,12 @@ async def get_my_session(
     return None if found is None else await session_summary(_lobby(request), found)
 
 
-@router.get("/sessions/{session_id}/about", tags=["play"], summary="The session as it stands now")
+@router.get(
+    "/sessions/{session_id}/about",
+    response_model=Board,
+    tags=["play"],
+    summary="The session as it stands now",
+)
 async def get_about(request: Request, session_id: str) -> dict[str, Any]:
     """Return what POST /api/sessions returned, as it stands now; a page that was reloaded begins here."""
     session = await session_of(request, session_id)
@@ -179,7 +203,9 @@ def board_router(messages: Messages) -> APIRouter:
     stale = 'not the current frame: `{"detail", "frame"}`, and nothing has changed'
     act_answers = {**frame, 409: {"description": stale}}
 
-    @router.post("/sessions", status_code=201, tags=["play"], summary="Begin a session")
+    @router.post(
+        "/sessions", status_code=201, response_model=Board, tags=["play"], summary="Begin a session"
+    )
     async def create_session(
         request: Request,
         response: Response,
@@ -245,8 +271,12 @@ def board_router(messages: Messages) -> APIRouter:
         return _json(session.frame)
 
     @router.post(
-        "/sessions/{session_id}/episodes", status_code=201, tags=["play"], summary="Begin the next episode",
-    )  # fmt: skip
+        "/sessions/{session_id}/episodes",
+        status_code=201,
+        response_model=Board,
+        tags=["play"],
+        summary="Begin the next episode",
+    )
     async def create_episode(
         request: Request,
         session_id: str,

@@ -14,6 +14,9 @@ from humanplay.results.daily import DailyPlayedError, DailyTerrain, day_before
 from humanplay.results.daily_table import calendar, describe_attempt, people_on, streak
 from humanplay.task import MARS
 from humanplay.web.access import player_of, remember_player, services_of
+from humanplay.web.answers.boards import Board
+from humanplay.web.answers.daily import Day as DayAnswer
+from humanplay.web.answers.daily import Results, Today
 from humanplay.web.api import session_summary
 from humanplay.web.protection import has_own_origin
 from humanplay.web.services import Services
@@ -31,7 +34,7 @@ _DAY = Path(pattern=r"^\d{4}-\d{2}-\d{2}$", description="a date in UTC", example
 Day = Annotated[str, _DAY]
 
 
-@router.get("", summary="Today's terrain, and my attempt at it")
+@router.get("", response_model=Today, summary="Today's terrain, and my attempt at it")
 async def get_today(request: Request) -> dict[str, Any]:
     """Return the commitment to today's key, when the next day begins, and yesterday's key; by your cookie your attempt.
 
@@ -54,7 +57,7 @@ async def get_today(request: Request) -> dict[str, Any]:
     }
 
 
-@router.post("", status_code=201, summary="Play today's terrain, once")
+@router.post("", status_code=201, response_model=Board, summary="Play today's terrain, once")
 async def begin_today(request: Request, response: Response) -> dict[str, Any]:
     """Begin your attempt, or go on with it (200); the answer is that of POST /api/sessions. 409 once it is over.
 
@@ -77,14 +80,19 @@ async def begin_today(request: Request, response: Response) -> dict[str, Any]:
     return await session_summary(services.lobby, session)
 
 
-@router.get("/{day}", summary="The terrain of a day")
+@router.get("/{day}", response_model=DayAnswer, summary="The terrain of a day")
 async def get_day(request: Request, day: Day) -> dict[str, Any]:
     """Return level, size and commitment, and once the day is over the key and the seed, from which anybody can draw it."""
     services = services_of(request)
     return describe_terrain(services, await _terrain_on(services, day))
 
 
-@router.get("/{day}/results", summary="People and policies on the terrain of a day")
+@router.get(
+    "/{day}/results",
+    response_model=Results,
+    response_model_exclude_unset=True,
+    summary="People and policies on the terrain of a day",
+)
 async def get_results(request: Request, day: Day) -> dict[str, Any]:
     """Return ranks and the distribution of moves. Those of today are for whoever has finished today's attempt: else 403.
 

@@ -17,6 +17,7 @@ from humanplay.board.messages import Message
 from humanplay.db import names
 from humanplay.report.statistics.human_level import LEAST_EPISODES
 from humanplay.web.access import player_of, services_of
+from humanplay.web.answers.people import OwnName, People
 from humanplay.web.protection import has_own_origin
 
 router = APIRouter(prefix="/api", tags=["results"])
@@ -74,7 +75,7 @@ def cleaned(text: str) -> str:
     return name
 
 
-@router.get("/people", summary="People by their distance from Expert")
+@router.get("/people", response_model=People, summary="People by their distance from Expert")
 async def get_people(request: Request) -> dict[str, Any]:
     """Return who chose a name, the nearest to Expert first; and you, None without a cookie.
 
@@ -94,7 +95,7 @@ async def get_people(request: Request) -> dict[str, Any]:
     return {"people": people, "you": you}
 
 
-@router.put("/me/name", summary="Choose the name by which you are shown")
+@router.put("/me/name", response_model=OwnName, summary="Choose the name by which you are shown")
 async def set_name(request: Request, wanted: NewName) -> dict[str, Any]:
     """Choose a name, or another one; 422 for one that cannot be shown, 409 for a taken one, and before the first terrain."""
     player_id, services = _own_player(request), services_of(request)
@@ -111,7 +112,7 @@ async def set_name(request: Request, wanted: NewName) -> dict[str, Any]:
     return await store.read(partial(names.own, store, player_id))
 
 
-@router.delete("/me/name", summary="Be shown no more")
+@router.delete("/me/name", response_model=OwnName, summary="Be shown no more")
 async def remove_name(request: Request) -> dict[str, Any]:
     """Remove your name; what was played stays, without one."""
     player_id, store = _own_player(request), services_of(request).store

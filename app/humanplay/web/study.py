@@ -24,6 +24,8 @@ from humanplay.study.recruitment import Arrival, supervised_until_ms
 from humanplay.study.templates import placeholder_values
 from humanplay.task import describe
 from humanplay.web.access import PARTICIPANT, participant_of, remember_player, services_of
+from humanplay.web.answers.studies import ListedStudy, Participation
+from humanplay.web.answers.studies import Study as StudyAnswer
 from humanplay.web.api import session_summary
 from humanplay.web.results import costs_of
 
@@ -260,7 +262,7 @@ def _note(progress: ParticipantProgress, study: Study, participant: Participant)
     return progress.recruitment.obstacle(study, participant)
 
 
-@router.get("", summary="The studies of this server")
+@router.get("", response_model=list[ListedStudy], summary="The studies of this server")
 async def list_studies(progress: ProgressOf) -> list[dict[str, str | int]]:
     """List the studies whose protocol is frozen.
 
@@ -281,7 +283,12 @@ async def list_studies(progress: ProgressOf) -> list[dict[str, str | int]]:
     return found
 
 
-@router.get("/{name}", summary="What a study has published")
+@router.get(
+    "/{name}",
+    response_model=StudyAnswer,
+    response_model_exclude_unset=True,
+    summary="What a study has published",
+)
 async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
     """Return what fixes protocol and terrains before anybody has played; `secret` is null until the study is closed."""
     with answering_study_errors():
@@ -307,7 +314,9 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
     }
 
 
-@router.post("/{name}/join", status_code=201, summary="Take part, or go on")
+@router.post(
+    "/{name}/join", status_code=201, response_model=Participation, summary="Take part, or go on"
+)
 async def join(asks: AskingOf, response: Response, wanted: Join | None = None) -> State:
     """Join, or resume: 201 for a new participant, 200 for one who returns. The cookie that is set is of studies alone.
 
@@ -326,25 +335,25 @@ async def join(asks: AskingOf, response: Response, wanted: Join | None = None) -
     return answer
 
 
-@router.get("/{name}/me", summary="Where I stand")
+@router.get("/{name}/me", response_model=Participation, summary="Where I stand")
 async def me(asks: AskingOf) -> State:
     """Return where the participant stands, 404 before joining; a page that was reloaded begins here."""
     return await asks.state()
 
 
-@router.post("/{name}/consent", summary="Agree to take part, or not")
+@router.post("/{name}/consent", response_model=Participation, summary="Agree to take part, or not")
 async def consent(asks: AskingOf, given: ConsentAnswer) -> State:
     """Answer the consent text; `agree` false leaves the study."""
     return await asks.after(asks.write(asks.progress.consent, given.version, given.agree))
 
 
-@router.post("/{name}/advance", summary="Go on to the next stage")
+@router.post("/{name}/advance", response_model=Participation, summary="Go on to the next stage")
 async def advance(asks: AskingOf, left: Advance) -> State:
     """Leave the instructions, the tutorial once it was played, or the debrief."""
     return await asks.after(asks.write(asks.progress.advance, left.from_))
 
 
-@router.post("/{name}/answers", summary="Answer the questions")
+@router.post("/{name}/answers", response_model=Participation, summary="Answer the questions")
 async def answers(asks: AskingOf, given: Answers) -> State:
     """Check the answers: `right` says which were right, `why` explains the others; with all right the warm-up is next.
 
@@ -357,20 +366,22 @@ async def answers(asks: AskingOf, given: Answers) -> State:
     return {**await asks.state(), "right": right, "why": why}
 
 
-@router.post("/{name}/next", summary="Begin the next episode")
+@router.post("/{name}/next", response_model=Participation, summary="Begin the next episode")
 async def begin_next(asks: AskingOf) -> State:
     """Begin the next episode of the stage. While one runs nothing changes, so no terrain can be drawn again."""
     return await asks.after(asks.progress.begin_next(asks.name, asks.player))
 
 
-@router.post("/{name}/give-up", summary="Give the running episode up")
+@router.post("/{name}/give-up", response_model=Participation, summary="Give the running episode up")
 async def abandon(asks: AskingOf, given: AbandonEpisode) -> State:
     """Abandon the running episode: its return so far minus `r_invalid` counts, and its terrain does not come again."""
     frame = given.episode, given.step
     return await asks.after(asks.progress.abandon(asks.name, asks.player, *frame))
 
 
-@router.post("/{name}/settings", summary="Choose keys, palette, touch")
+@router.post(
+    "/{name}/settings", response_model=Participation, summary="Choose keys, palette, touch"
+)
 async def settings(asks: AskingOf, chosen: ParticipantSettings) -> State:
     """Store keys, palette and modality with the participant: how somebody played is part of the data."""
     with answering_study_errors():
@@ -381,7 +392,7 @@ async def settings(asks: AskingOf, chosen: ParticipantSettings) -> State:
     return await asks.after(asks.write(asks.progress.set_settings, changed))
 
 
-@router.post("/{name}/supervise", summary="The operator's code")
+@router.post("/{name}/supervise", response_model=Participation, summary="The operator's code")
 async def supervise(asks: AskingOf, typed: OperatorCode) -> State:
     """Check the operator's code of the day, which `humanplay study supervise` prints: the session is supervised from now.
 
@@ -390,7 +401,7 @@ async def supervise(asks: AskingOf, typed: OperatorCode) -> State:
     return await asks.after(asks.write(asks.progress.supervise, typed.code))
 
 
-@router.post("/{name}/withdraw", summary="Leave the study")
+@router.post("/{name}/withdraw", response_model=Participation, summary="Leave the study")
 async def withdraw(asks: AskingOf, chosen: Withdrawal | None = None) -> State:
     """Withdraw and abandon the running episode, and ask that all be erased if `erase`; `note` says what becomes of it."""
     erase = chosen is not None and chosen.erase

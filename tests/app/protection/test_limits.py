@@ -7,7 +7,6 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from pathlib import Path
 
 import httpx
 import pytest
@@ -20,7 +19,6 @@ from tests.support.study import Person, freeze
 from tests.support.viewer3d import CAMERA, View
 
 TOKEN = "a-token-of-the-operator"
-PAGE = Path(__file__).parents[3] / "docs/reliability.md"
 
 
 def masked(opcode, payload):
@@ -72,10 +70,7 @@ def test_a_size_that_is_none_is_refused_in_words(written):
         Limits(messages=written)
 
 
-def test_the_page_lists_every_limit_with_its_default(monkeypatch):
-    listed = dict(re.findall(r"^\| `(\w+)` \| `?([^|`]+?)`? \|", PAGE.read_text(), re.M))
-    defaults = {name: field.default for name, field in Limits.model_fields.items()}
-    assert listed == {name: str(default or "none") for name, default in defaults.items()}
+def test_a_variable_changes_one_limit(monkeypatch):
     monkeypatch.setenv("HUMANPLAY_LIMITS__MESSAGES", "50+10/s")
     assert Settings().limits.messages == "50+10/s"
 

@@ -1,0 +1,93 @@
+"""Answers about the daily terrain."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from humanplay.web.answers.base import Answer, shown
+
+
+class Day(Answer):
+    """The terrain of a day (UTC)."""
+
+    day: str = shown("like 2026-11-22")
+    level: str
+    size: list[int] = shown("rows and columns, cells")
+    protocol: str = shown("canonical JSON for which the seed is drawn")
+    commitment: str = shown("SHA-256 of the day's key")
+    key: str | None = shown("null until the day is over")
+    seed: int | None = shown("null until the day is over")
+
+
+class Attempt(Answer):
+    """A player's attempt at a day's terrain."""
+
+    state: Literal["open", "ended"]
+    episode: str
+    outcome: str | None
+    moves: int | None
+    coverage: float | None = shown("share of the cells, 0..1")
+    score: float | None
+    unranked: str | None = shown("why an ended attempt has no rank")
+
+
+class CalendarDay(Answer):
+    """What an attempt came to."""
+
+    day: str
+    outcome: str | None
+    moves: int | None = shown("null short of 99 %")
+
+
+class Today(Day):
+    """Today's terrain and your attempt at it."""
+
+    now_ms: int = shown("server time, milliseconds since 1970")
+    next_ms: int = shown("when the next day begins")
+    max_steps: int
+    attempt: Attempt | None
+    streak: int = shown("days in a row on which you came to the end")
+    played: int = shown("attempts that are over")
+    calendar: list[CalendarDay] = shown("your newest attempts, the oldest first")
+    yesterday: Day | None
+
+
+class Result(Answer):
+    """A person's row of a day's table."""
+
+    episode: str | None = Field(default=None, description="absent until the day is over")
+    outcome: str
+    moves: int | None = shown("null short of 99 %")
+    coverage: float = shown("share of the cells, 0..1")
+    you: bool
+    rank: int
+
+
+class PeopleOfDay(Answer):
+    """What people came to on a day's terrain."""
+
+    players: int
+    unfinished: int = shown("short of 99 %")
+    moves: list[tuple[int, int]] = shown("moves, and how many people needed as many")
+    table: list[Result]
+    you: Result | None
+
+
+class PolicyOfDay(Answer):
+    """What a policy came to on a day's terrain."""
+
+    name: str
+    state: Literal["ready", "waiting", "computing", "failed"]
+    moves: int | None
+    coverage: float | None
+
+
+class Results(Answer):
+    """People and policies on the terrain of a day."""
+
+    day: str
+    attempt: Attempt | None
+    people: PeopleOfDay
+    policies: list[PolicyOfDay] = shown("the best first")

@@ -1,0 +1,132 @@
+"""Answers about studies and those who take part in them."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from humanplay.study.protocol import Consent
+from humanplay.web.answers.base import Answer, shown
+from humanplay.web.answers.boards import Board
+from humanplay.web.answers.server import Task
+
+Status = Literal["open", "secret kept", "closed"]
+
+
+class ListedStudy(Answer):
+    """A study of this server."""
+
+    name: str
+    title: str
+    status: Status
+    recruitment: str = shown("invitation, panel or open")
+    warm_up: int = shown("practice episodes")
+    ranked: int = shown("ranked episodes")
+
+
+class Study(Answer):
+    """What a study has published."""
+
+    name: str
+    title: str
+    status: Status
+    protocol_hash: str
+    commitment: str = shown("SHA-256 of the secret")
+    secret: str | None = shown("null until the study is closed")
+    task: Task
+    level: str
+    rows: int | None = Field(default=None, description="of MarsExplorer")
+    cols: int | None = Field(default=None, description="of MarsExplorer")
+    config: dict[str, Any] = shown("the environment's own configuration")
+    warm_up: int
+    ranked: int
+    players: int
+    consent_version: str
+
+
+class Question(Answer):
+    """A question that shows whether the instructions were understood."""
+
+    question: str
+    choices: list[str]
+
+
+class Count(Answer):
+    """How many episodes of a stage are over."""
+
+    done: int
+    of: int
+
+
+class Tutorial(Answer):
+    """Whether the tutorial is over."""
+
+    done: bool
+
+
+class OwnEpisode(Answer):
+    """A ranked episode of the participant's."""
+
+    trial: int
+    outcome: str | None
+    steps: int | None
+    score: float | None
+
+
+class DebriefPolicy(Answer):
+    """What the debrief's policy came to on the practice terrains."""
+
+    name: str | None
+    mean_steps_warm_up: float | None
+    own_mean_steps_warm_up: float | None
+
+
+class Debrief(Answer):
+    """The participant's own figures, at the end."""
+
+    mean_score: float | None
+    mean_steps: float | None
+    episodes: list[OwnEpisode]
+    policy: DebriefPolicy | None
+    warm_up_terrains: int = shown("that can be shown again")
+    ranked_terrains: int = shown("that can be shown again")
+    completion_code: str | None
+    return_url: str | None
+
+
+class Settings(Answer):
+    """What the participant chose."""
+
+    modality: str | None
+    palette: str
+    keys: dict[str, list[str]] | None
+
+
+class Participation(Answer):
+    """Where a participant stands."""
+
+    study: str
+    title: str
+    task: Task
+    participant: str = shown("what the participant can quote")
+    stage: str
+    consent: Consent
+    questions: list[Question]
+    right: list[bool] | None = shown("which of the answers just given were right")
+    why: list[str] | None = shown("what explains the wrong ones")
+    warm_up: Count
+    ranked: Count
+    tutorial: Tutorial
+    break_due: bool
+    can_be_erased: bool = shown("whether leaving may ask for erasure")
+    pause_after_s: float
+    rules: dict[str, Any] = shown("figures that the texts name")
+    session: str | None
+    about: Board | None
+    phase: str | None
+    settings: Settings
+    debrief: Debrief | None
+    note: str | None = shown("why the participant cannot go on, or what becomes of what was played")
+    invited: bool
+    supervised_until_ms: int | None
