@@ -141,8 +141,15 @@ def kernel(function: F) -> F:
 
     What several kernels share is a kernel as well when it is long: compiled once for all of them instead of into each.
     """
-    compiled: Any = njit(nogil=True, _nrt=False)(function)  # type: ignore[call-overload]
+    compiled: Any = njit(nogil=True, _nrt=False, no_cfunc_wrapper=True)(function)  # type: ignore[call-overload]
     compiled._cache = KernelCache(function)  # as `cache=True` does with a FunctionCache
+    find = compiled.get_call_template
+
+    def find_for_any_number(args: Any, kws: Any) -> Any:
+        # numba would compile a kernel again for each constant that other kernels give it
+        return find(tuple(types.unliteral(kind) for kind in args), kws)
+
+    compiled.get_call_template = find_for_any_number
     return compiled  # type: ignore[no-any-return]
 
 
@@ -158,9 +165,13 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def inlined(function: F) -> F:
-    """Return the function for use inside kernels, its body compiled into theirs: for what is short or used once."""
-    compiled: F = njit(inline="always", _nrt=False)(function)  # type: ignore[call-overload]
-    return compiled
+    """Return the function for use inside kernels, its body compiled into theirs: for what is short or used once.
+
+    Python calls it as it is written: compiled by itself it would be in no cache.
+    """
+    compiled: Any = njit(inline="always", _nrt=False)(function)  # type: ignore[call-overload]
+    compiled._compile_for_args = lambda *args: function
+    return compiled  # type: ignore[no-any-return]
 
 
 def merged(function: F) -> F:
@@ -168,7 +179,9 @@ def merged(function: F) -> F:
 
     `inlined` copies what numba knows of a function once for each of its blocks, which takes a second for the longest.
     """
-    compiled: F = njit(forceinline=True, _nrt=False)(function)  # type: ignore[call-overload]
+    compiled: F = njit(
+        forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True
+    )(function)  # type: ignore[call-overload]
     return compiled
 
 

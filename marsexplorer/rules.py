@@ -120,10 +120,8 @@ def start_seed(state, base, codes, cbase, sight, rules, masks, seed):
     size = (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
     draws = draw_solvable(state, base + HEAD, state, size, rules, masks, seed)
     if draws:
-        # Not 0 itself: numba would compile `begin` and `scan`, which take longest, for this number alone.
-        start = np.int64(0)
         cells, enough = rules[ROWS] * rules[COLS], rules[TARGET]
-        begin(state, base, codes, cbase, sight, rules, masks, start, start, cells, enough)
+        begin(state, base, codes, cbase, sight, rules, masks, 0, 0, cells, enough)
         state[base + SEED] = seed
     return draws
 

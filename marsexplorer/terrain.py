@@ -66,10 +66,9 @@ def draw_terrain(bits, base, shape, key):
     # 1. Level random (section 3.2): rectangles anywhere, round(12 n / 441) of them in whole numbers.
     if shape[TOPOLOGY] == 0:
         count = max(1, (24 * rows * cols + 441) // 882)
-        longest = np.int64(3)  # not 3: numba would compile `numbered_below` for this number alone
         for _ in range(count):
-            height = 1 + numbered_below(key, k + 1, longest)
-            width = 1 + numbered_below(key, k + 2, longest)
+            height = 1 + numbered_below(key, k + 1, 3)
+            width = 1 + numbered_below(key, k + 2, 3)
             top = numbered_below(key, k + 3, rows - height + 1)
             left = numbered_below(key, k + 4, cols - width + 1)
             fill_rectangle(bits, base, shape, top, left, height, width)
@@ -123,7 +122,7 @@ def is_solvable(bits, base, reach, offset, shape, masks):
     # 1. The start must be free; what is connected to it is reached.
     if (bits[first + (radius >> 6)] >> np.uint64(radius & 63)) & np.uint64(1):
         return False
-    flood(bits, base, reach, offset, shape, masks, np.int64(0), np.int64(0))
+    flood(bits, base, reach, offset, shape, masks, 0, 0)
 
     # 2. Every free cell must be reached. Count what can be discovered: the free cells, and the obstacles next to one (for
     #    radii above 1 also those at a corner; see the module's header for why no others).

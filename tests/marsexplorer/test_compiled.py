@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from contextlib import contextmanager
+from functools import partial
 
 import pytest
 
@@ -41,6 +42,14 @@ def test_a_cold_start_says_that_it_compiles_and_a_warm_one_says_nothing(tmp_path
         cold.kill()
     # The first one fills the cache of this checkout, where it is empty.
     assert not first_step() or not first_step()
+
+
+@pytest.mark.timeout(240)
+def test_nothing_is_left_to_compile_once_every_kernel_has_been_called():
+    command = [sys.executable, "-W", "error", "-m", "marsexplorer.warmup"]
+    run = partial(subprocess.run, command, capture_output=True, text=True, check=True)
+    assert run().stderr in ("", f"{compiled.NOTICE}\n")  # it fills the cache of this checkout
+    assert run().stderr == ""
 
 
 @pytest.mark.long

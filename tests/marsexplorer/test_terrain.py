@@ -55,6 +55,12 @@ def test_the_rule_for_what_can_be_discovered_holds_for_dense_terrains(radius):
 
 
 @kernel
+def filled_runs(reached, free):
+    """`fill_runs` by itself."""
+    return fill_runs(reached, free)
+
+
+@kernel
 def is_solvable(bits, reach, shape, masks):
     """Do `terrain.is_solvable` for one terrain in arrays of its own."""
     return terrains.is_solvable(bits, 0, reach, 0, shape, masks)
@@ -115,4 +121,4 @@ def test_runs_of_free_bits_are_filled_from_any_of_their_bits():
     for _ in range(1500):
         free = random.getrandbits(64) | random.getrandbits(64) * (random.random() < 0.7)
         reached = free & (random.getrandbits(64) | random.choice([0, random.getrandbits(64)]))
-        assert fill_runs(np.uint64(reached), np.uint64(free)) == filled(reached, free)
+        assert filled_runs(np.uint64(reached), np.uint64(free)) == filled(reached, free)
