@@ -1,21 +1,18 @@
 """The one runner of what takes long: a bounded number of worker processes, and a fair turn for each owner of jobs.
 
 A job is a function that can be imported, with arguments that can be pickled. It runs in a process of its own beside the
-server or the command (`python -m humanplay.jobs` is one), or on a Ray cluster where an address is given. What goes wrong
-with one job is that job's alone: it may take too long, or its process may be killed.
+server or the command (`python -m humanplay.jobs` is one). What goes wrong with one job is that job's alone: it may take too
+long, or its process may be killed.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
-import math
 import os
 import pickle
 import queue
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -26,7 +23,6 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import version
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -40,12 +36,6 @@ MOST_REMEMBERED = 1000
 """Failures that are remembered, the newest."""
 RETRY_S = 5
 """Seconds after which an owner of too many jobs may ask again."""
-LOCAL = "local"
-"""The address of a Ray cluster of this machine alone, which is started for the jobs and stopped after them."""
-CONNECT_TIMEOUT_S = 10.0
-"""Seconds to wait for a cluster's machine to accept a connection."""
-LOOK_S = 0.5
-"""Seconds between two looks at whether a job on a cluster has ended."""
 _LIBRARIES = ("OMP", "MKL", "OPENBLAS", "NUMBA")
 ONE_THREAD = dict.fromkeys((f"{each}_NUM_THREADS" for each in _LIBRARIES), "1")
 """The libraries of a worker compute in one thread: the workers share the cores already."""
@@ -62,10 +52,6 @@ class JobError(RuntimeError):
 
 class JobsFullError(RuntimeError):
     """An owner has too many jobs that wait, or the runner is closed."""
-
-
-class ClusterError(RuntimeError):
-    """Ray is missing, the cluster cannot be reached, or its machines have another version of the rules."""
 
 
 def cores() -> int:
@@ -93,12 +79,10 @@ class Jobs(Executor):
 
     It is an executor of `concurrent.futures`, but closing it, also by leaving a `with` block, ends what still runs.
 
-    workers       None takes one for each core, or all that the cluster has
+    workers       None takes one for each core
     per_owner     jobs of one owner that run at the same time, at most; None: as many as there are workers
     most_waiting  jobs of one owner that wait, at most; None for no bound
     nice          added to the niceness of the worker processes
-    ray           address of a cluster: LOCAL, "auto" (the one running on this machine), HOST:PORT or ray://HOST:PORT.
-                  Every machine of it needs this package. ClusterError where none answers
     """
 
     def __init__(
@@ -108,14 +92,12 @@ class Jobs(Executor):
         per_owner: int | None = None,
         most_waiting: int | None = None,
         nice: int = 0,
-        ray: str | None = None,
     ) -> None:
         self._nice = nice
-        self._cluster = None if ray is None else _Cluster(ray, workers)
-        self._most_workers = self._cluster.cpus if self._cluster else workers or cores()
+        self._most_workers = workers or cores()
         self._per_owner, self._most_waiting = per_owner or self._most_workers, most_waiting
         self._changed = threading.Condition()
-        self._threads: dict[threading.Thread, _Process | _Cluster | None] = {}
+        self._threads: dict[threading.Thread, _Process | None] = {}
         self._idle = 0
         self._waiting: dict[str, deque[_Job]] = {}
         self._running: Counter[str] = Counter()
@@ -150,7 +132,7 @@ class Jobs(Executor):
                      for REMEMBERED_S seconds refused with the same error
         limit_s      seconds that it may run; JobError when it takes longer
         on_progress  called with (done, in all), in a thread of this process. The function is then given
-                     `progress=`, which it calls with the same. Not on a cluster
+                     `progress=`, which it calls with the same.
 
         The future raises what the function raises, and JobError when its process ended early. JobsFullError when
         too many jobs of this owner wait.
@@ -204,8 +186,6 @@ class Jobs(Executor):
                 worker.end()
         for thread in threads:
             thread.join()
-        if self._cluster is not None:
-            self._cluster.close()
 
     def _known(self, key: Hashable) -> Future[Any] | None:
         """Return the future of the job with this key that waits, runs, or failed a short time ago."""
@@ -292,13 +272,13 @@ class Jobs(Executor):
         else:
             job.future.set_exception(error)
 
-    def _worker_of(self, thread: threading.Thread) -> _Process | _Cluster:
+    def _worker_of(self, thread: threading.Thread) -> _Process:
         """Return the worker of a thread, a new one where it has none that lives."""
         worker = self._threads[thread]
         if worker is None or not worker.is_alive():
             if worker is not None:
                 worker.end()
-            made = self._cluster or _Process(self._nice)
+            made = _Process(self._nice)
             with self._changed:
                 self._threads[thread] = made
                 is_closed = self._is_closed
@@ -368,98 +348,6 @@ class _Process:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-
-
-class _Cluster:
-    """A connection to a Ray cluster, on which each thread of the runner has one job at a time; one that exists is used and
-    kept.
-
-    Nothing but the arguments of a job travels: bytes among them, such as policies' files, are sent to the cluster once.
-    """
-
-    def __init__(self, address: str, workers: int | None) -> None:
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to anyone
-        try:
-            self._ray: Any = import_module("ray")
-        except ImportError as error:
-            raise ClusterError(
-                "ray is not installed; install it with: pip install 'humanplay[ray]'"
-            ) from error
-        self._is_ours = not self._ray.is_initialized()
-        if self._is_ours:
-            _check_reachable(address)
-            local = {"num_cpus": workers, "include_dashboard": False} if address == LOCAL else {}
-            quiet = {"log_to_driver": False, "logging_level": logging.CRITICAL}
-            try:
-                self._ray.init(address=address, **quiet, **local)
-            except (ConnectionError, ValueError, RuntimeError) as error:
-                raise _no_cluster(address) from error
-        self.cpus = max(1, int(self._ray.cluster_resources().get("CPU", 1)))
-        self._perform = self._ray.remote(_perform_there)
-        self._sent: dict[int, tuple[bytes, Any]] = {}
-        self._is_closed = False
-
-    def is_alive(self) -> bool:
-        return not self._is_closed
-
-    def run(self, job: _Job) -> Any:
-        given = job.arguments
-        arguments = (self._send(each) if isinstance(each, bytes) else each for each in given)
-        reference = self._perform.remote(version("humanplay"), job.function, *arguments)
-        until = time.monotonic() + (math.inf if job.limit_s is None else job.limit_s)
-        while not self._ray.wait([reference], timeout=LOOK_S)[0]:
-            if self._is_closed or time.monotonic() > until:
-                self._ray.cancel(reference, force=True)
-                raise _too_long(job.limit_s)
-        try:
-            return self._ray.get(reference)
-        except self._ray.exceptions.RayTaskError as error:
-            raise error.cause if isinstance(error.cause, Exception) else error from None
-        except self._ray.exceptions.RayError as error:
-            said = str(error).strip().splitlines()[-1]
-            raise JobError(f"its process ended early: {said}") from error
-
-    def end(self) -> None:
-        """Leave the connection to the other threads."""
-
-    def close(self) -> None:
-        """End the connection if it is ours."""
-        self._is_closed = True
-        if self._is_ours:
-            self._ray.shutdown()
-
-    def _send(self, content: bytes) -> Any:
-        if id(content) not in self._sent:
-            self._sent[id(content)] = content, self._ray.put(content)
-        return self._sent[id(content)][1]
-
-
-def _perform_there(release: str, function: Callable[..., T], *arguments: Any) -> T:
-    """Call a function on a machine of the cluster; ClusterError if its package is of another release."""
-    if release != version("humanplay"):
-        raise ClusterError(
-            f"a machine of the cluster has humanplay {version('humanplay')}, this one has {release}"
-        )
-    return function(*arguments)
-
-
-def _no_cluster(address: str) -> ClusterError:
-    way_out = f"start one with `ray start --head`, or say {LOCAL}"
-    return ClusterError(f"no Ray cluster answers at {address}; {way_out}")
-
-
-def _check_reachable(address: str) -> None:
-    """Raise ClusterError when nothing listens at HOST:PORT or ray://HOST:PORT: Ray itself would try for ten minutes."""
-    if address in (LOCAL, "auto"):
-        return
-    host, colon, port = address.removeprefix("ray://").rpartition(":")
-    if not colon or not port.isdigit():
-        known = f"HOST:PORT, ray://HOST:PORT, auto or {LOCAL}"
-        raise ClusterError(f"expected a Ray address like {known}, got {address!r}")
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S).close()
-    except (OSError, OverflowError) as error:
-        raise _no_cluster(address) from error
 
 
 def work(connection: Connection) -> None:

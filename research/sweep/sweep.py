@@ -17,7 +17,8 @@ from click import ClickException, UsageError, option
 
 from humanplay.command.console import print_table, progress, written
 from humanplay.command.options import COUNT, path_option, several
-from humanplay.jobs import ClusterError, Jobs
+from humanplay.jobs import Jobs
+from humanplay.tasks.mars.cli.cluster import Cluster, ClusterError
 from humanplay.tasks.mars.cli.options import levels_option, sizes_option
 from humanplay.tasks.mars.cli.train import configs_of
 from marsexplorer.config import EnvConfig
@@ -130,7 +131,7 @@ def _sweep_run(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: 
 
 def _run(runs: Sequence[SweepRun], out: Path, address: str | None) -> list[SweepResult]:
     try:
-        with Jobs(ray=address) as jobs, progress("training") as advance:
+        with Cluster(address) if address else Jobs() as jobs, progress("training") as advance:
             advance(0, len(runs))
             return train_all(jobs, runs, out.resolve(), advance)
     except ClusterError as error:

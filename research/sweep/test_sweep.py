@@ -7,7 +7,8 @@ import importlib.util
 import pytest
 import torch
 
-from humanplay.jobs import LOCAL, Jobs
+from humanplay.jobs import Jobs
+from humanplay.tasks.mars.cli.cluster import LOCAL, Cluster
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
 from marsexplorer.training.config import RECIPES
@@ -31,7 +32,7 @@ def test_a_sweep_trains_what_training_here_gives_and_a_failure_stays_alone(addre
     whole, calls = CONFIG.to_dict(), []
     given = (("one", whole, 3), ("broken", {**whole, "rows": 3}, 0), ("two", whole, 4))
     runs = [sweep_run(*each) for each in given]
-    with Jobs(2, ray=address) as jobs:
+    with Cluster(address) if address else Jobs(2) as jobs:
         one, failed, two = train_all(jobs, runs, tmp_path, lambda *done: calls.append(done))
     assert calls[-1] == (3, 3)
     assert "rows must be at least 5" in failed.error

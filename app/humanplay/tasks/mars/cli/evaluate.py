@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from itertools import chain
 from pathlib import Path
@@ -71,6 +72,7 @@ def evaluate(
       marsexplorer evaluate --policy ppo --map office.yaml --map garage.yaml
     """
     from humanplay.jobs import Jobs
+    from humanplay.tasks.mars.cli.cluster import Cluster
     from marsexplorer.config import LEVELS
     from marsexplorer.evaluation import RULES
     from marsexplorer.evaluation import evaluate as evaluate_policies
@@ -92,9 +94,11 @@ def evaluate(
             with written(f"to {plots}", "--plots"):
                 plots.mkdir(parents=True, exist_ok=True)
         is_long = len(names) * len(configs) * episodes > FEW_EPISODES
-        with _errors_of_playing(), Jobs(ray=ray) as jobs, progress("playing") as advance:
-            executor, traces = jobs if ray or is_long else None, plots is not None
-            how: Any = {"traces": traces, "executor": executor}
+        with _errors_of_playing(), ExitStack() as playing, progress("playing") as advance:
+            executor: Executor | None = None
+            if ray or is_long:
+                executor = playing.enter_context(Cluster(ray) if ray else Jobs())
+            how: Any = {"traces": plots is not None, "executor": executor}
             table = evaluate_policies(names, configs, episodes, seed, advance, **how)
         if json_file is not None:
             json_file.write(table.to_json().encode() + b"\n")
@@ -118,7 +122,8 @@ def _opened(stack: ExitStack, path: Path | None, option: str) -> IO[bytes] | Non
 @contextmanager
 def _errors_of_playing() -> Iterator[None]:
     """Turn what can be wrong with policies, terrains, workers and clusters into a sentence."""
-    from humanplay.jobs import ClusterError, JobError
+    from humanplay.jobs import JobError
+    from humanplay.tasks.mars.cli.cluster import ClusterError
     from marsexplorer.policies import PolicyNotFoundError
 
     try:
