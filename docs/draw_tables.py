@@ -75,7 +75,7 @@ def commands(group: Commands, name: str) -> str:
         for parameter in command.get_params(context):
             name, meaning = parameter.get_help_record(context) or ("", "")
             # an argument explains itself in the usage, and every command has --help
-            if meaning and name != "--help":
+            if meaning and "--help" not in parameter.opts:
                 rows.append((f"`{name}`", meaning.replace("[", "\\[")))
         line = command.get_short_help_str(limit=200)
         section = f"### {path}\n{line}\n```text\n{path} {usage.strip()}\n```"
