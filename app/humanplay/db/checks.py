@@ -20,14 +20,18 @@ from humanplay.db.chain import (
     OWNERS,
     Head,
     Kind,
+    Played,
+    Rows,
     Thing,
     combine,
     compute,
     head,
     link,
     marks,
+    read_played,
     select,
 )
+from humanplay.db.columns import TABLES
 from humanplay.db.database import StoreError, reading, rows, writing
 from humanplay.db.reader import now_ms
 from humanplay.db.resimulation import Finding, simulate
@@ -98,44 +102,61 @@ def count_unfinished(conn: sqlite3.Connection, study: str | None) -> int:
 
 
 class InputOf(NamedTuple):
-    """What the attestation of an episode follows from, besides its row and moves.
+    """What the attestation of an episode follows from, besides its row, its moves and its input events.
 
-    events         input events that were received up to its end
     settings       (when, JSON) of what its participant had chosen, every version
     supervised_ms  when the operator's code was typed for its participant
     is_studys      whether a participant of a study played it
     """
 
-    events: list[dict[str, Any]]
     settings: list[tuple[int, str]]
     supervised_ms: list[int]
     is_studys: bool
 
 
-def check_episode(
-    conn: sqlite3.Connection, ident: str
-) -> tuple[dict[str, Any], list[dict[str, Any]], list[Finding]]:
-    """Return a finished episode's row with `control` of its session, the rows of its moves, and what is wrong with it.
+@dataclass(frozen=True)
+class CheckedEpisode:
+    """A finished episode's rows, as they were read once, and what is wrong with them.
 
     They are rows and no `Trial`: what was tampered with need not be one.
+
+    row     with `control` of its session
+    steps   its moves
+    events  input events that were received up to its end
     """
+
+    row: dict[str, Any]
+    steps: list[dict[str, Any]]
+    events: list[dict[str, Any]]
+    findings: list[Finding]
+
+
+def check_episode(conn: sqlite3.Connection, ident: str) -> CheckedEpisode:
+    """Simulate a finished episode again, and compare its rows with those of its entries in the chain."""
     sql = "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?"
     (row,) = rows(conn, sql, ident)
-    steps = rows(conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", ident)
-    return row, steps, [*simulate(row, steps)[1], *check_thing(conn, "episode", ident)]
+    played = read_played(conn, ident)
+    steps, events = _by_column("steps", played.steps), _by_column("input_events", played.events)
+    findings = [*simulate(row, steps)[1], *check_thing(conn, "episode", ident, played)]
+    received = [event for event in events if event["server_ms"] <= row["ended_ms"]]
+    return CheckedEpisode(row, steps, received, findings)
+
+
+def _by_column(table: str, found: Rows) -> list[dict[str, Any]]:
+    names = TABLES[table].names("chain")
+    return [dict(zip(names, row, strict=True)) for row in found]
 
 
 def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:
-    """Return what the attestation of a finished episode follows from."""
-    sql = """SELECT v.* FROM input_events v JOIN episodes e ON e.id = v.episode_id
-        WHERE e.id = ? AND v.server_ms <= e.ended_ms ORDER BY v.number"""
-    of = """SELECT v.at_ms, v.detail FROM stage_events v JOIN series_episodes t ON t.participant_id = v.participant_id
-        WHERE t.episode_id = ? AND v.kind = ? ORDER BY v.number"""
-    settings = [(row["at_ms"], row["detail"]) for row in rows(conn, of, ident, "settings")]
-    supervised_ms = [row["at_ms"] for row in rows(conn, of, ident, "supervised")]
+    """Return what else the attestation of a finished episode follows from."""
+    of = """SELECT v.at_ms, v.detail, v.kind FROM stage_events v
+        JOIN series_episodes t ON t.participant_id = v.participant_id
+        WHERE t.episode_id = ? AND v.kind IN ('settings', 'supervised') ORDER BY v.number"""
+    events = rows(conn, of, ident)
+    settings = [(row["at_ms"], row["detail"]) for row in events if row["kind"] == "settings"]
+    supervised_ms = [row["at_ms"] for row in events if row["kind"] == "supervised"]
     within = "SELECT 1 FROM series_episodes WHERE episode_id = ? AND participant_id IS NOT NULL"
-    is_studys = bool(rows(conn, within, ident))
-    return InputOf(rows(conn, sql, ident), settings, supervised_ms, is_studys)
+    return InputOf(settings, supervised_ms, bool(rows(conn, within, ident)))
 
 
 def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:
@@ -327,8 +348,13 @@ def check_marks(conn: sqlite3.Connection) -> Iterator[Finding]:
             yield Finding(f"series {content['study']}", what, note, "not so in the tables")
 
 
-def check_thing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[Finding]:
-    """Yield the tables in which a thing's rows are not those of its entries in the chain."""
+def check_thing(
+    conn: sqlite3.Connection, kind: Kind, ident: str, played: Played | None = None
+) -> Iterator[Finding]:
+    """Yield the tables in which a thing's rows are not those of its entries in the chain.
+
+    played  an episode's rows where they have been read
+    """
     sql = """SELECT s.kind, s.first, s.salt, s.parts, c.is_sound, c.hash FROM chain_salts s LEFT JOIN chain c USING (number)
         WHERE s.id = ? AND s.kind IN (?, ?) ORDER BY s.kind, s.first"""
     found = select(conn, sql, (ident, kind, "events" if kind == "episode" else kind)).fetchall()
@@ -336,7 +362,7 @@ def check_thing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[Fi
         wanted = "an entry of the chain for everything that is finished"
         yield Finding(place(Thing(kind, ident)), DIGEST, "missing", wanted)
     for of, first, salt, stored, is_sound, hash_ in found:
-        yield from _compare(conn, Thing(of, ident, first), salt, stored, is_sound, hash_)
+        yield from _compare(conn, Thing(of, ident, first), salt, stored, is_sound, hash_, played)
 
 
 def _compare(
@@ -346,6 +372,7 @@ def _compare(
     stored: str,
     is_sound: int | None,
     hash_: str | None,
+    played: Played | None,
 ) -> Iterator[Finding]:
     where = place(thing)
     if is_sound == 0:
@@ -360,7 +387,7 @@ def _compare(
         return
     if made != hash_:
         yield Finding(where, DIGEST, hash_ or "missing", f"{made} from its salted hashes by table")
-    found = compute(conn, thing, salt)
+    found = compute(conn, thing, salt, played=played)
     for table in sorted(parts.keys() | found.keys()):
         if parts.get(table) != found.get(table):
             what = f"{DIGEST} in the table {table}"

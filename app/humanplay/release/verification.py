@@ -23,6 +23,7 @@ from humanplay.board.controls import controls_of
 from humanplay.db import checks, volunteers
 from humanplay.db.checks import (
     ChainState,
+    CheckedEpisode,
     EarlierHead,
     InputOf,
     attempts_at,
@@ -164,8 +165,8 @@ def _check_episodes(
 
 def _check_episode(conn: sqlite3.Connection, ident: str) -> tuple[int, list[Finding]]:
     """Return the moves of a finished episode and what is wrong with it."""
-    row, steps, findings = checks.check_episode(conn, ident)
-    return len(steps), [*findings, *check_attestation(conn, row, steps)]
+    episode = checks.check_episode(conn, ident)
+    return len(episode.steps), [*episode.findings, *check_attestation(conn, episode)]
 
 
 def _run_task(path: Path, episodes: Sequence[str]) -> tuple[int, int, list[Finding]]:
@@ -347,30 +348,24 @@ def _check_cause(row: dict[str, Any], expected: _Expected) -> Iterator[Finding]:
         yield Finding(where, what, row["seed"], f"{seed} from the secret")
 
 
-def check_attestation(
-    conn: sqlite3.Connection, row: dict[str, Any], steps: list[dict[str, Any]]
-) -> Iterator[Finding]:
+def check_attestation(conn: sqlite3.Connection, episode: CheckedEpisode) -> Iterator[Finding]:
     """Yield what is wrong with the level of a finished episode and with the reason for it.
-
-    row, steps  as `humanplay.db.checks.check_episode` returns them
 
     That an episode's timing is another one's copy follows from rows that need not be here.
     """
+    row = episode.row
     stored: Level = (row["attestation"], row["attestation_reason"])
-    where = f"episode {row['id']}"
-    given = input_of(conn, row["id"])
-    derive = partial(_derive_level, row["task"], row["started_ms"], steps, given)
+    derive = partial(_derive_level, episode, input_of(conn, row["id"]))
     found = derive(row["ended_ms"])
-    if not any(_fits(stored, each, row["driver"]) for each in (found, derive(None))):
+    # what a participant chose later is asked for only where the level does not follow without it
+    if not _fits(stored, found, row["driver"]) and not _fits(stored, derive(None), row["driver"]):
         what = _in_words(found)
         if row["driver"] != "human":
             what = f"none, since its driver is {row['driver']}, unless it is spoilt"
-        yield Finding(where, "attestation", _in_words(stored), what)
+        yield Finding(f"episode {row['id']}", "attestation", _in_words(stored), what)
 
 
-def _derive_level(
-    task: str, started_ms: int, steps: list[dict[str, Any]], given: InputOf, until_ms: int | None
-) -> Level:
+def _derive_level(episode: CheckedEpisode, given: InputOf, until_ms: int | None) -> Level:
     """Return an episode's level and reason by its rows; what a participant chose after `until_ms` does not matter.
 
     Without `until_ms` everything matters: a server's clock that was set back makes an earlier choice look later.
@@ -378,11 +373,12 @@ def _derive_level(
     try:
         known = (s for at_ms, s in given.settings if until_ms is None or at_ms <= until_ms)
         settings = [json.loads(detail) for detail in known]
-        rules = rules_of(task)
+        rules = rules_of(episode.row["task"])
         controls = controls_of(rules, settings) if rules.clock else ()
         asked = tuple(given.supervised_ms), not given.is_studys, controls
-        conditions = Conditions(started_ms, key_map_of(rules.keys, settings), *asked)
-        found = attest(steps, given.events, conditions)
+        key_map = key_map_of(rules.keys, settings)
+        conditions = Conditions(episode.row["started_ms"], key_map, *asked)
+        found = attest(episode.steps, episode.events, conditions)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
         return None, f"rows that cannot be read: {error}"
     return found.level, found.reason

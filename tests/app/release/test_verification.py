@@ -11,6 +11,7 @@ import pytest
 
 from humanplay.board.attestation import COPIED
 from humanplay.db import chain
+from humanplay.db.checks import CheckedEpisode
 from humanplay.db.columns import TABLES
 from humanplay.release import verification
 from humanplay.release.verification import check_attestation, verify_database
@@ -436,25 +437,14 @@ def test_an_episode_with_copied_timing_is_spoilt_for_that_alone(copy):
 
 def test_a_burst_is_attested_on_the_playground_alone(copy):
     conn, _ = copy
-    typed, fields = (
-        burst(40),
-        ["kind", "code", "repeat", "trusted", "client_ms", "step", "round_trip_ms", "server_ms"],
-    )
+    typed = burst(40)
     (ident,) = conn.execute("SELECT episode_id FROM series_episodes").fetchone()
-    conn.execute("DELETE FROM input_events WHERE episode_id = ?", [ident])
-    conn.execute("UPDATE episodes SET ended_ms = ? WHERE id = ?", [STARTED + 3_600_000, ident])
-    rows = [
-        (ident, number, 0, 0, *(event[name] for name in fields))
-        for number, event in enumerate(typed.events)
-    ]
-    conn.executemany("INSERT INTO input_events VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
-    conn.row_factory = sqlite3.Row
 
     def is_right(level, reason=None):
         row = {"id": ident, "task": "mars",
                "driver": "human", "attestation": level, "attestation_reason": reason, "control": "cookie",
                "started_ms": STARTED, "ended_ms": STARTED + 3_600_000}  # fmt: skip
-        return not list(check_attestation(conn, row, typed.moves))
+        return not list(check_attestation(conn, CheckedEpisode(row, typed.moves, typed.events, [])))
 
     of_a_study = ("spoilt", "step 15: the press answers the frame of step 6")
     assert (is_right("attested"), is_right(*of_a_study), is_right("unattested", "slow")) == (
