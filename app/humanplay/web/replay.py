@@ -17,6 +17,15 @@ from humanplay.web.replays.episodes import UnknownReplayError
 from humanplay.web.replays.files import MEDIA_TYPES, Format, offered
 from humanplay.web.replays.page import render
 
+FILES: dict[int | str, dict[str, Any]] = {
+    200: {
+        "content": {
+            kind: {"schema": {"type": "string", "format": "binary"}}
+            for kind in MEDIA_TYPES.values()
+        },
+        "description": "the replay",
+    }
+}
 router = APIRouter()
 PolicyName = Annotated[str, Query(max_length=200)]
 NO_GHOST = "none"
@@ -56,6 +65,8 @@ async def get_ghost(
 
 @router.get(
     "/replay/{episode_id}.{form}",
+    response_class=Response,
+    responses=FILES,
     tags=["results"],
     summary="A replay as a page in one file, a GIF, an MP4 or a picture",
 )

@@ -22,6 +22,7 @@ from humanplay.results.leaderboard import UnknownEntryError
 from humanplay.study.policy_files import EXPERT, PolicyFiles
 from humanplay.task import Configuration, PolicyError, Record
 from humanplay.web.access import owner_of, player_of, services_of
+from humanplay.web.answers.results import CSV, ZIP, Episode, ListedEpisode, OwnHistory
 
 router = APIRouter(prefix="/api")
 mine = APIRouter(prefix="/api/me", tags=["me"])
@@ -57,7 +58,13 @@ def get_human_level(request: Request) -> dict[str, Any]:
         return services_of(request).leaderboard.volunteers.human_level(reader)
 
 
-@router.get("/episodes", tags=["results"], summary="Finished episodes")
+@router.get(
+    "/episodes",
+    response_model=list[ListedEpisode],
+    response_model_exclude_unset=True,
+    tags=["results"],
+    summary="Finished episodes",
+)
 def get_episodes(
     request: Request,
     limit: Annotated[int, Query(ge=1, le=200)] = 100,
@@ -76,7 +83,11 @@ def get_episodes(
 
 
 @router.get(
-    "/episodes/{episode_id}", tags=["results"], summary="One finished episode: seed, actions, times"
+    "/episodes/{episode_id}",
+    response_model=Episode,
+    response_model_exclude_unset=True,
+    tags=["results"],
+    summary="One finished episode: seed, actions, times",
 )
 def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
     """Return a finished episode; 404 while it runs, because its seed gives the terrain away.
@@ -138,7 +149,13 @@ def _public_record(request: Request, episode_id: str) -> Record:
         return reader.load_record(episode_id)
 
 
-@router.get("/export/{table}.csv", tags=["results"], summary="Everything finished, as CSV")
+@router.get(
+    "/export/{table}.csv",
+    response_class=Response,
+    responses=CSV,
+    tags=["results"],
+    summary="Everything finished, as CSV",
+)
 async def export(request: Request, table: ExportTable, who: Who = "all") -> Response:
     """Export every finished episode under pseudonyms; `who=human` exports those that count.
 
@@ -147,7 +164,13 @@ async def export(request: Request, table: ExportTable, who: Who = "all") -> Resp
     return await _sent(request, f"{table}.csv", table, who)
 
 
-@router.get("/export/human-scores.zip", tags=["results"], summary="The human-score data set")
+@router.get(
+    "/export/human-scores.zip",
+    response_class=Response,
+    responses=ZIP,
+    tags=["results"],
+    summary="The human-score data set",
+)
 async def export_human_scores(request: Request) -> Response:
     """Export the episodes and moves of people that count: two CSV files in a ZIP with their datasheet; 503 as for a table."""
     database, at_ms = _database_now(request)
@@ -225,7 +248,7 @@ def _mean_steps(sums: Sums) -> float:
     return round(sums.steps / sums.episodes, 1)
 
 
-@mine.get("/history", summary="My own episodes and bests")
+@mine.get("/history", response_model=OwnHistory, summary="My own episodes and bests")
 def get_history(
     request: Request,
     limit: Annotated[int, Query(ge=1, le=1000)] = 50,
@@ -250,7 +273,12 @@ def get_history(
     return {"total": total, "episodes": list(map(describe_own, shown)), "bests": bests}
 
 
-@mine.get("/export/{table}.csv", summary="My own episodes, as CSV")
+@mine.get(
+    "/export/{table}.csv",
+    response_class=Response,
+    responses=CSV,
+    summary="My own episodes, as CSV",
+)
 async def export_own(request: Request, table: ExportTable) -> Response:
     """Export what you have driven, by your cookie alone; 404 without one, 503 as for everybody's."""
     player_id = player_of(request)

@@ -12,13 +12,19 @@ from fastapi.responses import RedirectResponse, Response
 from humanplay.board.messages import encode_error
 from humanplay.board.spectators import UnwatchableError
 from humanplay.web.access import asker_of, close, owner_of, player_of, services_of
+from humanplay.web.answers.results import Watched
 from humanplay.web.pages import page
 from humanplay.web.sockets import UNKNOWN_SESSION, ignore_all, send_while
 
 router = APIRouter()
 
 
-@router.get("/api/watch/{watch_id}", tags=["play"], summary="Watch a board of the playground")
+@router.get(
+    "/api/watch/{watch_id}",
+    response_model=Watched,
+    tags=["play"],
+    summary="Watch a board of the playground",
+)
 async def get_watched(request: Request, watch_id: str) -> dict[str, Any]:
     """Return the episode on a board: the newest frame, the path so far, and once it has ended every frame.
 
