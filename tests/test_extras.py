@@ -48,7 +48,7 @@ def test_play_serves_marsexplorer_with_its_human_figures(tmp_path):
         episode, session = begun["frame"]["episode"], begun["session"]
         act = {"episode": episode, "step": 0, "action": "north"}
         assert client.post(f"/api/sessions/{session}/act", json=act).json()["outcome"]
-        costs = client.get(f"/api/episodes/{episode}/costs").json()
+        costs = client.get(f"/api/episodes/{episode}/costs", timeout=240).json()
         assert (costs["policy"], costs["reason"]) == ("ppo", None)
         (figure,) = client.get("/api/human-level").json()["figures"]
         assert figure["score"]["low"] < figure["score"]["mean"] < figure["score"]["high"]
