@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from contextlib import contextmanager
+from importlib.metadata import metadata
 
 from humanplay.db.store import Store
 from tests.support.absent import environment_without
@@ -69,3 +70,19 @@ def test_play_evaluates_policies(tmp_path):
     )
     assert process.returncode == 0, process.stderr
     assert "frontier-cost" in process.stdout
+
+
+def test_a_missing_pygame_is_named_with_the_line_of_the_installed_gymnasium(tmp_path):
+    served = ["-m", "humanplay.cli", "serve", "--env", "FrozenLake-v1", "--port", "0"]
+    process = subprocess.run(
+        [sys.executable, *served, "--database", str(tmp_path / "lake.db")],
+        env=environment_without(["pygame"], tmp_path),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    line = re.search(
+        r"FrozenLake-v1 cannot be drawn: .*pip install .gymnasium\[(.+)\]", process.stderr
+    )
+    assert line, process.stderr
+    assert line[1] in metadata("gymnasium").get_all("Provides-Extra")
