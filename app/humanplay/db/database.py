@@ -14,6 +14,7 @@ from __future__ import annotations
 import logging
 import os
 import sqlite3
+import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -32,6 +33,23 @@ from humanplay.db.file import (
     note_of,
 )
 from humanplay.task import counted
+
+
+@contextmanager
+def _hidden(name: str) -> Iterator[None]:
+    """Let an import of this module fail within the block, unless it is imported already."""
+    is_hidden = sys.modules.setdefault(name, None) is None  # type: ignore[arg-type]
+    try:
+        yield
+    finally:
+        if is_hidden:
+            del sys.modules[name]
+
+
+with _hidden(
+    "pandas"
+):  # where it is installed, sqlite_utils would load it to know one more type of column: half a second
+    from sqlite_utils import Database
 
 APPLICATION_ID = 0x48504C59
 """`HPLY` in ASCII, at byte 68 of the file."""
@@ -264,7 +282,7 @@ def _log_of(path: Path) -> Path:
     return Path(f"{os.path.realpath(path)}-wal")
 
 
-def open_database(path: Path, durable: bool = False) -> sqlite3.Connection:
+def open_database(path: Path, durable: bool = False) -> Database:
     """Open the database for writing, recognised, compared with its note and in WAL mode; it is made when absent."""
     check_writable(path)
     check_commits(path)
@@ -285,7 +303,7 @@ def open_database(path: Path, durable: bool = False) -> sqlite3.Connection:
             conn.execute("SELECT count(*) FROM meta")
         if is_new:  # a file whose log is lost shall be seen to be one of ours that lacks something
             conn.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        return conn
+        return Database(conn)
     except BaseException as error:
         conn.close()
         if isinstance(error, sqlite3.Error):
@@ -293,7 +311,7 @@ def open_database(path: Path, durable: bool = False) -> sqlite3.Connection:
         raise
 
 
-def open_read_only(path: Path) -> sqlite3.Connection:
+def open_read_only(path: Path) -> Database:
     """Open the database for reading, whether or not a server has it open; StoreError when it is not one of ours."""
     if not path.exists():
         raise StoreError(f"no database at {path}: play first, or give the path with --database")
@@ -307,7 +325,7 @@ def open_read_only(path: Path) -> sqlite3.Connection:
         raise StoreError(_explain(path, error)) from error
     try:
         _check_schema(conn, path)
-        return conn
+        return Database(conn)
     except BaseException as error:
         conn.close()
         if isinstance(error, sqlite3.Error):
@@ -341,9 +359,10 @@ def reading(path: Path) -> Iterator[sqlite3.Connection]:
 
     StoreError when the file is not one of ours, and when it turns out to be damaged inside the block.
     """
-    conn = open_read_only(path)
+    db = open_read_only(path)
     release = hold(path)
     try:
+        conn: sqlite3.Connection = db.conn
         conn.execute("BEGIN")
         yield conn
     except sqlite3.DatabaseError as error:
@@ -351,7 +370,7 @@ def reading(path: Path) -> Iterator[sqlite3.Connection]:
             raise
         raise StoreError(damaged(path, str(error))) from error
     finally:
-        conn.close()
+        db.close()
         release()
 
 

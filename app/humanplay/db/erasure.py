@@ -93,7 +93,7 @@ def _rewritten(database: Path) -> Iterator[sqlite3.Connection]:
         raise StoreError(f"no database at {database}: give its path with --database")
     lock = DatabaseLock(database)
     try:
-        conn = open_database(database)
+        conn: sqlite3.Connection = open_database(database).conn
         try:
             _take_exclusively(conn, database)
             check_room(conn, database.parent, "make room there; nothing was erased")

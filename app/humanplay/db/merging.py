@@ -276,7 +276,7 @@ def _new_database(out: Path) -> Iterator[sqlite3.Connection]:
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with replace_whole(out) as unfinished:
-            conn = open_database(unfinished)
+            conn: sqlite3.Connection = open_database(unfinished).conn
             try:
                 yield conn
             finally:
@@ -290,7 +290,7 @@ def kept_or_new_database(database: Path) -> Iterator[sqlite3.Connection]:
     """Open a database for a merge, and remove it again when it was made here and the block failed."""
     was_there = database.exists()
     try:
-        conn = open_database(database)
+        conn: sqlite3.Connection = open_database(database).conn
         try:
             yield conn
         finally:

@@ -6,19 +6,21 @@ holds a player's or a session's id, because a session's id is all that is needed
 
 from __future__ import annotations
 
-import sqlite3
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from humanplay.db.database import StoreError, open_read_only, rows, stream
+from humanplay.db.database import StoreError, open_read_only
 from humanplay.db.file import hold
 from humanplay.db.study_rows import SeriesRow
 from humanplay.db.trial import Trial
 from humanplay.task import Record
+
+if TYPE_CHECKING:
+    from sqlite_utils import Database
 
 Who = Literal["all", "human"]
 
@@ -75,7 +77,7 @@ class Reader:
 
     def __init__(
         self,
-        db: sqlite3.Connection,
+        db: Database,
         path: Path,
         public: bool = False,
         at_ms: int | None = None,
@@ -112,15 +114,15 @@ class Reader:
     @contextmanager
     def snapshot(self) -> Iterator[None]:
         """Let the block see the database as it is at the first query, whatever a server writes meanwhile."""
-        self._db.execute("BEGIN")
+        self._db.conn.execute("BEGIN")
         try:
             yield
         finally:
-            self._db.execute("ROLLBACK")
+            self._db.conn.execute("ROLLBACK")
 
     def query(self, sql: str, given: Sequence[Any] = ()) -> list[dict[str, Any]]:
         """Return a query's rows by column, for the modules of this package; `given` fills the question marks."""
-        return rows(self._db, sql, *given)
+        return list(self._db.query(sql, list(given)))
 
     def count(self, who: Who = "all") -> int:
         """Return the number of finished episodes."""
@@ -139,13 +141,13 @@ class Reader:
         """
         driven, given = ("", []) if player is None else (_DRIVEN_BY_PLAYER, [player])
         sql = f"{self._select}{_FILTER[who]}{driven} ORDER BY e.started_ms, e.id"
-        return stream(self._db, sql, *given)
+        return self._db.query(sql, given)
 
     def newest_counted(self, config_hash: str, most: int) -> list[Trial]:
         """Return the newest counted episodes of a configuration, at most so many, oldest first."""
         sql = f"""{self._select}{_FILTER["human"]} AND e.config_hash = ?
             ORDER BY e.started_ms DESC, e.id DESC LIMIT ?"""
-        return list(map(Trial.of, rows(self._db, sql, config_hash, most)))[::-1]
+        return list(map(Trial.of, self._db.query(sql, [config_hash, most])))[::-1]
 
     def played_by(self, player: str, limit: int = 50, after: str | None = None) -> list[Trial]:
         """Return the finished episodes that a player drove, newest first, for their own page; of open studies none.
@@ -170,7 +172,7 @@ class Reader:
     def steps(self, episode_id: str) -> list[dict[str, Any]]:
         """Return an episode's step rows in order."""
         return list(
-            rows(self._db, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", episode_id)
+            self._db.query("SELECT * FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
         )
 
     def episodes(
@@ -220,7 +222,7 @@ class Reader:
         sql = """SELECT e.driver, s.owner_id = ?2 AND e.driver NOT LIKE 'policy:%' AS own, EXISTS (SELECT 1 FROM participants p
             WHERE p.session_id = s.id AND p.kind = 'script') AS synthetic
             FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.id = ?1"""
-        for row in rows(self._db, sql, episode_id, viewer):
+        for row in list(self._db.query(sql, [episode_id, viewer])):
             is_synthetic = row["synthetic"] and not row["driver"].startswith("policy:")
             return "you" if row["own"] else "synthetic" if is_synthetic else str(row["driver"])
         raise StoreError(f"no episode {episode_id!r} in {self.path}")
@@ -228,12 +230,15 @@ class Reader:
     def ids_beginning(self, prefix: str, limit: int) -> list[str]:
         """Return the ids of finished episodes that begin with a text, in order, at most `limit` of them."""
         sql = f"SELECT id FROM ({self._select} AND substr(e.id, 1, length(?)) = ?) ORDER BY id LIMIT ?"
-        return [str(row["id"]) for row in rows(self._db, sql, prefix, prefix, limit)]
+        return [str(row["id"]) for row in self._db.query(sql, [prefix, prefix, limit])]
 
     def load_record(self, episode_id: str) -> Record:
         """Return the cause of a finished episode, ready to be replayed; StoreError when there is no such episode."""
-        sql = "SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL"
-        for row in rows(self._db, sql, episode_id):
+        for row in list(
+            self._db.query(
+                "SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]
+            )
+        ):
             return Trial.of(row).record(self.steps(episode_id))
         raise StoreError(f"no finished episode {episode_id!r} in {self.path}: see `episodes`")
 

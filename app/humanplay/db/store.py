@@ -22,7 +22,7 @@ from dataclasses import astuple, dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 from humanplay.db import chain, volunteers
 from humanplay.db.columns import TABLES
@@ -44,6 +44,9 @@ from humanplay.db.read_threads import ReadThreads
 from humanplay.db.reader import JOINED, TRIAL, Reader
 from humanplay.db.trial import Trial
 from humanplay.task import Record, counted
+
+if TYPE_CHECKING:
+    from sqlite_utils import Database
 
 __all__ = [
     "Closing",
@@ -166,8 +169,6 @@ class Closing(NamedTuple):
 
 _ADD_SESSION = """INSERT INTO sessions VALUES
     (?1, ?2, coalesce(?2, (SELECT owner_id FROM sessions WHERE id = ?4)), ?3, ?4, ?5, ?6, ?7, ?8, ?9)"""
-_ADD_EPISODE = TABLES["episodes"].insert()
-_ADD_PLAYER = TABLES["players"].insert(how="INSERT OR IGNORE")
 _STEP = TABLES["steps"].names()
 # The guard makes a lost or doubled step impossible: the next one, of an open episode, or nothing. Nothing, too, where it would
 # be a script's in an episode that is a person's still.
@@ -465,7 +466,7 @@ class Store(Reader):
         accept_loss: bool = False,
     ) -> None:
         path, self.metrics = Path(path), metrics or Metrics()
-        self._reads: ReadThreads[sqlite3.Connection] | None = None
+        self._reads: ReadThreads[Database] | None = None
         check_writable(path)
         self._lock = DatabaseLock(path)
         try:
@@ -476,7 +477,7 @@ class Store(Reader):
         except BaseException:
             self._lock.close()
             raise
-        self._conn = self._db
+        self._conn: sqlite3.Connection = self._db.conn
         self._lost: str | None = None
         self._is_within, self._began = False, 0.0
         self._undone: StoreError | None = None
@@ -516,10 +517,10 @@ class Store(Reader):
             self._reads = None
             self._conn.execute(f"PRAGMA busy_timeout = {BUSY_MS}")
 
-    def _open_for_reading(self) -> sqlite3.Connection:
+    def _open_for_reading(self) -> Database:
         """Open a connection of a thread that reads."""
         db = open_read_only(self.path)
-        db.execute(f"PRAGMA cache_size = -{READ_CACHE_KB}")
+        db.conn.execute(f"PRAGMA cache_size = -{READ_CACHE_KB}")
         return db
 
     async def write(
@@ -564,14 +565,14 @@ class Store(Reader):
         self._lock.close()
 
     @property
-    def _db(self) -> sqlite3.Connection:
+    def _db(self) -> Database:
         """The connection for whoever asks: the one that writes, or while threads are started a reading one of their own."""
         if self._reads is None or self.writes.is_own_thread:
             return self._own_db
         return self._reads.connection()
 
     @_db.setter
-    def _db(self, db: sqlite3.Connection) -> None:
+    def _db(self, db: Database) -> None:
         self._own_db = db
 
     @property
@@ -587,7 +588,7 @@ class Store(Reader):
     @property
     def connection(self) -> sqlite3.Connection:
         """The connection for the modules of this package; it writes inside `transaction` alone."""
-        return self._db
+        return self._db.conn
 
     @contextmanager
     def transaction(self, is_one_statement: bool = False) -> Iterator[None]:
@@ -699,7 +700,7 @@ class Store(Reader):
     def add_player(self, player_id: str, at_ms: int) -> None:
         """Add a player; a second time changes nothing."""
         with self.transaction():
-            self._conn.execute(_ADD_PLAYER, (player_id, at_ms))
+            self._db.table("players").insert({"id": player_id, "created_ms": at_ms}, ignore=True)
 
     def add_session(self, row: SessionRow) -> None:
         """Add a session; a rival's session belongs to the player whose rival it is."""
@@ -721,7 +722,7 @@ class Store(Reader):
                 self._close(Closing(*each))
             opened = [replace(row, terrain_met_before=self._has_met(row)) for row in rows]
             for row in opened:
-                self._conn.execute(_ADD_EPISODE, list(row.row().values()))
+                self._db.table("episodes").insert(row.row())
         return opened
 
     def add_step(self, row: StepRow, closing: Record | None = None) -> None:
