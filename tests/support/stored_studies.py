@@ -25,6 +25,8 @@ _fields = itertools.count()
 CONFIG = EnvConfig("random", 7, 9, sensor_radius=3)
 BEGAN = 1_790_000_000_000
 PAGE_BEGAN = BEGAN - 60_000
+UNEVEN_MS = (100, 170, 90, 240, 130)
+"""Between moves: nobody presses as evenly as a clock."""
 KEYS = ("ArrowUp", "ArrowRight", "ArrowDown", "ArrowLeft")
 """By action: what a participant presses."""
 IDENTITIES = {"PROLIFIC_PID": "5f3e9prolific{}zz", "SESSION_ID": "outside-session-{}"}
@@ -166,7 +168,8 @@ class StudyRecorder:
                 self._events(ident, 2 * episode.steps, frame, KEYS[action])
             step = StepRow(
                 episode_id=ident, step=episode.steps - 1, action=action, reward=reward, discovered=episode.discovered,
-                server_ms=self.tick(), client_ms=pressed_ms + 1.5, key_down_ms=pressed_ms, key_up_ms=pressed_ms + 80.25,
+                server_ms=self.tick(UNEVEN_MS[frame % len(UNEVEN_MS)]),
+                client_ms=pressed_ms + 1.5, key_down_ms=pressed_ms, key_up_ms=pressed_ms + 80.25,
                 input=input_kind, driver=driver,
             )  # fmt: skip
             self.store.add_step(step)

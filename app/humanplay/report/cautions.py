@@ -7,7 +7,15 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from humanplay.db.trial import Trial
-from humanplay.report.statistics.exclusion_sets import Cohort, ended_ranked
+from humanplay.report.statistics.exclusion_sets import (
+    METRICS,
+    Cohort,
+    ended_ranked,
+    everybody_of,
+    is_flagged_throughout,
+    members,
+    people_of,
+)
 from humanplay.report.statistics.formatting import counted
 from humanplay.report.statistics.study_figures import StudyFigure
 from humanplay.study.data import StudyData
@@ -49,6 +57,7 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     if group.kind == "human":
         found += _about_erased(data, group)
         found += _about_neither(group)
+        found += _about_flagged(data, group)
         found += _about_freezings(data)
         found += _about_other_studies(data)
         found += _about_exports(data)
@@ -140,6 +149,32 @@ def _about_neither(group: GroupReport) -> Iterable[str]:
         yield (
             f"{neither} of {counted(agreed, 'person', 'people')} who agreed {are} in neither estimate: "
             f"{group.flow.count(*EARLY)} began no ranked episode, {group.flow.count(Status.BOT)} played as bots throughout."
+        )
+
+
+def _about_flagged(data: StudyData, group: GroupReport) -> Iterable[str]:
+    """Yield how people whose every episode is flagged move the estimate for everybody, beyond half its interval."""
+    people = people_of(data)
+    everybody = everybody_of(data, people).cohort
+    began = members(everybody, {})
+    flagged = [person for person in began if is_flagged_throughout(people, person)]
+    rest = [person for person in began if person not in flagged]
+    found = []
+    for name, metric, form, estimate in (
+        ("mean score", METRICS[0], ".3f", group.everybody.score),
+        (f"mean {group.words.steps}", METRICS[1], ".1f", group.everybody.steps),
+    ):
+        if not (flagged and rest and estimate is not None and estimate.interval is not None):
+            continue
+        without = float(everybody.table(rest, metric).mean())
+        low, high = estimate.interval
+        if abs(estimate.mean - without) > (high - low) / 2:
+            found.append(f"{name} {estimate.mean:{form}} with them, {without:{form}} without")
+    if found:
+        have, are = ("has", "is") if len(flagged) == 1 else ("have", "are")
+        yield (
+            f"{counted(len(flagged), 'person', 'people')} {have} a data-quality flag on every ranked episode and {are} "
+            f"in the estimate for everybody alone, which they move by more than half its interval: {'; '.join(found)}."
         )
 
 

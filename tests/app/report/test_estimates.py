@@ -56,6 +56,10 @@ ENDS = {
     "the last terrain by a bot": (lambda n: {**PROGRAM, "driver": "script"} if n == 5 else {}, None, {}, "partly_bot", 5,
                                   {"by_a_bot": 1}),
     "a first message lost": (lambda n: UNATTESTED if n == 2 else {}, None, {}, "not_attested", 6, {}),
+    "every one flagged": (lambda n: {"labels": ("unfocused",)}, None, {}, "excluded", 6, {}),
+    "all but one flagged": (lambda n: {"labels": ("unfocused",)} if n else {}, None, {}, "finished", 6, {}),
+    "every one flagged or spoilt": (lambda n: {"attestation": "spoilt", "attestation_reason": "step 4: the move says no times"}
+                                    if n == 1 else {"labels": ("no key-up",)}, None, {}, "excluded", 6, {}),
     "left": (lambda n: {}, first, LEFT, "left", 1, {"not_ended": 5}),
     "left at an episode": (lambda n: {"outcome": "abandoned", "ended_ms": CLOSED_MS}, first, LEFT, "left", 0, {"not_ended": 6}),
     "withdrew": (lambda n: {}, first, WITHDREW, "withdrew", 1, {"not_ended": 5}),
@@ -115,6 +119,27 @@ def test_bots_and_those_who_never_began_are_in_neither_and_many_of_them_are_a_ca
     assert said.startswith("2 of 6 people who agreed are in neither estimate: 1 began no ranked")
     few = build(study([*people, idle], trials)).groups[0]
     assert not any("in neither estimate" in line for line in few.cautions), "a fifth is not more"
+
+
+@pytest.mark.parametrize(("flagged", "is_said"), [(1, False), (6, True)])
+def test_people_whose_every_episode_is_flagged_are_a_caution_where_they_move_the_second_estimate(
+    flagged, is_said
+):
+    scores = np.full((12 + flagged, TERRAINS), 0.9)
+    scores[12:] = 0.4
+    people, trials = played(scores)
+    doubtful = {person.id for person in people[12:]}
+    trials = [
+        replace(each, labels=("unfocused",)) if each.participant in doubtful else each
+        for each in trials
+    ]
+    group = build(study(people, trials)).groups[0]
+    assert (group.figure.players, group.everybody.players) == (12, 12 + flagged)
+    said = [line for line in group.cautions if "data-quality flag" in line]
+    assert bool(said) == is_said
+    if is_said:
+        assert said[0].startswith("6 people have a data-quality flag on every ranked episode")
+        assert "mean score 0.733 with them, 0.900 without" in said[0]
 
 
 def test_whoever_made_one_first_move_is_no_bot():

@@ -331,6 +331,8 @@ def _played(trials: Sequence[Trial]) -> list[tuple[int, int, float, float, str]]
 
 def _enters(cohort: Cohort, person: Person, rules: Mapping[Any, Any]) -> bool:
     trials = cohort.ranked[person.id]
+    if rules and is_flagged_throughout(cohort, person.id):
+        return False
     # trials that a script touched or below the required level are not among them: a person with one does not have all
     whole = len({trial.terrain_index for trial in trials}) == cohort.terrains
     if rules.get("completed") and (
@@ -345,6 +347,13 @@ def _enters(cohort: Cohort, person: Person, rules: Mapping[Any, Any]) -> bool:
         return False
     most = rules.get("max_pause_share")
     return most is None or all(trial.pause_share <= float(most) for trial in trials)
+
+
+def is_flagged_throughout(cohort: Cohort, participant: str) -> bool:
+    """Tell whether each ranked episode that a person ended carries a data-quality flag, or was spoilt."""
+    trials = cohort.ranked[participant]
+    flagged = [bool(trial.labels) or trial.attestation == "spoilt" for trial in trials]
+    return cohort.kind == "human" and bool(flagged) and all(flagged)
 
 
 def given_up(cohort: Cohort, participant: str) -> float:
@@ -373,4 +382,6 @@ def rule_in_words(rules: Mapping[Any, Any]) -> str:
         words.append("no ranked episode carries a label")
     if (most := rules.get("max_pause_share")) is not None:
         words.append(f"none was paused for more than {percent(float(most))} of its time")
+    if words:
+        words.append("not every ranked episode carries a data-quality flag")
     return "; ".join(words) or "everybody who finished a ranked episode"
