@@ -60,13 +60,26 @@ def test_the_first_terrains_are_played_again_to_the_same_step(board):
         assert tuple(again) == ShippedFigures().find(job).steps[:3], job.policy
 
 
-def test_a_whole_figure_is_made_again_to_the_last_digit():
+DIGITS = 12
+"""Of figures that are made again: functions like `exp` differ in the last ones between machines."""
+
+
+def rounded(value):
+    """A document with its numbers at DIGITS digits."""
+    if isinstance(value, dict):
+        return {name: rounded(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [rounded(part) for part in value]
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+
+def test_a_whole_figure_is_made_again_to_twelve_digits():
     jobs = jobs_of(offered_boards()["random-21x21"])
     job = next(each for each in jobs if each.policy == "frontier-cost")
     shipped = ShippedFigures().find(job)
     made = make_figure(job, shipped.command)
-    assert json.loads(json.dumps(made.figure)) == shipped.figure
-    assert made == shipped
+    assert rounded(json.loads(json.dumps(made.figure))) == rounded(shipped.figure)
+    assert (made.steps, made.command) == (shipped.steps, shipped.command)
 
 
 @pytest.mark.long
@@ -76,7 +89,7 @@ def test_a_file_is_made_again_as_it_is(board):
     with Jobs(2) as jobs:
         made = make_board(entry, jobs, lambda done, of: None)
     kept = (FOLDER / file_name(entry.config)).read_text()
-    assert made == kept
+    assert rounded(json.loads(made)) == rounded(json.loads(kept))
 
 
 def test_a_figure_is_used_for_its_own_terrains_policy_and_core_alone(tmp_path):
