@@ -56,13 +56,13 @@ APPLICATION_ID = 0x48504C59
 
 __all__ = [
     "APPLICATION_ID",
+    "COUNT_COMMIT",
     "RUNS",
     "StoreError",
     "accept_missing",
     "check_commits",
     "check_writable",
     "commits_in",
-    "count_commit",
     "damaged",
     "open_database",
     "open_read_only",
@@ -77,8 +77,9 @@ BUSY_MS = 5_000
 _CONNECTION: Any = {"timeout": BUSY_MS / 1000, "isolation_level": None, "check_same_thread": False}
 RUNS = "runs"
 """The row of `meta` that is there from a server's start to its clean end."""
-_COUNT = """INSERT INTO meta VALUES ('commits', '1') ON CONFLICT (name) DO UPDATE SET value = value + 1
+COUNT_COMMIT = """INSERT INTO meta VALUES ('commits', '1') ON CONFLICT (name) DO UPDATE SET value = value + 1
     RETURNING CAST(value AS INTEGER)"""
+"""Raises the number of commits within a transaction, and returns it."""
 _log = logging.getLogger(__name__)
 READ_ONLY = "the database {} is read-only: make it writable or give another --database"
 
@@ -111,7 +112,7 @@ def writing(path: Path, timeout_s: float = BUSY_MS / 1000) -> Iterator[sqlite3.C
             _check_schema(conn, path)
             with transaction(conn):
                 yield conn
-                commits = count_commit(conn)
+                (commits,) = conn.execute(COUNT_COMMIT).fetchone()
             note_commit(path, commits)
     except (sqlite3.Error, OSError) as error:
         raise StoreError(f"the database {path} did not take a write: {error}") from error
@@ -208,11 +209,6 @@ def check_writable(path: Path) -> None:
     recognise(path)
     if path.exists() and not os.access(path, os.W_OK):
         raise StoreError(READ_ONLY.format(path))
-
-
-def count_commit(conn: sqlite3.Connection) -> int:
-    """Raise the number of commits within a transaction, and return it."""
-    return int(conn.execute(_COUNT).fetchone()[0])
 
 
 def check_commits(path: Path) -> int:

@@ -28,12 +28,12 @@ from humanplay.db import chain, volunteers
 from humanplay.db.columns import TABLES
 from humanplay.db.database import (
     BUSY_MS,
+    COUNT_COMMIT,
     RUNS,
     StoreError,
     check_commits,
     check_writable,
     commits_in,
-    count_commit,
     open_database,
     open_read_only,
     transaction,
@@ -500,7 +500,7 @@ class Store(Reader):
         with suppress(sqlite3.Error):  # a full disk: the note alone tells then
             with transaction(self._conn):
                 self._conn.execute(how, [RUNS])
-                count_commit(self._conn)
+                self._conn.execute(COUNT_COMMIT).fetchone()
             self._conn.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
 
     def start_threads(self) -> None:
@@ -665,7 +665,7 @@ class Store(Reader):
             if undone is not None:
                 raise undone
             self._place.check()  # now the write can still be taken back
-            commits = count_commit(self._conn)
+            (commits,) = self._conn.execute(COUNT_COMMIT).fetchone()
             self._conn.execute("COMMIT")
         except BaseException as error:
             self._roll_back()

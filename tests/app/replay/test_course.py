@@ -13,7 +13,7 @@ from humanplay.tasks.mars.course import (
     preferred,
 )
 from humanplay.tasks.mars.drawn import PLAIN_LEVELS, PLAIN_POLICIES, sentence
-from humanplay.tasks.mars.grid import CELL_CHARACTERS
+from humanplay.tasks.mars.run import CELL_CHARACTERS
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import play_terrain

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
+from humanplay.tasks.mars.colours import AMBER, NIGHT, ROCK, SOIL
 from humanplay.tasks.mars.course import course_of, play_ghost
-from humanplay.tasks.mars.grid import AMBER, NIGHT, ROCK, SOIL
 from humanplay.tasks.mars.pictures import PREVIEW, board_picture
 from humanplay.web.replays.files import (
     Timing,

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from humanplay.task import GhostError, PolicyOffer
 from humanplay.tasks.mars.drawn import NEVER, DrawnEpisode, sentence
-from humanplay.tasks.mars.grid import encode_grid
 from humanplay.tasks.mars.pictures import AnimationPicture, Look, preview
+from humanplay.tasks.mars.run import encode_grid
 from marsexplorer.config import ACTIONS, FREE, ROVER, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode, Record, replay
 from marsexplorer.policies import begin, load

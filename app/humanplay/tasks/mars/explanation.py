@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from humanplay.jobs import Jobs
-from humanplay.tasks.mars.grid import encode_grid
+from humanplay.tasks.mars.run import encode_grid
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Record
 from marsexplorer.evaluation.cost import CostEstimator, EpisodeCosts, check_judged, counted_moves

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from humanplay.tasks.mars.colours import AMBER, NIGHT, ROCK, SOIL, Colour
 from humanplay.tasks.mars.drawn import NEVER, DrawnEpisode, sentence
-from humanplay.tasks.mars.grid import AMBER, NIGHT, ROCK, SOIL, Colour
 from marsexplorer.config import ACTIONS, OBSTACLE
 
 SOIL_EDGE: Colour = (147, 82, 49)

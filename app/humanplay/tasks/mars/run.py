@@ -12,12 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from humanplay.task import counted
-from humanplay.tasks.mars.grid import data_url, encode_grid
+from humanplay.tasks.mars.colours import data_url
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
 from marsexplorer.warmup import step_once
 
+CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
+"""Code of a cell -> its character in a frame's grid."""
+
 _ENCODER = msgspec.json.Encoder()
+
+
+def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
+    """Return what is known of a terrain, codes uint8[rows, cols], as the `grid` of a frame."""
+    rows, cols = codes.shape
+    cells = codes.tobytes().translate(CELL_CHARACTERS).decode()
+    return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
 
 
 @cache

@@ -1,4 +1,4 @@
-"""What is known of a terrain: as the text of a frame, and as a small picture."""
+"""The colours of a terrain, and what is known of one as a small picture."""
 
 from __future__ import annotations
 
@@ -7,21 +7,11 @@ from numpy.typing import NDArray
 
 from humanplay.board.pictures import png
 
-CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
-"""Code of a cell -> its character in a frame's grid."""
-
 Colour = tuple[int, int, int]
 NIGHT: Colour = (14, 11, 13)
 SOIL: Colour = (168, 98, 60)
 AMBER: Colour = (255, 179, 71)
 ROCK: Colour = (220, 203, 184)
-
-
-def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
-    """Return what is known of a terrain, codes uint8[rows, cols], as the `grid` of a frame."""
-    rows, cols = codes.shape
-    cells = codes.tobytes().translate(CELL_CHARACTERS).decode()
-    return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
 
 
 def data_url(codes: NDArray[np.uint8]) -> str:
