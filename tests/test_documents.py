@@ -332,4 +332,4 @@ def test_the_drawing_of_the_units_is_their_contract():
     }
     assert len(layers) <= 9
     assert len({unit for arrow in arrows for unit in arrow}) <= 13
-    assert len([arrow for arrow in arrows if "agents" not in arrow]) <= 48
+    assert len([arrow for arrow in arrows if "agents" not in arrow]) <= 45

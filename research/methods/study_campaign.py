@@ -22,7 +22,6 @@ from humanplay.db.erasure import AskedBy, forget
 from humanplay.db.store import Store
 from humanplay.db.study_rows import participant_label
 from humanplay.release.build import build_release, request_of
-from humanplay.release.verification import verify_database
 from humanplay.report.costs import no_bar
 from humanplay.report.making import make_study_report
 from humanplay.report.model import Report
@@ -34,6 +33,7 @@ from humanplay.study.folder import Folder, Study
 from humanplay.study.invitations import Invitations, token_of
 from humanplay.study.protocol import default_protocol
 from humanplay.study.seeds import seed as seed_of
+from humanplay.study.verification import verify_database
 from humanplay.tasks.mars.players import NoisyPolicy
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.web.simulate import Clock, Participant, RefusedError

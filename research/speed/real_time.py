@@ -34,7 +34,7 @@ import numpy as np
 from websockets.asyncio.client import connect
 
 from humanplay.board.controls import COUNTDOWN_S, late_share
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from tests.support.browser import AS_A_PERSON, NO_3D, QUIET, chromium_path, free_port
 
 ROOMS, CRAFTER, BREAKOUT = (

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from humanplay.tasks.gymnasium.description import told_of
 from tests.support.browser import AS_A_PERSON, NO_3D, SIZES, free_port, keep_picture, violations
 from tests.support.servers import eventually

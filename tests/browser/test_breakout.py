@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import expect
 
 from humanplay.board import clock
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture, violations
 from tests.support.servers import eventually
 

@@ -18,8 +18,8 @@ from humanplay.db.database import transaction
 from humanplay.db.reader import now_ms, utc_day
 from humanplay.db.store import Store
 from humanplay.db.trial import parse_config
-from humanplay.results.daily import day_before
 from humanplay.results.entries import entry_of
+from humanplay.study.days import day_before
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 from tests.support.recorded_daily import play_daily

@@ -2,7 +2,7 @@
 
 from humanplay.db.series import add_attempt, add_series, daily_secret
 from humanplay.db.store import Store
-from humanplay.results.daily import DailyTerrain, day_start_ms
+from humanplay.study.days import DailyTerrain, day_start_ms
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 

@@ -21,7 +21,7 @@ from humanplay.task import counted
 if TYPE_CHECKING:
     from humanplay.db.erasure import AskedBy
     from humanplay.db.reader import Who
-    from humanplay.release.verification import Verification
+    from humanplay.study.verification import Verification
 
 
 SERVERS = "The database that the server records in, if it is not the default one."
@@ -128,8 +128,8 @@ def _of_database(
     database: Path | None, head: str | None, accept_loss: bool
 ) -> tuple[Verification, str]:
     from humanplay.db.database import accept_missing
-    from humanplay.release.verification import check_policy_files, verify_database
     from humanplay.study.folder import Folder
+    from humanplay.study.verification import check_policy_files, verify_database
 
     path = database or place().database
     folder = Folder.beside(path)

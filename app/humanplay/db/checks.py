@@ -1,7 +1,7 @@
 """Stored rows checked against what they follow from: an episode against its simulation, every row against the chain, the chain
 against itself, and the file by SQLite itself.
 
-`humanplay.release.verification` puts these checks together with those of the study's protocol; `humanplay.db.chain` says
+`humanplay.study.verification` puts these checks together with those of the study's protocol; `humanplay.db.chain` says
 what an entry is.
 """
 

@@ -35,7 +35,6 @@ from humanplay.release.manifest import (
 from humanplay.release.minari_data import MinariWriter, dataset_id
 from humanplay.release.pseudonyms import count_arrivals, write_pseudonymized
 from humanplay.release.tables import QUERIES, released_episodes, write_tables
-from humanplay.release.verification import verify_moment
 from humanplay.report.costs import (
     CostRow,
     ProgressBar,
@@ -64,6 +63,7 @@ from humanplay.study.invitations import Invitation, Invitations
 from humanplay.study.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
 from humanplay.study.policy_files import EXPERT, FOLDER, PolicyFiles
 from humanplay.study.protocol import Protocol, StudyError, parse_protocol
+from humanplay.study.verification import verify_moment
 from humanplay.task import counted
 from marsexplorer.files import replace_whole
 

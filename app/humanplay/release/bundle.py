@@ -20,12 +20,12 @@ from humanplay.db.releases import ReleaseRow, note_imported_release
 from humanplay.db.resimulation import Finding
 from humanplay.release.errors import ReleaseError
 from humanplay.release.manifest import BUNDLE_DATABASE, check_files, read_manifest
-from humanplay.release.verification import Verification, verify_database
 from humanplay.report.costs import CostRow
 from humanplay.study.data import load
 from humanplay.study.folder import Advance
 from humanplay.study.policy_episodes import PolicyEpisode
 from humanplay.study.policy_files import EXPERT, FOLDER
+from humanplay.study.verification import Verification, verify_database
 from humanplay.task import Rules
 
 

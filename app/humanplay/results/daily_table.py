@@ -17,8 +17,8 @@ from humanplay.db.reader import Reader
 from humanplay.db.series import results
 from humanplay.db.trial import Trial
 from humanplay.jobs import Jobs
-from humanplay.results.daily import DailyTerrain, day_before
 from humanplay.results.evaluations import Evaluation, PolicyEvaluations
+from humanplay.study.days import DailyTerrain, day_before
 from humanplay.task import PolicyOffer
 
 SHOWN = 10

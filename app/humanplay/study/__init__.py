@@ -5,5 +5,6 @@ are drawn from it (`seeds`), and episodes that are hidden until the series close
 not a series: it never closes, so its secret could never be published. Each of its terrains is drawn by chance when it
 begins (`humanplay.board.ranked`).
 
-`folder` and `protocol` hold what a study is, `progress` leads participants through it, and `data` reads what they did.
+`folder` and `protocol` hold what a study is, `days` what a daily terrain is, `progress` leads participants through a study,
+`data` reads what they did, and `verification` checks it.
 """

@@ -10,8 +10,9 @@ from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 
 from humanplay.db.reader import Reader
 from humanplay.db.series import attempts_of
-from humanplay.results.daily import DailyPlayedError, DailyTerrain, day_before
+from humanplay.results.daily import DailyPlayedError
 from humanplay.results.daily_table import calendar, describe_attempt, people_on, streak
+from humanplay.study.days import DailyTerrain, day_before
 from humanplay.task import MARS
 from humanplay.web.access import player_of, remember_player, services_of
 from humanplay.web.answers.boards import Board

@@ -10,8 +10,8 @@ import pytest
 
 from humanplay.agents.receipts import OPENING_FORMAT, chained, read_signed, sign
 from humanplay.release import signing
-from humanplay.release.verification import verify_database
 from humanplay.study.data import load
+from humanplay.study.verification import verify_database
 from tests.support.agents import begun, closed_evaluation, paths
 from tests.support.command import command, run
 from tests.support.stored_studies import StudyRecorder, freeze

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 
 resource = pytest.importorskip("resource")
 HOUR_MS = 3_600_000

@@ -7,10 +7,10 @@ import pytest
 
 from humanplay.board import attestation, clock, controls, input_log, session
 from humanplay.board.controls import Controls, HeldKeys, late_share, pauses_of
-from humanplay.release.verification import verify_database
 from humanplay.study.active_time import active_ms, pause_share
 from humanplay.study.plausibility import labels_of, plausibility_labels
 from humanplay.study.protocol import default_protocol
+from humanplay.study.verification import verify_database
 from humanplay.task import describe, rules_of
 from humanplay.tasks.gymnasium.description import Description, read_description
 from tests.support.keyboard import Keyboard

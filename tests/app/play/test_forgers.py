@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import pytest
 
-from humanplay.release.verification import verify_database
 from humanplay.report.statistics.exclusion_sets import everybody_of, people_of
 from humanplay.report.statistics.study_figures import study_figures
 from humanplay.study.data import load as load_study
 from humanplay.study.folder import Folder
 from humanplay.study.invitations import Invitations, token_of
+from humanplay.study.verification import verify_database
 from humanplay.web.simulate import Clock, NoisyPolicy, Participant, occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load

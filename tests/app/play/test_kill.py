@@ -15,7 +15,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from marsexplorer.config import ACTIONS
 from tests.support.browser import free_port
 from tests.support.servers import PATIENCE_S, Running, eventually

@@ -10,7 +10,7 @@ from humanplay.db.reader import Reader
 from humanplay.db.store import Closing, Store
 from humanplay.db.trial import Trial
 from humanplay.db.volunteers import players_of
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.recorded import add_session, add_steps, open_episode, tour

@@ -10,7 +10,7 @@ from humanplay.board.sources import Sources
 from humanplay.db import chain
 from humanplay.db.playground import delete_unplayed
 from humanplay.db.store import SessionRow, Store
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.tasks.mars.task import Mars
 from humanplay.web.settings import Limits

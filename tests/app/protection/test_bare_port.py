@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from humanplay.web.settings import Limits
 from tests.app.protection.test_limits import masked, why_closed
 from tests.support.others import misbehaving

@@ -9,7 +9,7 @@ import pytest
 
 from humanplay.db.input_events import MAX_EVENTS_PER_EPISODE, InputEventRow, add_input_events
 from humanplay.db.store import Store
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode

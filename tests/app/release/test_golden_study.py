@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from tests.support import golden_study
 from tests.support.command import run
 

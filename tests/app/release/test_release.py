@@ -25,8 +25,8 @@ from humanplay.release.bundle import import_release, verify_bundle
 from humanplay.release.errors import ReleaseError
 from humanplay.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing, sha256
 from humanplay.release.tables import PARQUET
-from humanplay.release.verification import verify_database
 from humanplay.study.protocol import canonical, canonical_json, parse_protocol
+from humanplay.study.verification import verify_database
 from marsexplorer.config import EnvConfig
 from tests.support.command import command as run
 from tests.support.recorded import alter, ask

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from humanplay.db.reader import Reader
-from humanplay.release.verification import verify_database
 from humanplay.report.build import build
 from humanplay.report.statistics.human_level import human_level
 from humanplay.study.data import load
 from humanplay.study.folder import Folder
+from humanplay.study.verification import verify_database
 from humanplay.web.simulate import NoisyPolicy, Plan, RefusedError, ServerAwayError, simulate
 from tests.support.command import command
 from tests.support.recorded import ask

@@ -22,9 +22,9 @@ from humanplay.db.backup import Backups, StoppedError, back_up, restore
 from humanplay.db.checks import quick_check
 from humanplay.db.database import StoreError
 from humanplay.db.store import Store
-from humanplay.release.verification import verify_database
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import default_protocol
+from humanplay.study.verification import verify_database
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS
 from tests.support.recorded import (

@@ -18,7 +18,7 @@ from humanplay.db.series import StudyStore
 from humanplay.db.store import Closing, Store
 from humanplay.release.build import ReleaseRequest, build_release
 from humanplay.release.manifest import MANIFEST
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from tests.support.command import command
 from tests.support.page_loads import STORED_LOAD
 from tests.support.recorded import (

@@ -10,10 +10,10 @@ from humanplay.db.merging import MergeError, merge
 from humanplay.db.reader import Reader
 from humanplay.db.series import add_series, attempts_of, daily_secret
 from humanplay.db.store import Store, StoreError
-from humanplay.release.verification import verify_database
 from humanplay.report.statistics.human_level import human_level
-from humanplay.results.daily import terrain_on
+from humanplay.study.days import terrain_on
 from humanplay.study.seeds import commitment
+from humanplay.study.verification import verify_database
 from tests.support.recorded import alter, play
 from tests.support.recorded_daily import AFTER_MS, DAY, DURING_MS, play_daily, small_terrain
 from tests.support.stored_studies import CONFIG, StudyRecorder, freeze, play_study

@@ -18,7 +18,7 @@ from humanplay.release.build import ReleaseRequest, build_release
 from humanplay.release.bundle import import_release
 from humanplay.release.errors import ReleaseError
 from humanplay.release.manifest import MANIFEST
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from tests.support.command import command, run
 from tests.support.recorded import alter, ask, play
 from tests.support.stored_studies import (

@@ -9,7 +9,7 @@ import pytest
 from humanplay.db.merging import MergeError, merge
 from humanplay.release.build import ReleaseRequest, build_release
 from humanplay.release.bundle import verify_bundle
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from tests.support.command import command
 from tests.support.recorded import alter, ask
 from tests.support.stored_studies import StudyRecorder, freeze, play_study

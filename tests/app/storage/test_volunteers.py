@@ -14,8 +14,8 @@ from humanplay.db.merging import merge
 from humanplay.db.reader import Reader
 from humanplay.db.store import Store
 from humanplay.db.volunteers import differences
-from humanplay.release.verification import verify_database
 from humanplay.report.statistics.human_level import human_level
+from humanplay.study.verification import verify_database
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, add_session, add_steps, open_episode, play, tour
 from tests.support.recorded_daily import play_daily

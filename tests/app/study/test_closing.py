@@ -16,13 +16,13 @@ from humanplay.db.series import StudyStore
 from humanplay.db.store import Store
 from humanplay.release.build import build_release, request_of
 from humanplay.release.errors import ReleaseError
-from humanplay.release.verification import verify_database
 from humanplay.report.build import build
 from humanplay.report.making import load_with_folder
 from humanplay.study.closing import note_closed
 from humanplay.study.data import load
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import StudyError
+from humanplay.study.verification import verify_database
 from humanplay.tasks.mars.rules import MarsRules
 from tests.support.command import command
 from tests.support.servers import eventually

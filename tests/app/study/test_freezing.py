@@ -4,11 +4,11 @@ import json
 from contextlib import closing
 
 from humanplay.db.store import Store
-from humanplay.release.verification import verify_database
 from humanplay.report.build import build
 from humanplay.study.data import load
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import default_protocol
+from humanplay.study.verification import verify_database
 from tests.support.command import command, run
 from tests.support.declared import DECLARATIONS
 from tests.support.stored_studies import BEGAN, CONFIG, StudyRecorder, freezing_at, play_study

@@ -7,8 +7,8 @@ import sqlite3
 import pytest
 
 from humanplay.db import input_events
-from humanplay.release.verification import verify_database
 from humanplay.study.folder import Folder, StudyError
+from humanplay.study.verification import verify_database
 from tests.support.page_loads import LOAD, STORED_LOAD
 from tests.support.recorded import ask
 from tests.support.study import Person, freeze

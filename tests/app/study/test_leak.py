@@ -14,11 +14,11 @@ from numpy import packbits
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from humanplay.release.verification import verify_database
 from humanplay.report.build import build
 from humanplay.report.cautions import cautions
 from humanplay.study.data import load
 from humanplay.study.folder import Folder
+from humanplay.study.verification import verify_database
 from humanplay.tasks.mars.viewer3d.viewer import PROTOCOL
 from marsexplorer.terrain import generate
 from tests.support.command import command

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from humanplay.db import chain
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from tests.support.recorded import ask
 from tests.support.stored_studies import StudyRecorder, freeze
 from tests.support.study import Person

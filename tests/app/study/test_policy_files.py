@@ -6,12 +6,12 @@ import shutil
 
 import pytest
 
-from humanplay.release.verification import check_policy_files
 from humanplay.results.entries import LeaderboardEntry
 from humanplay.study.debrief import _play
 from humanplay.study.folder import Folder
 from humanplay.study.policy_episodes import play_policies
 from humanplay.study.protocol import StudyError, default_protocol
+from humanplay.study.verification import check_policy_files
 from humanplay.task import PolicyError, rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import find_file

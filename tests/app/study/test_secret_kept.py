@@ -3,8 +3,8 @@
 import pytest
 from numpy import packbits
 
-from humanplay.release.verification import verify_database
 from humanplay.study.folder import Folder
+from humanplay.study.verification import verify_database
 from marsexplorer.terrain import generate
 from tests.support.command import command, run
 from tests.support.stored_studies import freeze, play_study

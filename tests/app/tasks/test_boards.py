@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from humanplay.task import Choice, RunEndedError
 from humanplay.tasks import processes
 from humanplay.tasks.gymnasium.description import Description

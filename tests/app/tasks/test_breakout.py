@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from humanplay.task import rules_of
 from humanplay.tasks.gymnasium.description import Description
 from humanplay.tasks.gymnasium.rules import GymnasiumRules

@@ -6,7 +6,7 @@ import minari
 import numpy as np
 import pytest
 
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from humanplay.web.simulate import Participant
 from tests.support.command import run
 from tests.support.declared import DECLARATIONS_FILE

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from humanplay.task import Choice, rules_of
 from humanplay.tasks.gymnasium.description import Description, read_description
 from humanplay.tasks.gymnasium.rules import GymnasiumRules

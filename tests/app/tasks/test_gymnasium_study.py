@@ -12,13 +12,13 @@ import pytest
 
 from humanplay.db.trial import Trial
 from humanplay.db.volunteers import Sums
-from humanplay.release.verification import verify_database
 from humanplay.report import cautions
 from humanplay.report.statistics.exclusion_sets import everybody_of, people_of
 from humanplay.report.statistics.intervals import estimate
 from humanplay.report.statistics.study_figures import study_figures
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import default_protocol
+from humanplay.study.verification import verify_database
 from humanplay.task import rules_of
 from humanplay.tasks.gymnasium.description import Description
 from humanplay.web.simulate import KEY_CODES, Participant, RefusedError

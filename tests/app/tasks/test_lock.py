@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from humanplay.task import rules_of
 from humanplay.tasks.lock import differences
 from tests.support.command import command

@@ -9,7 +9,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from humanplay.release.bundle import initials
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from humanplay.task import Choice, PolicyError, rules_of
 from humanplay.tasks.gymnasium.rules import GymnasiumRules
 from humanplay.tasks.gymnasium.task import GymnasiumTask

@@ -14,8 +14,9 @@ from humanplay.board.sources import Sources
 from humanplay.db.reader import utc_day
 from humanplay.db.series import attempts_of
 from humanplay.db.store import DAY_MS, Store
-from humanplay.release.verification import verify_database
-from humanplay.results.daily import DailyBoards, DailyPlayedError, day_start_ms, terrain_on
+from humanplay.results.daily import DailyBoards, DailyPlayedError
+from humanplay.study.days import day_start_ms, terrain_on
+from humanplay.study.verification import verify_database
 from humanplay.tasks.mars.messages import NewSession
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.tasks.mars.task import Mars

@@ -1,6 +1,6 @@
 """Several environments on one server: the first at /, each further one below /play with a database of its own."""
 
-from humanplay.release.verification import verify_database
+from humanplay.study.verification import verify_database
 from tests.support.study import freeze
 
 LAKE, CLIFF = "gymnasium:FrozenLake-v1", "gymnasium:CliffWalking-v1"

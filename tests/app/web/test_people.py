@@ -12,8 +12,8 @@ from humanplay.db.database import StoreError, reading
 from humanplay.db.erasure import forget_player
 from humanplay.db.reader import utc_day
 from humanplay.db.store import Store
-from humanplay.release.verification import verify_database
-from humanplay.results.daily import day_before
+from humanplay.study.days import day_before
+from humanplay.study.verification import verify_database
 from humanplay.web.access import PARTICIPANT_COOKIE, PLAYER_COOKIE
 from humanplay.web.people import cleaned, likeness
 from marsexplorer.config import EnvConfig

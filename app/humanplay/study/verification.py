@@ -41,8 +41,8 @@ from humanplay.db.database import reading
 from humanplay.db.resimulation import Finding
 from humanplay.db.study_rows import SeriesRow
 from humanplay.jobs import Jobs, cores
-from humanplay.results.daily import START_SLACK_MS, DailyTerrain
 from humanplay.study import seeds
+from humanplay.study.days import START_SLACK_MS, DailyTerrain
 from humanplay.study.folder import Advance, Folder
 from humanplay.study.protocol import Protocol, StudyError, canonical_json, parse_protocol
 from humanplay.task import rules_of

@@ -13,8 +13,8 @@ from humanplay.board.attestation import COPIED
 from humanplay.db import chain
 from humanplay.db.checks import CheckedEpisode
 from humanplay.db.columns import TABLES
-from humanplay.release import verification
-from humanplay.release.verification import check_attestation, verify_database
+from humanplay.study import verification
+from humanplay.study.verification import check_attestation, verify_database
 from tests.app.play.test_attestation import STARTED, burst
 from tests.support.command import command
 from tests.support.recorded import ask
