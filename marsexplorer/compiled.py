@@ -116,17 +116,18 @@ class KernelCache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return what the cache has for these types of arguments; None: numba compiles it next, and saves it."""
-        found = super().load_overload(sig, target_context)
-        if found is not None or compiling.is_locked:
-            return found
+        overload = super().load_overload(sig, target_context)
+        if overload is not None or compiling.is_locked:
+            return overload
         if compiling.instead is not None:
             function = self._py_func
             compiling.instead(KernelCall(function.__module__, function.__name__, sig))
         compiling.lock()
-        found = super().load_overload(sig, target_context)  # another process may have compiled it
-        if found is not None:
+        # another process may have compiled it
+        overload = super().load_overload(sig, target_context)
+        if overload is not None:
             compiling.unlock()
-        return found
+        return overload
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save what was compiled."""

@@ -169,8 +169,8 @@ def test_the_wheel_is_used_in_a_folder_of_somebodys_own_project(home, crowded):
     environ = {**os.environ, "PYTHONPATH": "."}
 
     def said(*command):
-        given = {"cwd": crowded, "env": environ, "capture_output": True, "text": True}
-        process = subprocess.run([*map(str, command)], check=False, **given)
+        options = {"cwd": crowded, "env": environ, "capture_output": True, "text": True}
+        process = subprocess.run([*map(str, command)], check=False, **options)
         assert (process.returncode, process.stderr) == (0, ""), process.stderr
         return process.stdout
 

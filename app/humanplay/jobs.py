@@ -278,13 +278,13 @@ class Jobs(Executor):
         if worker is None or not worker.is_alive():
             if worker is not None:
                 worker.end()
-            made = _Process(self._nice)
+            process = _Process(self._nice)
             with self._changed:
-                self._threads[thread] = made
+                self._threads[thread] = process
                 is_closed = self._is_closed
             if is_closed:  # `close` cannot have seen this one
-                made.end()
-            return made
+                process.end()
+            return process
         return worker
 
 
@@ -390,10 +390,10 @@ def _portable(error: Exception) -> Exception:
 
 def give_way(nice: int) -> None:
     """Lower the priority of this process and of its session, which Linux weighs as one against others (sched(7), autogroup)."""
-    own = str(os.nice(nice))
+    niceness = str(os.nice(nice))
     for _ in range(10):
         try:
-            Path("/proc/self/autogroup").write_text(own)
+            Path("/proc/self/autogroup").write_text(niceness)
         except BlockingIOError:  # Linux takes one in 100 ms of a user who is not root
             time.sleep(0.1)
         except OSError:  # there are no such groups here

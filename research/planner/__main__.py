@@ -38,9 +38,9 @@ def main(
     """
     rows = []
     for config in configs_of(levels, sizes):
-        where = f"{config.level} {config.rows}x{config.cols}"
+        board = f"{config.level} {config.rows}x{config.cols}"
         players = [Planner(config.sensor_radius), *map(policies.load, RULES)]
-        with progress(where) as advance:
+        with progress(board) as advance:
             moves = []
             for count, policy in enumerate(players, 1):
                 moves.append(moves_of(policy, config, range(seed, seed + terrains)))
@@ -49,7 +49,7 @@ def main(
         rule = min(rules, key=lambda steps: float(steps.mean()))
         ratio, low, high = ratio_interval(own, rule)
         means = f"{own.mean():.1f}", f"{rule.mean():.1f}"
-        rows.append((where, *means, f"{ratio:.3f} ({low:.3f} to {high:.3f})"))
+        rows.append((board, *means, f"{ratio:.3f} ({low:.3f} to {high:.3f})"))
     print_table(f"{terrains} terrains each", ("", "planner", "better rule", "ratio"), rows)
 
 

@@ -103,19 +103,19 @@ def measure_server(cache: Path, state: str) -> list[Measured]:
         ) as client,
     ):
         client.get("/").raise_for_status()
-        found = [Measured(f"first page, {state}", taken_s(process), "CPU s")]
+        figures = [Measured(f"first page, {state}", taken_s(process), "CPU s")]
         if state == "all compiled":
             resident, anonymous = resident_mb(process)
-            found.append(Measured("resident before anybody plays", resident, "MB"))
-            found.append(Measured("of it anonymous", anonymous, "MB"))
+            figures.append(Measured("resident before anybody plays", resident, "MB"))
+            figures.append(Measured("of it anonymous", anonymous, "MB"))
         client.post("/api/sessions", json={}).raise_for_status()
-        found.append(Measured(f"first board, {state}", taken_s(process), "CPU s"))
+        figures.append(Measured(f"first board, {state}", taken_s(process), "CPU s"))
         if state == "all compiled":
             wait_for_move(client, client.post("/api/sessions", json={"player": "ppo"}).json())
             resident, anonymous = resident_mb(process)
-            found.append(Measured("resident after ppo has played", resident, "MB"))
-            found.append(Measured("then anonymous", anonymous, "MB"))
-    return found
+            figures.append(Measured("resident after ppo has played", resident, "MB"))
+            figures.append(Measured("then anonymous", anonymous, "MB"))
+    return figures
 
 
 def wait_for_move(client: httpx.Client, board: dict[str, Any]) -> None:

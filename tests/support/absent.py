@@ -8,7 +8,7 @@ def environment_without(modules, folder):
     absent = folder / "absent"
     absent.mkdir()
     for module in modules:
-        said = f"raise ModuleNotFoundError(\"No module named '{module}'\", name={module!r})\n"
-        (absent / f"{module}.py").write_text(said)
+        statement = f"raise ModuleNotFoundError(\"No module named '{module}'\", name={module!r})\n"
+        (absent / f"{module}.py").write_text(statement)
     path = os.pathsep.join(filter(None, [str(absent), os.environ.get("PYTHONPATH")]))
     return {**os.environ, "PYTHONPATH": path}

@@ -71,11 +71,11 @@ def release(
             f"{error}; or leave that policy out of the report with --without-policy, which the datasheet then says"
         ) from error
     rows = built.header.rows
-    what = f"{counted(rows['episodes'], 'episode')}, {counted(rows['steps'], 'move')}"
-    echo(f"{out}: version {built.header.version} of {study}, {what}")
+    counts = f"{counted(rows['episodes'], 'episode')}, {counted(rows['steps'], 'move')}"
+    echo(f"{out}: version {built.header.version} of {study}, {counts}")
     if built.header.chain_head:
-        what = f"the head of the database's chain, for `humanplay verify --head {out}`"
-        echo(f"{what}: {built.header.chain_head}")
+        head = built.header.chain_head
+        echo(f"the head of the database's chain, for `humanplay verify --head {out}`: {head}")
     echo(f"the signing key's fingerprint, to publish beside it: {built.signer}")
 
 

@@ -143,7 +143,7 @@ def _description_file(task: str) -> str:
     from humanplay.tasks.gymnasium.rules import GymnasiumRules
 
     rules = GymnasiumRules(task.partition(":")[2])
-    found = rules.description.model_dump(mode="json") | {
+    fields = rules.description.model_dump(mode="json") | {
         "title": rules.title,
         "actions": rules.actions,
         "keys": {code: name for name, codes in rules.keys.items() for code in codes},
@@ -151,9 +151,9 @@ def _description_file(task: str) -> str:
     }
     lines = []
     for name, field in Description.model_fields.items():
-        is_said = found[name] not in ({}, [None, None])
-        said = f"{name} = {_toml(found[name])}" if is_said else f"# {name} ="
-        lines.append(f"{said}  # {field.description}\n")
+        is_said = fields[name] not in ({}, [None, None])
+        line = f"{name} = {_toml(fields[name])}" if is_said else f"# {name} ="
+        lines.append(f"{line}  # {field.description}\n")
     return "".join(lines)
 
 

@@ -387,11 +387,11 @@ def _compare(
         return
     if made != hash_:
         yield Finding(where, DIGEST, hash_ or "missing", f"{made} from its salted hashes by table")
-    found = compute(conn, thing, salt, played=played)
-    for table in sorted(parts.keys() | found.keys()):
-        if parts.get(table) != found.get(table):
+    digest = compute(conn, thing, salt, played=played)
+    for table in sorted(parts.keys() | digest.keys()):
+        if parts.get(table) != digest.get(table):
             what = f"{DIGEST} in the table {table}"
-            yield Finding(where, what, parts.get(table, "missing"), found.get(table, "none"))
+            yield Finding(where, what, parts.get(table, "missing"), digest.get(table, "none"))
 
 
 def check_without_owner(conn: sqlite3.Connection, owners: Mapping[Kind, str]) -> Iterator[Finding]:

@@ -231,8 +231,10 @@ def check_commits(path: Path) -> int:
     if note is None or missing <= 0:
         return 0
     has_log = _log_of(path).exists()
-    what = counted(missing, "commit that was", "commits that were")
-    lacks = f"the database {path} lacks {what} acknowledged before its server was killed"
+    commits_in_words = counted(missing, "commit that was", "commits that were")
+    lacks = (
+        f"the database {path} lacks {commits_in_words} acknowledged before its server was killed"
+    )
     if has_log and note.boot not in (DURABLE, boot_id()):
         _log.warning("%s: a power cut can do this, which --durable prevents", lacks)
         return missing
@@ -264,14 +266,14 @@ def commits_in(path: Path) -> tuple[int, bool]:
             _check_schema(conn, path, may_be_new=True)
             if _schema_of(conn) == 0:
                 return 0, False
-            found = dict(
+            rows = dict(
                 conn.execute(
                     "SELECT name, value FROM meta WHERE name IN ('commits', ?)", [RUNS]
                 ).fetchall()
             )
     except sqlite3.Error as error:
         raise StoreError(_explain(path, error)) from error
-    return int(found.get("commits", 0)), RUNS in found
+    return int(rows.get("commits", 0)), RUNS in rows
 
 
 def _log_of(path: Path) -> Path:

@@ -159,7 +159,7 @@ def _about_flagged(data: StudyData, group: GroupReport) -> Iterable[str]:
     began = members(everybody, {})
     flagged = [person for person in began if is_flagged_throughout(people, person)]
     rest = [person for person in began if person not in flagged]
-    found = []
+    means = []
     for name, metric, form, estimate in (
         ("mean score", METRICS[0], ".3f", group.everybody.score),
         (f"mean {group.words.steps}", METRICS[1], ".1f", group.everybody.steps),
@@ -169,12 +169,12 @@ def _about_flagged(data: StudyData, group: GroupReport) -> Iterable[str]:
         without = float(everybody.table(rest, metric).mean())
         low, high = estimate.interval
         if abs(estimate.mean - without) > (high - low) / 2:
-            found.append(f"{name} {estimate.mean:{form}} with them, {without:{form}} without")
-    if found:
+            means.append(f"{name} {estimate.mean:{form}} with them, {without:{form}} without")
+    if means:
         have, are = ("has", "is") if len(flagged) == 1 else ("have", "are")
         yield (
             f"{counted(len(flagged), 'person', 'people')} {have} a data-quality flag on every ranked episode and {are} "
-            f"in the estimate for everybody alone, which they move by more than half its interval: {'; '.join(found)}."
+            f"in the estimate for everybody alone, which they move by more than half its interval: {'; '.join(means)}."
         )
 
 

@@ -378,10 +378,10 @@ def _derive_level(episode: CheckedEpisode, given: InputOf, until_ms: int | None)
         asked = tuple(given.supervised_ms), not given.is_studys, controls
         key_map = key_map_of(rules.keys, settings)
         conditions = Conditions(episode.row["started_ms"], key_map, *asked)
-        found = attest(episode.steps, episode.events, conditions)
+        attested = attest(episode.steps, episode.events, conditions)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
         return None, f"rows that cannot be read: {error}"
-    return found.level, found.reason
+    return attested.level, attested.reason
 
 
 def _fits(stored: Level, found: Level, driver: str) -> bool:

@@ -21,12 +21,12 @@ def handed_on(*cookies):
 def test_our_cookies_are_handed_on_and_no_others():
     assert handed_on() == {}
     assert handed_on("other=1") == {}
-    found = handed_on(
+    cookies = handed_on(
         "other=1; humanplay_player=a.b-c_d; humanplay_players=2; humanplay_admin=x:y:1.z"
     )
-    assert found == {"humanplay_player": "a.b-c_d", "humanplay_admin": "x:y:1.z"}
-    found = handed_on("other=1; humanplay_player=a", "humanplay_admin=b; third")
-    assert found == {"humanplay_player": "a", "humanplay_admin": "b"}
+    assert cookies == {"humanplay_player": "a.b-c_d", "humanplay_admin": "x:y:1.z"}
+    cookies = handed_on("other=1; humanplay_player=a", "humanplay_admin=b; third")
+    assert cookies == {"humanplay_player": "a", "humanplay_admin": "b"}
 
 
 @pytest.mark.parametrize("value", ["", ESCAPES, '"a"', "a\\054b", "a b", "a" * 1025])

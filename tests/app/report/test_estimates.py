@@ -135,11 +135,11 @@ def test_people_whose_every_episode_is_flagged_are_a_caution_where_they_move_the
     ]
     group = build(study(people, trials)).groups[0]
     assert (group.figure.players, group.everybody.players) == (12, 12 + flagged)
-    said = [line for line in group.cautions if "data-quality flag" in line]
-    assert bool(said) == is_said
+    cautions = [line for line in group.cautions if "data-quality flag" in line]
+    assert bool(cautions) == is_said
     if is_said:
-        assert said[0].startswith("6 people have a data-quality flag on every ranked episode")
-        assert "mean score 0.733 with them, 0.900 without" in said[0]
+        assert cautions[0].startswith("6 people have a data-quality flag on every ranked episode")
+        assert "mean score 0.733 with them, 0.900 without" in cautions[0]
 
 
 def test_whoever_made_one_first_move_is_no_bot():

@@ -68,8 +68,8 @@ def test_on_a_fresh_machine_the_page_comes_at_once_and_moves_stay_quick_while_bo
 
         watched = client.post("/api/sessions", json={"player": "lookahead", "size": 14}).json()
         with server.socket(watched["session"], client) as watcher:
-            told = watcher.receive("error")["detail"]
-        assert told.startswith("the policy 'lookahead' is getting ready: ")
+            detail = watcher.receive("error")["detail"]
+        assert detail.startswith("the policy 'lookahead' is getting ready: ")
         with ThreadPoolExecutor(1) as pool:
             cave = pool.submit(client.post, "/api/sessions", json={"level": "cave"})
             took = move_until(cave.done, server.client(), board)
