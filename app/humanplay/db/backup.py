@@ -141,6 +141,7 @@ def restore(
     StoreError while a server has the database, when the backup is not whole, and when the disk is full: nothing changes then.
     """
     check_restorable(backup, database)
+    database = database.resolve()  # behind a link lie the file, its log and its note
     lock = DatabaseLock(database)
     new = database.with_name(database.name + ".restored")
     try:

@@ -29,6 +29,7 @@ from humanplay.db.file import (
     hold,
     is_in_use,
     lock_path,
+    log_path,
     note_commit,
     note_of,
 )
@@ -230,7 +231,7 @@ def check_commits(path: Path) -> int:
     missing = 0 if note is None else note.commits - commits
     if note is None or missing <= 0:
         return 0
-    has_log = _log_of(path).exists()
+    has_log = log_path(path).exists()
     commits_in_words = counted(missing, "commit that was", "commits that were")
     lacks = (
         f"the database {path} lacks {commits_in_words} acknowledged before its server was killed"
@@ -240,7 +241,7 @@ def check_commits(path: Path) -> int:
         return missing
     state = "is not the one that they are in" if has_log else "is gone, and they are in it"
     raise StoreError(
-        f"{lacks}: it holds {commits}. Its log {_log_of(path).name} {state}: put it back beside the database before "
+        f"{lacks}: it holds {commits}. Its log {log_path(path).name} {state}: put it back beside the database before "
         "anything else opens it, restore a backup (humanplay restore), or go on without them (`humanplay verify`, then "
         "`serve`, with --accept-loss)"
     )
@@ -260,7 +261,7 @@ def commits_in(path: Path) -> tuple[int, bool]:
     if not path.exists() or path.stat().st_size == 0:
         return 0, False
     # without a log nothing is to be read but the file, and a log is not made here
-    uri = path.resolve().as_uri() + "?mode=ro" + ("" if _log_of(path).exists() else "&immutable=1")
+    uri = path.resolve().as_uri() + "?mode=ro" + ("" if log_path(path).exists() else "&immutable=1")
     try:
         with closing(sqlite3.connect(uri, uri=True, **_CONNECTION)) as conn:
             _check_schema(conn, path, may_be_new=True)
@@ -274,10 +275,6 @@ def commits_in(path: Path) -> tuple[int, bool]:
     except sqlite3.Error as error:
         raise StoreError(_explain(path, error)) from error
     return int(rows.get("commits", 0)), RUNS in rows
-
-
-def _log_of(path: Path) -> Path:
-    return Path(f"{os.path.realpath(path)}-wal")
 
 
 def open_database(path: Path, durable: bool = False) -> Database:
@@ -315,7 +312,7 @@ def open_read_only(path: Path) -> Database:
         raise StoreError(f"no database at {path}: play first, or give the path with --database")
     recognise(path)
     check_commits(path)
-    still = "" if _log_of(path).exists() or os.access(path.parent, os.W_OK) else "&immutable=1"
+    still = "" if log_path(path).exists() or os.access(path.parent, os.W_OK) else "&immutable=1"
     uri = path.resolve().as_uri() + "?mode=ro" + still
     try:
         conn: sqlite3.Connection = sqlite3.connect(uri, uri=True, **_CONNECTION)

@@ -115,10 +115,8 @@ class FilePlace:
     """The names of an open database and of its write-ahead log, and the files that they led to when it was opened."""
 
     def __init__(self, path: Path) -> None:
-        # SQLite keeps it beside the file that a link leads to
-        log = f"{os.path.realpath(path)}-wal"
         self._name = path.name
-        paths = (str(path), log)
+        paths = (str(path), str(log_path(path)))
         self._files: list[tuple[str, Identity]] = [(p, identity_of(p)) for p in paths]
 
     def fault(self) -> str | None:
@@ -253,8 +251,13 @@ def boot_id() -> str:
 
 
 def lock_path(path: Path) -> Path:
-    """NAME-lock of a database, like its log beside the file that a link leads to."""
+    """NAME-lock of a database, beside the file that a link leads to."""
     return Path(f"{os.path.realpath(path)}-lock")
+
+
+def log_path(path: Path) -> Path:
+    """SQLite's write-ahead log of a database, beside the file that a link leads to."""
+    return Path(f"{os.path.realpath(path)}-wal")
 
 
 def _lock_file_of(path: Path) -> int:

@@ -226,6 +226,18 @@ def test_a_restored_backup_is_the_database_and_what_stood_there_stays(database, 
     assert not verify_database(crashed).findings
 
 
+def test_a_backup_is_restored_through_a_link_by_the_command(database, tmp_path, capsys):
+    copy, link = tmp_path / "monday.db", tmp_path / "link.db"
+    back_up(database, copy)
+    link.symlink_to(database)
+    code, _, error = command(capsys, "restore", copy, "--database", link, "--yes")
+    assert code == 0, error
+    assert link.is_symlink()
+    assert not verify_database(link).findings
+    (before,) = database.parent.glob(f"{database.name}.before-*Z")
+    assert steps_in(before) == steps_in(database)
+
+
 def test_the_log_of_a_database_that_was_lost_does_not_meet_the_restored_one(database, tmp_path):
     copy, crashed = tmp_path / "copy.db", tmp_path / "crashed" / "play.db"
     back_up(database, copy)

@@ -15,6 +15,7 @@ from typing import Any
 
 from humanplay.db.checks import chain_head, quick_check, try_write
 from humanplay.db.database import StoreError, damaged
+from humanplay.db.file import log_path
 
 _log = logging.getLogger(__name__)
 
@@ -26,7 +27,7 @@ class Health:
     """The health of one database; the check reads all of it, so it is made once, and again only on request."""
 
     def __init__(self, database: Path) -> None:
-        self._database, self._log = database, database.with_name(database.name + "-wal")
+        self._database, self._log = database, log_path(database)
         self._check: dict[str, Any] | None = None
         self._checking, self._is_ending = threading.Lock(), False
         self._conn: sqlite3.Connection | None = None
