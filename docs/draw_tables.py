@@ -52,23 +52,23 @@ def settings(model: type[BaseModel], prefix: str) -> str:
     return table(("variable", "default", "what it is"), rows)
 
 
-def commands_of(group: Commands, name: str) -> Iterator[tuple[str, click.Command]]:
+def commands_of(group: Commands, program: str) -> Iterator[tuple[str, click.Command]]:
     """Yield every command of a program with its whole name, those of groups too."""
-    context = click.Context(group, info_name=name)
+    context = click.Context(group, info_name=program)
     for word in group.list_commands(context):
         command = group.get_command(context, word)
         assert command is not None
         if isinstance(command, click.Group):
             for below, leaf in command.commands.items():
-                yield f"{name} {word} {below}", leaf
+                yield f"{program} {word} {below}", leaf
         else:
-            yield f"{name} {word}", command
+            yield f"{program} {word}", command
 
 
-def commands(group: Commands, name: str) -> str:
+def commands(group: Commands, program: str) -> str:
     """A section for each command: its usage, what it does, and its options."""
     sections = []
-    for path, command in commands_of(group, name):
+    for path, command in commands_of(group, program):
         context = click.Context(command, info_name=path)
         usage = " ".join(command.collect_usage_pieces(context))
         rows = []

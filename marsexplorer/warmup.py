@@ -39,7 +39,7 @@ def play(name: str, config: EnvConfig = SMALL) -> None:
 
 
 def decide_on_large_board(name: str) -> None:
-    """Let a policy decide where one rule is priced, not three."""
+    """Decide on a board so large that only one rule is priced."""
     load(name).act(Episode.begin(EnvConfig.of("random", 84), seed=1).codes)
 
 

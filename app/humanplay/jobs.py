@@ -1,7 +1,7 @@
 """The one runner of what takes long: a bounded number of worker processes, and a fair turn for each owner of jobs.
 
-A job is a function that can be imported, with arguments that can be pickled. It runs in a process of its own beside the
-server or the command (`python -m humanplay.jobs` is one). What goes wrong with one job is that job's alone: it may take too
+A job is a function that can be imported, with arguments that can be pickled. It runs in a worker process beside the server
+or the command: each is `python -m humanplay.jobs`. What goes wrong with one job is that job's alone: it may take too
 long, or its process may be killed.
 """
 

@@ -357,8 +357,8 @@ class Rules(Protocol):
     def words(self) -> Words:
         """Return what reports call its figures."""
 
-    def given_up_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
-        """The score that an ended episode would have had by giving up; `total` is its return, `own` its score."""
+    def given_up_score(self, cause: Cause, outcome: str, total: float, score: float) -> float:
+        """The score that an ended episode would have had by giving up; `total` is its return."""
 
     @property
     def courses(self) -> Any | None:

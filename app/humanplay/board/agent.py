@@ -227,8 +227,9 @@ class Agent:
         self._session.fail(f"the policy {self._session.row.driver_name!r} failed: {error}")
 
     async def _wait_for(self, error: NotReadyError) -> None:
-        """Say that the policy is getting ready, and wait; it is shown the episode again, which it may have seen in part."""
+        """Report that the policy is getting ready, and wait."""
         session = self._session
+        # replay the episode to the policy: it may have seen only part of it
         self._prepared_for = self._decided = None
         session.fail(f"the policy {session.row.driver_name!r} is {error}")
         try:

@@ -85,23 +85,23 @@ class Controls:
 
     @cached_property
     def _codes(self) -> dict[tuple[Input, str], int]:
-        found: dict[tuple[Input, str], int] = {}
+        actions: dict[tuple[Input, str], int] = {}
         for number, (name, codes) in enumerate(self.keys.items()):
-            found.update({("key", code): number for code in codes if "+" not in code})
+            actions.update({("key", code): number for code in codes if "+" not in code})
             if codes:
-                found["touch", name] = number
-        return found
+                actions["touch", name] = number
+        return actions
 
     @cached_property
     def _combinations(self) -> list[tuple[set[tuple[Input, str]], int]]:
         """(keys, action), the largest first."""
-        found: list[tuple[set[tuple[Input, str]], int]] = [
-            ({("key", each) for each in code.split("+")}, number)
+        combinations: list[tuple[set[tuple[Input, str]], int]] = [
+            ({("key", part) for part in code.split("+")}, number)
             for number, codes in enumerate(self.keys.values())
             for code in codes
             if "+" in code
         ]
-        return sorted(found, key=lambda each: -len(each[0]))
+        return sorted(combinations, key=lambda combination: -len(combination[0]))
 
     def action(self, down: Sequence[tuple[Input, str]], before: int) -> tuple[int, Input | None]:
         """Return the action of what is down, and what decided: a key, a touch, or None for nothing.
@@ -114,16 +114,16 @@ class Controls:
         for keys, number in self._combinations:
             if keys <= {*down}:
                 return number, "key"
-        for each in reversed(down):
-            if each in self._codes:
-                return self._codes[each], each[0]
+        for key in reversed(down):
+            if key in self._codes:
+                return self._codes[key], key[0]
         return (before if self.noop is None else self.noop), None
 
 
 def controls_of(rules: Rules, settings: Iterable[Mapping[str, Any]] = ()) -> tuple[Controls, ...]:
     """Return the controls of a task's own keys, and those of each version of a participant's settings, the newest last."""
-    keys = ({**rules.keys, **(each.get("keys") or {})} for each in ({}, *settings))
-    return tuple(Controls(each, rules.noop) for each in keys)
+    keys = ({**rules.keys, **(version.get("keys") or {})} for version in ({}, *settings))
+    return tuple(Controls(version, rules.noop) for version in keys)
 
 
 def pauses_of(times_ms: Iterable[float]) -> list[float]:

@@ -43,7 +43,7 @@ class Participation(Protocol):
         """Raise RefusedError when the study is closed and no move may be made."""
 
     @property
-    def allowed(self) -> ClockLimits:
+    def clock_limits(self) -> ClockLimits:
         """Return what an episode may have in time, where a clock runs; RefusedError where the study cannot be looked up."""
 
     def note_script(self, episode_id: str) -> None:

@@ -355,13 +355,15 @@ class Session:
     async def end_if_left(self) -> None:
         """End the episode as left where its board has stood still more often or for longer than is allowed."""
         async with self.changing:
-            allowed = ClockLimits() if self.participation is None else self.participation.allowed
+            participation = self.participation
+            limits = ClockLimits() if participation is None else participation.clock_limits
             until_ms = self.now_ms() + PAUSE_MS
             read = partial(self._store.pauses, self.current.id, PAUSE_MS, until_ms)
             number, paused_ms = await self._store.read(read)
-            if number > allowed.pauses or paused_ms > allowed.paused_s * 1000:
-                own = self.participation
-                note = None if own is None else partial(own.note_stopped, self.current.id)
+            if number > limits.pauses or paused_ms > limits.paused_s * 1000:
+                note = None
+                if participation is not None:
+                    note = partial(participation.note_stopped, self.current.id)
                 await self._end_here(await self.take_abandoned(), note)
 
     async def _make(

@@ -47,9 +47,9 @@ class StudyParticipation:
             raise RefusedError(CLOSED_MESSAGE.format(self._participant.study))
 
     @property
-    def allowed(self) -> ClockLimits:
+    def clock_limits(self) -> ClockLimits:
         """Return what the protocol allows an episode in time, where a clock runs."""
-        return self._study().protocol.allowed
+        return self._study().protocol.clock_limits
 
     def note_script(self, episode_id: str) -> None:
         """Note the deviation: a script moved where a person was at the controls."""

@@ -338,7 +338,7 @@ class Protocol(_Part):
         return self.ranked >= FEWEST and not self.fixed_terrains
 
     @property
-    def allowed(self) -> ClockLimits:
+    def clock_limits(self) -> ClockLimits:
         """What an episode may have in time, where a clock runs."""
         return ClockLimits(self.max_pauses, self.max_paused_s, self.max_late)
 

@@ -58,7 +58,7 @@ ERASURE = (
     "the address above, and give the name by which this page calls you."
 )
 """What the consent promises, unless the study keeps the episodes of whoever is forgotten."""
-KEPT = (
+LEAVING_KEEPS = (
     "What you have played and answered until then is kept without your name. You can have the number from a recruiting site "
     "deleted: write to the address above, and give the name by which this page calls you."
 )
@@ -87,5 +87,5 @@ def consent(opening: str, with_questions: bool, things: str, keeps_episodes: boo
     """
     questions = "{questions} questions, " if with_questions else ""
     duration = _DURATION.format(questions=questions, things=things)
-    leaving = _LEAVING.format(leaving=KEPT if keeps_episodes else ERASURE)
+    leaving = _LEAVING.format(leaving=LEAVING_KEEPS if keeps_episodes else ERASURE)
     return "\n\n".join((opening, duration, *_REST, leaving))

@@ -38,12 +38,12 @@ Index = Annotated[int, Path(ge=0, le=10_000)]
 RULES = ("coverage", "lidar_radius", "max_steps")
 """What the page's own sentences say of the configuration, by the names of `humanplay.study.templates.PLACEHOLDERS`."""
 
-KEPT = (
+WITHDRAWN = (
     "You have withdrawn. What you had played until then is kept without your name. To have it erased, write to {contact} and "
     "give them your label {label}."
 )
-KEPT_BY_PROTOCOL = "You have withdrawn. What you had played until then is kept without your name."
-TO_BE_ERASED = (
+WITHDRAWN_AND_KEPT = "You have withdrawn. What you had played until then is kept without your name."
+WITHDRAWN_TO_ERASE = (
     "You have withdrawn, and you asked that what you had played be erased. The people who run the study do that before "
     "anything is published; that one person was erased stays counted. To hear when it is done, write to {contact} and give "
     "them your label {label}."
@@ -249,11 +249,11 @@ def _note(progress: ParticipantProgress, study: Study, participant: Participant)
     if participant.stage == "withdrawn":
         if participant.consent_ms is None:
             return "You did not agree to take part. Nothing was recorded but that this page was opened; you can close it."
-        text = KEPT
+        text = WITHDRAWN
         if study.protocol.keep_episodes_when_forgotten:
-            text = KEPT_BY_PROTOCOL
+            text = WITHDRAWN_AND_KEPT
         elif progress.study_store.asks_erasure(participant.id):
-            text = TO_BE_ERASED
+            text = WITHDRAWN_TO_ERASE
         # a rehearsal may name nobody
         contact = study.protocol.declarations.contact or "whoever invited you"
         return text.format(contact=contact.rstrip("."), label=participant_label(participant.id))

@@ -355,7 +355,7 @@ def test_a_protocol_says_what_is_allowed_and_late_frames_are_labelled():
     config = rules_of(TASK).default
     limits = {"max_pauses": 2, "max_paused_s": 30, "max_late": 0.1}
     protocol = default_protocol("ticking", config, TASK, **limits)
-    assert protocol.allowed == controls.ClockLimits(2, 30, 0.1)
+    assert protocol.clock_limits == controls.ClockLimits(2, 30, 0.1)
     assert "late frames" in labels_of(protocol)
     assert "under 80 ms" not in labels_of(protocol)
     assert "late frames" not in labels_of(default_protocol("mars", rules_of("mars").configuration({})))  # fmt: skip

@@ -498,9 +498,10 @@ class GymnasiumRules:
         low, high = self.description.bounds
         return (-math.inf if low is None else low, math.inf if high is None else high)
 
-    def given_up_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
-        """Return the lowest score that there is where that is known, else its own: giving up costs nothing more."""
-        return min(own, lowest) if math.isfinite(lowest := self.bounds(was.config)[0]) else own
+    def given_up_score(self, cause: Cause, outcome: str, total: float, score: float) -> float:
+        """The lowest score, if that is known; else the episode's own: giving up costs nothing more."""
+        lowest, _ = self.bounds(cause.config)
+        return min(score, lowest) if math.isfinite(lowest) else score
 
     def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
         """Return nothing: what no effort looks like is not known."""

@@ -17,7 +17,8 @@ from humanplay.task import Cause, Messages, Metric, Words, counted
 from humanplay.tasks.mars.messages import MAX_API_SIDE, Frame, History, NewEpisode, NewSession
 from humanplay.tasks.mars.run import MarsRun
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
-from marsexplorer.episode import Episode, Record, replay, score, unpack_terrain
+from marsexplorer.episode import Episode, Record, replay, unpack_terrain
+from marsexplorer.episode import score as score_of
 from marsexplorer.evaluation.effort import QUANTILE, SHORTEST, makes_no_effort
 from marsexplorer.terrain import generate
 from marsexplorer.warmup import step_once
@@ -193,12 +194,12 @@ class MarsRules:
         cells = 1 if config.discoverable_only else config.n
         return -0.5 * config.limit / (config.r_invalid + config.r_bonus + cells), 1.0
 
-    def given_up_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
+    def given_up_score(self, cause: Cause, outcome: str, total: float, score: float) -> float:
         """Return the score without the bonus, and with the penalty of leaving where none was paid: else its own."""
         if outcome not in ("explored", "timed_out"):
-            return own
-        total -= was.config.r_bonus if outcome == "explored" else 0
-        return score(was.config, total - was.config.r_invalid, self.cells(was))
+            return score
+        total -= cause.config.r_bonus if outcome == "explored" else 0
+        return score_of(cause.config, total - cause.config.r_invalid, self.cells(cause))
 
     def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
         """Return `no effort` or nothing; counts are the cells known after each move."""

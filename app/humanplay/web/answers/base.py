@@ -17,6 +17,6 @@ Frame = dict[str, Any]
 """A frame of the task that is played, as `GET /api/sessions/{session_id}` answers it."""
 
 
-def shown(meaning: str, **bounds: Any) -> Any:
-    """A field that is always there, and what it means."""
+def described(meaning: str, **bounds: Any) -> Any:
+    """A required field with its description."""
     return Field(description=meaning, **bounds)

@@ -6,19 +6,19 @@ from typing import Literal
 
 from pydantic import Field
 
-from humanplay.web.answers.base import Answer, shown
+from humanplay.web.answers.base import Answer, described
 
 
 class Day(Answer):
     """The terrain of a day (UTC)."""
 
-    day: str = shown("like 2026-11-22")
+    day: str = described("like 2026-11-22")
     level: str
-    size: list[int] = shown("rows and columns, cells")
-    protocol: str = shown("canonical JSON for which the seed is drawn")
-    commitment: str = shown("SHA-256 of the day's key")
-    key: str | None = shown("null until the day is over")
-    seed: int | None = shown("null until the day is over")
+    size: list[int] = described("rows and columns, cells")
+    protocol: str = described("canonical JSON for which the seed is drawn")
+    commitment: str = described("SHA-256 of the day's key")
+    key: str | None = described("null until the day is over")
+    seed: int | None = described("null until the day is over")
 
 
 class Attempt(Answer):
@@ -28,9 +28,9 @@ class Attempt(Answer):
     episode: str
     outcome: str | None
     moves: int | None
-    coverage: float | None = shown("share of the cells, 0..1")
+    coverage: float | None = described("share of the cells, 0..1")
     score: float | None
-    unranked: str | None = shown("why an ended attempt has no rank")
+    unranked: str | None = described("why an ended attempt has no rank")
 
 
 class CalendarDay(Answer):
@@ -38,19 +38,19 @@ class CalendarDay(Answer):
 
     day: str
     outcome: str | None
-    moves: int | None = shown("null short of 99 %")
+    moves: int | None = described("null short of 99 %")
 
 
 class Today(Day):
     """Today's terrain and your attempt at it."""
 
-    now_ms: int = shown("server time, milliseconds since 1970")
-    next_ms: int = shown("when the next day begins")
+    now_ms: int = described("server time, milliseconds since 1970")
+    next_ms: int = described("when the next day begins")
     max_steps: int
     attempt: Attempt | None
-    streak: int = shown("days in a row on which you came to the end")
-    played: int = shown("attempts that are over")
-    calendar: list[CalendarDay] = shown("your newest attempts, the oldest first")
+    streak: int = described("days in a row on which you came to the end")
+    played: int = described("attempts that are over")
+    calendar: list[CalendarDay] = described("your newest attempts, the oldest first")
     yesterday: Day | None
 
 
@@ -59,8 +59,8 @@ class Result(Answer):
 
     episode: str | None = Field(default=None, description="absent until the day is over")
     outcome: str
-    moves: int | None = shown("null short of 99 %")
-    coverage: float = shown("share of the cells, 0..1")
+    moves: int | None = described("null short of 99 %")
+    coverage: float = described("share of the cells, 0..1")
     you: bool
     rank: int
 
@@ -69,8 +69,8 @@ class PeopleOfDay(Answer):
     """What people came to on a day's terrain."""
 
     players: int
-    unfinished: int = shown("short of 99 %")
-    moves: list[tuple[int, int]] = shown("moves, and how many people needed as many")
+    unfinished: int = described("short of 99 %")
+    moves: list[tuple[int, int]] = described("moves, and how many people needed as many")
     table: list[Result]
     you: Result | None
 
@@ -90,4 +90,4 @@ class Results(Answer):
     day: str
     attempt: Attempt | None
     people: PeopleOfDay
-    policies: list[PolicyOfDay] = shown("the best first")
+    policies: list[PolicyOfDay] = described("the best first")

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from humanplay.web.answers.base import Answer, shown
+from humanplay.web.answers.base import Answer, described
 
 
 class Person(Answer):
     """Somebody who chose a name."""
 
     name: str
-    gap: float = shown("moves more than Expert on terrains of the same configurations")
-    episodes: int = shown("ranked ones that count")
+    gap: float = described("moves more than Expert on terrains of the same configurations")
+    episodes: int = described("ranked ones that count")
     you: bool
 
 
@@ -18,11 +18,11 @@ class OwnName(Answer):
     """The name of whoever asks."""
 
     name: str | None
-    hidden: bool = shown("an operator has hidden it")
+    hidden: bool = described("an operator has hidden it")
 
 
 class People(Answer):
     """People by their distance from Expert, the nearest first."""
 
     people: list[Person]
-    you: OwnName | None = shown("null without a cookie")
+    you: OwnName | None = described("null without a cookie")

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from humanplay.db.trial import Attestation
-from humanplay.web.answers.base import Answer, Frame, shown
+from humanplay.web.answers.base import Answer, Frame, described
 from humanplay.web.answers.server import Task
 
 
@@ -15,15 +15,15 @@ class Move(Answer):
     """A move of an ended episode; client times are of the page's own clock, in milliseconds."""
 
     action: str
-    step: int = shown("moves made before it")
+    step: int = described("moves made before it")
     reward: float
     discovered: int
-    server_ms: int = shown("server time, milliseconds since 1970")
+    server_ms: int = described("server time, milliseconds since 1970")
     client_ms: float | None
     key_down_ms: float | None
     key_up_ms: float | None
     input: Literal["key", "touch"] | None
-    driver: str = shown("human, script or policy:NAME")
+    driver: str = described("human, script or policy:NAME")
 
 
 class ListedEpisode(Answer):
@@ -34,27 +34,27 @@ class ListedEpisode(Answer):
     level: str
     rows: int | None = Field(default=None, description="cells, of MarsExplorer")
     cols: int | None = Field(default=None, description="cells, of MarsExplorer")
-    config: dict[str, Any] = shown("the environment's own configuration")
-    daily: str | None = shown("the day whose terrain it was")
-    start: list[int] = shown("row and column")
-    seed: int | None = shown("null for a given terrain")
-    driver: str = shown("human, script or policy:NAME")
-    assisted: bool = shown("a policy played the same terrain on a second board")
+    config: dict[str, Any] = described("the environment's own configuration")
+    daily: str | None = described("the day whose terrain it was")
+    start: list[int] = described("row and column")
+    seed: int | None = described("null for a given terrain")
+    driver: str = described("human, script or policy:NAME")
+    assisted: bool = described("a policy played the same terrain on a second board")
     seed_chosen: bool
     terrain_met_before: bool
-    counts: bool = shown("for the volunteers' figure")
+    counts: bool = described("for the volunteers' figure")
     config_hash: str
     core_version: str
-    started_ms: int = shown("server time, milliseconds since 1970")
-    ended_ms: int = shown("server time, milliseconds since 1970")
+    started_ms: int = described("server time, milliseconds since 1970")
+    ended_ms: int = described("server time, milliseconds since 1970")
     outcome: str
     steps: int
     discovered: int
     score: float | None
     attestation: Attestation | None
     attestation_reason: str | None
-    coverage: float | None = shown("share of the cells, 0..1")
-    steps_to_target: int | None = shown("moves of a success, the limit for any other ending")
+    coverage: float | None = described("share of the cells, 0..1")
+    steps_to_target: int | None = described("moves of a success, the limit for any other ending")
     trajectory_hash: str
     return_: float = Field(alias="return", description="sum of the rewards")
     actions: list[str]
@@ -71,39 +71,39 @@ class OwnEpisode(Answer):
 
     episode: str
     kind: Literal["daily", "ranked", "practice"]
-    counts: bool = shown("whether it enters the volunteers' figures")
-    day: str | None = shown("the day whose terrain it was")
+    counts: bool = described("whether it enters the volunteers' figures")
+    day: str | None = described("the day whose terrain it was")
     level: str
-    rows: int | None = shown("cells; null for another environment")
-    cols: int | None = shown("cells; null for another environment")
+    rows: int | None = described("cells; null for another environment")
+    cols: int | None = described("cells; null for another environment")
     outcome: str
     moves: int
-    coverage: float | None = shown("share of the cells, 0..1")
+    coverage: float | None = described("share of the cells, 0..1")
     score: float | None
-    ended_ms: int = shown("server time, milliseconds since 1970")
-    not_attested: str | None = shown("why it is not attested")
-    met_before: bool = shown("whether the terrain was known from an earlier episode")
+    ended_ms: int = described("server time, milliseconds since 1970")
+    not_attested: str | None = described("why it is not attested")
+    met_before: bool = described("whether the terrain was known from an earlier episode")
 
 
 class Standing(Answer):
     """Your ranked episodes among the volunteers'."""
 
-    means: list[float] = shown("mean moves of the volunteers with enough episodes, sorted")
-    you: float | None = shown("your own mean; null while episodes are missing")
-    ranked: int = shown("your ranked episodes that count")
-    missing: int = shown("how many more you need for a place")
+    means: list[float] = described("mean moves of the volunteers with enough episodes, sorted")
+    you: float | None = described("your own mean; null while episodes are missing")
+    ranked: int = described("your ranked episodes that count")
+    missing: int = described("how many more you need for a place")
 
 
 class Best(Answer):
     """Your best on a configuration."""
 
     level: str
-    rows: int | None = shown("cells; null for another environment")
-    cols: int | None = shown("cells; null for another environment")
+    rows: int | None = described("cells; null for another environment")
+    cols: int | None = described("cells; null for another environment")
     max_steps: int
     episodes: int
     explored: int
-    best: OwnEpisode | None = shown("the fewest moves on a terrain that was new to you")
+    best: OwnEpisode | None = described("the fewest moves on a terrain that was new to you")
     people: Standing
 
 
@@ -111,21 +111,23 @@ class OwnHistory(Answer):
     """What you have driven."""
 
     total: int
-    episodes: list[OwnEpisode] = shown("the newest first")
-    bests: list[Best] = shown("the most played configuration first")
+    episodes: list[OwnEpisode] = described("the newest first")
+    bests: list[Best] = described("the most played configuration first")
 
 
 class Watched(Answer):
     """An episode that anybody with its link can watch."""
 
     episode: str
-    player: str = shown('"you", "human", "script", or a policy')
+    player: str = described('"you", "human", "script", or a policy')
     task: Task
     level: str
-    size: int | list[int] | None = shown("cells: one number for a square, or rows and columns")
+    size: int | list[int] | None = described("cells: one number for a square, or rows and columns")
     frame: Frame
-    history: dict[str, Any] = shown("the path so far, as GET /api/sessions/{session_id}/history")
-    frames: list[Frame] | None = shown("every frame, once it has ended")
+    history: dict[str, Any] = described(
+        "the path so far, as GET /api/sessions/{session_id}/history"
+    )
+    frames: list[Frame] | None = described("every frame, once it has ended")
 
 
 CSV: dict[int | str, dict[str, Any]] = {

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from humanplay.web.answers.base import Answer, shown
+from humanplay.web.answers.base import Answer, described
 
 
 class Alive(Answer):
@@ -20,10 +20,10 @@ class Health(Answer):
 
     status: Literal["ok", "failing"]
     detail: str | None = Field(default=None, description="why it is failing")
-    getting_ready: str | None = shown("why a board takes longer than a moment at first")
-    core_version: str = shown("what a recorded episode replays with")
-    sessions: int = shown("in memory")
-    database: str = shown("name of its file")
+    getting_ready: str | None = described("why a board takes longer than a moment at first")
+    core_version: str = described("what a recorded episode replays with")
+    sessions: int = described("in memory")
+    database: str = described("name of its file")
 
 
 class Metric(Answer):
@@ -31,8 +31,8 @@ class Metric(Answer):
 
     name: str
     unit: str
-    lowest: float | None = shown("null without a bound")
-    highest: float | None = shown("null without a bound")
+    lowest: float | None = described("null without a bound")
+    highest: float | None = described("null without a bound")
     is_better: Literal["higher", "lower"]
 
 
@@ -41,12 +41,14 @@ class Task(Answer):
 
     name: str
     title: str
-    instructions: str = shown('what players are told; "" if the page says it')
-    assets: str = shown("folder of `static/task` that draws it")
-    actions: list[str] = shown("names, by their codes")
-    keys: dict[str, list[str]] = shown("default keys of each action (`event.code`)")
-    clock: int | None = shown("frames a second where time runs; null where each move is waited for")
-    metrics: list[Metric] = shown("the headline first")
+    instructions: str = described('what players are told; "" if the page says it')
+    assets: str = described("folder of `static/task` that draws it")
+    actions: list[str] = described("names, by their codes")
+    keys: dict[str, list[str]] = described("default keys of each action (`event.code`)")
+    clock: int | None = described(
+        "frames a second where time runs; null where each move is waited for"
+    )
+    metrics: list[Metric] = described("the headline first")
 
 
 class Level(Answer):
@@ -57,7 +59,7 @@ class Level(Answer):
     topology: int | None
     morphology: int | None
     pays_bonus: bool
-    example: list[int] = shown(
+    example: list[int] = described(
         "a terrain of 21x21: a number a row, whose bit 0 is a rock in column 0"
     )
 
@@ -67,7 +69,7 @@ class Map(Answer):
 
     name: str
     summary: str
-    size: list[int] = shown("rows and columns, cells")
+    size: list[int] = described("rows and columns, cells")
 
 
 class Offer(Answer):

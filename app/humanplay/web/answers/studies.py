@@ -7,7 +7,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from humanplay.study.protocol import Consent
-from humanplay.web.answers.base import Answer, shown
+from humanplay.web.answers.base import Answer, described
 from humanplay.web.answers.boards import Board
 from humanplay.web.answers.server import Task
 
@@ -20,9 +20,9 @@ class ListedStudy(Answer):
     name: str
     title: str
     status: Status
-    recruitment: str = shown("invitation, panel or open")
-    warm_up: int = shown("practice episodes")
-    ranked: int = shown("ranked episodes")
+    recruitment: str = described("invitation, panel or open")
+    warm_up: int = described("practice episodes")
+    ranked: int = described("ranked episodes")
 
 
 class Study(Answer):
@@ -32,13 +32,13 @@ class Study(Answer):
     title: str
     status: Status
     protocol_hash: str
-    commitment: str = shown("SHA-256 of the secret")
-    secret: str | None = shown("null until the study is closed")
+    commitment: str = described("SHA-256 of the secret")
+    secret: str | None = described("null until the study is closed")
     task: Task
     level: str
     rows: int | None = Field(default=None, description="of MarsExplorer")
     cols: int | None = Field(default=None, description="of MarsExplorer")
-    config: dict[str, Any] = shown("the environment's own configuration")
+    config: dict[str, Any] = described("the environment's own configuration")
     warm_up: int
     ranked: int
     players: int
@@ -65,7 +65,7 @@ class Tutorial(Answer):
     done: bool
 
 
-class OwnEpisode(Answer):
+class RankedResult(Answer):
     """A ranked episode of the participant's."""
 
     trial: int
@@ -87,10 +87,10 @@ class Debrief(Answer):
 
     mean_score: float | None
     mean_steps: float | None
-    episodes: list[OwnEpisode]
+    episodes: list[RankedResult]
     policy: DebriefPolicy | None
-    warm_up_terrains: int = shown("that can be shown again")
-    ranked_terrains: int = shown("that can be shown again")
+    warm_up_terrains: int = described("that can be shown again")
+    ranked_terrains: int = described("that can be shown again")
     completion_code: str | None
     return_url: str | None
 
@@ -109,24 +109,26 @@ class Participation(Answer):
     study: str
     title: str
     task: Task
-    participant: str = shown("what the participant can quote")
+    participant: str = described("what the participant can quote")
     stage: str
     consent: Consent
     questions: list[Question]
-    right: list[bool] | None = shown("which of the answers just given were right")
-    why: list[str] | None = shown("what explains the wrong ones")
+    right: list[bool] | None = described("which of the answers just given were right")
+    why: list[str] | None = described("what explains the wrong ones")
     warm_up: Count
     ranked: Count
     tutorial: Tutorial
     break_due: bool
-    can_be_erased: bool = shown("whether leaving may ask for erasure")
+    can_be_erased: bool = described("whether leaving may ask for erasure")
     pause_after_s: float
-    rules: dict[str, Any] = shown("figures that the texts name")
+    rules: dict[str, Any] = described("figures that the texts name")
     session: str | None
     about: Board | None
     phase: str | None
     settings: Settings
     debrief: Debrief | None
-    note: str | None = shown("why the participant cannot go on, or what becomes of what was played")
+    note: str | None = described(
+        "why the participant cannot go on, or what becomes of what was played"
+    )
     invited: bool
     supervised_until_ms: int | None

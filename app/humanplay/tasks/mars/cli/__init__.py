@@ -15,7 +15,7 @@ COMMANDS = {
     "evaluate": Entry("evaluate", "play", "Score policies on the same terrains."),
     "train": Entry("train", "train", "Train a policy on this machine."),
     "policies": Entry(
-        "policies", "train", "List policies, show their cards, share them on the Hugging Face hub."
+        "policies", "play", "List policies, show their cards, share them on the Hugging Face hub."
     ),
 }
 

@@ -1,4 +1,4 @@
-"""What the commands about policies share: an error of the disk in one sentence, and what a trained policy's card says."""
+"""The commit and the measurements that a trained policy's card states."""
 
 from __future__ import annotations
 
