@@ -96,7 +96,7 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(PLAY): pyproject.toml constraints.txt | $(BIN)/python
-	@echo "Installing what playing needs into $(VENV): about 0.7 GB, some minutes when nothing has been downloaded before."
+	@echo "Installing what playing needs into $(VENV): about 0.5 GB, some minutes when nothing has been downloaded before."
 	$(INSTALL) '.[play]'
 	@touch $@
 
@@ -117,7 +117,7 @@ $(RESEARCH)/.done: pyproject.toml research/requirements.txt research/constraints
 
 $(AGENTS)/.done: pyproject.toml
 	@$(MAKE) --no-print-directory VENV=$(AGENTS) $(AGENTS)/bin/python
-	@echo "Installing what agents need into $(AGENTS): about 1.1 GB, some minutes when nothing has been downloaded before."
+	@echo "Installing what agents need into $(AGENTS): some minutes when nothing has been downloaded before."
 	$(AGENTS)/bin/python $(PIP) --editable '.[agents]'
 	@touch $@
 

@@ -6,35 +6,26 @@ import sys
 from contextlib import contextmanager
 from importlib.metadata import metadata
 
+from humanplay.command.extras import EXTRAS
 from humanplay.db.store import Store
 from tests.support.absent import environment_without
+from tests.support.command_server import command_server
 from tests.support.recorded import play
 from tests.support.servers import Running
 
-MORE_THAN_PLAY = ("scipy", "matplotlib", "onnx", "torch", "httpx", "pyarrow", "cryptography")
+IN_PLAY = {*EXTRAS["play"], *EXTRAS["mars"]}
+MORE_THAN_PLAY = sorted({module for modules in EXTRAS.values() for module in modules} - IN_PLAY)
 
 
 @contextmanager
 def serving(folder, *options):
-    """Yield a server, started by the command where [play] alone is installed."""
+    """A server, started by the command where [play] alone is installed."""
     command = [sys.executable, "-m", "humanplay.cli", "serve", "--port", "0", *options]
     environ = environment_without(MORE_THAN_PLAY, folder)
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    with subprocess.Popen(command, env=environ, **pipes) as process:
-        try:
-            lines = []
-            for line in process.stdout:
-                lines.append(line)
-                if "is open at" in line:
-                    break
-            address = re.search(r"http://127\.0\.0\.1:(\d+)", "".join(lines))
-            assert address, "".join(lines)
-            server = Running(int(address[1]))
-            yield server
-            server.close()
-        finally:
-            process.terminate()
-            process.wait(60)
+    with command_server(command, env=environ) as (_, address):
+        server = Running(int(address.rpartition(":")[2].strip("/")))
+        yield server
+        server.close()
 
 
 def test_play_serves_marsexplorer_with_its_human_figures(tmp_path):

@@ -15,6 +15,8 @@ from pathlib import Path
 import httpx
 import pytest
 
+from tests.support.command_server import command_server
+
 ROOT = Path(__file__).parents[1]
 PATIENCE_S = 240
 """Compiling the rules anew, on a busy machine."""
@@ -79,20 +81,8 @@ def serving(folder, *command, **variables):
         for key, value in os.environ.items()
         if not key.startswith(("PYTHON", "HUMANPLAY_", "VIRTUAL_ENV"))
     } | variables
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    with subprocess.Popen([*map(str, command)], cwd=folder, env=env, **pipes) as process:
-        try:
-            said = []
-            for line in process.stdout:
-                said.append(line)
-                if "is open at" in line:
-                    break
-            address = re.search(r"http://\S+", "".join(said))
-            assert address, "".join(said)
-            yield address[0]
-        finally:
-            process.terminate()
-            process.wait(PATIENCE_S)
+    with command_server(command, cwd=folder, env=env) as (_, address):
+        yield address
 
 
 def files_under(folder):
@@ -231,4 +221,4 @@ def test_one_command_plays_a_shipped_network_from_the_wheel_without_torch(ways, 
     packages = runtime.parent
     assert not (packages / "torch").exists()
     size = sum(path.stat().st_blocks for path in packages.rglob("*")) * 512
-    assert size < 700 * 2**20
+    assert size < 520e6

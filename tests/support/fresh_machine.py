@@ -1,29 +1,20 @@
 """A server as it starts on a machine that has compiled nothing, and what its processes take; of Linux's /proc."""
 
 import os
-import subprocess
 import sys
 from contextlib import contextmanager
 from pathlib import Path
 
-STOP_S = 30.0
+from tests.support.command_server import command_server
 
 
 @contextmanager
 def fresh_server(cache, database):
     """Yield a server by its command, which keeps what is compiled in the folder `cache`: its process, and its port."""
     command = [sys.executable, "-m", "humanplay.cli", "serve", "--port", "0"]
-    with subprocess.Popen(
-        [*command, "--database", str(database)],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
-        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    ) as process:  # fmt: skip
-        try:
-            line = next(line for line in process.stdout if "http://" in line)
-            yield process.pid, int(line.partition("http://127.0.0.1:")[2].split()[0].strip("/"))
-        finally:
-            process.terminate()
-            process.wait(STOP_S)
+    environ = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
+    with command_server([*command, "--database", database], env=environ) as (process, address):
+        yield process.pid, int(address.rpartition(":")[2].strip("/"))
 
 
 def stat(pid):
@@ -34,14 +25,14 @@ def stat(pid):
 def children(pid):
     """The processes that a process has started, and that still run."""
     running = (int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit())
-    found = []
+    pids = []
     for other in running:
         try:
             if int(stat(other)[1]) == pid:
-                found.append(other)
+                pids.append(other)
         except (FileNotFoundError, ProcessLookupError):  # it has ended meanwhile
             continue
-    return found
+    return pids
 
 
 def processor_s(*pids):

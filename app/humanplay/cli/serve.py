@@ -11,15 +11,12 @@ import click
 from click import ClickException, UsageError, argument, option
 
 from humanplay.cli.settings import settings_of, task_name
+from humanplay.command.extras import EXTRAS
 from humanplay.command.options import PATH, PORT, check_more, flag, path_option, several
 from humanplay.task import MARS
 
 if TYPE_CHECKING:
     from humanplay.web.settings import Settings
-
-
-MARS_NEEDS = ("numba", "onnxruntime", "viser")
-"""Modules of the extra [play] without which MarsExplorer is not served."""
 
 
 @click.command(short_help="Play and watch in a browser; record every move.")
@@ -182,7 +179,7 @@ def _policies_of_the_paper() -> Iterable[Path]:
 
 def _check_mars() -> None:
     """Raise UsageError if what plays MarsExplorer is not installed."""
-    if not all(map(find_spec, MARS_NEEDS)):
+    if not all(map(find_spec, (*EXTRAS["mars"], *EXTRAS["play"]))):
         raise UsageError(
             "MarsExplorer needs the extra [play]: pip install 'humanplay[play]'. Any other environment works now: "
             "humanplay serve --env FrozenLake-v1"

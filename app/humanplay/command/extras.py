@@ -7,15 +7,18 @@ from collections.abc import Iterator
 EXTRAS: dict[str, tuple[str, ...]] = {
     "mars": ("numba", "llvmlite"),
     "play": ("onnxruntime", "viser", "msgspec", "zstandard", "yaml"),
-    "study": ("httpx", "matplotlib", "scipy"),
     "onnx": ("onnx", "onnxruntime"),
     "train": ("torch", "tensorboardX", "matplotlib", "huggingface_hub", "httpx2"),
+    "study": ("httpx", "matplotlib", "scipy"),
     "export": ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography"),
     "ray": ("ray",),
     "video": ("av",),
     "agents": ("cryptography", "openenv", "openai"),
 }
-"""Extra -> the modules that it brings itself, by the names they are imported by."""
+"""Extra -> the modules that it brings itself, by the names they are imported by.
+
+If a command names no extra with the missing module, the first one here that brings it is named.
+"""
 
 INCLUDED: dict[str, tuple[str, ...]] = {
     "play": ("mars",),

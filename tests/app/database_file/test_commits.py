@@ -16,7 +16,7 @@ from humanplay.db.store import Store
 from humanplay.web.operator.health import Health
 from tests.support.command import command
 from tests.support.recorded import play
-from tests.support.servers import eventually
+from tests.support.servers import PATIENCE_S, eventually
 
 PASSWORD = "correct horse battery"
 CANNOT_TELL = "cannot tell whether the database"
@@ -342,9 +342,12 @@ def test_after_a_power_cut_a_damaged_file_is_one_sentence_before_anything_is_ans
     server.kill()
     cut_power(path)
     damage(path, root_of_steps)
-    said = refusal(spawn)
-    assert said.count(f"the database {path} is damaged") >= 1
-    assert f"sqlite3 {path} .recover | sqlite3 NEW" in said
+    serve = [sys.executable, "-m", "humanplay.cli", "serve", "--port", "0", "--database", path]
+    done = subprocess.run(serve, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.count(f"the database {path} is damaged") == 1
+    assert f"sqlite3 {path} .recover | sqlite3 NEW" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_a_check_under_way_is_given_up_when_the_server_ends(tmp_path):

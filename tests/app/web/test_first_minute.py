@@ -19,7 +19,7 @@ from tests.support.servers import Running
 FIRST_PAGE_S = 6.0
 """Processor seconds at most, on a busy machine; research.speed.first_minute measures them."""
 SERVER_S = 12.0
-"""Processor seconds at most of a server that has loaded what others compiled in some forty."""
+"""Processor seconds at most of a server that has loaded what others compiled."""
 MOVE_P99_S = 0.05
 COMPILING_S = 240.0
 

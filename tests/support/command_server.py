@@ -1,0 +1,32 @@
+"""A server that its command starts, in an environment and a folder of the test's choice."""
+
+import re
+import subprocess
+from contextlib import contextmanager
+
+from tests.support.servers import PATIENCE_S
+
+
+@contextmanager
+def command_server(command, **options):
+    """Yield the process of a command that serves, and its address.
+
+    Whoever reads `process.stdout` has what it prints after that.
+    """
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen([*map(str, command)], **pipes, **options) as process:
+        try:
+            printed = []
+            for line in process.stdout:
+                printed.append(line)
+                if "is open at" in line:
+                    break
+            address = re.search(r"http://\S+", "".join(printed))
+            assert address, "".join(printed)
+            yield process, address[0]
+        finally:
+            process.terminate()
+            try:
+                process.communicate(timeout=PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
