@@ -311,6 +311,17 @@ def test_every_test_that_a_page_names_exists(page):
     assert [name for name in sorted(words - files) if not re.search(rf"def {name}", written)] == []
 
 
+def test_every_line_in_the_life_of_a_move_stands_in_its_file():
+    rows = re.findall(r"^\|\d+\|`(.+?)`\|`(.+?)`\|", (ROOT / "docs" / "move.md").read_text(), re.M)
+    assert len(rows) == 12
+    absent = [(path, line) for path, line in rows if line not in lines_of(ROOT / path)]
+    assert absent == []
+
+
+def lines_of(path):
+    return [line.strip() for line in path.read_text().splitlines()]
+
+
 def test_the_drawing_of_the_units_is_their_contract():
     """What one unit imports of another counts as one arrow.
 
