@@ -89,7 +89,7 @@ def doctor(
     table: bool,
     toml: bool,
 ) -> int:
-    """Play ENV, an id of Gymnasium's or a TOML file, in fresh processes, and compare its episodes step by step.
+    """Play ENV, whatever `humanplay play` takes, in fresh processes, and compare its episodes step by step.
 
     They are played again with another hash seed, in another folder and time zone, after other episodes, without rendering and
     in a used environment. Exit code 0 says that no difference was found, 1 that there was one, 2 that ENV cannot be played.

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 @several(
     "--env",
     "envs",
-    "Play another environment: Gymnasium's id, or a TOML file; repeatable.  [default: MarsExplorer]",
+    "Play another environment: Gymnasium's id, your MODULE:CLASS or FILE.py, or a TOML file; repeatable.  "
+    "[default: MarsExplorer]",
     metavar="ENV",
 )
 @several(
@@ -129,7 +130,8 @@ def serve(
 @path_option("--database", "SQLite file to record in; made when absent.  [default: as for serve]")
 @flag("--no-browser", "Print the address and open nothing.")
 def play(env: str, port: int, database: Path | None, no_browser: bool) -> None:
-    """Play ENV in a browser: an id of Gymnasium's, a package's MODULE:ID, a TOML file, or MarsExplorer without one.
+    """Play ENV in a browser: an id of Gymnasium's, a package's MODULE:ID, your own MODULE:CLASS or FILE.py in this folder,
+    a TOML file, or MarsExplorer without one.
 
     Every move is recorded, and the page goes on where it stood. `humanplay serve --env ENV` lets others play too;
     `humanplay doctor ENV` says what its keys are and whether its episodes can be verified.
@@ -139,6 +141,7 @@ def play(env: str, port: int, database: Path | None, no_browser: bool) -> None:
       humanplay play
       humanplay play FrozenLake-v1
       humanplay play minigrid:MiniGrid-FourRooms-v0
+      humanplay play myenv.py
       humanplay play rooms.toml --database rooms.db
     """
     import webbrowser

@@ -270,7 +270,7 @@ def test_it_is_played_as_text_by_the_file_s_score_and_verified(home, serve, tmp_
         (f'id = "{PATH}"\nsuccess = "always"', "line 2: success: "),
         (f'id = "{PATH}"\nkwargs = {{ width = 1 }}', "cannot be made: "),
         (f'id = "{PATH}"\nwrappers = ["nosuch:Wrapper"]', "cannot be made: No module named 'nosuch'"),
-        ('id = "nosuch:X-v0"', "install its package: pip install nosuch"),
+        ('id = "nosuch:X-v0"', "there is no module 'nosuch' in this folder, nor is it installed"),
         ('id = "NoSuch-v0"', "write the module's name before it"),
         (f'id = "{OURS}:Wheel-v0"', 'such as wrappers = ["mypackage:FewActions"]'),
         (f'id = "{OURS}:Blind-v0"', "draws no picture (rgb_array) and no text (ansi), only human"),

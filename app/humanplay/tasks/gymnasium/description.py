@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
-from functools import cache, lru_cache
-from importlib import import_module
-from importlib.metadata import entry_points, packages_distributions
+from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
+from importlib.metadata import entry_points
 from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
 import gymnasium
+from gymnasium.envs.registration import EnvSpec, load_env_creator
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from humanplay.board.messages import KEY_CODES
+from humanplay.tasks.gymnasium.modules import imported, module_of_file, owners_of, source_hash
 
 DEFAULT_LIMIT = 1000
 """Moves after which an episode times out where neither the environment nor its description sets a limit."""
@@ -47,7 +49,7 @@ class Description(BaseModel):
 
     id: str = Field(
         pattern=r"^(\w[\w.]*:)?[\w./-]{1,100}$",
-        description="Gymnasium's id; before a colon the module that registers it",
+        description="Gymnasium's id, before a colon the module that registers it; or MODULE:NAME of a class or function",
     )
     kwargs: dict[str, Any] = Field({}, description="what gymnasium.make is given besides")
     wrappers: tuple[str, ...] = Field(
@@ -111,24 +113,29 @@ class Description(BaseModel):
             os.environ.setdefault(driver, "dummy")  # pygame would look for a screen and for sound
         given = {**kwargs, **({"seed": seed} if self.seeding == "kwarg" else {})}
         try:
-            spec_of(self.id)
-            mode = self.render_mode
-            env = gymnasium.make(self.id, limit, True, render_mode=mode, **given)
+            spec = spec_of(self.id)
+            if _takes(_creator_of(spec), "render_mode"):
+                given["render_mode"] = self.render_mode
+            env = gymnasium.make(spec, limit, True, **given)
             for wrapper in self.wrappers:
                 module, _, name = wrapper.partition(":")
-                env = getattr(import_module(module), name)(env)
+                env = getattr(imported(module), name)(env)
         except (gymnasium.error.Error, TypeError, ImportError, AttributeError) as error:
             raise ValueError(f"{self.id} cannot be made: {error}") from error
+        if env.render_mode not in RENDER_MODES:
+            env.close()
+            raise ValueError(
+                f"{self.id} takes no render_mode and makes its environment with render_mode={env.render_mode!r}: "
+                "let it make the environment with render_mode='rgb_array'"
+            )
         return env
 
     @property
     def render_mode(self) -> str:
         """How it is shown: `rgb_array`, else `ansi`; ValueError where it draws neither."""
-        made = spec_of(self.id).entry_point
-        if isinstance(made, str):
-            made = gymnasium.envs.registration.load_env_creator(made)
-        modes = getattr(made, "metadata", {}).get("render_modes", ["rgb_array"])
-        for mode in ("rgb_array", "ansi"):
+        creator = _creator_of(spec_of(self.id))
+        modes = getattr(creator, "metadata", {}).get("render_modes", ["rgb_array"])
+        for mode in RENDER_MODES:
             if mode in modes:
                 return mode
         said = f"no picture (rgb_array) and no text (ansi), only {', '.join(modes) or 'nothing'}"
@@ -136,22 +143,34 @@ class Description(BaseModel):
 
     @property
     def versions(self) -> str:
-        """What an episode replays with: the versions of its packages."""
-        return ", ".join(f"{name} {version_of(name)}" for name in self.packages)
+        """What an episode replays with: the versions of its packages, the hashes of modules of one's own."""
+        own = [f"{name} {hash[:12]}" for name, hash in self.sources.items()]
+        return ", ".join([*(f"{name} {version_of(name)}" for name in self.packages), *own])
 
     @property
     def packages(self) -> list[str]:
         """Gymnasium, NumPy and the packages of the environment and its wrappers."""
+        entry, *modules = self._modules
+        owned = [package for start, package in PACKAGES.items() if entry.startswith(start)]
+        tops = [re.split("[.:]", module)[0] for module in (entry, *modules)]
+        owners = (owner for top in tops for owner in owners_of(top))
+        return sorted({"gymnasium", "numpy", *owned, *owners})
+
+    @property
+    def sources(self) -> dict[str, str]:
+        """Top-level module that no package brings -> SHA-256 (hex) of its source."""
+        tops = sorted({re.split("[.:]", module)[0] for module in self._modules})
+        return {top: hash for top in tops if (hash := source_hash(top))}
+
+    @property
+    def _modules(self) -> list[str]:
+        """Where the code of the environment is, then that of its wrappers."""
         entry = spec_of(self.id).entry_point
         module = entry if isinstance(entry, str) else getattr(entry, "__module__", "")
-        modules = (re.split("[.:]", module)[0], *(name.split(".")[0] for name in self.wrappers))
-        owners = _owners()
-        owned = [dist for part, dist in PACKAGES.items() if module.startswith(part)]
-        found = (each for name in modules for each in owners.get(name, ()))
-        return sorted({"gymnasium", "numpy", *owned, *found})
+        return [module, *self.wrappers]
 
 
-_owners = cache(packages_distributions)
+RENDER_MODES = ("rgb_array", "ansi")
 CATALOGUE = tomllib.loads(Path(__file__).with_name("catalogue.toml").read_text("utf-8"))
 
 
@@ -160,21 +179,67 @@ def canonical(value: Any) -> str:
     return json.dumps(value, sort_keys=True, separators=(",", ":"))
 
 
-def spec_of(env_id: str) -> Any:
-    """Return Gymnasium's own description; ValueError, saying why, where there is none."""
-    module, _, name = env_id.rpartition(":")
+def spec_of(env_id: str) -> EnvSpec:
+    """Return Gymnasium's description of an environment that is registered, or named as MODULE:NAME.
+
+    Raises:
+        ValueError: There is none; the text says what was looked for and the way out.
+    """
+    module_name, _, name = env_id.rpartition(":")
+    if not module_name:
+        try:
+            return gymnasium.spec(name)
+        except (gymnasium.error.Error, ImportError) as error:
+            raise ValueError(
+                f"Gymnasium knows no environment {env_id!r}: {error}; where a package or a file of yours brings it, "
+                "write the module's name before it, like minigrid:ID or mymodule:MyEnv"
+            ) from error
     try:
-        if module:
-            import_module(module)
-        return gymnasium.spec(name)
+        module = imported(module_name)
     except ModuleNotFoundError as error:
-        raise ValueError(
-            f"Gymnasium knows no environment {env_id!r}: {error}; install its package: pip install {error.name}"
-        ) from error
+        raise ValueError(_absent(env_id, module_name, error)) from error
+    except ImportError as error:
+        raise ValueError(f"{module_name} cannot be imported: {error}") from error
+    if name in gymnasium.registry:
+        return gymnasium.spec(name)
+    own = getattr(module, name, None)
+    if (isinstance(own, type) and issubclass(own, gymnasium.Env)) or inspect.isfunction(own):
+        return EnvSpec(name, f"{module_name}:{name}")
+    try:
+        return gymnasium.spec(name)  # it may be there under another version, which its error names
     except (gymnasium.error.Error, ImportError) as error:
-        way = "; where a package brings it, write the module's name before it, like minigrid:ID"
-        said = f"Gymnasium knows no environment {env_id!r}: {error}{'' if module else way}"
-        raise ValueError(said) from error
+        raise ValueError(
+            f"{module_name} registers no environment {name!r} and has no class of gymnasium.Env or function "
+            f"of that name: {error}"
+        ) from error
+
+
+def _absent(env_id: str, module_name: str, error: ModuleNotFoundError) -> str:
+    """Say which module is missing, and where it was looked for."""
+    top = module_name.partition(".")[0]
+    if error.name is None or error.name.partition(".")[0] != top:
+        return f"{module_name} needs a module that is not installed: {error.name}"
+    return (
+        f"{env_id}: there is no module {top!r} in this folder, nor is it installed. If it is a file of yours, run the "
+        "command in its folder or name the file; if it comes with a package, install that package first"
+    )
+
+
+def _creator_of(spec: EnvSpec) -> Callable[..., Any]:
+    """Return the class or function that makes an environment."""
+    entry = spec.entry_point
+    if isinstance(entry, str):
+        return cast("Callable[..., Any]", load_env_creator(entry))
+    return cast("Callable[..., Any]", entry)
+
+
+def _takes(creator: Callable[..., Any], name: str) -> bool:
+    """Whether something that is called takes an argument of a name."""
+    try:
+        parameters = inspect.signature(creator).parameters.values()
+    except (TypeError, ValueError):  # of what is compiled nothing is known
+        return True
+    return any(it.name == name or it.kind is it.VAR_KEYWORD for it in parameters)
 
 
 @lru_cache(maxsize=64)
@@ -200,19 +265,44 @@ def completed(given: Description) -> Description:
 
 
 def told_of(given: str) -> str:
-    """Return what describes an environment that is named by a TOML file, by what a package offers, or by its id.
+    """Return what describes an environment that is named by a TOML or Python file, by what a package offers, or by its id.
 
     A package offers a dictionary of the fields under the entry-point group `humanplay.tasks`. ValueError where what is
     said is wrong, OSError where a file cannot be read.
     """
     if given.endswith(".toml"):
         return read_description(Path(given)).told
+    path, _, name = given.partition(":")
+    if path.endswith(".py"):
+        module_name = module_of_file(Path(path))
+        return f"{module_name}:{name or _only_environment(module_name, path)}"
     for offer in entry_points(group="humanplay.tasks", name=given):
         try:
             return Description.model_validate(offer.load()).told
         except ValidationError as error:
             raise ValueError(f"{given}, which {offer.value} describes: {_first(error)}") from error
     return given
+
+
+def _only_environment(module_name: str, path: str) -> str:
+    """Return the name of the environment that a file defines; ValueError unless there is exactly one."""
+    try:
+        members = vars(imported(module_name))
+    except ImportError as error:
+        raise ValueError(f"{path} cannot be imported: {error}") from error
+    names = [
+        name
+        for name, member in members.items()
+        if isinstance(member, type)
+        and issubclass(member, gymnasium.Env)
+        and member.__module__ == module_name
+    ]
+    if len(names) != 1:
+        there = ", ".join(names) or "none"
+        raise ValueError(
+            f"expected one class of gymnasium.Env in {path}, found {there}: write {path}:NAME"
+        )
+    return names[0]
 
 
 def read_description(path: Path) -> Description:

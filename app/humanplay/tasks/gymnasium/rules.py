@@ -517,7 +517,12 @@ class GymnasiumRules:
             spec = json.loads(spec_of(self.level).to_json())
         except (TypeError, ValueError, AttributeError):  # of an entry point that is no text
             spec = str(spec_of(self.level))
-        return {"spec": canonical(spec), **lock_of(tuple(self.description.packages))}
+        lock = lock_of(tuple(self.description.packages))
+        own = {
+            name: {"version": hash[:12], "record": hash}
+            for name, hash in self.description.sources.items()
+        }
+        return {"spec": canonical(spec), **lock, "packages": {**lock["packages"], **own}}
 
     def lock_differences(self, lock: Mapping[str, Any]) -> str:
         """Return what is here instead of what was there."""

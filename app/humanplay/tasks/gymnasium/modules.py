@@ -1,0 +1,83 @@
+"""Modules of a user's own: found in the working folder, and known by a hash of their source."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from functools import cache
+from importlib import import_module
+from importlib.metadata import packages_distributions
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+
+OURS = ("gymnasium", "humanplay")
+"""Packages whose versions an episode has anyway."""
+
+
+def imported(name: str) -> ModuleType:
+    """Import a module; one that is not installed is looked for in the working folder.
+
+    Raises:
+        ModuleNotFoundError: Neither it nor one that it needs is there.
+    """
+    top = name.partition(".")[0]
+    if find_spec(top) is None and _is_in(Path.cwd(), top):
+        # at the end: a file that happens to lie here never stands in for an installed module
+        sys.path.append(str(Path.cwd()))
+    return import_module(name)
+
+
+def module_of_file(path: Path) -> str:
+    """Return the name by which a Python file is imported from now on.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: Another module of that name is installed.
+    """
+    path.open("rb").close()
+    folder = str(path.resolve().parent)
+    if folder not in sys.path:
+        sys.path.append(folder)
+    spec = find_spec(path.stem)
+    if spec is None or spec.origin is None or Path(spec.origin).resolve() != path.resolve():
+        raise ValueError(
+            f"{path} cannot be imported: another module is called {path.stem!r}; rename the file"
+        )
+    return path.stem
+
+
+def _is_in(folder: Path, name: str) -> bool:
+    return (folder / f"{name}.py").is_file() or (folder / name / "__init__.py").is_file()
+
+
+@cache
+def owners_of(name: str) -> tuple[str, ...]:
+    """Return the installed packages that bring a top-level module; none for a user's own."""
+    return tuple(_owners().get(name, ()))
+
+
+_owners = cache(packages_distributions)
+
+
+@cache
+def source_hash(name: str) -> str:
+    """Return SHA-256 (hex) of the source of a user's own module, with all that is in its package.
+
+    Empty for a module that a package brings, and for one that has no source.
+    """
+    top = name.partition(".")[0]
+    if top in OURS or owners_of(top):
+        return ""
+    spec = find_spec(top)
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        return ""
+    origin = Path(spec.origin)
+    folder = origin.parent
+    files = sorted(folder.rglob("*.py")) if spec.submodule_search_locations else [origin]
+    digest = hashlib.sha256()
+    for file in files:
+        content = file.read_bytes()
+        digest.update(f"{file.relative_to(folder).as_posix()}\n{len(content)}\n".encode())
+        digest.update(content)
+    return digest.hexdigest()
