@@ -17,6 +17,7 @@ from typing import Any
 import click
 import numpy as np
 
+from humanplay.board.attestation import FIRST_MOVES
 from humanplay.command.console import progress as progress_bar
 from humanplay.db.erasure import AskedBy, forget
 from humanplay.db.store import Store
@@ -59,9 +60,9 @@ class Player:
     """A participant.
 
     slip   share of their moves that are random
-    how    "plays" on; once an episode has taken `late` moves, "leaves" or "spoils" it or "closes" the tab; "quits" each before
-           a move; "hurries", faster than hands can; "delegates" the last terrain to a program; "loses" the first message of
-           the last; "withdraws" at the debrief
+    how    "plays" on; once an episode has taken `late` moves, "leaves" or "spoils" it or "closes" the tab, or "hurries" on,
+           faster than hands can; "quits" each before a move; "delegates" the last terrain to a program; "loses" the first
+           message of the last; "withdraws" at the debrief
     link   the number of their invitation or outside id
     """
 
@@ -157,18 +158,18 @@ class Campaign:
         worst = sorted(played.people, key=steps.__getitem__, reverse=True)[:CHEATS]
         return [played.people.index(person) for person in worst]
 
-    def some(self, how: str, numbers: Sequence[int]) -> list[Player]:
-        """Return the honest people, some of whom do otherwise once an episode goes badly."""
-        late = self.late()
+    def some(self, how: str, numbers: Sequence[int], late: int | None = None) -> list[Player]:
+        """Return the honest people, some of whom do otherwise after `late` moves: once an episode goes badly."""
+        late = self.late() if late is None else late
         return [
             replace(each, how=how, late=late) if at in numbers else each
             for at, each in enumerate(self.honest_people)
         ]
 
-    def more(self, how: str = "plays") -> list[Player]:
+    def more(self, how: str = "plays", late: int = 0) -> list[Player]:
         """Return the honest people, and programs beside them that never slip."""
         count = len(self.honest_people)
-        added = [Player(10**6 + self.seed + at, 0.0, count + at, how) for at in range(CHEATS)]
+        added = [Player(10**6 + self.seed + at, 0.0, count + at, how, late) for at in range(CHEATS)]
         return [*self.honest_people, *added]
 
     def play(
@@ -270,9 +271,8 @@ def _rules_steps(seed: int) -> int:
 
 def _take_part(server: Any, study: Study, player: Player, links: Sequence[str]) -> str | None:
     """Let one person take part, and return their label; None where the server lets them in no second time."""
-    clock = _Hurried(server.clock) if player.how == "hurries" else server.clock
     policy = NoisyPolicy(RULE, player.slip, CONFIG.sensor_radius)
-    person = Participant(server.page(), study.name, policy, clock, player.seed)
+    person = Participant(server.page(), study.name, policy, server.clock, player.seed)
     join = {"invitation": {"invitation": links[player.link]}, "open": {}}
     panel = {"outside_ids": {PANEL_ID: f"panel-{player.link}"}}
     try:
@@ -312,8 +312,11 @@ def _play(person: Participant, player: Player, at: int, is_last: bool) -> bool:
     policy = NoisyPolicy(RULE, slip, CONFIG.sensor_radius, 100 * player.seed + at)
     policy.reset()
     with person.socket() as socket:
+        hurried = _Hurried(socket.clock)
         frame = socket.receive("frame")
         while frame["outcome"] is None:
+            if player.how == "hurries" and frame["step"] >= player.late:
+                socket.clock = hurried
             is_late = 0 < player.late <= frame["step"]
             if is_late and player.how == "closes":
                 return False
@@ -347,6 +350,7 @@ class Attack:
 
 
 MISSING = r"of \d+ people who began a ranked episode (is|are) not in the per-protocol estimate"
+NEITHER = r"of \d+ people who agreed (is|are) in neither estimate"
 ERASED = r"people who had begun a ranked episode were erased"
 
 
@@ -428,7 +432,17 @@ ATTACKS = {
     "forged-pace": Attack(
         "two programs with an invitation press every 10 ms",
         lambda it: (it.honest(), it.play(it.more("hurries"))),
+        NEITHER,
+    ),
+    "slow-start": Attack(
+        f"they do so after {FIRST_MOVES + 1} moves at a person's pace",
+        lambda it: (it.honest(), it.play(it.more("hurries", FIRST_MOVES + 1))),
         MISSING,
+    ),
+    "hurrying": Attack(
+        "the two worst let a program press every 10 ms, from the first move of each terrain",
+        lambda it: (it.honest(), it.play(it.some("hurries", it.worst(), late=0))),
+        NEITHER,
     ),
     "persons-pace": Attack(
         "two programs with an invitation press at a person's pace",

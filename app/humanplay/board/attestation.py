@@ -71,7 +71,11 @@ UNTRUSTED = "the browser does not vouch for the press"
 UNTRUSTED_HELD = "what is held is no person's"
 _OF_A_PROGRAM = re.compile(f"{COPIED}|{NO_DEVICE}|{UNTRUSTED}|{UNTRUSTED_HELD}|presses in")
 """Reasons that show a program. The others may be a lost message or a clock."""
+FIRST_MOVES = 5
+"""A program that shows within an episode's first moves played all of it. Later it may be a person's who hands over what goes
+badly: that must leave them in the estimate for everybody."""
 
+_STEP = re.compile(r"step (\d+): ")
 _KINDS = {"key": "keydown", "touch": "touchdown"}
 Row = Mapping[str, Any]
 KeyMap = Mapping[tuple[str, str], Collection[int]]
@@ -138,6 +142,14 @@ def key_map_of(
 def shows_program(reason: str | None) -> bool:
     """Tell whether the reason of a level shows that a program pressed."""
     return reason is not None and _OF_A_PROGRAM.search(reason) is not None
+
+
+def shows_program_at_once(reason: str | None) -> bool:
+    """Tell whether the reason shows a program within the first moves, or in all of them."""
+    if reason is None or not shows_program(reason):
+        return False
+    step = _STEP.match(reason)
+    return step is None or int(step[1]) < FIRST_MOVES
 
 
 def attest(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) -> Attested:
@@ -387,10 +399,18 @@ def _is_coarse(times: Sequence[float]) -> bool:
 
 
 def _check_pace(gaps: Sequence[float], is_coarse: bool) -> None:
-    """Check that no hand would have to be faster than hands are; `gaps` are the ms from press to press, 0 the first."""
+    """Check that no hand would have to be faster than hands are, up to the first press that comes too soon.
+
+    gaps  the ms from press to press, 0 the first
+    """
     times = list(accumulate(gaps))
+    impossible = []
     for presses, shortest_ms in FASTEST:
         least_ms = 2 * shortest_ms if is_coarse and presses == FASTEST[0][0] else shortest_ms
         for step, (first, last) in enumerate(zip(times, times[presses - 1 :], strict=False)):
             if last - first < least_ms:
-                raise _MismatchError(f"{presses} presses in {last - first:.0f} ms", step)
+                impossible.append((step + presses, step, last - first))
+                break
+    if impossible:
+        until, step, took_ms = min(impossible)
+        raise _MismatchError(f"{until - step} presses in {took_ms:.0f} ms", step)

@@ -78,7 +78,7 @@ STATUS_IN_WORDS: dict[Status, str] = {
     Status.INTERRUPTED: "interrupted by the closing",
     Status.LEFT: "left",
     Status.PLAYING: "still playing",
-    Status.BOT: "bot from the first move of every episode",
+    Status.BOT: "bot from the first moves of every episode",
     Status.WITHDREW_EARLY: "withdrew before a ranked episode",
     Status.INTERRUPTED_EARLY: "interrupted before a ranked episode",
     Status.NEVER_BEGAN: "never began a ranked episode",

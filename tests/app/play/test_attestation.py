@@ -17,6 +17,8 @@ from humanplay.board.attestation import (
     key_map_of,
     level_reaches,
     prepare_end,
+    shows_program,
+    shows_program_at_once,
 )
 from humanplay.db.input_events import InputEventRow, add_input_events
 from humanplay.db.store import StepRow, Store
@@ -375,6 +377,88 @@ def test_chords_and_rolls_raise_no_alarm_whatever_the_clock_is_rounded_to(grain_
         episode.press(page, gap_ms=episode.random.uniform(260, 400))
         episode.presses(page, keys - 1, gap_ms=apart_ms, behind=0, latency_ms=0.5)
     assert episode.level(BURSTS).reason is None
+
+
+class Hands(Episode):
+    """What hands do: gestures between rests, now and then a lost message or a reload."""
+
+    def __init__(self, seed, grain_ms):
+        super().__init__(seed)
+        self.page = Page(grain_ms=grain_ms)
+
+    def make(self, gesture, count, apart_ms):
+        before = len(self.events)
+        self.press(self.page, gap_ms=self.random.uniform(260, 400))
+        getattr(self, gesture)(count, apart_ms, before)
+
+    def tap(self, count, apart_ms, before):
+        for _ in range(count - 1):
+            self.press(self.page, gap_ms=self.random.uniform(65, 200), latency_ms=apart_ms)
+
+    def roll(self, count, apart_ms, before):
+        self.presses(self.page, min(count, 4) - 1, gap_ms=apart_ms, latency_ms=0.5)
+
+    def hold(self, count, apart_ms, before):
+        down = self.events[before]
+        for number in range(count):
+            at_ms = self.at + 300 + 30 * number
+            repeat = {"client_ms": self.page.ms(at_ms), "server_ms": int(at_ms + 12), "repeat": 1}
+            self.events.insert(-1, {**down, **repeat})
+        self.at += 300 + 30 * count
+
+    def lose(self, count, apart_ms, before):
+        del self.events[before:]
+
+    def reload(self, count, apart_ms, before):
+        self.at += 2_500
+        self.page = Page(self.at, grain_ms=self.page.grain_ms, number=self.page.number + 1)
+
+
+@pytest.mark.parametrize("grain_ms", [0.1, 1000 / 60, 100.0])
+@given(
+    seed=st.integers(0, 999),
+    gestures=st.lists(
+        st.tuples(
+            st.sampled_from(("tap", "roll", "hold", "lose", "reload")),
+            st.integers(1, 40),
+            st.sampled_from((0, 12, 30)),
+        ),
+        max_size=8,
+    ),
+)
+def test_hands_are_never_called_a_program_whatever_is_held_lost_or_loaded_again(
+    grain_ms, seed, gestures
+):
+    hands = Hands(seed, grain_ms)
+    for gesture in gestures:
+        hands.make(*gesture)
+    reason = hands.level().reason
+    assert not shows_program(reason), reason
+    if not any(gesture == "lose" for gesture, *_ in gestures):
+        assert reason is None
+
+
+def test_a_held_key_is_told_from_a_program_by_its_repeat_flags_alone():
+    held = Hands(1, 0.1)
+    held.make("hold", 20, 0)
+    assert held.level().reason is None
+    pressed = played(1).presses(Page(), 1, gap_ms=300, latency_ms=0.5)
+    pressed.presses(Page(), 20, gap_ms=30, latency_ms=0.5)
+    assert shows_program_at_once(pressed.level().reason)
+
+
+@pytest.mark.parametrize(("slow", "is_at_once"), [(0, True), (5, True), (6, False), (20, False)])
+def test_a_program_shows_at_once_or_after_a_persons_moves(slow, is_at_once):
+    """The first fast press is that after the last slow one, so a sixth slow move is a person's."""
+    episode = played(slow, latency_ms=0.5).presses(Page(), 20, gap_ms=10, latency_ms=0.5)
+    reason = episode.level().reason
+    assert shows_program(reason)
+    assert shows_program_at_once(reason) == is_at_once
+
+
+def test_the_first_press_that_comes_too_soon_decides_whichever_floor_it_is_under():
+    episode = played(20, gap_ms=30, latency_ms=0.5).presses(Page(), 5, gap_ms=1, latency_ms=0.5)
+    assert episode.level().reason.startswith("step 0: 10 presses in")
 
 
 def test_five_presses_by_a_rounded_clock_take_twice_as_long():

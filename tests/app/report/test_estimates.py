@@ -142,16 +142,16 @@ def test_people_whose_every_episode_is_flagged_are_a_caution_where_they_move_the
         assert "mean score 0.733 with them, 0.900 without" in cautions[0]
 
 
-def test_whoever_made_one_first_move_is_no_bot():
-    """Spoiling every episode once it goes badly leaves nobody out of the second estimate."""
-    spoilt = {
-        "attestation": "spoilt",
-        "driver": "script",
-        "attestation_reason": "step 4: the move came from no key and no touch",
-    }
+@pytest.mark.parametrize(
+    ("step", "status", "lowest"), [(4, "bot", {}), (5, "partly_bot", {"by_a_bot": 6})]
+)
+def test_whoever_makes_the_first_moves_of_one_episode_is_no_bot(step, status, lowest):
+    """Handing every episode to a program once it goes badly leaves nobody out of the second estimate."""
+    reason = f"step {step}: the move came from no key and no touch"
+    spoilt = {"attestation": "spoilt", "driver": "script", "attestation_reason": reason}
     data = with_last(lambda number: spoilt)
     (row,) = (row for row in build(data).groups[0].statuses if row.status != "finished")
-    assert (row.status, row.in_everybody, row.lowest) == ("partly_bot", True, {"by_a_bot": 6})
+    assert (row.status, row.in_everybody, row.lowest) == (status, status != "bot", lowest)
 
 
 def test_the_erased_move_no_mean_and_both_means_stand_as_they_could_be_with_them():

@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from humanplay.board.attestation import level_reaches, shows_program
+from humanplay.board.attestation import level_reaches, shows_program, shows_program_at_once
 from humanplay.db.trial import LEFT, Required, Trial
 from humanplay.report.statistics.formatting import percent
 from humanplay.study.data import Person, StudyData
@@ -168,6 +168,14 @@ def _is_by_bot(trial: Trial, required: Required) -> bool:
     return trial.driver != trial.kind or shows_program(trial.attestation_reason)
 
 
+def _is_by_bot_at_once(trial: Trial, required: Required) -> bool:
+    """Tell whether an ended episode shows that a program made its first moves."""
+    was_begun_by_person = trial.attestation == "spoilt" and not shows_program_at_once(
+        trial.attestation_reason
+    )
+    return _is_by_bot(trial, required) and not was_begun_by_person
+
+
 def statuses(data: StudyData, cohort: Cohort) -> dict[str, Status]:
     """Return where everybody is who agreed, by participant.
 
@@ -207,8 +215,8 @@ def _status(
             return Status.INTERRUPTED_EARLY
         return Status.WITHDREW_EARLY if has_withdrawn else Status.NEVER_BEGAN
     ended = [trial for trial in own if trial.ended_ms is not None]
-    # whoever made one first move is a person: bad episodes cannot be made to leave both estimates
-    if ended and all(_is_by_bot(each, required) and each.attestation != "spoilt" for each in ended):
+    # handing what goes badly to a program leaves nobody out of both estimates
+    if ended and all(_is_by_bot_at_once(trial, required) for trial in ended):
         return Status.BOT
     if person.completed_ms is None:
         if is_interrupted:
