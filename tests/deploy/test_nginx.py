@@ -213,6 +213,7 @@ def test_what_a_slow_reader_has_not_taken_waits_in_no_file(proxied):
 MISBEHAVING = """
 import os, socket, ssl, sys, threading, time
 os.nice(19)  # elsewhere it is another machine's processor that sends the flood
+os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 port, path, kind = int(sys.argv[1]), sys.argv[2], sys.argv[3]
 trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
@@ -240,37 +241,39 @@ time.sleep(600)
 """
 """Holds silent connections, or floods four websockets with pings, as fast as it is let."""
 
-ROUNDS, SECONDS = 3, 1.2
-ATTEMPTS = 3
+PAIRS, SECONDS = 7, 1.0
+MOST_TAKEN = 0.25
+"""Of the one core that the event loop has, by four sockets full of pings."""
 
 
 @pytest.mark.alone
 @pytest.mark.parametrize("kind", ["pings", "silent"])
 def test_others_moves_take_at_most_twice_as_long_while_one_client_misbehaves(proxied, kind):
-    """Quiet times and floods take turns, since the machine has other work that comes and goes.
+    """Each flood is compared with the quiet time just before it, and the middle pair counts.
 
-    So does the whole comparison: a flood that reaches the server slows moves down in each attempt.
+    A shared machine has other work that comes and goes, and makes one pair in some seconds worse or
+    better; a flood that reaches the server makes all of them worse. The processor's seconds of the
+    event loop say the same without a clock: what the flood takes of it nobody else gets.
     """
     server = proxied()
     with server.client() as client:
         session = client.post("/api/sessions", json={"size": 21}).json()["session"]
     measure(server, 1)  # the first moves of a process take longer
-    port, path = server.public.rpartition(":")[2], f"/ws/sessions/{session}"
-    for _ in range(ATTEMPTS):
-        quiet_ms, flooded_ms = compare(server, port, path, kind)
-        print(f"\n{kind}: p99 of the others {quiet_ms:.1f} ms quiet, {flooded_ms:.1f} ms")
-        if flooded_ms <= 2 * quiet_ms:
-            break
-    assert flooded_ms <= 2 * quiet_ms
-
-
-def compare(server, port, path, kind):
-    """Return the p99 of the others' moves in milliseconds, quiet and while one client misbehaves."""
-    quiet, flooded = [], []
-    for _ in range(ROUNDS):
-        quiet += measure(server, SECONDS)
-        with misbehaving(MISBEHAVING, port, path, kind):
+    misbehaves = (MISBEHAVING, server.public.rpartition(":")[2], f"/ws/sessions/{session}", kind)
+    with misbehaving(*misbehaves):
+        eventually(lambda: server.protection.sockets or kind == "silent")
+        began_s = server.loop_s()
+        time.sleep(2)
+        taken = (server.loop_s() - began_s) / 2
+    ratios = []
+    for _ in range(PAIRS):
+        quiet_ms = np.percentile(measure(server, SECONDS), 99)
+        with misbehaving(*misbehaves):
             time.sleep(0.5)
-            flooded += measure(server, SECONDS)
+            flooded_ms = np.percentile(measure(server, SECONDS), 99)
         time.sleep(0.3)
-    return np.percentile(quiet, 99), np.percentile(flooded, 99)
+        ratios.append(flooded_ms / quiet_ms)
+        print(f"\n{kind}: p99 of the others {quiet_ms:.1f} ms quiet, {flooded_ms:.1f} ms", end="")
+    print(f"\n{kind}: the flood takes {100 * taken:.1f} % of the event loop's core")
+    assert taken <= MOST_TAKEN
+    assert np.median(ratios) <= 2

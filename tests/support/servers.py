@@ -229,7 +229,10 @@ def running_server(policies, /, sources=None, **settings):
         sock.close()
         server.close()
 
+    loop_clock = time.pthread_getcpuclockid(thread.ident)
     server.stop, server.engine = stop, engine
+    # processor seconds of the event loop's thread
+    server.loop_s = lambda: time.clock_gettime(loop_clock)
     try:
         yield server
     finally:

@@ -17,8 +17,11 @@ from h11 import LocalProtocolError
 from starlette.types import ASGIApp
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from uvicorn.server import ServerState
+from websockets.exceptions import ProtocolError
+from websockets.frames import Frame, Opcode
 
 from humanplay.board.messages import MAX_MESSAGE_BYTES
+from humanplay.web.protection.limits import POLICY_VIOLATION, TokenBucket
 
 BACKLOG = 1024
 """Connections that may wait to be accepted."""
@@ -32,9 +35,17 @@ READ_BYTES = 2**13
 More would keep everybody else waiting while what came over one connection is looked at.
 """
 
-MOST_UNREAD_BYTES = 2**23
-"""Bytes that may wait in this process for the client of a websocket. It is more than the longest
-message: only answers to pings, of which uvicorn writes as many as come, are that many."""
+MOST_OTHER_FRAMES, OTHER_FRAMES_PER_SECOND = 100, 10.0
+"""Pings, pongs and parts of messages of one websocket that are read at once, and a second after that.
+
+Browsers send no pings of their own, and programs one in many seconds.
+"""
+
+TOO_MANY_FRAMES = (
+    f"too many pings, pongs or parts of messages: {MOST_OTHER_FRAMES} at once and "
+    f"{OTHER_FRAMES_PER_SECOND:g} a second are read"
+)
+"""Why a websocket is closed that sends more of them."""
 
 FIRST_INHERITED_FD = 3
 """The descriptor of the first socket that systemd passes on (sd_listen_fds(3))."""
@@ -121,39 +132,47 @@ def raise_file_limit() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
+class TooManyFramesError(ProtocolError):
+    """A client has sent too many frames that are no message."""
+
+
 def websocket_protocol(
     config: uvicorn.Config, server_state: ServerState, app_state: dict[str, Any]
 ) -> WebSocketsSansIOProtocol:
     """Return uvicorn's websocket, looked at for what uvicorn 0.54 does not do.
 
     It neither answers nor closes a connection whose handshake the library `websockets` cannot read, fails at bytes that are
-    not ASCII there, at what comes before a handshake is answered, and at an answer to what cannot be read; and it goes on
-    answering the pings of a client that takes no answers.
+    not ASCII there, at what comes before a handshake is answered, and at an answer to what cannot be read; and it reads pings
+    and parts of messages however many come, of which the app, which counts messages, hears nothing.
     """
     protocol = WebSocketsSansIOProtocol(config, server_state, app_state)
-    loop, read = asyncio.get_running_loop(), protocol.data_received
+    read, take_frame = protocol.data_received, protocol.conn.recv_frame
+    bucket = TokenBucket(MOST_OTHER_FRAMES, OTHER_FRAMES_PER_SECOND)
 
     def read_handshake(data: bytes) -> None:
         del protocol.data_received  # the rest is uvicorn's alone
         read(data.decode("ascii", "replace").encode("ascii", "replace"))
-        if protocol.handshake_initiated:
-            look_for_unread()
-        else:
+        if not protocol.handshake_initiated:
             protocol.transport.write(_NOT_TAKEN)
             protocol.transport.close()
 
-    def look_for_unread() -> None:
-        if protocol.transport.get_write_buffer_size() > MOST_UNREAD_BYTES:
-            protocol.transport.abort()
-        elif not protocol.transport.is_closing():
-            loop.call_later(1.0, look_for_unread)
+    def count_frame(frame: Frame) -> None:
+        is_message = frame.fin and frame.opcode in (Opcode.TEXT, Opcode.BINARY)
+        if not is_message and frame.opcode is not Opcode.CLOSE and bucket.take():
+            protocol.conn.fail(POLICY_VIOLATION, TOO_MANY_FRAMES)
+            raise TooManyFramesError  # what came with it is discarded unread
+        take_frame(frame)
 
     def end_unreadable() -> None:
+        if isinstance(protocol.conn.parser_exc, TooManyFramesError):
+            # the app counts it against the address
+            protocol.queue.put_nowait({"type": "websocket.disconnect", "code": POLICY_VIOLATION})
         protocol.close_sent = protocol.disconnected = True
         protocol.transport.write(b"".join(protocol.conn.data_to_send()))
         protocol.transport.close()
 
     protocol.data_received = read_handshake  # type: ignore[method-assign]
+    protocol.conn.recv_frame = count_frame  # type: ignore[method-assign]
     protocol.handle_parser_exception = end_unreadable  # type: ignore[method-assign]
     return protocol
 

@@ -130,6 +130,24 @@ def test_a_flood_closes_any_socket_with_1008_and_costs_its_address_handshakes(se
     eventually(lambda: server.protection.sockets == 0)
 
 
+@pytest.mark.parametrize("opcode", [9, 10, 0], ids=["pings", "pongs", "parts of a message"])
+def test_a_flood_of_frames_that_are_no_message_closes_its_socket(serve, opcode):
+    server = serve(limits=Limits(handshakes_per_address=f"{PENALTY}+0.1/s"))
+    client, begun = begin(server)
+    with server.socket(begun["session"], client) as board:
+        connection = board.connection
+        first = b"" if opcode else bytes([1, 128]) + bytes(4)
+        part = bytes([128 * (opcode > 0) | opcode]) + masked(opcode, b"")[1:]
+        connection.socket.sendall(first + part * 300)
+        said = "too many pings, pongs or parts of messages: 100 at once and 10 a second are read"
+        assert why_closed(connection) == (1008, said)
+    with pytest.raises(InvalidStatus) as refused, server.socket(begun["session"]):
+        pass
+    assert refused.value.response.status_code == 429
+    assert server.protection.refusals["messages"] == 1
+    eventually(lambda: server.protection.sockets == 0)
+
+
 def test_a_script_that_waits_for_each_frame_is_slowed_down_and_never_closed(serve):
     server = serve(limits=Limits(messages="1+400/s"))
     client, begun = begin(server)

@@ -396,10 +396,18 @@ class LimitedClients:
         bucket, early = TokenBucket(burst, rate), 0
         coming: asyncio.Task[Message] | None = None
 
+        def note_flood() -> None:
+            protection.punish(address)
+            scope["noted"]["status"] = POLICY_VIOLATION
+
         async def receive_at_rate() -> Message:
             nonlocal coming, early
             message = await (receive() if coming is None else coming)
             coming = None
+            if message["type"] == "websocket.disconnect":
+                if message["code"] == POLICY_VIOLATION:  # `listening` has closed it
+                    note_flood()
+                return message
             if message["type"] != "websocket.receive" or not (wait_s := bucket.take()):
                 return message
             coming = asyncio.create_task(receive())  # type: ignore[arg-type]
@@ -408,8 +416,7 @@ class LimitedClients:
             early = early + 1 if coming.done() else 0
             if early <= PATIENCE:
                 return message
-            protection.punish(address)
-            scope["noted"]["status"] = POLICY_VIOLATION
+            note_flood()
             reason = f"too many messages: {burst} at once and {rate:g} a second are answered"
             with suppress(RuntimeError, OSError):  # whoever sent them may have gone already
                 await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": reason})
