@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from humanplay.report.statistics.crossed import crossed_components
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from marsexplorer.config import RUNNING, EnvConfig
 from marsexplorer.world import Worlds, positions
 from research.methods.assumed_spread import steps_of_players

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from websockets.asyncio.client import connect
 
+from humanplay.tasks.mars.run import occupancy_codes
 from humanplay.tasks.mars.viewer3d.viser_transport import PROTOCOL
-from humanplay.web.simulate import occupancy_codes
 from marsexplorer import policies
 from tests.support.viewer3d import CAMERA
 

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("axe_playwright_python", reason="of the extra `dev`: `make bench` has it")
 
-from humanplay.web.simulate import occupancy_codes
+from humanplay.tasks.mars.run import occupancy_codes
 from marsexplorer import policies
 from tests.support.browser import KEY_OF, NO_3D, QUIET, SOFTWARE_3D, chromium_path
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from humanplay.db.store import Store
-from humanplay.results import entries
+from humanplay.tasks.mars.boards import FIRST_SEED, MarsBoards
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from marsexplorer.config import EnvConfig
 from tests.support.browser import NO_3D, fetched, judged
@@ -41,8 +41,8 @@ class QuickPolicies(PolicyCatalogue):
 @pytest.fixture
 def quick(monkeypatch):
     """Boards of three terrains: the server evaluates in seconds."""
-    few = tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + 3))
-    monkeypatch.setattr(entries, "held_out_seeds", lambda config: few)
+    few = tuple(range(FIRST_SEED, FIRST_SEED + 3))
+    monkeypatch.setattr(MarsBoards, "seeds", lambda self, config: few)
 
 
 def look(page, name):

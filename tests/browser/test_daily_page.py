@@ -5,7 +5,7 @@ from contextlib import closing
 import pytest
 
 from humanplay.db.store import Store
-from humanplay.tasks.mars.task import Mars
+from humanplay.tasks.mars.boards import MarsBoards
 from humanplay.web.access import PLAYER_COOKIE
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import load
@@ -19,7 +19,7 @@ SIZES = {"1440": (1440, 900), "820": (820, 1180), "390": (390, 844)}
 @pytest.fixture
 def small(monkeypatch):
     """A daily terrain of 7x9 cells."""
-    monkeypatch.setattr(Mars, "daily", EnvConfig.of("random", (7, 9)))
+    monkeypatch.setattr(MarsBoards, "daily", EnvConfig.of("random", (7, 9)))
 
 
 def check_screen(page, name, found, themes=("dark",)):

@@ -8,7 +8,7 @@ import pytest
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import default_protocol
 from humanplay.study.verification import verify_database
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.description import Description
 from tests.support.browser import AS_A_PERSON, NO_3D, fetched, violations
 from tests.support.declared import DECLARATIONS

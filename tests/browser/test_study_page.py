@@ -7,7 +7,7 @@ import pytest
 
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import default_protocol
-from humanplay.web.simulate import occupancy_codes
+from humanplay.tasks.mars.run import occupancy_codes
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SIZES, Player, judged, violations

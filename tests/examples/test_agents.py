@@ -13,7 +13,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from marsexplorer.config import EnvConfig
 from tests.support.agents import own, rows_of, token_of
 from tests.support.scripted_model import scripted_model

@@ -136,7 +136,7 @@ def test_a_ppo_that_stable_baselines_exports_plays_the_same_seeds_as_there(env, 
     there = json.loads(run(home("sb3_maskable_ppo.py"), "-c", EXPORT, env, out).splitlines()[-1])
     task = GymnasiumTask(env, [str(out)])
     policy = task.policies.load("mine")
-    played = [task.players.play(policy, task.default, seed, 0).actions for seed in range(5)]
+    played = [task.policies.play(policy, task.default, seed, 0).actions for seed in range(5)]
     task.close()
     assert [list(actions) for actions in played] == there
 

@@ -34,7 +34,7 @@ def begun(database, name="agents", of="small", **rest):
 
 def own(database, name="agents", task="gymnasium:FrozenLake-v1", instances=3, config=None, **rest):
     """Return a new evaluation of a task on instances of its own."""
-    from humanplay.task import rules_of
+    from humanplay.task.registration import rules_of
 
     config = rules_of(task).configuration({}) if config is None else config
     wanted = {"name": name, "task": task, "instances": instances, "config": config.to_dict()}

@@ -11,7 +11,7 @@ from pathlib import Path
 from axe_playwright_python.base import AXE_SCRIPT
 
 from humanplay.board.attestation import FASTEST
-from humanplay.web.simulate import occupancy_codes
+from humanplay.tasks.mars.run import occupancy_codes
 from tests.support.servers import PATIENCE_S, eventually
 
 SCREENSHOTS = Path(__file__).parents[1] / "browser" / "screenshots"

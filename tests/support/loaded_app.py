@@ -6,7 +6,7 @@ What a server does at its start it still does; what it would read from the disk,
 import gc
 
 from humanplay import jobs
-from humanplay.task import MARS, rules_of
+from humanplay.task.registration import DEFAULT_TASK, rules_of
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.tasks.mars.viewer3d import viewer
 from humanplay.web.server import run
@@ -15,8 +15,8 @@ from tests.support.forked_server import Worker
 __all__ = ["run"]
 
 jobs._Process = Worker
-rules_of(MARS).prepare()
-PolicyCatalogue()
+rules_of(DEFAULT_TASK).prepare()
+PolicyCatalogue().offers()
 viewer.ClientPage.load()
 gc.collect()
 gc.freeze()  # or the collection at each server's start would walk, and so copy, all of it

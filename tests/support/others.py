@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 from websockets.asyncio.client import connect
 
-from humanplay.web.simulate import occupancy_codes
+from humanplay.tasks.mars.run import occupancy_codes
 from marsexplorer.policies import load
 from tests.support.nginx import trusting
 

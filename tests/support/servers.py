@@ -12,7 +12,8 @@ import pytest
 import uvicorn
 from websockets.sync.client import connect
 
-from humanplay.web.simulate import Clock, Socket, occupancy_codes
+from humanplay.tasks.mars.run import occupancy_codes
+from humanplay.web.simulate import Clock, Socket
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 

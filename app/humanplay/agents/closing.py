@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 from humanplay.agents.evaluation import (
     ACTIVE_MS,
@@ -36,8 +35,7 @@ def check_closable(database: Path, evaluation: Evaluation, now: bool) -> None:
     signing_key(database)
     protocol = evaluation.protocol
     for policy in compared_policies(protocol):
-        players: Any = protocol.rules.players
-        players.load(evaluation.policy_files.source(policy), protocol.env_config)
+        protocol.rules.policies.load(evaluation.policy_files.source(policy), protocol.env_config)
     if evaluation.closed_ms is not None:
         return
     study = evaluation.study

@@ -11,10 +11,9 @@ import click
 from click import ClickException, UsageError, argument, echo, option
 
 from humanplay.cli.options import DATABASE_AND_STUDIES
-from humanplay.cli.settings import default_config, failures, study_errors, task_name
+from humanplay.cli.settings import config_of, failures, study_errors, task_name
 from humanplay.command.console import print_table, progress
 from humanplay.command.options import KEY, PATH, SizeType, flag, path_option
-from humanplay.tasks.mars.cli.options import env_config_of
 
 if TYPE_CHECKING:
     from humanplay.agents.evaluation import Evaluation
@@ -43,8 +42,8 @@ def agents() -> None:
 @argument("name")
 @option("--of", "study", metavar="STUDY", help="The study whose ranked terrains are played.")
 @option("--task", "task", metavar="ID", help="An environment, on instances of its own; mars too.")
-@option("--level", default="random", help="With --task mars.")
-@option("--size", type=SizeType(), default="21", help="With --task mars.")
+@option("--level", help="With --task mars.  [default: random]")
+@option("--size", type=SizeType(), help="With --task mars.  [default: 21]")
 @option("--instances", default=30, help="With --task: how many.")
 @option(
     "--sees",
@@ -60,8 +59,8 @@ def new(
     name: str,
     study: str | None,
     task: str | None,
-    level: str,
-    size: int | tuple[int, int],
+    level: str | None,
+    size: int | tuple[int, int] | None,
     instances: int,
     folder: Folder,
     database: Path,
@@ -87,7 +86,7 @@ def new(
         wanted["study"] = study
     else:
         known = task_name(task)
-        config = env_config_of(level, size) if known == "mars" else default_config(known)
+        config = config_of(known, level, size)
         wanted |= {"task": known, "config": config.to_dict(), "instances": instances}
     with failures(f"cannot write {database}"), study_errors():
         begun = begin_evaluation(database, folder, wanted, now_ms())

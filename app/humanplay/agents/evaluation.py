@@ -30,7 +30,8 @@ from humanplay.study.invitations import ID_LENGTH, new_id, signature
 from humanplay.study.policy_files import PolicyFiles
 from humanplay.study.protocol import NAME, StudyError, canonical_json
 from humanplay.study.seeds import commitment, seed
-from humanplay.task import Configuration, Rules, rules_of
+from humanplay.task import Configuration, Rules
+from humanplay.task.registration import rules_of
 
 TABLES = (
     """CREATE TABLE IF NOT EXISTS agents_evaluations (

@@ -112,9 +112,7 @@ def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar
 
 
 def compared_policies(protocol: Protocol) -> list[str]:
-    """The policies that agents are compared with: the protocol's, and `random` as the zero where there are policies."""
-    if protocol.rules.players is None:
-        return []
+    """The policies that agents are compared with: the protocol's, and `random` as the zero."""
     return list(dict.fromkeys((*protocol.policies, "random")))
 
 

@@ -20,7 +20,7 @@ from humanplay.board.messages import Pace
 from humanplay.board.participation import RefusedError
 from humanplay.board.session import Move, Session
 from humanplay.db.store import NOTICE_S, StoreError, Trial
-from humanplay.task import Decides, NotReadyError, Policy, Task
+from humanplay.task import NotReadyError, Policies, Policy, Task
 
 MAX_BATCH = 64
 """Boards decided in one call at most: some 10 ms."""
@@ -52,12 +52,14 @@ class DecisionQueue:
     first: thirty large boards of one player or of many keep a small one waiting for one of their decisions, not for thirty.
     A decision that takes longer than `decision_s` seconds is given up, and the next is made beside it.
 
-    decides  asks several policies of a task together
+    policies  asks several policies of a task together
     threads  at least THREADS workers, so that one is free while others are left with decisions that took too long
     """
 
-    def __init__(self, threads: Executor, decides: Decides, decision_s: float = DECISION_S) -> None:
-        self._threads, self._decides, self._decision_s = threads, decides, decision_s
+    def __init__(
+        self, threads: Executor, policies: Policies, decision_s: float = DECISION_S
+    ) -> None:
+        self._threads, self._policies, self._decision_s = threads, policies, decision_s
         self._waiting: list[_Request] = []
         self._used_s: defaultdict[str, float] = defaultdict(float)
         self._left: set[asyncio.Future[Sequence[int | Exception]]] = set()
@@ -95,7 +97,7 @@ class DecisionQueue:
     def _next_batch(self) -> list[_Request]:
         """Take the request of the owner who has had the least time, and every one that can be decided together with it."""
         next_one = min(self._waiting, key=lambda request: self._used_s[request.owner])
-        first = self._decides.shared_net(next_one.policy)
+        first = self._policies.shared_net(next_one.policy)
         chosen: list[_Request] = [next_one]
         left: list[_Request] = []
         for request in self._waiting:
@@ -104,7 +106,7 @@ class DecisionQueue:
             is_same = (
                 first is not None
                 and len(chosen) < MAX_BATCH
-                and self._decides.shared_net(request.policy) is first
+                and self._policies.shared_net(request.policy) is first
             )
             (chosen if is_same else left).append(request)
         self._waiting = left
@@ -134,7 +136,7 @@ class DecisionQueue:
     ) -> list[int | Exception]:
         """Return the actions; SlowDecisionError after `decision_s`, while the thread goes on until its decision is made."""
         deciding = asyncio.get_running_loop().run_in_executor(
-            self._threads, self._decides.act_many, policies, observations
+            self._threads, self._policies.act_many, policies, observations
         )
         done, _ = await asyncio.wait([deciding], timeout=self._decision_s)
         if done:

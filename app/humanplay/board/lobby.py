@@ -109,7 +109,7 @@ class Lobby:
         self._groups: dict[str, BoardGroup] = {}
         self._resuming = Locks()
         self._thread = ThreadPoolExecutor(THREADS, "policies")
-        self._decisions = DecisionQueue(self._thread, task.decides, decision_s)
+        self._decisions = DecisionQueue(self._thread, task.policies, decision_s)
 
     def __len__(self) -> int:
         """Return how many sessions are in memory."""

@@ -32,7 +32,7 @@ MOST_KEYS = 9
 
 def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
     """Print an environment's row of the table and return its exit code."""
-    from humanplay.task import rules_of
+    from humanplay.task.registration import rules_of
     from humanplay.tasks.gymnasium.doctor import examine
     from humanplay.tasks.gymnasium.rules import GymnasiumRules
 
@@ -109,8 +109,9 @@ def doctor(
         return max([_row(env, seeds, steps, rule) for env in envs])
     if len(envs) > 1:
         raise UsageError(f"expected one ENV, got {len(envs)}; --table takes several")
-    if (task := task_name(envs[0])) == "mars":
-        raise UsageError("expected an id of Gymnasium's; mars follows from seed and moves")
+    task = task_name(envs[0])
+    if not task.startswith("gymnasium:"):
+        raise UsageError(f"expected an id of Gymnasium's; {task} follows from seed and moves")
     try:
         if toml:
             echo(_description_file(task), nl=False)

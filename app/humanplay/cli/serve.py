@@ -13,7 +13,7 @@ from click import ClickException, UsageError, argument, option
 from humanplay.cli.settings import settings_of, task_name
 from humanplay.command.extras import EXTRAS
 from humanplay.command.options import PATH, PORT, check_more, flag, path_option, several
-from humanplay.task import MARS
+from humanplay.task.registration import DEFAULT_TASK, registration_of, rules_of
 
 if TYPE_CHECKING:
     from humanplay.web.settings import Settings
@@ -125,7 +125,7 @@ def serve(
 
 
 @click.command(short_help="Play an environment on this machine, in its browser.")
-@argument("env", default="mars")
+@argument("env", default=DEFAULT_TASK)
 @option("--port", type=PORT, default=0, show_default="a free one", help="Port to listen on.")
 @path_option("--database", "SQLite file to record in; made when absent.  [default: as for serve]")
 @flag("--no-browser", "Print the address and open nothing.")
@@ -160,8 +160,8 @@ def _run(settings: Settings, *opened: Callable[[str], object]) -> None:
     from humanplay.db.store import StoreError
     from humanplay.web.server import ServerError, run
 
-    if MARS in (settings.task, *settings.more):
-        _check_mars()
+    for task in (settings.task, *settings.more):
+        _check_extras(task)
     try:
         run(settings, *opened)
     except (ServerError, StoreError) as error:
@@ -170,9 +170,7 @@ def _run(settings: Settings, *opened: Callable[[str], object]) -> None:
 
 def _policies_of_the_paper() -> Iterable[Path]:
     """The files of the paper's agents; UsageError if they are not here."""
-    from humanplay.tasks.mars.players import of_paper
-
-    if not (files := of_paper()):
+    if not (files := rules_of(DEFAULT_TASK).policies.unlisted()):
         raise UsageError(
             "the agents of the paper are not installed: they are files of the repository, in data/policies/paper. "
             "Run `humanplay serve --paper` in a checkout, or give a copy of a file with --policy"
@@ -180,10 +178,12 @@ def _policies_of_the_paper() -> Iterable[Path]:
     return files.values()
 
 
-def _check_mars() -> None:
-    """Raise UsageError if what plays MarsExplorer is not installed."""
-    if not all(map(find_spec, (*EXTRAS["mars"], *EXTRAS["play"]))):
+def _check_extras(task: str) -> None:
+    """Raise UsageError if what plays a task is not installed."""
+    extras = registration_of(task).extras
+    if not all(find_spec(module) for extra in extras for module in EXTRAS[extra]):
+        extra = extras[-1]
         raise UsageError(
-            "MarsExplorer needs the extra [play]: pip install 'humanplay[play]'. Any other environment works now: "
-            "humanplay serve --env FrozenLake-v1"
+            f"the environment {task} needs the extra [{extra}]: pip install 'humanplay[{extra}]'. "
+            "One of Gymnasium works now: humanplay serve --env FrozenLake-v1"
         )

@@ -90,9 +90,10 @@ def pins_file() -> Path:
 
 def task_name(given: str) -> str:
     """Return the name of a task as it is recorded, of what `told_of` takes; BadParameter where it is none."""
+    from humanplay.task.registration import is_registered
     from humanplay.tasks.gymnasium.description import told_of
 
-    if given == "mars" or given.startswith("gymnasium:"):
+    if is_registered(given):
         return given
     try:
         return f"gymnasium:{told_of(given)}"
@@ -102,11 +103,23 @@ def task_name(given: str) -> str:
         raise BadParameter(str(error)) from error
 
 
-def default_config(task: str) -> Configuration:
-    """Return what a task plays where nothing else is asked for; BadParameter where there is none."""
-    from humanplay.task import rules_of
+def config_of(
+    task: str, level: str | None = None, size: int | tuple[int, int] | None = None
+) -> Configuration:
+    """What a task plays: its default, or a level at a size; UsageError if there is no such one."""
+    from humanplay.task.registration import rules_of
 
     try:
-        return rules_of(task).configuration({})
+        rules = rules_of(task)
+        default = rules.configuration({})
     except ValueError as error:
         raise BadParameter(str(error)) from error
+    if level is None and size is None:
+        return default
+    if rules.boards is None:
+        raise UsageError(f"{rules.title} has no levels and sizes: leave --level and --size out")
+    try:
+        own = (default.rows, default.cols)
+        return rules.boards.configuration(level or default.level, own if size is None else size)
+    except ValueError as error:
+        raise UsageError(str(error)) from error

@@ -9,7 +9,8 @@ from functools import lru_cache
 from typing import Any, Literal
 
 from humanplay.db.columns import TABLES
-from humanplay.task import Configuration, Record, Rules, rules_of
+from humanplay.task import Configuration, Record, Rules
+from humanplay.task.registration import rules_of
 
 Phase = Literal["tutorial", "warm_up", "ranked"]
 ParticipantKind = Literal["human", "script"]

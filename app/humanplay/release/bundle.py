@@ -24,7 +24,7 @@ from humanplay.report.costs import CostRow
 from humanplay.study.data import load
 from humanplay.study.folder import Advance
 from humanplay.study.policy_episodes import PolicyEpisode
-from humanplay.study.policy_files import EXPERT, FOLDER
+from humanplay.study.policy_files import FOLDER
 from humanplay.study.verification import Verification, verify_database
 from humanplay.task import Rules
 
@@ -55,7 +55,9 @@ class Bundle:
             self.reader.close()
             raise
         played = {each.policy: each.policy_hash for each in self.policy_episodes}
-        recorded = {**played, EXPERT: self.expert_hash}
+        recorded = dict(played)
+        if (courses := data.protocol.rules.courses) is not None:
+            recorded[courses.expert] = self.expert_hash
         known = {name: digest for name, digest in recorded.items() if digest}
         hashes = {**data.policy_files.hashes, **known}
         files = replace(data.policy_files, hashes=hashes, folder=folder / FOLDER)

@@ -20,7 +20,8 @@ import numpy as np
 from humanplay.release.errors import library
 from humanplay.release.manifest import ReleaseHeader
 from humanplay.release.tables import TableRow
-from humanplay.task import MARS, Configuration, Record, Run, rules_of
+from humanplay.task import Configuration, Record, Run
+from humanplay.task.registration import rules_of
 
 EPISODES_PER_WRITE, MOVES_PER_WRITE = 64, 4000
 """So many are held in memory, and an episode more: of Breakout a minute's observations take 360 MB."""
@@ -82,12 +83,10 @@ class MinariWriter:
         waiting.clear()
 
     def _create(self, driver: str, row: TableRow, config: Configuration, buffers: list[Any]) -> Any:
-        rules, task = rules_of(row["task"]), row["task"]
+        rules = rules_of(row["task"])
         low, high = rules.returns(config) or (None, None)
         licence = self._header.protocol.data_licence
-        needs = ["humanplay[mars]"]
-        if task != MARS:
-            needs = [each.replace(" ", "==") for each in rules.version.split(", ")]
+        needs = list(rules.requirements)
         comes_with = f"Its environment comes with: pip install {shlex.join(needs)}"
         env = rules.environment(config)
         with _datasets_in(self._root):

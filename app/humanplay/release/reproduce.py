@@ -168,7 +168,7 @@ class _Derivation:
         if not (costs := self._bundle.costs()):
             return False
         try:
-            data.policy_files.expert()
+            study_estimator(data, None)
         except PolicyError as error:
             self._made.not_compared.append(f"cost of moves: {error}")
             return False
@@ -249,7 +249,7 @@ class _Derivation:
             why = None
             try:
                 source = self._load(name)
-                if self._players.hash_of(source) != recorded:
+                if self._data.protocol.rules.policies.hash_of(source) != recorded:
                     why = f"its file here has another SHA-256 than {recorded}"
             except PolicyError as error:
                 why = str(error)
@@ -259,14 +259,10 @@ class _Derivation:
             self._at_hand[name] = why is None
         return self._at_hand[name]
 
-    @property
-    def _players(self) -> Any:
-        return self._data.protocol.rules.players
-
     def _load(self, name: str) -> str:
-        """Return what `players.load` takes for a policy, which it did take; PolicyError otherwise."""
+        """Return what `Policies.load` takes for a policy, which it did take; PolicyError otherwise."""
         source = self._data.policy_files.source(name)
-        self._players.load(source, self._data.protocol.env_config)
+        self._data.protocol.rules.policies.load(source, self._data.protocol.env_config)
         return source
 
 

@@ -17,7 +17,8 @@ from humanplay.db.database import rows, stream
 from humanplay.db.export import csv_cell
 from humanplay.db.trial import Trial
 from humanplay.release.errors import library
-from humanplay.task import Run, rules_of
+from humanplay.task import Run
+from humanplay.task.registration import rules_of
 
 QUERIES = Path(__file__).with_name("queries.sql")
 TableRow = dict[str, Any]

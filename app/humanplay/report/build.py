@@ -59,7 +59,6 @@ from humanplay.study.data import StudyData
 from humanplay.study.flow import Status, participant_flow
 from humanplay.study.policy_episodes import tested_policies
 from humanplay.study.protocol import Protocol
-from humanplay.task import MARS, rules_of
 from marsexplorer.intervals import Floats
 
 ESTIMAND = (
@@ -89,8 +88,8 @@ def build(
     for cohort in cohorts:
         group = _group(data, cohort, runs, (pictures or {}).get(cohort.name, {}))
         groups.append(_with_costs(data, cohort, group, costs or {}))
-    players = rules_of(data.protocol.task).players
-    names = [run.name if players is None else str(players.title(run.name)) for run in runs]
+    policies = data.protocol.rules.policies
+    names = [policies.title(run.name) for run in runs]
     return Report(
         study=data.protocol.name,
         title=data.protocol.title,
@@ -177,7 +176,7 @@ def _with_costs(
     names = {person: f"P{number:02d}" for number, person in enumerate(people, 1)}
     found = costs.get(cohort.name)
     own = None if found is None else renamed(found, names)
-    reason = why_not_judged(data) if data.protocol.task == MARS else None
+    reason = None if data.protocol.rules.courses is None else why_not_judged(data)
     named = replace(group, costs=own, no_costs=reason)
     return replace(named, cautions=cautions(data, named))
 

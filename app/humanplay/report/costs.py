@@ -28,9 +28,8 @@ from humanplay.report.statistics.exclusion_sets import (
 )
 from humanplay.report.statistics.intervals import Interval, interval, player_means
 from humanplay.study.data import StudyData, trial_records
-from humanplay.study.policy_files import EXPERT
 from humanplay.study.protocol import StudyError
-from humanplay.task import MARS, PolicyError, Record
+from humanplay.task import CostEstimator, Courses, EpisodeCosts, PolicyError, Record
 from marsexplorer.intervals import Floats
 
 ProgressBar = Callable[[str], AbstractContextManager[Progress]]
@@ -120,31 +119,33 @@ def forget_costs(database: Path) -> None:
 
 def why_not_judged(data: StudyData) -> str | None:
     """Return the sentence that says why no move of a study is judged; None where moves are."""
-    if data.protocol.task != MARS:
-        return f"the study {data.protocol.name!r} is of another environment, whose moves are not judged"
+    courses = data.protocol.rules.courses
+    if courses is None:
+        return f"the moves of {data.protocol.rules.title} are not judged"
     try:
-        _players(data).check_judged(data.protocol.env_config)
-        data.policy_files.expert()
+        courses.check_judged(data.protocol.env_config)
+        data.policy_files.expert(courses.expert)
     except (ValueError, PolicyError) as error:
         return str(error)
     return None
 
 
-def study_estimator(data: StudyData, cache: Path | None) -> Any:
+def study_estimator(data: StudyData, cache: Path | None) -> CostEstimator:
     """Return what works out a study's costs, by Expert's file of the time at which the study was frozen.
 
     cache  the folder in which costs are kept; None keeps nothing
     """
-    return _players(data).CostEstimator(data.policy_files.expert(), cache)
+    courses = _courses(data)
+    return courses.estimator(data.policy_files.expert(courses.expert), cache)
 
 
 def trial_costs(
     reader: Reader,
     data: StudyData,
     trials: Sequence[Trial],
-    estimator: Any,
+    estimator: CostEstimator,
     progress: Progress | None = None,
-) -> Iterator[tuple[Trial, Record, Any]]:
+) -> Iterator[tuple[Trial, Record, EpisodeCosts]]:
     """Yield the costs of each finished trial that this core version can replay; StudyError for a ranked one of an open study.
 
     progress  called with (episodes done, in all)
@@ -166,7 +167,7 @@ def cost_rows(
     reader: Reader,
     data: StudyData,
     trials: Sequence[Trial],
-    estimator: Any,
+    estimator: CostEstimator,
     progress: Progress | None = None,
 ) -> Iterator[CostRow]:
     """Yield every move of the trials with its cost, as tables of it have them; see `trial_costs`."""
@@ -177,7 +178,7 @@ def cost_rows(
             words = None if kind is None else str(kind)
             yield CostRow(trial.id, step, names[action], int(cost), names[expert_action], words)
         if len(costs.advice.actions) > (last := len(costs.actions)):
-            kind = _players(data).MistakeKind.ENDED_EARLY if costs.given_up else None
+            kind = _courses(data).ended_early if costs.given_up else None
             expert_action = names[costs.advice.actions[last]]
             yield CostRow(trial.id, last, None, costs.given_up, expert_action, kind and str(kind))
 
@@ -214,7 +215,7 @@ def summarize_costs(
     data: StudyData,
     cohort: Cohort,
     ids: Sequence[str],
-    estimator: Any,
+    estimator: CostEstimator,
     progress: Progress | None = None,
 ) -> CostSummary | None:
     """Return what the moves of some players of a cohort cost: in ranked episodes of a closed study, else in the warm-up.
@@ -224,14 +225,15 @@ def summarize_costs(
     phase = "warm_up" if data.closed_ms is None else "ranked"
     own = cohort.warm_up if data.closed_ms is None else cohort.ranked
     trials = [trial for player in ids for trial in unspoilt(own[player])]
-    episodes: dict[str, dict[int, Any]] = defaultdict(dict)
+    episodes: dict[str, dict[int, EpisodeCosts]] = defaultdict(dict)
     terrains: dict[int, None] = {}
     for trial, _, costs in trial_costs(reader, data, trials, estimator, progress):
         episodes[trial.participant][trial.terrain_index] = costs
         terrains[trial.terrain_index] = None
     if not episodes:
         return None
-    kinds = tuple(_players(data).MistakeKind)
+    courses = _courses(data)
+    kinds = courses.kinds
     gap = [np.nan] * (5 + len(kinds) + 10)
     table = [
         [_amounts(played[terrain], kinds) if terrain in played else gap for terrain in terrains]
@@ -253,14 +255,14 @@ def summarize_costs(
         gained=gained,
         by_tenth=tuple(parts[-10:]),
         without_move=without_move,
-        policy=EXPERT,
+        policy=courses.expert,
         by_player=tuple(
             _player(player, list(played.values()), kinds) for player, played in episodes.items()
         ),
     )
 
 
-def _amounts(costs: Any, kinds: Sequence[Any]) -> list[float]:
+def _amounts(costs: EpisodeCosts, kinds: Sequence[str]) -> list[float]:
     """Return what `CostSummary` has of an episode: the two lengths, the difference, and its parts."""
     lengths = (costs.counts, costs.expert_moves, costs.total, costs.given_up, costs.gained)
     return [*lengths, *(costs.by_kind()[kind] for kind in kinds), *costs.by_tenth()]
@@ -273,11 +275,15 @@ def _part(table: Floats, terrains_drawn: bool) -> CostPart:
     return CostPart(float(player_means(table).mean()), ends)
 
 
-def _players(data: StudyData) -> Any:
-    return data.protocol.rules.players
+def _courses(data: StudyData) -> Courses:
+    """What prices the moves of a study; ValueError if they are not judged."""
+    courses = data.protocol.rules.courses
+    if courses is None:
+        raise ValueError(f"the moves of {data.protocol.rules.title} are not judged")
+    return courses
 
 
-def _player(player: str, episodes: Sequence[Any], kinds: Sequence[Any]) -> PlayerCosts:
+def _player(player: str, episodes: Sequence[EpisodeCosts], kinds: Sequence[str]) -> PlayerCosts:
     by_kind = [costs.by_kind() for costs in episodes]
     return PlayerCosts(
         player=player,

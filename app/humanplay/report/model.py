@@ -16,7 +16,8 @@ from humanplay.report.statistics.learning import Learning, TrialMean
 from humanplay.report.statistics.spread import VarianceComponents
 from humanplay.report.statistics.study_figures import StatusRow, StudyFigure
 from humanplay.study.flow import ParticipantFlow
-from humanplay.task import Words, rules_of
+from humanplay.task import Words
+from humanplay.task.registration import rules_of
 from marsexplorer.intervals import Floats
 
 FORMAT = "humanplay-report-1"
@@ -199,16 +200,14 @@ class Report:
     def title_of(self, policy: str) -> str:
         """Return what the report calls a policy: code, or the file that played, by the hash that the protocol has."""
         digest = self.protocol["policy_hashes"].get(policy)
-        players = rules_of(self.protocol["task"]).players
-        if digest is None and (players is None or players.is_rule(policy)):
+        if digest is None and rules_of(self.protocol["task"]).policies.is_rule(policy):
             return f"{self.called(policy)} (code)"
         known = f"SHA-256 {digest[:12]}…" if digest else "whose SHA-256 was not recorded"
         return f"{policy} (this file, {known})"
 
     def called(self, policy: str) -> str:
         """Return what people read in place of a policy's name."""
-        players = rules_of(self.protocol["task"]).players
-        return policy if players is None else str(players.title(policy))
+        return rules_of(self.protocol["task"]).policies.title(policy)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values, the watermark first in a synthetic report; NaN and infinities become None."""

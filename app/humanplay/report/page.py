@@ -24,7 +24,7 @@ from humanplay.report.tables import (
     declarations_table,
     group_tables,
 )
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 
 FOLDER = Path(__file__).parent
 

@@ -15,7 +15,7 @@ from humanplay.report.statistics.formatting import NONE, counted, interval, numb
 from humanplay.report.statistics.intervals import Estimate, Interval
 from humanplay.report.statistics.study_figures import StudyFigure
 from humanplay.study.flow import STATUS_IN_WORDS, Status
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 
 
 @dataclass(frozen=True)

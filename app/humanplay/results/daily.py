@@ -16,6 +16,7 @@ from humanplay.board.session import Session
 from humanplay.db.reader import utc_day
 from humanplay.db.series import add_attempt, add_series, attempts_of, daily_secret
 from humanplay.db.trial import Trial
+from humanplay.results.evaluations import boards_of
 from humanplay.study.days import DailyTerrain, terrain_on
 from humanplay.task import Configuration
 
@@ -76,7 +77,7 @@ class DailyBoards:
 
     async def check_seed(self, config: Configuration, seed: int | None) -> None:
         """Raise ValueError when a seed draws today's terrain: nobody may practise it before its day is over."""
-        if seed is None:
+        if seed is None or self._lobby.task.boards is None:
             return
         terrain = await self.today()
         if config == terrain.config and seed == terrain.seed:
@@ -99,6 +100,8 @@ class DailyBoards:
 
     def _keep(self, day: str) -> DailyTerrain:
         task, store = self._lobby.task, self._lobby.store
-        terrain = DailyTerrain.drawn(daily_secret(store), day, task.name, task.daily)
+        terrain = DailyTerrain.drawn(
+            daily_secret(store), day, task.name, boards_of(task.name).daily
+        )
         add_series(store, terrain.series)
         return terrain

@@ -19,7 +19,8 @@ from humanplay.db.trial import Trial
 from humanplay.jobs import Jobs
 from humanplay.results.evaluations import Evaluation, PolicyEvaluations
 from humanplay.study.days import DailyTerrain, day_before
-from humanplay.task import PolicyOffer
+from humanplay.task import PolicyOffer, drawn
+from humanplay.task.registration import DEFAULT_TASK, rules_of
 
 SHOWN = 10
 """Rows of the table of results."""
@@ -113,10 +114,9 @@ def _why_unranked(attempt: Trial, terrain: DailyTerrain) -> str | None:
 
 
 def _cells(terrain: DailyTerrain) -> int:
-    """Return how many cells coverage refers to; a daily terrain is MarsExplorer's."""
-    from humanplay.tasks.mars.terrains import cells_of_seed
-
-    return cells_of_seed(terrain.config, terrain.seed)
+    """How many cells coverage refers to."""
+    rules = rules_of(terrain.task)
+    return rules.cells(drawn(rules, terrain.config, terrain.seed))
 
 
 def _row(row: dict[str, Any], cells: int, player_id: str | None) -> dict[str, Any]:
@@ -138,11 +138,18 @@ def _order(row: dict[str, Any]) -> tuple[float, float]:
 class DailyPolicies:
     """Figures of the shipped policies among those on offer; `path` is the file that keeps them."""
 
-    def __init__(self, path: Path, offers: Sequence[PolicyOffer], jobs: Jobs) -> None:
+    def __init__(
+        self,
+        path: Path,
+        offers: Sequence[PolicyOffer],
+        jobs: Jobs,
+        task: str = DEFAULT_TASK,
+    ) -> None:
         self._offers = [offer for offer in offers if offer.is_shipped]
         slow = {name: at for at, name in enumerate(_SLOW, 1)}
         self._offers.sort(key=lambda offer: slow.get(offer.name, 0))
-        self._evaluations = PolicyEvaluations(path, jobs)
+        self._task = task
+        self._evaluations = PolicyEvaluations(path, jobs, task=task)
         self._soon: asyncio.Task[None] | None = None
 
     def prepare(self, terrain: DailyTerrain) -> None:
@@ -157,9 +164,9 @@ class DailyPolicies:
         moves     to 99 %, None where it was not reached or is not known yet
         coverage  0..1 at the end; None while it is not known
         """
-        size = (terrain.config.rows, terrain.config.cols)
-        offers = [offer for offer in self._offers if offer.size in (None, size)]
-        wanted = [Evaluation(offer.source, terrain.config, (terrain.seed,)) for offer in offers]
+        config, seeds = terrain.config, (terrain.seed,)
+        offers = [offer for offer in self._offers if offer.plays(config)]
+        wanted = [Evaluation(offer.source, config, seeds, self._task) for offer in offers]
         found = [
             _described(offer.name, state)
             for offer, state in zip(offers, self._evaluations.request(wanted), strict=True)

@@ -26,16 +26,15 @@ from humanplay.results.evaluations import (
     Evaluation,
     ShippedFigure,
     ShippedFigures,
+    boards_of,
     file_sha256,
     to_document,
 )
 from humanplay.study.data import StudyData, load
 from humanplay.study.policy_episodes import closed_seeds
-from humanplay.study.policy_files import EXPERT, FOLDER, PolicyFiles
-from humanplay.task import MARS, Configuration, PolicyError, rules_of
-
-FIRST_SEED = 1_000_000_000
-"""Policies play the terrains of this seed and the next ones: training refuses them."""
+from humanplay.study.policy_files import FOLDER, PolicyFiles
+from humanplay.task import Configuration, PolicyError
+from humanplay.task.registration import DEFAULT_TASK, rules_of
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,7 @@ class LeaderboardEntry:
     study     its name; None for an entry of the playground
     policies  names (or paths); None means everything on offer
     files     of a study's policies
+    task      whose configuration it is
     """
 
     id: str
@@ -58,6 +58,7 @@ class LeaderboardEntry:
     study: str | None = None
     policies: tuple[str, ...] | None = None
     files: PolicyFiles | None = None
+    task: str = DEFAULT_TASK
 
     def evaluations(self, sources: dict[str, str]) -> dict[str, Evaluation]:
         """Return what has to be evaluated by the policy's name, quick policies first.
@@ -69,7 +70,10 @@ class LeaderboardEntry:
         chosen = list(sources) if self.policies is None else self.policies
         ordered = sorted(chosen, key=lambda name: slow.index(name) + 1 if name in slow else 0)
         found = {name: self._source(name, sources) for name in ordered}
-        return {name: Evaluation(each, self.config, self.seeds) for name, each in found.items()}
+        return {
+            name: Evaluation(source, self.config, self.seeds, self.task)
+            for name, source in found.items()
+        }
 
     def _source(self, name: str, sources: dict[str, str]) -> str:
         if self.files is None or name not in self.files.hashes:
@@ -103,11 +107,11 @@ class ClosedStudies:
     def closed(self, reader: Reader) -> list[tuple[StudyData, dict[str, Any] | None]]:
         """Return each closed study with its people's figure and pictures, None for nobody; seconds the first time.
 
-        One of another task is left out: it has no boards to compare by.
+        One of a task without boards is left out: there is nothing to compare by.
         """
         found = []
         for study in closed_studies(reader):
-            if json.loads(study.protocol).get("task", MARS) != MARS:
+            if rules_of(json.loads(study.protocol).get("task", DEFAULT_TASK)).boards is None:
                 continue
             # one who is forgotten afterwards is gone from here as well
             key = (study.name, study.closed_ms, count_participants(reader, study.name))
@@ -143,69 +147,61 @@ def _totals_of(trial: Trial) -> EpisodeSummary:
 
 
 def list_entries(
-    reader: Reader, studies: ClosedStudies, volunteers: VolunteerFigures, task: str = MARS
+    reader: Reader,
+    studies: ClosedStudies,
+    volunteers: VolunteerFigures,
+    task: str = DEFAULT_TASK,
 ) -> list[LeaderboardEntry]:
     """Return every entry: closed studies, then what people have played to the end, the most played first, then the rest.
 
-    So nobody puts a board first by leaving it. All are MarsExplorer's, and only studies where that is not the server's `task`.
+    So nobody puts a board first by leaving it. Of a `task` without boards there are studies alone.
     """
     found = [_of_study(data, human) for data, human in studies.closed(reader)]
-    if task != MARS:
+    rules = rules_of(task)
+    if rules.boards is None:
         return found
-    rules = rules_of(MARS)
-    played = {config.hash: (0, entry_of(config)) for config in offered()}
+    played = {config.hash: (0, entry_of(config, task=task)) for config in rules.boards.offered}
     for figure in volunteers.human_level(reader)["figures"]:
-        if figure["task"] != MARS:
+        if figure["task"] != task:
             continue
         config = rules.configuration(figure["config"])
         ended = figure["episodes"] - figure["abandoned"]
-        played[config.hash] = ended, entry_of(config, figure)
+        played[config.hash] = ended, entry_of(config, figure, task)
     in_order = sorted(played.values(), key=lambda each: -each[0])
     return [*found, *(entry for _, entry in in_order)]
-
-
-def held_out_seeds(config: Configuration) -> tuple[int, ...]:
-    """Return the seeds of the policies' terrains: 100, fewer on large grids, where an episode takes seconds."""
-    count = 100 if config.n <= 900 else 40 if config.n <= 2500 else 10
-    return tuple(range(FIRST_SEED, FIRST_SEED + count))
 
 
 def _of_study(data: StudyData, human: dict[str, Any] | None) -> LeaderboardEntry:
     protocol, seeds = data.protocol, tuple(closed_seeds(data).values())
     return LeaderboardEntry(
         f"study-{protocol.name}", protocol.title, protocol.env_config, human, seeds,
-        protocol.name, protocol.policies, data.policy_files,
+        protocol.name, protocol.policies, data.policy_files, protocol.task,
     )  # fmt: skip
 
 
-def entry_of(config: Configuration, human: dict[str, Any] | None = None) -> LeaderboardEntry:
-    """Return the entry of a configuration of the playground; `human` is None while nobody has played it."""
-    of_level: Any = getattr(rules_of(MARS), "of_level")  # noqa: B009  # of this task alone
-    name = f"{config.level}-{config.rows}x{config.cols}"
-    title = f"{config.level} {config.rows} × {config.cols}"
-    if of_level(config.level, (config.rows, config.cols)) != config:
-        name, title = f"{name}-{config.hash[:8]}", f"{title} (settings {config.hash[:8]})"
-    return LeaderboardEntry(name, title, config, human, held_out_seeds(config))
+def entry_of(
+    config: Configuration, human: dict[str, Any] | None = None, task: str = DEFAULT_TASK
+) -> LeaderboardEntry:
+    """The entry of a configuration of the playground; `human` is None while nobody has played it."""
+    boards = boards_of(task)
+    name, title = boards.name_of(config)
+    return LeaderboardEntry(name, title, config, human, boards.seeds(config), task=task)
 
 
-def offered() -> tuple[Configuration, ...]:
-    """Return the configurations of the boards on offer."""
-    players: Any = rules_of(MARS).players
-    found: tuple[Configuration, ...] = players.OFFERED
-    return found
+def offered_boards(task: str = DEFAULT_TASK) -> dict[str, LeaderboardEntry]:
+    """The boards on offer by their ids."""
+    entries = [entry_of(config, task=task) for config in boards_of(task).offered]
+    return {entry.id: entry for entry in entries}
 
 
-def offered_boards() -> dict[str, LeaderboardEntry]:
-    """Return the boards on offer by their ids."""
-    return {entry.id: entry for entry in map(entry_of, offered())}
-
-
-def expert_steps(shipped: ShippedFigures) -> dict[str, float]:
-    """Expert's mean moves to 99 %, by the hash of each configuration on offer that has its figure."""
-    means = {}
-    for config in offered():
-        figure = shipped.find(Evaluation(EXPERT, config, held_out_seeds(config)))
-        if figure is not None:
+def expert_steps(shipped: ShippedFigures, task: str = DEFAULT_TASK) -> dict[str, float]:
+    """The expert's mean moves, by the hash of each configuration on offer that has its shipped figure."""
+    rules, means = rules_of(task), dict[str, float]()
+    if rules.boards is None or rules.courses is None:
+        return means
+    for config in rules.boards.offered:
+        wanted = Evaluation(rules.courses.expert, config, rules.boards.seeds(config), task)
+        if (figure := shipped.find(wanted)) is not None:
             means[config.hash] = float(figure.figure["steps"]["mean"])
     return means
 
@@ -223,11 +219,9 @@ def make_board(
 
     `advance` is called with the number of policies that are done and their number.
     """
-    from humanplay.tasks.mars.policies import PolicyCatalogue
-
     command = f"humanplay leaderboard --board {entry.id} --out data/leaderboard"
-    size = (entry.config.rows, entry.config.cols)
-    offers = [each for each in PolicyCatalogue().offers() if each.size in (None, size)]
+    every = rules_of(entry.task).policies.offers()
+    offers = [offer for offer in every if offer.plays(entry.config)]
     wanted = list(entry.evaluations({each.name: each.source for each in offers}).values())
     waiting = []
     for each in reversed(wanted):  # the slowest first
@@ -237,10 +231,11 @@ def make_board(
     for figure in reversed(waiting):
         figures.append(figure if isinstance(figure, ShippedFigure) else figure.result())
         advance(len(figures), len(wanted))
-    return to_document(entry.config, entry.seeds, figures, command)
+    return to_document(entry.config, entry.seeds, figures, command, entry.task)
 
 
 def make_figure(wanted: Evaluation, command: str) -> ShippedFigure:
     """Play an evaluation and return its figure."""
     figure, steps = wanted.play()
-    return ShippedFigure(wanted.policy, file_sha256(wanted.policy), tuple(steps), figure, command)
+    digest = file_sha256(wanted.policy, wanted.task)
+    return ShippedFigure(wanted.policy, digest, tuple(steps), figure, command)

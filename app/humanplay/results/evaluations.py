@@ -20,7 +20,8 @@ from typing import Any
 from humanplay import SHIPPED_DATA
 from humanplay.jobs import Jobs, JobsFullError, Progress
 from humanplay.report.statistics.summaries import EpisodeSummary, summarize_episodes, summary_of
-from humanplay.task import MARS, Configuration, rules_of
+from humanplay.task import Boards, Configuration, PolicyError
+from humanplay.task.registration import DEFAULT_TASK, rules_of
 from marsexplorer.files import write_whole
 
 OWNER = "policies"
@@ -40,30 +41,40 @@ class Evaluation:
     policy: str
     config: Configuration
     seeds: tuple[int, ...]
+    task: str = DEFAULT_TASK
 
     @property
     def key(self) -> str:
         """Everything that the figure depends on, as one string."""
-        parts = (self.policy, policy_hash(self.policy), self.config.hash, _digest(self.seeds))
-        return "|".join((rules_of(MARS).version, *parts))
+        digest = policy_hash(self.policy, self.task)
+        parts = (self.policy, digest, self.config.hash, _digest(self.seeds))
+        return "|".join((rules_of(self.task).version, *parts))
 
     def play(self, progress: Progress | None = None) -> tuple[dict[str, Any], list[int]]:
         """Return the figure and the steps to 99 % on each terrain; `progress` is called with (episodes played, in all)."""
-        rules, players = rules_of(MARS), _players()
-        policy = players.load(self.policy, self.config)
+        rules = rules_of(self.task)
+        policy = rules.policies.load(self.policy, self.config)
         played: list[EpisodeSummary] = []
         for seed in self.seeds:
-            played.append(summary_of(rules, players.play(policy, self.config, seed, seed)))
+            run = rules.policies.play(policy, self.config, seed, seed)
+            played.append(summary_of(rules, run))
             if progress:
                 progress(len(played), len(self.seeds))
         figure = summarize_episodes(self.config, [[each] for each in played])
         return figure, [each.steps for each in played]
 
 
+def boards_of(task: str) -> Boards:
+    """The boards of a task; ValueError if it has none."""
+    if (boards := rules_of(task).boards) is None:
+        raise ValueError(f"{rules_of(task).title} has no leaderboard")
+    return boards
+
+
 @lru_cache(64)
-def policy_hash(source: str) -> str:
-    """Return SHA-256 (hex) of a policy: of its file where it has one, and of the code of all policies."""
-    return str(_players().hash_with_code(source))
+def policy_hash(source: str, task: str = DEFAULT_TASK) -> str:
+    """SHA-256 (hex) of all that decides; "" for code that may change unseen."""
+    return rules_of(task).policies.hash_with_code(source) or ""
 
 
 @dataclass(frozen=True)
@@ -98,30 +109,37 @@ class ShippedFigures:
         """Return the shipped figure of an evaluation, None where there is none that holds here."""
         key = f"{wanted.config.hash}|{_digest(wanted.seeds)}"
         if key not in self._read:
-            self._read[key] = _read_shipped(self._folder / file_name(wanted.config), key)
-        own = wanted.policy, file_sha256(wanted.policy)
+            path = self._folder / file_name(wanted.config, wanted.task)
+            self._read[key] = _read_shipped(path, key, wanted.task)
+        own = wanted.policy, file_sha256(wanted.policy, wanted.task)
         found = (each for each in self._read[key] if (each.policy, each.file_sha256) == own)
         return next(found, None)
 
 
-def file_name(config: Configuration) -> str:
-    """Return the name of a configuration's file of shipped figures."""
-    return f"{config.level}-{config.rows}x{config.cols}.json"
+def file_name(config: Configuration, task: str = DEFAULT_TASK) -> str:
+    """The name of a configuration's file of shipped figures."""
+    return f"{boards_of(task).name_of(config)[0]}.json"
 
 
 @cache
-def file_sha256(policy: str) -> str | None:
-    """Return SHA-256 (hex) of the file of a shipped policy; None for a policy that is code."""
-    path = _players().shipped().get(policy)
-    return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
+def file_sha256(policy: str, task: str = DEFAULT_TASK) -> str | None:
+    """SHA-256 (hex) of a policy's file; None for a policy that is code, or whose file is lost."""
+    try:
+        return rules_of(task).policies.hash_of(policy)
+    except PolicyError:
+        return None
 
 
 def to_document(
-    config: Configuration, seeds: Iterable[int], figures: Iterable[ShippedFigure], command: str
+    config: Configuration,
+    seeds: Iterable[int],
+    figures: Iterable[ShippedFigure],
+    command: str,
+    task: str = DEFAULT_TASK,
 ) -> str:
     """Return the text of a configuration's file of shipped figures: JSON, a line for each policy."""
     head = {
-        "format": FORMAT, "core_version": rules_of(MARS).version, "command": command, "config": config.to_dict(),
+        "format": FORMAT, "core_version": rules_of(task).version, "command": command, "config": config.to_dict(),
         "depends_on": f"{config.hash}|{_digest(seeds)}",
     }  # fmt: skip
     rows = [{**vars(figure)} for figure in figures]
@@ -137,10 +155,16 @@ class PolicyEvaluations:
     path  the file that keeps them
     """
 
-    def __init__(self, path: Path, jobs: Jobs, shipped: ShippedFigures | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        jobs: Jobs,
+        shipped: ShippedFigures | None = None,
+        task: str = DEFAULT_TASK,
+    ) -> None:
         self.path = path
         self._jobs, self._shipped = jobs, shipped
-        self._done = _read_kept(path)
+        self._done = _read_kept(path, task)
         self._making: dict[str, Future[tuple[dict[str, Any], list[int]]]] = {}
         self._progress: dict[str, int] = {}
         self._writing = threading.Lock()
@@ -198,32 +222,28 @@ class PolicyEvaluations:
             del self._making[key]
 
 
-def _read_kept(path: Path) -> dict[str, dict[str, Any]]:
+def _read_kept(path: Path, task: str) -> dict[str, dict[str, Any]]:
     """Return the figures of this core version in a file; none when it is absent or not whole."""
     try:
-        kept, own = json.loads(path.read_bytes()), f"{rules_of(MARS).version}|"
+        kept, own = json.loads(path.read_bytes()), f"{rules_of(task).version}|"
         return {key: kept[key] for key in kept if key.startswith(own) and "curve" in kept[key]}
     except (OSError, ValueError, AttributeError, TypeError):
         return {}
 
 
-def _read_shipped(path: Path, key: str) -> list[ShippedFigure]:
+def _read_shipped(path: Path, key: str, task: str) -> list[ShippedFigure]:
     """Return the figures of a file; none where there is no such file or where it is of other terrains or another core."""
     try:
         found = json.loads(path.read_bytes())
     except OSError:
         return []
     names = ("format", "core_version", "depends_on")
-    if [found[name] for name in names] != [FORMAT, rules_of(MARS).version, key]:
+    if [found[name] for name in names] != [FORMAT, rules_of(task).version, key]:
         return []
     return [
         ShippedFigure(row["policy"], row["file_sha256"], tuple(row["steps"]), row["figure"], found["command"])
         for row in found["policies"]
     ]  # fmt: skip
-
-
-def _players() -> Any:
-    return rules_of(MARS).players
 
 
 def _digest(seeds: Iterable[int]) -> str:

@@ -29,7 +29,8 @@ from humanplay.results.entries import (
     list_entries,
 )
 from humanplay.results.evaluations import PolicyEvaluations, ShippedFigures
-from humanplay.task import MARS, Configuration, PolicyOffer
+from humanplay.task import Configuration, PolicyOffer
+from humanplay.task.registration import DEFAULT_TASK
 
 
 class UnknownEntryError(LookupError):
@@ -42,7 +43,7 @@ class Leaderboard:
     There is one reading at a time, and all who ask while one is under way share the next.
 
     volunteers    their figures, which other requests read as well
-    expert_steps  Expert's mean moves to 99 %, by the hash of each configuration on offer; none of another task
+    expert_steps  the expert's mean moves, by the hash of each configuration on offer
     """
 
     def __init__(
@@ -50,13 +51,13 @@ class Leaderboard:
         database: Path,
         offers: Sequence[PolicyOffer],
         jobs: Jobs,
-        task: str = MARS,
+        task: str = DEFAULT_TASK,
     ) -> None:
         self._database, self._offers, self._task = database, offers, task
         figures = database.with_name(database.name + "-figures.json")
         shipped = ShippedFigures()
-        self._evaluations = PolicyEvaluations(figures, jobs, shipped)
-        self.expert_steps = expert_steps(shipped) if task == MARS else {}
+        self._evaluations = PolicyEvaluations(figures, jobs, shipped, task)
+        self.expert_steps = expert_steps(shipped, task)
         self.volunteers = VolunteerFigures()
         self._people = HumanSummaries()
         self._studies = ClosedStudies(studies_beside(database))
@@ -94,8 +95,7 @@ class Leaderboard:
             raise UnknownEntryError(f"no board {entry_id!r} {where}")
         async with self._turn:
             people = await asyncio.to_thread(self._people_of, found)
-        size = (found.config.rows, found.config.cols)
-        sources = {offer.name: offer.source for offer in self._offers if offer.size in (None, size)}
+        sources = {offer.name: offer.source for offer in self._offers if offer.plays(found.config)}
         wanted = found.evaluations(sources)
         summaries = {offer.source: offer.summary for offer in self._offers}
         states = self._evaluations.request(list(wanted.values()), evaluates)

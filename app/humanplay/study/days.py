@@ -33,13 +33,14 @@ class DailyTerrain:
     series: SeriesRow = field(repr=False)
     day: str
     config: Configuration
+    task: str
 
     @classmethod
     def of(cls, series: SeriesRow) -> DailyTerrain:
         """Return the terrain of the series of a day; ValueError, TypeError or KeyError where its protocol is none."""
         protocol = json.loads(series.protocol)
         config = parse_config(protocol["task"], json.dumps(protocol["config"]))
-        return cls(series, protocol["day"], config)
+        return cls(series, protocol["day"], config, protocol["task"])
 
     @classmethod
     def drawn(cls, secret: bytes, day: str, task: str, config: Configuration) -> DailyTerrain:
@@ -51,7 +52,7 @@ class DailyTerrain:
             f"{DAILY}:{day}:{bound[:12]}", protocol.decode(), hashlib.sha256(protocol).hexdigest(), bound,
             began, began + DAY_MS, key.hex(), DAILY,
         )  # fmt: skip
-        return cls(series, day, config)
+        return cls(series, day, config, task)
 
     @property
     def seed(self) -> int:

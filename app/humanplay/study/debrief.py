@@ -118,17 +118,17 @@ def own_trial(study: Study, trials: Sequence[Trial], phase: Shown, index: int) -
 def _play(study: Study, phase: Shown) -> list[Record]:
     """Return what the debrief policy does on the terrains of a phase; nothing when it cannot be loaded any more."""
     config, name = study.protocol.env_config, study.protocol.debrief_policy
-    players = study.protocol.rules.players
-    if name is None or players is None:
+    policies = study.protocol.rules.policies
+    if name is None:
         return []
     count = study.protocol.warm_up if phase == "warm_up" else study.protocol.ranked
     try:
-        policy = players.load(study.policy_files.source(name), config)
+        policy = policies.load(study.policy_files.source(name), config)
     except PolicyError as error:
         _log.warning("the debrief of study %s does without its policy: %s", study.name, error)
         return []
     seed = partial(study.seed, "warm-up" if phase == "warm_up" else "ranked")
-    return [players.play(policy, config, seed(i), i).record() for i in range(count)]
+    return [policies.play(policy, config, seed(i), i).record() for i in range(count)]
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -28,7 +28,7 @@ from typing import Any, Literal
 from humanplay.db.file import studies_beside
 from humanplay.db.study_rows import SeriesRow
 from humanplay.study.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
-from humanplay.study.policy_files import EXPERT, FOLDER, PolicyFiles, record_files
+from humanplay.study.policy_files import FOLDER, PolicyFiles, record_files
 from humanplay.study.protocol import (
     NAME,
     PLANNED,
@@ -380,17 +380,15 @@ def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
 
     A hash that the draft gives already must be that of the file.
     """
-    shown, players = protocol.debrief_policy, protocol.rules.players
-    if players is None:
-        return {}
+    shown, rules = protocol.debrief_policy, protocol.rules
     named = {*protocol.policies, *([shown] if shown is not None else [])}
     for policy in named:
         try:
-            players.load(policy, protocol.env_config)
+            rules.policies.load(policy, protocol.env_config)
         except PolicyError as error:
             raise StudyError(f"the policy {policy!r} cannot be loaded: {error}") from error
-    kept = {*named, EXPERT} if players.judges_moves() else named
-    found = record_files(kept, folder, players)
+    kept = named if rules.courses is None else {*named, rules.courses.expert}
+    found = record_files(kept, folder, rules.policies)
     for policy, given in protocol.policy_hashes.items():
         if found.get(policy) != given:
             raise StudyError(

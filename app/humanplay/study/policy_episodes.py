@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from humanplay.study.data import StudyData
 from humanplay.study.policy_files import PolicyFiles
 from humanplay.study.protocol import Protocol
 from humanplay.study.seeds import seed
-from humanplay.task import Configuration, Rules
+from humanplay.task import Configuration, Rules, Run
 
 
 @dataclass(frozen=True)
@@ -36,10 +35,9 @@ class PolicyEpisode:
     actions: bytes
     trajectory_hash: str
 
-    def replay(self, rules: Rules, config: Configuration) -> Any:
+    def replay(self, rules: Rules, config: Configuration) -> Run:
         """Return the run that the seed and the moves give, to its end; `replayed_hash` says whether moves go on after it."""
-        players: Any = rules.players
-        run = players.begin(config, self.seed)
+        run = rules.run(config, self.seed)
         for action in self.actions:
             if run.ended:
                 break
@@ -62,9 +60,7 @@ def closed_seeds(data: StudyData) -> dict[int, int]:
 
 
 def compared_policies(protocol: Protocol) -> list[str]:
-    """Return the policies of the report: those of the protocol, and `random` as the zero; none where a task has none."""
-    if protocol.rules.players is None:
-        return list(protocol.policies)
+    """Return the policies of the report: those of the protocol, and `random` as the zero."""
     return list(dict.fromkeys((*protocol.policies, "random")))
 
 
@@ -96,13 +92,14 @@ def play_policies(
     """
     if not names:
         return ()
-    players: Any = rules.players
     sources = {name: (files or PolicyFiles()).source(name) for name in names}
     chosen = list(dict.fromkeys(sources.values()))
-    hashes = {source: players.hash_of(source) for source in chosen}
+    hashes = {source: rules.policies.hash_of(source) for source in chosen}
     index_of = {number: index for index, number in seeds.items()}
     found: dict[tuple[str, int], PolicyEpisode] = {}
-    for source, number, moves, trajectory in players.play_all(chosen, config, list(seeds.values())):
+    for source, number, moves, trajectory in rules.policies.play_all(
+        chosen, config, list(seeds.values())
+    ):
         terrain = index_of[number]
         for name in (name for name, own in sources.items() if own == source):
             played = (name, hashes[source], terrain, number, moves, trajectory)

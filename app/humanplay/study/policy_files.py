@@ -12,17 +12,14 @@ import hashlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from humanplay.study.files import write_bytes
 from humanplay.study.protocol import Protocol, StudyError
-from humanplay.task import PolicyError, rules_of
+from humanplay.task import Policies, PolicyError
+from humanplay.task.registration import DEFAULT_TASK, rules_of
 
 FOLDER = "policies"
 """The folder of the kept files, in a study's folder and in a release."""
-
-EXPERT = "ppo"
-"""The policy that moves are judged by, whether the protocol compares with it or not."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class PolicyFiles:
 
     hashes: Mapping[str, str] = field(default_factory=dict)
     folder: Path | None = None
-    task: str = "mars"
+    task: str = DEFAULT_TASK
 
     @classmethod
     def of(cls, protocol: Protocol, folder: Path | None = None) -> PolicyFiles:
@@ -48,14 +45,14 @@ class PolicyFiles:
         return replace(self, folder=folder)
 
     def source(self, policy: str) -> str:
-        """Return what `players.load` takes for a policy: its name where that still stands for its file, else a path.
+        """Return what `Policies.load` takes for a policy: its name where that still stands for its file, else a path.
 
         PolicyError when the file of the recorded hash is neither there, nor kept, nor shipped under another name.
         """
         expected = self.hashes.get(policy)
         if expected is None or self._hash_of(policy) == expected:
             return policy
-        for path in (*self._kept(expected), self._players.find_shipped(expected)):
+        for path in (*self._kept(expected), self._policies.find_shipped(expected)):
             if path is not None and self._hash_of(str(path)) == expected:
                 return str(path)
         raise PolicyError(
@@ -63,16 +60,16 @@ class PolicyFiles:
             f"played in its place. Copy it from the study's folder or from a release to {self.place(policy)}"
         )
 
-    def expert(self) -> str:
-        """Return the source of the file that the study's moves are judged by.
+    def expert(self, name: str) -> str:
+        """The source of the file that the study's moves are judged by (`Courses.expert`).
 
-        PolicyError where none was recorded when the study was frozen, and as `source`.
+        PolicyError if none was recorded when the study was frozen, and as `source`.
         """
-        if EXPERT not in self.hashes:
+        if name not in self.hashes:
             raise PolicyError(
-                f"no file of {EXPERT} was kept when the study was frozen, so none of its moves is judged"
+                f"no file of {name} was kept when the study was frozen, so none of its moves is judged"
             )
-        return self.source(EXPERT)
+        return self.source(name)
 
     def place(self, policy: str) -> Path:
         """Return where the file of a policy with a recorded hash is kept, or would be."""
@@ -83,7 +80,7 @@ class PolicyFiles:
     def copy_to(self, folder: Path, policies: Iterable[str]) -> None:
         """Copy the files of some policies into a folder; those without a recorded hash are left out. Errors as `source`."""
         for policy in (policy for policy in dict.fromkeys(policies) if policy in self.hashes):
-            _keep(self._players.file_of(self.source(policy)), folder)
+            _keep(self._policies.file_of(self.source(policy)), folder)
 
     def damaged(self) -> Iterator[tuple[Path, str | None, str]]:
         """Yield (file, its hash or None where it is missing, the recorded hash) of each kept file that is not as recorded."""
@@ -93,28 +90,27 @@ class PolicyFiles:
                 yield path, found, expected
 
     @property
-    def _players(self) -> Any:
-        return rules_of(self.task).players
+    def _policies(self) -> Policies:
+        return rules_of(self.task).policies
 
     def _hash_of(self, policy: str) -> str | None:
         """Return SHA-256 (hex) of the file that a name or path stands for; None where there is none that can be read."""
         try:
-            found: str | None = self._players.hash_of(policy)
+            return self._policies.hash_of(policy)
         except PolicyError:
             return None
-        return found
 
     def _kept(self, digest: str) -> Iterator[Path]:
         return iter(()) if self.folder is None else self.folder.glob(f"{digest}.*")
 
 
-def record_files(policies: Iterable[str], folder: Path, players: Any) -> dict[str, str]:
+def record_files(policies: Iterable[str], folder: Path, known: Policies) -> dict[str, str]:
     """Keep the file of each policy (a name or path) in a folder, and return the SHA-256 (hex) by policy; rules have none.
 
-    PolicyError for a policy that is not there; StudyError when a file cannot be read or written. players: `Rules.players`
+    PolicyError for a policy that is not there; StudyError when a file cannot be read or written.
     """
-    kept = [each for each in sorted(set(policies)) if not players.is_rule(each)]
-    return {each: _keep(players.file_of(each), folder) for each in kept}
+    kept = [each for each in sorted(set(policies)) if not known.is_rule(each)]
+    return {each: _keep(known.file_of(each), folder) for each in kept}
 
 
 def _keep(path: Path, folder: Path) -> str:

@@ -28,7 +28,8 @@ from humanplay.board.controls import ClockLimits
 from humanplay.board.messages import describe_errors
 from humanplay.db.trial import Required
 from humanplay.study.texts import consent
-from humanplay.task import Configuration, Rules, rules_of
+from humanplay.task import Configuration, Rules
+from humanplay.task.registration import DEFAULT_TASK, rules_of
 from marsexplorer.intervals import FEWEST
 
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
@@ -219,7 +220,7 @@ class Protocol(_Part):
     format: Literal["humanplay-study-1"] = "humanplay-study-1"
     name: str = Field(pattern=f"^{NAME}$")
     title: Line
-    task: str = "mars"
+    task: str = DEFAULT_TASK
     config: dict[str, Any]
     core_version: str = Field(default_factory=lambda known: rules_of(known["task"]).version)
     lock: dict[str, Any] = Field(default_factory=dict)
@@ -348,7 +349,9 @@ class Protocol(_Part):
         return self.rules.configuration(self.config)
 
 
-def default_protocol(name: str, config: Configuration, task: str = "mars", **rest: Any) -> Protocol:
+def default_protocol(
+    name: str, config: Configuration, task: str = DEFAULT_TASK, **rest: Any
+) -> Protocol:
     """Return a protocol with the paper's defaults, `rest` in their place where given; StudyError when one cannot be.
 
     Its texts are templates: `humanplay.study.templates.fill` gives what participants read.
@@ -359,7 +362,7 @@ def default_protocol(name: str, config: Configuration, task: str = "mars", **res
         known.pop("opening"), bool(known["questions"]), known.pop("things"), keeps_episodes
     )
     title = str(known["title"]).replace("{name}", name)
-    named = {} if task == "mars" else {"task": task}
+    named = {} if task == DEFAULT_TASK else {"task": task}
     parts = {"name": name, **named, "config": config.to_dict(), **known}
     parts |= {"title": title, "consent": {"text": text}}
     return parse_protocol({**parts, **rest})

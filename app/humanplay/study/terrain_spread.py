@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -54,8 +53,7 @@ def terrain_sd(protocol: Protocol, studies: Path, advance: Progress) -> float | 
 def _file_of(protocol: Protocol, policy: str, folder: Path) -> Path | None:
     """The file of what a policy has played; None for code of which nobody knows whether it changed."""
     rules = protocol.rules
-    players: Any = rules.players
-    digest = players.hash_with_code(policy)
+    digest = rules.policies.hash_with_code(policy)
     if digest is None:
         return None
     cause = canonical_json([digest, rules.version, protocol.task, protocol.config])

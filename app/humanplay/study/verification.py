@@ -45,7 +45,7 @@ from humanplay.study import seeds
 from humanplay.study.days import START_SLACK_MS, DailyTerrain
 from humanplay.study.folder import Advance, Folder
 from humanplay.study.protocol import Protocol, StudyError, canonical_json, parse_protocol
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 
 PARALLEL_FROM = 4_000
 """The number of episodes from which several processes are faster than one."""

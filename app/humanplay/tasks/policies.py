@@ -15,11 +15,13 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
-from humanplay.task import Configuration, PolicyError, PolicyOffer, rules_of
+from humanplay.task import Configuration, PolicyError, PolicyOffer, Run
+from humanplay.task.registration import rules_of
+from humanplay.tasks.base import BasePolicies
 from humanplay.tasks.processes import LostError, Preparer, Worker
 
 MEMORY_MB = 2048
@@ -77,8 +79,8 @@ class ProcessPolicy:
             raise PolicyError(f"the policy {self.name!r} cannot be played: {error}") from error
 
 
-class ProcessPolicies:
-    """What is done with policies away from boards (`Rules.players`), and which are on offer (`humanplay.task.Policies`).
+class ProcessPolicies(BasePolicies):
+    """Policies in processes of their own, which step the environment beside the board (`humanplay.task.Policies`).
 
     module   plays them
     sources  of those on offer besides `random`
@@ -99,15 +101,6 @@ class ProcessPolicies:
         every = self._sources.items()
         return [PolicyOffer(name, _summary(source), source, None, False) for name, source in every]
 
-    def check(self, name: str, *others: str) -> str:
-        """Return the name when it is on offer; ValueError naming the choices (and `others`) otherwise."""
-        if name not in self._sources:
-            raise ValueError(f"no policy {name!r}; choose one of: {', '.join((*others, *self._sources))}")  # fmt: skip
-        return name
-
-    def check_size(self, names: Iterable[str], config: Configuration) -> None:
-        """Do nothing: an environment has one size."""
-
     def load(self, name: str, config: Configuration | None = None) -> ProcessPolicy:
         """Return a new policy by its name on offer or its source; PolicyError where there is none.
 
@@ -123,23 +116,6 @@ class ProcessPolicies:
         if config is not None:
             policy.act((config, 0, b""))
         return policy
-
-    def reset(self, policy: ProcessPolicy, config: Configuration, seed: int) -> None:
-        """Reset a policy for an episode."""
-        policy.reset(seed)
-
-    def act_many(self, policies: Sequence[Any], observations: Sequence[Any]) -> list[int | Exception]:  # fmt: skip
-        """Return each one's action, or what kept it from one (`humanplay.task.Decides`)."""
-        found: list[int | Exception] = []
-        for policy, observation in zip(policies, observations, strict=True):
-            try:
-                found.append(policy.act(observation))
-            except PolicyError as error:
-                found.append(error)
-        return found
-
-    def shared_net(self, policy: Any) -> None:
-        """Return None: each decides in a process of its own."""
 
     def is_rule(self, source: str) -> bool:
         """Return whether it is code and no file."""
@@ -157,37 +133,10 @@ class ProcessPolicies:
             return None
         return hashlib.sha256(self.file_of(source).read_bytes()).hexdigest()
 
-    def hash_with_code(self, source: str) -> str | None:
-        """SHA-256 (hex) of its file; None for code, which may have changed unseen."""
-        return self.hash_of(source)
-
-    def find_shipped(self, digest: str) -> None:
-        """Return None: no file is shipped."""
-
-    def title(self, name: str) -> str:
-        """Return what reports call a policy: its name."""
-        return name
-
-    def judges_moves(self) -> bool:
-        """Return False: Expert plays MarsExplorer alone."""
-        return False
-
-    async def explanation_of(self, *record: Any) -> NoReturn:
-        """Raise ValueError: see `judges_moves`."""
-        self.unjudged()
-
-    def unjudged(self, *record: Any) -> NoReturn:
-        """Raise ValueError: see `judges_moves`."""
-        raise ValueError(f"moves of {self._rules.title} are not judged")
-
-    def begin(self, config: Configuration, seed: int) -> Any:
-        """Return a run at its start."""
-        return self._rules.run(config, seed)
-
-    def play(self, policy: ProcessPolicy, config: Configuration, seed: int, policy_seed: int) -> Any:  # fmt: skip
+    def play(self, policy: ProcessPolicy, config: Configuration, seed: int, policy_seed: int) -> Run:  # fmt: skip
         """Return the ended run of a policy, reset with `policy_seed`, on the instance of a seed."""
         policy.reset(policy_seed)
-        return self._rules.run(config, seed, policy.play(config, seed)[0])
+        return rules_of(self._task).run(config, seed, policy.play(config, seed)[0])
 
     def play_all(
         self, sources: Sequence[str], config: Configuration, seeds: Sequence[int]
@@ -197,10 +146,6 @@ class ProcessPolicies:
             for seed in seeds:
                 policy.reset(seed)
                 yield source, seed, *policy.play(config, seed)
-
-    @property
-    def _rules(self) -> Any:
-        return rules_of(self._task)
 
     def close(self) -> None:
         """End the processes of all policies."""

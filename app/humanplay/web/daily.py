@@ -13,7 +13,6 @@ from humanplay.db.series import attempts_of
 from humanplay.results.daily import DailyPlayedError
 from humanplay.results.daily_table import calendar, describe_attempt, people_on, streak
 from humanplay.study.days import DailyTerrain, day_before
-from humanplay.task import MARS
 from humanplay.web.access import player_of, remember_player, services_of
 from humanplay.web.answers.boards import Board
 from humanplay.web.answers.daily import Day as DayAnswer
@@ -24,10 +23,9 @@ from humanplay.web.services import Services
 
 
 async def _is_offered(request: Request) -> None:
-    """Check that the server plays MarsExplorer, whose the daily terrain is; HTTPException 404 otherwise."""
-    if (task := services_of(request).lobby.task).name != MARS:
-        why = f"the daily terrain is MarsExplorer's, and this server plays {task.title}"
-        raise HTTPException(404, why)
+    """Check that the server's task has a daily terrain; HTTPException 404 otherwise."""
+    if (task := services_of(request).lobby.task).boards is None:
+        raise HTTPException(404, f"{task.title} has no daily terrain")
 
 
 router = APIRouter(prefix="/api/daily", tags=["daily"], dependencies=[Depends(_is_offered)])

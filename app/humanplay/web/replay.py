@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 from urllib.parse import quote
 
 from fastapi import APIRouter, HTTPException, Query, Request
@@ -60,7 +60,7 @@ async def get_ghost(
             why = "no policy on offer plays boards of this size; GET /api/policies lists them"
             raise HTTPException(404, why)
         course = await replays.ghost(episode_id, chosen, asker, owner)
-        return cast(dict[str, Any], course.to_dict())
+        return course.to_dict()
 
 
 @router.get(

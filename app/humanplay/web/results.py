@@ -19,7 +19,7 @@ from humanplay.db.volunteers import Sums, player_sums, players_of
 from humanplay.report.costs import cost_cache
 from humanplay.report.statistics.human_level import LEAST_EPISODES
 from humanplay.results.leaderboard import UnknownEntryError
-from humanplay.study.policy_files import EXPERT, PolicyFiles
+from humanplay.study.policy_files import PolicyFiles
 from humanplay.task import Configuration, PolicyError, Record
 from humanplay.web.access import owner_of, player_of, services_of
 from humanplay.web.answers.results import CSV, ZIP, Episode, ListedEpisode, OwnHistory
@@ -29,6 +29,8 @@ mine = APIRouter(prefix="/api/me", tags=["me"])
 """A player's own episodes: by their cookie alone, so nobody sees anybody else's."""
 leaderboard = APIRouter(prefix="/api/leaderboard", tags=["results"])
 Who = Literal["all", "human"]
+COSTS_S = 120.0
+"""Seconds that the costs of one episode may take."""
 UNKNOWN = "no finished episode {!r}; GET /api/episodes lists them"
 
 
@@ -127,16 +129,18 @@ async def costs_of(
     files  of the study that the episode is of; None: the shipped ones
     """
     services = services_of(request)
-    if (players := services.lobby.task.players) is None:
+    if (courses := services.lobby.task.courses) is None:
         raise HTTPException(422, f"moves of {services.lobby.task.title} are not judged")
     cache, owner = cost_cache(services.store.path), owner_of(request)
     try:
         try:
-            expert = EXPERT if files is None else files.expert()
+            source = courses.expert if files is None else files.expert(courses.expert)
         except PolicyError as error:
-            return {"policy": EXPERT, **players.unjudged(record, str(error))}
-        costs = await players.explanation_of(services.jobs, cache, record, owner, expert)
-        return {"policy": EXPERT, **costs}
+            return {"policy": courses.expert, **courses.unjudged(record, str(error))}
+        cause = (record.config.hash, record.terrain, record.trajectory_hash, record.outcome)
+        asked: Any = {"owner": owner, "key": ("costs", source, *cause), "limit_s": COSTS_S}
+        costs = await services.jobs.run(courses.explain, cache, record, source, **asked)
+        return {"policy": courses.expert, **costs}
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
 

@@ -48,7 +48,8 @@ from humanplay.study.debrief import Debriefs
 from humanplay.study.folder import Folder
 from humanplay.study.participation import Participations
 from humanplay.study.progress import ParticipantProgress
-from humanplay.task import MARS, Policies, Rules, Task, rules_of
+from humanplay.task import Policies, Rules, Task
+from humanplay.task.registration import Start, rules_of, serve
 from humanplay.web import (
     access,
     admin,
@@ -254,9 +255,7 @@ def _services(
     password: AdminPassword | None,
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
-    # the daily terrain and the leaderboard's own boards are MarsExplorer's
-    is_mars = task.name == MARS
-    offers = task.policies.offers() if is_mars else ()
+    offers = () if task.boards is None else task.policies.offers()
     folder, study_store = Folder.beside(store.path), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
     limits = settings.limits
@@ -276,7 +275,7 @@ def _services(
         spectators=Spectators(lobby, replayer),
         daily_boards=DailyBoards(lobby),
         daily_policies=DailyPolicies(
-            store.path.with_name(store.path.name + "-daily.json"), offers, jobs
+            store.path.with_name(store.path.name + "-daily.json"), offers, jobs, task.name
         ),
         viewer=task.viewer(),
         player_tokens=PlayerTokens(store.secret()),
@@ -354,15 +353,11 @@ def _task(
     compiles_beside: bool = False,
 ) -> Task:
     """Return the task that the settings name; ValueError, LookupError or OSError where it, or a file of it, is none."""
-    if settings.task == MARS:
-        from humanplay.tasks.mars.task import served
-
-        return served(settings.policies, settings.maps, settings.cell_m, policies, compiles_beside)
-    rules_of(settings.task).prepare()
-    from humanplay.tasks.gymnasium.task import GymnasiumTask
-
     hides = (settings.database, settings.studies, settings.backups, *hidden)
-    return GymnasiumTask(settings.task.partition(":")[2], map(str, settings.policies), hides)
+    start = Start(
+        settings.policies, settings.maps, settings.cell_m, hides, compiles_beside, policies
+    )
+    return serve(settings.task, start)
 
 
 def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
@@ -436,12 +431,6 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
     listening = inherited_socket() or listen(settings.host, settings.port)
     with listening as sock, _metrics_served(settings, metrics):
         bound_connections(sock, settings.limits.answer_s)
-        with _file_errors():
-            if settings.task == MARS:
-                from humanplay.tasks.mars.policies import check_file
-
-                for path in settings.policies:
-                    check_file(path)
         with _file_errors(), ExitStack() as stack:
             served = [settings, *(_of_another(settings, task) for task in settings.more)]
             names = [offer_name(rules_of(each.task)) for each in served]

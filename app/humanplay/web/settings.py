@@ -23,6 +23,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
 from humanplay import IS_CHECKOUT, ROOT
 from humanplay.db.file import studies_beside
+from humanplay.task.registration import DEFAULT_TASK
 
 PREFIX = "HUMANPLAY_"
 """With which the names of variables begin that hold a setting."""
@@ -166,7 +167,7 @@ class Place(BaseSettings):
 class Settings(Place):
     """One server's settings, frozen; `Settings(port=0)` overrides, `HUMANPLAY_PORT=9000` in the environment as well."""
 
-    task: str = "mars"
+    task: str = DEFAULT_TASK
     """What is played: `mars`, or `gymnasium:` with an id or a description as JSON (`serve --env
     ENV`)."""
     more: tuple[str, ...] = ()

@@ -12,7 +12,7 @@ import secrets
 import ssl
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -26,9 +26,8 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
 from humanplay.db.store import SLOW, WAITS
-from humanplay.task import MARS
-from humanplay.tasks.mars.players import NoisyPolicy
-from humanplay.tasks.mars.players import occupancy_codes as occupancy_codes
+from humanplay.task import Configuration, Rules
+from humanplay.task.registration import rules_of
 
 Frame = dict[str, Any]
 
@@ -143,6 +142,31 @@ class Socket:
             if message["kind"] in ("refused", "error") and not is_waiting:
                 raise RefusedError(None, message.get("reason") or message["detail"])
         return message
+
+
+class NoisyPolicy:
+    """A policy of which some moves are replaced by random valid ones."""
+
+    def __init__(
+        self, rules: Rules, name: str, noise: float, config: Configuration | None, seed: int = 0
+    ) -> None:
+        """Load a policy by name or path; PolicyError if there is none.
+
+        noise  probability (0..1) that a move is the random policy's
+        """
+        self._rules, self._noise, self._dice = rules, noise, random.Random(seed)
+        self._policy = rules.policies.load(name, config)
+        self._random = rules.policies.load("random", config)
+
+    def reset(self) -> None:
+        """Begin another episode."""
+        self._policy.reset(self._dice.getrandbits(31))
+        self._random.reset(self._dice.getrandbits(31))
+
+    def choose(self, frame: Mapping[str, Any]) -> str:
+        """The action that answers a frame."""
+        policy = self._random if self._dice.random() < self._noise else self._policy
+        return self._rules.actions[policy.act(self._rules.policies.observation_in(frame))]
 
 
 class Participant:
@@ -307,10 +331,21 @@ def fetch_study(plan: Plan) -> dict[str, Any]:
         found = _content(client.get(f"/api/studies/{quote(plan.study, safe='')}"))
     if found["status"] == "closed":
         raise RefusedError(409, f"the study {plan.study!r} is closed: nobody can take part in it")
-    if found["task"]["name"] != MARS:
-        only = "synthetic participants follow policies of MarsExplorer"
-        raise RefusedError(409, f"the study {plan.study!r} is of another environment: {only}")
+    if not _is_simulated(found["task"]["name"]):
+        title = found["task"]["title"]
+        raise RefusedError(
+            409,
+            f"the study {plan.study!r} is of {title}: no policy sees what its frames show, so nobody can be simulated",
+        )
     return found
+
+
+def _is_simulated(task: str) -> bool:
+    """Whether a task's frames hold what its policies are given."""
+    try:
+        return rules_of(task).policies.sees_frames
+    except ValueError:
+        return False
 
 
 def simulate(
@@ -346,8 +381,9 @@ def _take_part(
 ) -> None:
     """Let one participant take part, to the completion code or until they leave."""
     dice = random.Random(f"{plan.seed} {outcome.number}")
-    clock, radius = Clock(plan.speed, stop), study["config"]["sensor_radius"]
-    policy = NoisyPolicy(plan.policy, plan.noise, radius, dice.getrandbits(31))
+    clock, rules = Clock(plan.speed, stop), rules_of(study["task"]["name"])
+    config = rules.configuration(study["config"])
+    policy = NoisyPolicy(rules, plan.policy, plan.noise, config, dice.getrandbits(31))
     leaves_at = dice.randrange(study["ranked"]) if dice.random() < plan.leaving else None
     withdraws = dice.random() < 0.5
     script = f"{plan.policy}, {plan.noise:.0%} random moves"

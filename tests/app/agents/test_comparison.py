@@ -2,7 +2,7 @@
 
 from humanplay.agents.comparison import compare
 from humanplay.agents.evaluation import Protocol
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.description import Description
 
 

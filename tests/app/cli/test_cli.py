@@ -117,7 +117,7 @@ def test_without_what_plays_marsexplorer_any_other_environment_is_named(run, mon
     code, _, err = run("serve", "--port", 0)
     assert code == 2
     assert err == (
-        "humanplay: MarsExplorer needs the extra [play]: pip install 'humanplay[play]'. Any other environment works now: "
+        "humanplay: the environment mars needs the extra [play]: pip install 'humanplay[play]'. One of Gymnasium works now: "
         "humanplay serve --env FrozenLake-v1 (see humanplay serve --help)\n"
     )
 

@@ -16,7 +16,8 @@ from humanplay.results import entries
 from humanplay.results.entries import ClosedStudies
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import canonical, default_protocol, protocol_hash
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
+from humanplay.tasks.mars.boards import FIRST_SEED, MarsBoards
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
 from marsexplorer.training.envs import EVALUATION_SEEDS
@@ -34,9 +35,9 @@ TERRAINS = 3
 
 
 def test_policies_terrains_are_those_that_training_refuses():
-    assert EVALUATION_SEEDS.start == entries.FIRST_SEED
+    assert EVALUATION_SEEDS.start == FIRST_SEED
     for size, count in ((21, 100), (42, 40), (84, 10)):
-        seeds = entries.held_out_seeds(EnvConfig.of("random", size))
+        seeds = MarsBoards().seeds(EnvConfig.of("random", size))
         assert (len(seeds), set(seeds) - set(EVALUATION_SEEDS)) == (count, set())
 
 
@@ -45,7 +46,7 @@ def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
     try:
         studies = ClosedStudies(tmp_path / "playground.db-studies")
         unplayed = entries.list_entries(store, studies, VolunteerFigures())
-        assert [each.to_dict()["players"] for each in unplayed] == [0] * len(entries.offered())
+        assert [each.to_dict()["players"] for each in unplayed] == [0] * len(MarsBoards.offered)
         play(store, seed=1, explore=True)
         first, *rest = entries.list_entries(store, studies, VolunteerFigures())
     finally:
@@ -123,8 +124,8 @@ def test_the_leaderboard_and_the_pages_figure_are_made_once(serve, monkeypatch, 
 def quick(monkeypatch):
     """Boards of few terrains, played in one process: the server evaluates in seconds."""
     monkeypatch.setattr("humanplay.web.server.WORKERS", 1)
-    few = tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + TERRAINS))
-    monkeypatch.setattr(entries, "held_out_seeds", lambda config: few)
+    few = tuple(range(FIRST_SEED, FIRST_SEED + TERRAINS))
+    monkeypatch.setattr(MarsBoards, "seeds", lambda self, config: few)
 
 
 def settled(client, board):
@@ -165,7 +166,7 @@ def test_a_board_shows_people_and_policies_and_what_is_made_is_kept(serve, quick
     assert found["people"]["curve"]["mean"][0] < found["people"]["curve"]["mean"][-1] <= 1
 
     names = [policy["name"] for policy in found["policies"]]
-    table = evaluate(names, config, TERRAINS, entries.FIRST_SEED)
+    table = evaluate(names, config, TERRAINS, FIRST_SEED)
     for policy, row in zip(found["policies"], table.rows, strict=True):
         made = policy["figure"]
         assert policy["name"] == row.policy
@@ -247,6 +248,6 @@ def test_a_closed_study_of_another_environment_has_no_board_and_hides_no_others(
         add_series(store, row)
     client = serve().client()
     boards = client.get("/api/leaderboard").json()
-    assert len(boards) == len(entries.offered())
+    assert len(boards) == len(MarsBoards.offered)
     assert client.get("/api/leaderboard/study-lake").status_code == 404
     assert client.get(f"/api/leaderboard/{boards[0]['id']}").status_code == 200

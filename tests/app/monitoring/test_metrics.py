@@ -8,9 +8,9 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from humanplay.db.metrics import Metrics
+from humanplay.tasks.mars.run import occupancy_codes
 from humanplay.web.server import ServerError, run
 from humanplay.web.settings import Settings
-from humanplay.web.simulate import occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 from tests.support.servers import eventually

@@ -11,7 +11,8 @@ from humanplay.study.active_time import active_ms, pause_share
 from humanplay.study.plausibility import labels_of, plausibility_labels
 from humanplay.study.protocol import default_protocol
 from humanplay.study.verification import verify_database
-from humanplay.task import describe, rules_of
+from humanplay.task import describe
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.description import Description, read_description
 from tests.support.keyboard import Keyboard
 from tests.support.page_loads import LOAD

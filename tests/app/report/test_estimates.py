@@ -11,7 +11,7 @@ from humanplay.report.page import render
 from humanplay.study import policy_episodes
 from humanplay.study.flow import Arrivals
 from humanplay.study.protocol import default_protocol, protocol_hash
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.description import Description
 from tests.support.made_studies import CONFIG, FROZEN_MS, person, played, study, trial
 

@@ -22,7 +22,7 @@ from humanplay.study.data import load
 from humanplay.study.folder import Folder
 from humanplay.study.participation import StudyParticipation
 from humanplay.study.protocol import default_protocol
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, score
 from tests.support.declared import DECLARATIONS

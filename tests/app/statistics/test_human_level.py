@@ -17,7 +17,7 @@ from humanplay.report.statistics.human_level import (
 )
 from humanplay.report.statistics.intervals import estimate
 from humanplay.report.statistics.study_figures import metric_bounds, worst_value
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, add_session, open_episode, play
 

@@ -12,7 +12,8 @@ from humanplay.study.folder import Folder
 from humanplay.study.policy_episodes import play_policies
 from humanplay.study.protocol import StudyError, default_protocol
 from humanplay.study.verification import check_policy_files
-from humanplay.task import PolicyError, rules_of
+from humanplay.task import PolicyError
+from humanplay.task.registration import rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card

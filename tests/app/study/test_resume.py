@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from humanplay.board.sources import Sources
-from humanplay.web.simulate import occupancy_codes
+from humanplay.tasks.mars.run import occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 from tests.support.recorded import ask

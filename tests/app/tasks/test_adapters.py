@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.adapters import Fresh, OneAtATime
 from humanplay.tasks.gymnasium.doctor import examine
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from humanplay.study.verification import verify_database
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.description import Description
 from humanplay.tasks.gymnasium.rules import GymnasiumRules
 from tests.support.keyboard import Keyboard

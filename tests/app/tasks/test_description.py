@@ -15,7 +15,8 @@ import pytest
 from PIL import Image
 
 from humanplay.study.verification import verify_database
-from humanplay.task import Choice, rules_of
+from humanplay.task import Choice
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.description import Description, read_description
 from humanplay.tasks.gymnasium.rules import GymnasiumRules
 from humanplay.tasks.gymnasium.task import GymnasiumTask

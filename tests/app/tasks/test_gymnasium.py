@@ -12,7 +12,8 @@ import pytest
 from PIL import Image
 
 from humanplay.study.verification import verify_database
-from humanplay.task import Choice, describe, rules_of
+from humanplay.task import Choice, describe
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.description import Description
 from humanplay.tasks.gymnasium.rules import GymnasiumRules
 from humanplay.tasks.gymnasium.task import GymnasiumTask

@@ -19,7 +19,7 @@ from humanplay.report.statistics.study_figures import study_figures
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import default_protocol
 from humanplay.study.verification import verify_database
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.description import Description
 from humanplay.web.simulate import KEY_CODES, Participant, RefusedError
 from tests.support import made_studies
@@ -181,7 +181,7 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert run("reproduce", tmp_path / "bundle") == 0
     assert ", 0 differ" in capsys.readouterr().out
     assert run("costs", "--study", "any", *database) == 1
-    assert "of another environment, whose moves are not judged" in capsys.readouterr().err
+    assert "the moves of FrozenLake-v1 are not judged" in capsys.readouterr().err
 
 
 @pytest.mark.long

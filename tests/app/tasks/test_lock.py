@@ -5,7 +5,7 @@ import json
 import pytest
 
 from humanplay.study.verification import verify_database
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from humanplay.tasks.lock import differences
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE

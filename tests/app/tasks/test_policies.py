@@ -10,7 +10,8 @@ from onnx import TensorProto, helper
 
 from humanplay.release.bundle import initials
 from humanplay.study.verification import verify_database
-from humanplay.task import Choice, PolicyError, rules_of
+from humanplay.task import Choice, PolicyError
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.rules import GymnasiumRules
 from humanplay.tasks.gymnasium.task import GymnasiumTask
 from humanplay.tasks.policies import chooser, prepare_source
@@ -58,7 +59,7 @@ def made():
 
 def played(task, name, seed=3):
     policy = task.policies.load(name)
-    return task.players.play(policy, task.default, seed, seed)
+    return task.policies.play(policy, task.default, seed, seed)
 
 
 def test_an_onnx_file_decides_by_observations_alone(made, balancing):
@@ -159,8 +160,8 @@ def test_moves_of_actions_that_share_an_initial_are_told_apart_in_a_release():
 
 def test_a_study_measures_them_on_its_seeds(made, balancing):
     rules = GymnasiumRules("CartPole-v1")
-    found = [*rules.players.play_all(["random", str(balancing)], rules.default, [4, 5])]
-    rules.players.close()
+    found = [*rules.policies.play_all(["random", str(balancing)], rules.default, [4, 5])]
+    rules.policies.close()
     assert [(source, seed) for source, seed, _, _ in found] == [
         ("random", 4), ("random", 5), (str(balancing), 4), (str(balancing), 5),
     ]  # fmt: skip

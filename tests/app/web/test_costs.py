@@ -1,13 +1,11 @@
 """The costs of an ended episode over HTTP: for who may see the episode, and never of an open study's ranked terrains."""
 
-import asyncio
 from dataclasses import replace
 
 import pytest
 
-from humanplay.jobs import Jobs
 from humanplay.task import PolicyError
-from humanplay.tasks.mars.explanation import explanation_of, unjudged
+from humanplay.tasks.mars.explanation import explain, unjudged
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.cost import CostEstimator
@@ -73,13 +71,9 @@ def test_nothing_of_an_open_study(serve, tmp_path):
 
 
 def test_it_says_what_the_estimator_says(tmp_path):
-    async def ask(record, expert="ppo"):
-        return await explanation_of(jobs, tmp_path / "costs", record, "ada", expert)
-
-    with Jobs(1) as jobs:
-        costs = asyncio.run(ask(ended().record()))
-        assert costs["total"] == CostEstimator().costs(ended().record()).total
-        assert costs == asyncio.run(ask(ended().record())), "as kept in the folder"
+    costs = explain(tmp_path / "costs", ended().record(), "ppo")
+    assert costs["total"] == CostEstimator().costs(ended().record()).total
+    assert costs == explain(tmp_path / "costs", ended().record(), "ppo"), "as kept in the folder"
 
 
 def test_where_no_move_is_judged_the_answer_has_experts_episode_and_the_reason(server):
@@ -101,9 +95,9 @@ def test_where_no_move_is_judged_the_answer_has_experts_episode_and_the_reason(s
 
 def test_a_study_without_a_file_of_expert_has_none_of_another_version(tmp_path):
     study = freeze(tmp_path / "playground.db-studies")
-    assert study.policy_files.expert() == "ppo"
+    assert study.policy_files.expert("ppo") == "ppo"
     with pytest.raises(PolicyError, match="no file of ppo was kept when the study was frozen"):
-        replace(study.policy_files, hashes={}).expert()
+        replace(study.policy_files, hashes={}).expert("ppo")
     record = ended().record()
     costs = unjudged(record, "no file of ppo was kept")
     assert (costs["counts"], costs["expert_moves"], costs["total"]) == (99, None, None)

@@ -17,6 +17,7 @@ from humanplay.db.store import DAY_MS, Store
 from humanplay.results.daily import DailyBoards, DailyPlayedError
 from humanplay.study.days import day_start_ms, terrain_on
 from humanplay.study.verification import verify_database
+from humanplay.tasks.mars.boards import MarsBoards
 from humanplay.tasks.mars.messages import NewSession
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.tasks.mars.task import Mars
@@ -32,7 +33,7 @@ SMALL = EnvConfig.of("random", (7, 9))
 @pytest.fixture
 def small(monkeypatch):
     """Daily terrains of 7x9 cells, so that an attempt takes ten moves."""
-    monkeypatch.setattr(Mars, "daily", SMALL)
+    monkeypatch.setattr(MarsBoards, "daily", SMALL)
 
 
 def at_noon(server):
@@ -229,7 +230,7 @@ def test_the_recipe_in_the_documents_draws_the_terrain_that_was_played(server):
 
 
 def test_a_complete_episode_in_a_cave_is_all_of_what_can_be_discovered(serve, monkeypatch):
-    monkeypatch.setattr(Mars, "daily", EnvConfig.of("cave", (9, 12)))
+    monkeypatch.setattr(MarsBoards, "daily", EnvConfig.of("cave", (9, 12)))
     server = at_noon(serve())
     page = server.page()
     frame = server.explore(page, begin(page)["session"])

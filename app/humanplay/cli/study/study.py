@@ -19,11 +19,11 @@ import click
 from click import ClickException, UsageError, argument, echo, option
 
 from humanplay.cli.options import DATABASE_AND_STUDIES, STUDIES
-from humanplay.cli.settings import default_config, failures, place, study_errors, task_name
+from humanplay.cli.settings import config_of, failures, place, study_errors, task_name
 from humanplay.command.console import print_table, progress, write_file
 from humanplay.command.options import SizeType, flag, path_option, several
 from humanplay.task import counted
-from humanplay.tasks.mars.cli.options import env_config_of
+from humanplay.task.registration import DEFAULT_TASK
 
 if TYPE_CHECKING:
     from humanplay.report.statistics.planning import StudyDesign
@@ -65,8 +65,8 @@ def study() -> None:
     metavar="ENV",
     help="Another environment, as serve has it, which needs --env too.  [default: MarsExplorer]",
 )
-@option("--level", default="random", help="random, or t-m-b from 1-1-1 to 3-2-2.")
-@option("--size", type=SizeType(), default="21", help="21 for a square, 42x84 for rows x columns.")
+@option("--level", help="random, or t-m-b from 1-1-1 to 3-2-2.  [default: random]")
+@option("--size", type=SizeType(), help="21 for a square, 42x84 for rows x columns.  [default: 21]")
 @option("--warm-up", default=15, help="Episodes that do not count, before the others.")
 @option("--ranked", default=30, help="Episodes that count.")
 @option("--players", default=10, help="Participants planned.")
@@ -103,8 +103,8 @@ def study() -> None:
 def new(
     name: str,
     task: str | None,
-    level: str,
-    size: int | tuple[int, int],
+    level: str | None,
+    size: int | tuple[int, int] | None,
     declared: Path | None,
     folder: Folder,
     **given: Any,
@@ -132,8 +132,8 @@ def new(
     from humanplay.study.protocol import Declarations, StudyError, default_protocol, parse_protocol
     from humanplay.study.templates import filled
 
-    name_of_task = "mars" if task is None else task_name(task)
-    config = env_config_of(level, size) if task is None else default_config(name_of_task)
+    name_of_task = DEFAULT_TASK if task is None else task_name(task)
+    config = config_of(name_of_task, level, size)
     rest = {field: value for field, value in given.items() if value is not None and value != ()}
     with study_errors():
         folder.path(name)

@@ -23,7 +23,8 @@ from humanplay.report.statistics.exclusion_sets import MetricName
 from humanplay.report.statistics.formatting import counted
 from humanplay.report.statistics.intervals import estimate
 from humanplay.report.statistics.study_figures import metric_bounds, worst_value
-from humanplay.task import Configuration, Rules, rules_of
+from humanplay.task import Configuration, Rules
+from humanplay.task.registration import rules_of
 from marsexplorer.intervals import Floats, t_interval
 
 LEAST_PLAYERS, LEAST_EPISODES = 5, 5

@@ -10,7 +10,8 @@ from threading import Lock
 from typing import Any
 from weakref import WeakSet
 
-from humanplay.task import RunEndedError, TaskFullError, rules_of
+from humanplay.task import RunEndedError, TaskFullError
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.description import described
 from humanplay.tasks.gymnasium.rules import FAILED, GymnasiumConfig, GymnasiumRun, GymnasiumView
 from humanplay.tasks.processes import LostError, Preparer, Work, Worker

@@ -25,7 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from humanplay.task import counted, rules_of
+from humanplay.task import counted
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.values import bytes_of, finite
 
 Progress = Callable[[int, int], None]

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.rules import GymnasiumRun
 from humanplay.tasks.policies import chooser, prepare_source
 from humanplay.tasks.processes import Work

@@ -22,7 +22,7 @@ from pydantic import BaseModel, Field
 
 from humanplay.board.messages import NewBoard, NewEpisode
 from humanplay.board.pictures import jpeg, png
-from humanplay.task import Cause, Messages, Metric, Words, counted
+from humanplay.task import Cause, Messages, Metric, Policies, Words, counted
 from humanplay.tasks.gymnasium.description import (
     DEFAULT_LIMIT,
     MAX_LIMIT,
@@ -408,9 +408,16 @@ class GymnasiumRules:
         (low, high), score = self.description.bounds, self.description.score
         return None if low is None or high is None or score != "return" else (low, high)
 
+    boards: ClassVar[None] = None
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """The packages of the environment, in the versions that are here."""
+        return tuple(package.replace(" ", "==") for package in self.version.split(", "))
+
     @cached_property
-    def players(self) -> Any:
-        """What lets policies play away from boards."""
+    def policies(self) -> Policies:
+        """Random actions, and policies of functions and files, each in a process of its own."""
         return ProcessPolicies(self.name, POLICIES)
 
     @property

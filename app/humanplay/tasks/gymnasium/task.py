@@ -8,6 +8,7 @@ from typing import Any
 
 from humanplay.board.messages import NewBoard, NewEpisode
 from humanplay.task import Cause, Choice
+from humanplay.task.registration import Start
 from humanplay.tasks.gymnasium.boards import BoardRun, Boards
 from humanplay.tasks.gymnasium.rules import POLICIES, GymnasiumConfig, GymnasiumRules, GymnasiumRun
 from humanplay.tasks.policies import ProcessPolicies
@@ -22,9 +23,8 @@ class GymnasiumTask(GymnasiumRules):
     ) -> None:
         """Begin no process yet; `hidden` are files and folders that neither boards nor policies may read."""
         super().__init__(told)
-        self.policies = self.decides = self.players = ProcessPolicies(
-            self.name, POLICIES, policies, hidden
-        )
+        self._process_policies = ProcessPolicies(self.name, POLICIES, policies, hidden)
+        self.policies = self._process_policies
         self._boards = Boards(self.name, hidden)
         self.steps_on = self._boards.steps_on
 
@@ -33,11 +33,6 @@ class GymnasiumTask(GymnasiumRules):
         return []
 
     maps = levels
-
-    @property
-    def daily(self) -> GymnasiumConfig:
-        """What the daily instance is played on."""
-        return self.default
 
     def first(self, wanted: NewEpisode) -> Choice:
         """Return what a new board is to begin on."""
@@ -86,4 +81,10 @@ class GymnasiumTask(GymnasiumRules):
     def close(self) -> None:
         """End the processes of the boards."""
         self._boards.close()
-        self.policies.close()
+        self._process_policies.close()
+
+
+def serve(variant: str, start: Start) -> GymnasiumTask:
+    """The task of a server; ValueError if it cannot be played here."""
+    GymnasiumRules(variant).prepare()
+    return GymnasiumTask(variant, map(str, start.policies), start.hidden)

@@ -6,17 +6,17 @@ It is that of a finished episode, or of a policy on its terrain, to compare with
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from humanplay.task import GhostError, PolicyOffer
+from humanplay.task import GhostError
 from humanplay.tasks.mars.drawn import NEVER, DrawnEpisode, sentence
 from humanplay.tasks.mars.pictures import AnimationPicture, Look, preview
 from humanplay.tasks.mars.run import encode_grid
-from marsexplorer.config import ACTIONS, FREE, ROVER, UNKNOWN, EnvConfig
+from marsexplorer.config import ACTIONS, FREE, ROVER, UNKNOWN
 from marsexplorer.episode import Episode, Record, replay
 from marsexplorer.policies import begin, load
 from marsexplorer.policies import names as shipped
@@ -33,6 +33,10 @@ NextAction = Callable[[NDArray[np.uint8]], int | None]
 @dataclass(frozen=True)
 class Course(DrawnEpisode):
     """What a replay shows of one episode."""
+
+    def renamed(self, name: str) -> Course:
+        """The same course under another name."""
+        return replace(self, name=name)
 
     def preview(self) -> bytes:
         """Return the end as a PNG."""
@@ -96,11 +100,6 @@ def _course(name: str, episode: Episode, next_action: NextAction, ended: Episode
         outcome=ended.outcome,
         score=float(ended.score),
     )
-
-
-def choices(offers: Sequence[PolicyOffer], config: EnvConfig) -> list[str]:
-    """Return the names of the policies that play boards of this size."""
-    return [offer.name for offer in offers if offer.size in (None, (config.rows, config.cols))]
 
 
 def preferred(driver: str, names: Sequence[str] | None = None) -> str | None:

@@ -1,4 +1,4 @@
-"""What the moves of an episode cost, as a page shows it: worked out as a job, so no move waits for one."""
+"""What the moves of an episode cost, as a page shows it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from humanplay.jobs import Jobs
 from humanplay.tasks.mars.run import encode_grid
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Record
@@ -18,21 +17,6 @@ MOST_NAMED = 5
 """Mistakes that are named, at most."""
 LEAST_COST = 2
 """Moves that a mistake costs to be named, at least."""
-LIMIT_S = 120.0
-"""Seconds that one episode may take."""
-
-
-async def explanation_of(
-    jobs: Jobs, cache: Path, record: Record, owner: str, expert: str
-) -> dict[str, Any]:
-    """Return what `explain` says of a finished episode.
-
-    Whoever asks has checked that the asker may see the episode; `owner` is whose turn the job has. ValueError for an episode
-    that cannot be replayed; JobError and JobsFullError as `Jobs` raises them.
-    """
-    cause = (record.config.hash, record.terrain, record.trajectory_hash, record.outcome)
-    key = ("costs", expert, *cause)
-    return await jobs.run(explain, cache, record, expert, owner=owner, key=key, limit_s=LIMIT_S)
 
 
 @lru_cache(4)

@@ -1,43 +1,54 @@
-"""The policies that may be watched or played against, by name."""
+"""The policies of MarsExplorer: the shipped ones by name, further ones from files, on boards and away from them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from humanplay.task import Configuration, NotReadyError, PolicyOffer
+import numpy as np
+from numpy.typing import NDArray
+
+from humanplay.jobs import Jobs
+from humanplay.task import NotReadyError, PolicyError, PolicyOffer
+from humanplay.tasks.base import BasePolicies
+from humanplay.tasks.mars.run import MarsRun, occupancy_codes
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.evaluation.episodes import FEW_CHUNKS, make_chunks, play_chunks, play_out
 from marsexplorer.policies import Policy
+from marsexplorer.policies.files.card import of_paper, shipped
 from marsexplorer.policies.files.imported import wrong_size
+from marsexplorer.policies.network import batch
 
 
-class PolicyCatalogue:
-    """The policies on offer: those that load by name, and further ones from paths.
+class PolicyCatalogue(BasePolicies):
+    """The policies that load by name, and further ones on offer from paths.
 
     The shipped ones play every size, and are loaded when somebody chooses them. A file is loaded and decides once before
     anybody can, so that one that is no policy is found at the start.
     """
 
+    sees_frames = True
+
     def __init__(self, paths: Iterable[Path] = ()) -> None:
-        offers = [
+        self._of_files = [_try_out(path) for path in paths]
+
+    @cached_property
+    def _offers(self) -> dict[str, PolicyOffer]:
+        by_name = [
             PolicyOffer(name, policies.describe(name), name, None, True)
             for name in policies.names()
         ]
-        self._offers = {offer.name: offer for offer in (*offers, *map(_try_out, paths))}
+        return {offer.name: offer for offer in (*by_name, *self._of_files)}
 
     def offers(self) -> list[PolicyOffer]:
-        """Return what may be chosen."""
+        """What may be chosen."""
         return list(self._offers.values())
-
-    def check(self, name: str, *others: str) -> str:
-        """Return the name when it is on offer; ValueError naming the choices (and `others`) otherwise."""
-        if name not in self._offers:
-            offered = ", ".join((*others, *self._offers))
-            raise ValueError(f"no policy {name!r}; choose one of: {offered}")
-        return name
 
     def check_size(self, names: Iterable[str], config: EnvConfig) -> None:
         """Raise ValueError, naming the policy, unless every policy among the names plays boards of this size."""
@@ -46,22 +57,103 @@ class PolicyCatalogue:
             if size not in (None, (config.rows, config.cols)):
                 raise ValueError(wrong_size(name, size, (config.rows, config.cols)))
 
-    def load(self, name: str) -> Policy:
-        """Return a new policy object: a policy remembers its episode, so each board needs its own."""
-        return policies.load(self._offers[self.check(name)].source)
+    def load(self, source: str, config: EnvConfig | None = None) -> Policy:
+        """A new policy by its name or path; PolicyError if there is none, or none that can be played."""
+        path = self._offers[source].source if source in self._offers else source
+        with _policy_errors():
+            return (
+                policies.load(path) if config is None else policies.load(path, config.sensor_radius)
+            )
 
-    def reset(self, policy: Any, config: Configuration, seed: int) -> None:
-        """Reset a policy for an episode of a configuration."""
+    def reset(self, policy: Any, config: EnvConfig, seed: int) -> None:
+        """Reset a policy for an episode, and tell it the level if it asks."""
         policies.begin(policy, config.level, seed)
+
+    def act_many(
+        self, policies: Sequence[Any], observations: Sequence[Any]
+    ) -> list[int | Exception]:
+        """Every board's action, or what its policy raised."""
+        return batch.act_many(policies, observations)
+
+    def shared_net(self, policy: Any) -> object | None:
+        """The network that decides for the policy, if it can decide for several boards at once."""
+        return batch.shared_net(policy)
+
+    def observation_in(self, frame: Mapping[str, Any]) -> NDArray[np.uint8]:
+        """What a frame shows, as a policy is given it: uint8[rows, cols]."""
+        return occupancy_codes(frame)
+
+    def is_rule(self, source: str) -> bool:
+        """Whether a name stands for a rule, which is code."""
+        return policies.is_rule(source)
+
+    def file_of(self, source: str) -> Path:
+        """The path of a policy's file; PolicyError if there is none."""
+        with _policy_errors():
+            return policies.find_file(source)
+
+    def hash_of(self, source: str) -> str | None:
+        """SHA-256 (hex) of a policy's file; None for a rule. PolicyError if it cannot be read."""
+        with _policy_errors():
+            return policies.policy_hash(source)
+
+    def hash_with_code(self, source: str) -> str:
+        """SHA-256 (hex) of a policy: of its file if it has one, and of the code of all policies."""
+        digest = hashlib.sha256()
+        files = sorted(Path(policies.__file__).parent.rglob("*.py"))
+        for path in (*files, shipped().get(source, Path(source))):
+            if path.is_file():
+                digest.update(path.read_bytes())
+        return digest.hexdigest()
+
+    def find_shipped(self, digest: str) -> Path | None:
+        """The shipped file of this SHA-256 (hex)."""
+        return policies.find_shipped(digest)
+
+    def unlisted(self) -> Mapping[str, Path]:
+        """The agents of the paper's algorithms, in a checkout."""
+        return of_paper()
+
+    def title(self, name: str) -> str:
+        """What reports call a policy."""
+        return policies.title(name)
+
+    def play(self, policy: Policy, config: EnvConfig, seed: int, policy_seed: int) -> MarsRun:
+        """The ended run of a policy, reset with `policy_seed`, on the terrain of a seed."""
+        return MarsRun(play_out(policy, Episode.begin(config, seed=seed), policy_seed))
+
+    def play_all(
+        self, sources: Sequence[str], config: EnvConfig, seeds: Sequence[int]
+    ) -> Iterator[tuple[str, int, bytes, str]]:
+        """Yield source, seed, actions and trajectory hash of each policy's episode on each terrain, in any order.
+
+        PolicyError if a policy cannot be played; nothing is played then.
+        """
+        for source in sources:
+            self.load(source, config)
+        chunks = make_chunks(sources, [config], seeds, traces=True)
+        with Jobs() as jobs:
+            for rows in play_chunks(chunks, jobs if len(chunks) > FEW_CHUNKS else None):
+                for row in rows:
+                    assert row.trace is not None
+                    yield row.policy, row.seed, bytes(row.trace.actions), row.trace.trajectory_hash
 
 
 def check_file(path: Path) -> None:
-    """Read what a policy file says of itself; PolicyFileError or PolicyNotFoundError where there is none."""
+    """Read what a policy file says of itself; PolicyFileError or PolicyNotFoundError if there is none."""
     policies.describe(str(path))
 
 
+@contextmanager
+def _policy_errors() -> Iterator[None]:
+    try:
+        yield
+    except (LookupError, ValueError, OSError) as error:
+        raise PolicyError(str(error)) from error
+
+
 def _try_out(path: Path) -> PolicyOffer:
-    """Return the offer of a file whose policy decides and moves; PolicyFileError or PolicyNotFoundError where it is none."""
+    """The offer of a file whose policy decides and moves; PolicyFileError or PolicyNotFoundError if it is none."""
     while True:
         try:
             policy = policies.load(path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import gymnasium
@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import marsexplorer  # noqa: F401  # registers the environment
-from humanplay.task import Cause, Messages, Metric, Words, counted
+from humanplay.task import Cause, Courses, Messages, Metric, Policies, Words, counted
+from humanplay.tasks.mars.boards import MarsBoards
 from humanplay.tasks.mars.messages import MAX_API_SIDE, Frame, History, NewEpisode, NewSession
 from humanplay.tasks.mars.run import MarsRun
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
@@ -75,11 +76,6 @@ class MarsRules:
         """Return the configuration of plain values; ValueError or TypeError where they are none."""
         return EnvConfig(**values)
 
-    @staticmethod
-    def of_level(level: str, size: int | tuple[int, int]) -> EnvConfig:
-        """Return the configuration of a level at a size, a side or (rows, cols); ValueError where there is none."""
-        return EnvConfig.of(level, size)
-
     def environment(self, config: EnvConfig) -> Any:
         """Return the environment whose observations are uint8[rows, cols]."""
         names = ("level", "sensor_radius", "beta", "max_steps")
@@ -102,19 +98,22 @@ class MarsRules:
 
     words: ClassVar[Words] = WORDS
 
-    @property
-    def courses(self) -> Any:
-        """What makes courses."""
-        from humanplay.tasks.mars import course
+    boards: ClassVar[MarsBoards] = MarsBoards()
+    requirements: ClassVar[tuple[str, ...]] = ("humanplay[mars]",)
 
-        return course
+    @cached_property
+    def courses(self) -> Courses:
+        """What draws episodes and prices moves, loaded when it is asked for."""
+        from humanplay.tasks.mars.courses import MarsCourses
 
-    @property
-    def players(self) -> Any:
-        """What is done with policies away from boards."""
-        from humanplay.tasks.mars import players
+        return MarsCourses()
 
-        return players
+    @cached_property
+    def policies(self) -> Policies:
+        """The shipped policies, loaded when they are asked for."""
+        from humanplay.tasks.mars.policies import PolicyCatalogue
+
+        return PolicyCatalogue()
 
     assumptions_in_words: ClassVar[str] = "those of synthetic players"
     label_texts: ClassVar[Mapping[str, str]] = {
@@ -234,6 +233,13 @@ class MarsRules:
     def prepare(self) -> None:
         """Let the rules be compiled now: a moment where it has been done before, seconds else."""
         step_once()
+
+    def run(self, config: EnvConfig, seed: int, actions: bytes = b"") -> MarsRun:
+        """Begin a run on the terrain of a seed, and make some moves."""
+        run = MarsRun(Episode.begin(config, seed=seed))
+        for action in actions:
+            run.step(action)
+        return run
 
     def instance(self, config: EnvConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Return the packed terrain of a seed, and the north-west corner."""

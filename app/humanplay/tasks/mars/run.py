@@ -30,6 +30,11 @@ def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
     return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
 
 
+def occupancy_codes(frame: Mapping[str, Any]) -> NDArray[np.uint8]:
+    """What a frame shows: uint8[rows, cols], 0 unknown, 1 free, 2 rover, 3 obstacle."""
+    return np.array([["?.@#".index(cell) for cell in row] for row in frame["grid"]], np.uint8)
+
+
 @cache
 def _load_step() -> None:
     """Load what a move needs, or raise NotReadyError: a board moves on its event loop, where nothing may take long."""

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
-from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-from humanplay.task import Cause, Choice, Decides, Policies
+from humanplay.task import Cause, Choice, Policies
+from humanplay.task.registration import Start
 from humanplay.tasks.mars.compilation import Compilation
 from humanplay.tasks.mars.messages import DRAWN_LEVELS, NewEpisode, NewSession
-from humanplay.tasks.mars.policies import PolicyCatalogue
-from humanplay.tasks.mars.rules import MarsRules
+from humanplay.tasks.mars.policies import PolicyCatalogue, check_file
+from humanplay.tasks.mars.rules import MarsRules, rules
 from humanplay.tasks.mars.run import MarsRun
 from humanplay.tasks.mars.terrains import GivenTerrain, MapCatalogue
 from marsexplorer.config import ALL_LEVELS, MAP, EnvConfig
 from marsexplorer.episode import Episode, unpack_terrain
-from marsexplorer.policies.network import batch
 
 SIDE = 21
 """Cells along a side of a terrain, unless another size is asked for."""
@@ -26,17 +24,20 @@ EXAMPLES = Path(__file__).with_name("levels.json")
 """A terrain of each level by its name: rocks as bits of rows. `python -m tests.support.level_examples` draws them."""
 
 
-@dataclass(frozen=True)
 class Mars(MarsRules):
     """MarsExplorer (`humanplay.task.Task`) with the policies and the maps that a server offers."""
 
-    policies: Policies
-    catalogue: MapCatalogue = field(default_factory=MapCatalogue)
-    compilation: Compilation | None = None
-
-    daily: ClassVar[EnvConfig] = EnvConfig.of("random", 21)
-    decides: ClassVar[Decides] = batch
     steps_on: ClassVar[None] = None
+
+    def __init__(
+        self,
+        policies: Policies,
+        catalogue: MapCatalogue | None = None,
+        compilation: Compilation | None = None,
+    ) -> None:
+        self.policies = policies
+        self.catalogue = catalogue or MapCatalogue()
+        self.compilation = compilation
 
     def viewer(self) -> Any:
         """Return a 3-D view (`humanplay.tasks.mars.viewer3d.viewer.Viewer`)."""
@@ -127,21 +128,13 @@ def _examples() -> dict[str, list[int]]:
     return examples
 
 
-def served(
-    paths: Iterable[Path],
-    maps: Iterable[Path],
-    cell_m: float | None,
-    policies: Policies | None,
-    compiles_beside: bool = False,
-) -> Mars:
-    """Return the task of a server; LookupError, ValueError or OSError where a file is none.
-
-    paths            of further policies
-    maps             of map_server files, with cells of `cell_m` metres
-    policies         what is on offer, where that is loaded already
-    compiles_beside  whether a process beside this one compiles what is missing, from now until the task is closed
-    """
-    compilation = Compilation() if compiles_beside else None
+def serve(variant: str, start: Start) -> Mars:
+    """The task of a server; LookupError, ValueError or OSError if a file is none, or a variant is named."""
+    rules(variant)
+    for path in start.policies:
+        check_file(path)
+    compilation = Compilation() if start.compiles_beside else None
     if compilation is not None:
         compilation.start()
-    return Mars(policies or PolicyCatalogue(paths), MapCatalogue.read(maps, cell_m), compilation)
+    policies = start.loaded or PolicyCatalogue(start.policies)
+    return Mars(policies, MapCatalogue.read(start.maps, start.cell_m), compilation)

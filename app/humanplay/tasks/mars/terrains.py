@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,7 @@ from numpy.typing import NDArray
 
 from humanplay.task import Cause, Choice
 from humanplay.tasks.mars.messages import MAX_API_SIDE
-from marsexplorer.config import EnvConfig
 from marsexplorer.maps import CELL_M, read_map
-from marsexplorer.terrain import generate
-from marsexplorer.world import cells_that_count
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +64,6 @@ class MapCatalogue:
             none = "this server offers none (serve --map FILE.yaml)"
             raise ValueError(f"no map {name!r}; {offered if self._maps else none}")
         return self._maps[name]
-
-
-@lru_cache(maxsize=64)
-def cells_of_seed(config: EnvConfig, seed: int) -> int:
-    """Return how many cells coverage refers to on the terrain of a seed: all, or those that can be discovered."""
-    if not config.discoverable_only:
-        return config.n
-    return cells_that_count(config, generate(config, seed), (0, 0))
 
 
 def _is_of(row: Cause, terrain: Choice) -> bool:

@@ -6,11 +6,11 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from humanplay.db.reader import Reader
 from humanplay.db.trial import Trial
-from humanplay.task import Record, Rules, rules_of
+from humanplay.task import DrawnReplays, Record, Rules
+from humanplay.task.registration import rules_of
 from humanplay.web.replays.frames import FrameCourses
 
 NAMES = {"you": "You", "human": "A person", "synthetic": "A synthetic player", "script": "A script"}
@@ -63,7 +63,7 @@ class ShownEpisode:
             return reader.load_record(self.id)
 
 
-def courses_of(episode: ShownEpisode, served: Rules | None = None) -> Any:
+def courses_of(episode: ShownEpisode, served: Rules | None = None) -> DrawnReplays:
     """Return what makes courses of an episode's task; `served` is that of a server, whose runs are guarded."""
     task = episode.trial.task
     rules = served if served and served.name == task else rules_of(task)

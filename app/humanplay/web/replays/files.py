@@ -10,7 +10,7 @@ from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from PIL import Image
@@ -68,7 +68,7 @@ def file_of(
     if form == "html":
         return single_file(episode_id, own, others[0] if others else None).encode()
     if form == "png":
-        return cast(bytes, own.preview())
+        return own.preview()
     if form == "gif":
         return gif(courses, Timing.of(courses, speed, most_gif_pictures(courses)), progress)
     return mp4(courses, Timing.of(courses, speed), progress)

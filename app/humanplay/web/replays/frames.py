@@ -6,7 +6,7 @@ import base64
 import io
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NoReturn
 
 from PIL import Image, ImageDraw, ImageFont, ImageOps
@@ -79,6 +79,10 @@ class FrameCourse:
             "name": self.name, "actions": self.actions, "outcome": end["outcome"], "score": end["score"],
             "sentence": self.sentence, "frames": self.frames,
         }  # fmt: skip
+
+    def renamed(self, name: str) -> FrameCourse:
+        """The same course under another name."""
+        return replace(self, name=name)
 
     def preview(self) -> bytes:
         """Return the end as a PNG."""

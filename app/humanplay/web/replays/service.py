@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from humanplay.board.spectators import Replayer
 from humanplay.jobs import Jobs
-from humanplay.task import MARS, Course, GhostError, PolicyOffer, RunEndedError, Task
+from humanplay.task import Course, GhostError, PolicyOffer, RunEndedError, Task
+from humanplay.task.registration import rules_of
 from humanplay.web.replays.episodes import (
     Asker,
     ShownEpisode,
@@ -74,7 +75,7 @@ class Replays:
             found = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
         except UnknownReplayError:
             return False
-        return found.trial.task in (MARS, self._task.name)
+        return self._plays(found.trial.task)
 
     async def replay(self, episode_id: str, asker: Asker, owner: str) -> Replay:
         """Return the replay of an episode.
@@ -82,7 +83,7 @@ class Replays:
         UnknownReplayError where the asker may see none, ValueError where the rules that it was played by are gone.
         """
         episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
-        if (task := episode.trial.task) not in (MARS, self._task.name):
+        if not self._plays(task := episode.trial.task):
             raise UnknownReplayError(f"this server plays no episodes of {task}")
         return await self._replayer.run(owner, self._replay, episode)
 
@@ -102,12 +103,16 @@ class Replays:
         key = ("replay", episode_id, shown.episode.trial.trajectory_hash, form, ghost)
         if (kept := self._files.get(key)) is not None:
             return kept
-        courses = [replace(shown.course, name=shown.episode.name)]  # a file is for everybody
+        courses = [shown.course.renamed(shown.episode.name)]  # a file is for everybody
         if ghost is not None:
             courses.append(await self._ghost(shown.episode, ghost, owner))
         asked: Any = {"owner": owner, "key": key, "limit_s": LONGEST_S}
         content = await self._jobs.run(file_of, form, episode_id, courses, **asked)
         return _keep(self._files, MAX_FILES, key, content)
+
+    def _plays(self, task: str) -> bool:
+        """Whether it is the server's task, or one whose episodes are drawn in the server's process."""
+        return task == self._task.name or rules_of(task).courses is not None
 
     def _replay(self, episode: ShownEpisode) -> Replay:
         """Return a replay that is kept, or is made and kept: call it on the replayer's one thread."""

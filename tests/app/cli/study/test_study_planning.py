@@ -16,7 +16,7 @@ from humanplay.cli.main import cli
 from humanplay.study.folder import Folder
 from humanplay.study.policy_episodes import play_policies
 from humanplay.study.protocol import Declarations
-from humanplay.task import rules_of
+from humanplay.task.registration import rules_of
 from marsexplorer.config import EnvConfig
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS, DECLARATIONS_FILE

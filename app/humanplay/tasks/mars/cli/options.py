@@ -33,9 +33,9 @@ def seed_option(what: str) -> Callable[[F], F]:
 
 def env_config_of(level: str, size: int | tuple[int, int]) -> Configuration:
     """Return the configuration of a level and size; raise UsageError when there is none."""
-    from humanplay.tasks.mars.rules import MarsRules
+    from marsexplorer.config import EnvConfig
 
     try:
-        return MarsRules.of_level(level, size)
+        return EnvConfig.of(level, size)
     except ValueError as error:
         raise UsageError(str(error)) from error

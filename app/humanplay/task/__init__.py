@@ -10,12 +10,16 @@ function of configuration, instance and actions, so that an episode is stored as
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import asdict, dataclass
-from functools import lru_cache
-from importlib import import_module
-from typing import Any, Literal, Protocol, TypeVar, cast
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+    from PIL.Image import Image
 
 T = TypeVar("T")
 
@@ -36,17 +40,6 @@ Record = Any
 
 config, seed, terrain, start, actions  as in a `Cause`, and the moves, one byte each
 outcome, total, score, steps, discovered, trajectory_hash, core_version  as the columns of those names
-"""
-
-
-Course = Any
-"""An episode as a replay draws it, where a task's episodes have courses; the task's own type.
-
-name, moves, is_large  who drove, how many moves, whether one changes much of a large picture
-headline, place      who did what, and where, in words
-about(), to_dict()   what the page reads: of where it was played, and of the course
-preview()            the end as a PNG
-animation(others, is_large)  draws the course, and others beside it: `size` in pixels, `at(step, before)` a picture
 """
 
 
@@ -156,6 +149,10 @@ class View(Protocol):
 
 class Run(Protocol):
     """One running episode."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the episode has an outcome."""
 
     def step(self, action: int) -> float:
         """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action.
@@ -290,6 +287,16 @@ class Cause(Protocol):
         """Return where the episode starts."""
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """The cause of an episode on the instance of a seed (`Cause`)."""
+
+    config: Configuration
+    seed: int
+    terrain: bytes
+    start: tuple[int, int]
+
+
 class Rules(Protocol):
     """What a stored episode of a task is read, replayed, checked and measured with: without policies and without a server."""
 
@@ -361,14 +368,20 @@ class Rules(Protocol):
         """The score that an ended episode would have had by giving up; `total` is its return."""
 
     @property
-    def courses(self) -> Any | None:
-        """Return what makes `Course`s: `course_of(name, record)`, `play_ghost(source, record)`, `choices(offers, config)`
-        and `preferred(driver, names)`; None where moves cannot be drawn, priced and compared with policies'."""
+    def policies(self) -> Policies:
+        """Its policies: those on offer, and those of files."""
 
     @property
-    def players(self) -> Any | None:
-        """Return what finds the files of policies, lets them play away from boards, and compares moves with theirs
-        (`humanplay.tasks.mars.players`); None where there are no policies."""
+    def courses(self) -> Courses | None:
+        """Drawn replays and the cost of moves; None where moves cannot be drawn and priced."""
+
+    @property
+    def boards(self) -> Boards | None:
+        """What the leaderboard and the daily terrain are played on; None for a task without them."""
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """What pip installs so that its environment is there."""
 
     @property
     def assumptions_in_words(self) -> str:
@@ -425,6 +438,9 @@ class Rules(Protocol):
     def examine(self, config: Configuration) -> None:
         """Raise ValueError, saying what differs and why, where episodes do not follow from seed and actions."""
 
+    def run(self, config: Configuration, seed: int, actions: bytes = b"") -> Run:
+        """Begin a run on the instance of a seed, and make some moves."""
+
     def instance(self, config: Configuration, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Draw the packed instance of a seed, and where an episode starts on it."""
 
@@ -453,6 +469,11 @@ class Rules(Protocol):
         """Return the frames of a finished episode from its start to its end; of large ones only every so many."""
 
 
+def drawn(rules: Rules, config: Configuration, seed: int) -> Drawn:
+    """The cause of an episode on the instance of a seed."""
+    return Drawn(config, seed, *rules.instance(config, seed))
+
+
 def describe(rules: Rules) -> dict[str, Any]:
     """Return what a page is told of a task: how it is called, drawn, moved and measured."""
     return {
@@ -465,21 +486,6 @@ def describe(rules: Rules) -> dict[str, Any]:
         "clock": rules.clock,
         "metrics": [asdict(metric) for metric in rules.metrics],
     }
-
-
-@lru_cache(maxsize=64)
-def rules_of(task: str) -> Rules:
-    """Return the rules of a task by its name, like `mars` or `gymnasium:FrozenLake-v1`; ValueError for none of ours."""
-    package, _, rest = task.partition(":")
-    if package not in PACKAGES:
-        raise ValueError(f"expected a task of {', '.join(PACKAGES)}, got {task!r}")
-    return cast(Rules, import_module(f"humanplay.tasks.{package}.rules").rules(rest))
-
-
-MARS = "mars"
-"""The task that a server plays where none is named: MarsExplorer."""
-PACKAGES = (MARS, "gymnasium")
-"""Packages of `humanplay.tasks`: the module `rules` of each has a function `rules` of what follows a task's colon."""
 
 
 class Policy(Protocol):
@@ -510,36 +516,252 @@ class PolicyOffer:
     size: tuple[int, int] | None
     is_shipped: bool
 
+    def plays(self, config: Configuration) -> bool:
+        """Whether it plays boards of a configuration."""
+        return self.size is None or self.size == (config.rows, config.cols)
+
 
 class Policies(Protocol):
-    """The policies of a task."""
+    """The policies of a task: they are found by name or path, decide on boards, and play alone."""
+
+    @property
+    def sees_frames(self) -> bool:
+        """Whether a public frame holds what a policy is given, so that one can take part as people do."""
 
     def offers(self) -> Sequence[PolicyOffer]:
-        """Return what may be chosen."""
+        """What may be chosen by name."""
 
     def check(self, name: str, *others: str) -> str:
-        """Return the name when it is on offer; ValueError naming the choices (and `others`) otherwise."""
+        """The name, if it is on offer; ValueError naming the choices (and `others`) otherwise."""
 
     def check_size(self, names: Iterable[str], config: Configuration) -> None:
-        """Raise ValueError, naming the policy, unless every policy among the names plays this configuration."""
+        """Raise ValueError, naming the policy, unless each of the names plays this configuration."""
 
-    def load(self, name: str) -> Policy:
-        """Return a new policy object: a policy remembers its episode, so each board needs its own."""
+    def load(self, source: str, config: Configuration | None = None) -> Policy:
+        """A new policy by its name or path; PolicyError if there is none, or none that can be played.
 
-    def reset(self, policy: Any, config: Configuration, seed: int) -> None:
+        A policy remembers its episode, so each board needs its own.
+
+        config  one that it must be able to play
+        """
+
+    def reset(self, policy: Policy, config: Configuration, seed: int) -> None:
         """Reset a policy for an episode of a configuration."""
-
-
-class Decides(Protocol):
-    """How policies of a task are asked together."""
 
     def act_many(
         self, policies: Sequence[Any], observations: Sequence[Any]
     ) -> Sequence[int | Exception]:
-        """Return every board's action, or what its policy raised: the others are decided all the same."""
+        """Every board's action, or what its policy raised: the others are decided all the same."""
 
     def shared_net(self, policy: Any) -> object | None:
-        """Return what decides for the policy when it can decide for several at once, else None."""
+        """What decides for the policy, if it can decide for several at once."""
+
+    def observation_in(self, frame: Mapping[str, Any]) -> Any:
+        """What a policy is given of a public frame, if it `sees_frames`."""
+
+    def is_rule(self, source: str) -> bool:
+        """Whether a name stands for code, which has no file."""
+
+    def file_of(self, source: str) -> Path:
+        """The path of a policy's file; PolicyError if there is none."""
+
+    def hash_of(self, source: str) -> str | None:
+        """SHA-256 (hex) of a policy's file; None for code. PolicyError if it cannot be read."""
+
+    def hash_with_code(self, source: str) -> str | None:
+        """SHA-256 (hex) of all that decides; None for code that may change unseen."""
+
+    def find_shipped(self, digest: str) -> Path | None:
+        """The shipped file of this SHA-256 (hex), whatever its name is now."""
+
+    def unlisted(self) -> Mapping[str, Path]:
+        """Files that come with a checkout, and that no server offers unless it is asked to."""
+
+    def title(self, name: str) -> str:
+        """What reports call a policy."""
+
+    def play(self, policy: Any, config: Configuration, seed: int, policy_seed: int) -> Run:
+        """The ended run of a policy, reset with `policy_seed`, on the instance of a seed."""
+
+    def play_all(
+        self, sources: Sequence[str], config: Configuration, seeds: Sequence[int]
+    ) -> Iterator[tuple[str, int, bytes, str]]:
+        """Yield source, seed, actions and trajectory hash of each policy's episode on each instance, in any order.
+
+        PolicyError if a policy cannot be played; nothing is played then.
+        """
+
+
+class Animation(Protocol):
+    """Draws a course move by move."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+
+    def at(self, step: int, before: int) -> Image:
+        """The picture after so many moves; `before` is the step of the picture before it."""
+
+
+class Course(Protocol):
+    """An episode as a replay draws it."""
+
+    @property
+    def name(self) -> str:
+        """Who drove."""
+
+    @property
+    def moves(self) -> int:
+        """Moves in all."""
+
+    @property
+    def headline(self) -> str:
+        """Who did what, in words."""
+
+    @property
+    def place(self) -> str:
+        """Where, in words."""
+
+    @property
+    def is_large(self) -> bool:
+        """Whether a move changes much of a large picture."""
+
+    def renamed(self, name: str) -> Course:
+        """The same course under another name."""
+
+    def about(self) -> dict[str, Any]:
+        """What the page is told of where it was played."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The course as the page reads it."""
+
+    def preview(self) -> bytes:
+        """The end as a PNG."""
+
+    def animation(self, others: Sequence[Any], is_large: bool) -> Animation:
+        """What draws the course, and others of the task beside it."""
+
+
+class DrawnReplays(Protocol):
+    """Makes the courses of a task's episodes."""
+
+    def course_of(self, name: str, record: Record) -> Course:
+        """The course of a finished episode; ValueError if this version cannot replay it."""
+
+    def choices(self, offers: Sequence[PolicyOffer], config: Configuration) -> list[str]:
+        """The names of the policies that can be shown beside an episode of a configuration."""
+
+    def preferred(self, driver: str, names: Sequence[str] | None = None) -> str | None:
+        """The policy to show beside a driver, of those of these names; None if there is none."""
+
+    def play_ghost(self, source: str, record: Record) -> Course:
+        """The course of a policy from the start of an episode; GhostError if it cannot be had."""
+
+
+class Advice(Protocol):
+    """What the expert would do."""
+
+    @property
+    def actions(self) -> NDArray[np.int64]:
+        """Before each move, and after the last one if the episode still runs then."""
+
+
+class EpisodeCosts(Protocol):
+    """What each move of an episode cost, in moves by which it made the episode longer."""
+
+    @property
+    def actions(self) -> NDArray[np.int64]:
+        """The moves made."""
+
+    @property
+    def costs(self) -> NDArray[np.int64]:
+        """Of each move, below 0 where it gained."""
+
+    @property
+    def advice(self) -> Advice:
+        """What the expert would have done."""
+
+    @property
+    def kinds(self) -> Sequence[str | None]:
+        """The kind of mistake that each move is part of, None outside all mistakes."""
+
+    @property
+    def counts(self) -> int:
+        """Moves that the episode counts."""
+
+    @property
+    def expert_moves(self) -> int:
+        """Moves of the expert's own episode."""
+
+    @property
+    def total(self) -> int:
+        """Moves that the episode counts more than the expert's."""
+
+    @property
+    def given_up(self) -> int:
+        """Cost of an end without a move."""
+
+    @property
+    def gained(self) -> int:
+        """Cost of the moves outside all mistakes, at most 0."""
+
+    def by_kind(self) -> Mapping[Any, int]:
+        """The cost of the mistakes of each kind; an end without a move counts as `Courses.ended_early`."""
+
+    def by_tenth(self) -> NDArray[np.int64]:
+        """int64[10]: the cost of the moves made at 0-10 %, 10-20 %, ... of the way to the goal."""
+
+
+class CostEstimator(Protocol):
+    """Works out what moves cost."""
+
+    def costs(self, record: Any) -> EpisodeCosts:
+        """The costs of an episode's moves."""
+
+
+class Courses(DrawnReplays, Protocol):
+    """Drawn replays, and the cost of moves beside an expert policy that plays on from each of them.
+
+    expert       its name
+    kinds        of mistakes, in the order in which they are shown
+    ended_early  the kind of an end without a move
+    """
+
+    expert: str
+    kinds: tuple[str, ...]
+    ended_early: str
+
+    def check_judged(self, config: Configuration) -> None:
+        """Raise ValueError, saying why, if no move of a configuration is judged."""
+
+    def estimator(self, source: str, cache: Path | None) -> CostEstimator:
+        """What works out costs by a file of the expert, and keeps them in the folder `cache` if there is one."""
+
+    def explain(self, cache: Path, record: Record, source: str) -> dict[str, Any]:
+        """What a page shows of an episode's costs: seconds, so in a job. ValueError if it cannot be replayed."""
+
+    def unjudged(self, record: Record, reason: str) -> dict[str, Any]:
+        """The same where no move is judged."""
+
+
+class Boards(Protocol):
+    """What people come back to: the leaderboard's boards, and what the daily instance is played on.
+
+    daily    the configuration of the daily instance
+    offered  the configurations of boards that are there even if unplayed
+    """
+
+    daily: Configuration
+    offered: tuple[Configuration, ...]
+
+    def configuration(self, level: str, size: int | tuple[int, int]) -> Configuration:
+        """The configuration of a level at a size; ValueError if there is none."""
+
+    def name_of(self, config: Configuration) -> tuple[str, str]:
+        """The id of a configuration's board, and its title."""
+
+    def seeds(self, config: Configuration) -> tuple[int, ...]:
+        """Those of the instances that policies play on a board."""
 
 
 class Task(Rules, Protocol):
@@ -548,18 +770,6 @@ class Task(Rules, Protocol):
     @property
     def steps_on(self) -> Executor | None:
         """Return the threads on which its runs step; None where a step takes microseconds."""
-
-    @property
-    def daily(self) -> Configuration:
-        """Return what the daily instance is played on."""
-
-    @property
-    def policies(self) -> Policies:
-        """Return the policies on offer."""
-
-    @property
-    def decides(self) -> Decides:
-        """Return how its policies are asked together, on a thread."""
 
     def levels(self) -> list[dict[str, Any]]:
         """Return the levels on offer, as the API lists them."""

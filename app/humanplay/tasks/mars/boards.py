@@ -1,0 +1,37 @@
+"""The boards of MarsExplorer that people come back to."""
+
+from __future__ import annotations
+
+from marsexplorer.config import LEVELS, EnvConfig
+
+FIRST_SEED = 1_000_000_000
+"""Policies play the terrains of this seed and the next ones: training refuses them."""
+
+
+class MarsBoards:
+    """The leaderboard's boards and the daily terrain's (`humanplay.task.Boards`)."""
+
+    daily = EnvConfig.of("random", 21)
+    offered = (
+        *(EnvConfig.of(level, 21) for level in LEVELS),
+        EnvConfig.of("random", 42),
+        EnvConfig.of("random", 84),
+    )
+    """Those of the page's terrain dialog."""
+
+    def configuration(self, level: str, size: int | tuple[int, int]) -> EnvConfig:
+        """The configuration of a level at a size, a side or (rows, cols); ValueError if there is none."""
+        return EnvConfig.of(level, size)
+
+    def name_of(self, config: EnvConfig) -> tuple[str, str]:
+        """Level and size, and of other settings than the level's own a part of their hash."""
+        name = f"{config.level}-{config.rows}x{config.cols}"
+        title = f"{config.level} {config.rows} × {config.cols}"
+        if config == EnvConfig.of(config.level, (config.rows, config.cols)):
+            return name, title
+        return f"{name}-{config.hash[:8]}", f"{title} (settings {config.hash[:8]})"
+
+    def seeds(self, config: EnvConfig) -> tuple[int, ...]:
+        """Those of 100 terrains, fewer on large grids, where an episode takes seconds."""
+        count = 100 if config.n <= 900 else 40 if config.n <= 2500 else 10
+        return tuple(range(FIRST_SEED, FIRST_SEED + count))

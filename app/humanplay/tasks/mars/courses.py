@@ -1,0 +1,55 @@
+"""Drawn replays of MarsExplorer's episodes, and what their moves cost beside Expert's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from humanplay.task import PolicyOffer
+from humanplay.tasks.mars.course import Course, course_of, play_ghost, preferred
+from humanplay.tasks.mars.explanation import explain, unjudged
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Record
+from marsexplorer.evaluation.cost import CostEstimator, check_judged
+from marsexplorer.evaluation.mistakes import MistakeKind
+
+
+class MarsCourses:
+    """The courses of MarsExplorer, and Expert's judgement (`humanplay.task.Courses`)."""
+
+    expert = "ppo"
+    kinds: tuple[str, ...] = tuple(MistakeKind)
+    ended_early: str = MistakeKind.ENDED_EARLY
+
+    def course_of(self, name: str, record: Record) -> Course:
+        """The course of a finished episode; ValueError if this version's rules cannot replay it."""
+        return course_of(name, record)
+
+    def choices(self, offers: Sequence[PolicyOffer], config: EnvConfig) -> list[str]:
+        """The names of the policies that play boards of this size."""
+        return [offer.name for offer in offers if offer.plays(config)]
+
+    def preferred(self, driver: str, names: Sequence[str] | None = None) -> str | None:
+        """The policy to show beside a driver; None if only the driver itself is on offer."""
+        return preferred(driver, names)
+
+    def play_ghost(self, source: str, record: Record) -> Course:
+        """The course of a policy from the start of a record on its terrain; GhostError if it cannot be had."""
+        return play_ghost(source, record)
+
+    def check_judged(self, config: EnvConfig) -> None:
+        """Raise ValueError for large boards and maps, of which no move is judged."""
+        check_judged(config)
+
+    def estimator(self, source: str, cache: Path | None) -> CostEstimator:
+        """What works out costs by a file of Expert."""
+        return CostEstimator(source, cache)
+
+    def explain(self, cache: Path, record: Record, source: str) -> dict[str, Any]:
+        """What a page shows of an episode's costs; ValueError if it cannot be replayed."""
+        return explain(cache, record, source)
+
+    def unjudged(self, record: Record, reason: str) -> dict[str, Any]:
+        """The same where no move is judged."""
+        return unjudged(record, reason)
