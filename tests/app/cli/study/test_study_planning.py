@@ -261,3 +261,9 @@ def test_a_preregistration_says_when_figures_are_seen(study, tmp_path):
     assert "shows no figure of people while the study is open" in study("preregister", "mine")[1]
     code, _, err = study("preregister", "mine", "--out", tmp_path / "no" / "such.md")
     assert (code, "cannot write" in err) == (1, True)
+
+
+def test_a_level_is_refused_of_an_environment_without_levels(study):
+    code, _, err = study("new", "lake", "--env", "FrozenLake-v1", "--level", "1-1-1")
+    assert code == 2
+    assert "FrozenLake-v1 has no levels and sizes: leave --level and --size out" in err
