@@ -19,7 +19,8 @@ import numpy as np
 
 from humanplay.board.attestation import FIRST_MOVES
 from humanplay.command.console import progress as progress_bar
-from humanplay.db.erasure import AskedBy, forget
+from humanplay.db.erasure import forget
+from humanplay.db.rows import AskedBy
 from humanplay.db.store import Store
 from humanplay.db.study_rows import participant_label
 from humanplay.release.build import build_release, request_of

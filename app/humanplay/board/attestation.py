@@ -15,11 +15,12 @@ long.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
-from typing import Any, get_args
+from typing import NamedTuple, get_args
 
 from humanplay.board.controls import PAUSE_MS, Controls, HeldKeys
 from humanplay.db.chain import BegunHash, begin_hash
@@ -29,6 +30,7 @@ from humanplay.db.input_events import (
     has_copied_timing,
     input_events,
 )
+from humanplay.db.rows import EventRow, MoveRow, PlayerSettings
 from humanplay.db.store import Store
 from humanplay.db.trial import Attestation
 
@@ -77,7 +79,6 @@ badly: that must leave them in the estimate for everybody."""
 
 _STEP = re.compile(r"step (\d+): ")
 _KINDS = {"key": "keydown", "touch": "touchdown"}
-Row = Mapping[str, Any]
 KeyMap = Mapping[tuple[str, str], Collection[int]]
 """(kind of event, its code) -> the actions that it may cause."""
 
@@ -123,20 +124,20 @@ def level_reaches(level: Attestation | None, required: Attestation) -> bool:
 
 
 def key_map_of(
-    defaults: Mapping[str, Sequence[str]], settings: Iterable[Mapping[str, Any]] = ()
+    defaults: Mapping[str, Sequence[str]], settings: Iterable[PlayerSettings] = ()
 ) -> KeyMap:
     """Return the actions of every code: of the keys that all pages begin with, of a participant's, of the arrow buttons.
 
     defaults  action -> its keys, of all the task's actions in their order
     settings  what a participant has chosen, in every version so far: a change reaches the server after the page
     """
-    found: dict[tuple[str, str], set[int]] = {}
+    by_key: dict[tuple[str, str], set[int]] = {}
     actions = list(defaults)
-    for keys in (defaults, *(each.get("keys") or {} for each in settings)):
+    for keys in (defaults, *(version.get("keys") or {} for version in settings)):
         for action, codes in keys.items():
             for code in codes:
-                found.setdefault(("keydown", code), set()).add(actions.index(action))
-    return {**found, **{("touchdown", action): {number} for number, action in enumerate(actions)}}
+                by_key.setdefault(("keydown", code), set()).add(actions.index(action))
+    return {**by_key, **{("touchdown", action): {number} for number, action in enumerate(actions)}}
 
 
 def shows_program(reason: str | None) -> bool:
@@ -152,7 +153,9 @@ def shows_program_at_once(reason: str | None) -> bool:
     return step is None or int(step[1]) < FIRST_MOVES
 
 
-def attest(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) -> Attested:
+def attest(
+    moves: Sequence[MoveRow], events: Sequence[EventRow], conditions: Conditions
+) -> Attested:
     """Return the level of a person's episode.
 
     One whose first move fits its press is a person's, whatever comes later: what does not fit then spoils it.
@@ -171,40 +174,52 @@ def attest(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) 
         is_persons = len(moves) > 1 and attest(moves[:1], events, conditions).reason is None
         return Attested("spoilt" if is_persons else "unattested", str(mismatch), mismatch.step)
     ages_ms = (conditions.started_ms - at_ms for at_ms in conditions.supervised_ms)
-    is_supervised = any(0 <= each <= SUPERVISED_FOR_MS for each in ages_ms)
+    is_supervised = any(0 <= age_ms <= SUPERVISED_FOR_MS for age_ms in ages_ms)
     return Attested("supervised" if is_supervised else "attested")
 
 
-def _check_moves(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) -> None:
+class _Sent(NamedTuple):
+    """When a press went down and was sent (clock of its page load, ms), and when it came (server's)."""
+
+    down_ms: float
+    sent_ms: float
+    server_ms: int
+
+
+def _check_moves(
+    moves: Sequence[MoveRow], events: Sequence[EventRow], conditions: Conditions
+) -> None:
     """Check that each move is that of a press of its own."""
-    presses = _presses(moves, events, conditions.key_map)
+    sent, presses = _presses(moves, events, conditions.key_map)
     clocks, gaps = _Clocks(), list[float]()
-    for step, (move, press) in enumerate(zip(moves, presses, strict=True)):
-        _check_press(step, move, press)
+    for step, press in enumerate(presses):
+        _check_press(step, sent[step], press)
         _check_frame(step, moves, press, conditions.types_ahead)
         shown_ms = moves[press["step"] - 1]["server_ms"] if press["step"] else conditions.started_ms
-        gaps.append(clocks.add(moves, step, shown_ms, press["page_load"]))
-    _check_pace(gaps, _is_coarse([float(move["key_down_ms"]) for move in moves]))
+        gaps.append(clocks.add(sent, step, shown_ms, press["page_load"]))
+    _check_pace(gaps, _is_coarse([times.down_ms for times in sent]))
 
 
-def _check_ticks(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) -> None:
+def _check_ticks(
+    moves: Sequence[MoveRow], events: Sequence[EventRow], conditions: Conditions
+) -> None:
     """Check that each tick's action follows from the keys held before it, and that the presses are a page's.
 
     No tick comes while the board stands still: after a pause the page asks for it to go on, and a countdown follows.
     """
     held, at, before, runs_from_ms = HeldKeys(), 0, 0, None
-    presses, shown_ms = list[dict[str, Any]](), list[float]()
+    presses, loads, shown_ms = list[_Sent](), list[int](), list[float]()
     for step, move in enumerate(moves):
         while at < len(events) and events[at]["server_ms"] < move["server_ms"]:
             event, at = events[at], at + 1
-            held.take(event)
+            held.take_row(event)
             if event["kind"] == "resume":
                 runs_from_ms = event["server_ms"] + PAUSE_MS - CLOCK_SLACK_MS
             elif event["kind"] in ("hidden", "pause"):
                 runs_from_ms = None
             elif event["kind"] in _KINDS.values() and not event["repeat"]:
-                sent = {name: event[name] for name in ("client_ms", "server_ms", "page_load")}
-                presses.append({**sent, "key_down_ms": event["client_ms"]})
+                presses.append(_Sent(event["client_ms"], event["client_ms"], event["server_ms"]))
+                loads.append(event["page_load"])
                 if not 0 <= (event["step"] or 0) <= step:
                     raise _MismatchError(f"a press answers the frame of step {event['step']}", step)
                 shown = (event["step"] or 0) - 1
@@ -214,14 +229,14 @@ def _check_ticks(moves: Sequence[Row], events: Sequence[Row], conditions: Condit
             raise _MismatchError(UNTRUSTED_HELD, step)
         if runs_from_ms is None or move["server_ms"] < runs_from_ms:
             raise _MismatchError("time ran while the board stood still", step)
-        made = (move["action"], move["input"])
-        if made not in {each.action(held.down, before) for each in conditions.controls}:
+        action = (move["action"], move["input"])
+        if action not in {controls.action(held.down, before) for controls in conditions.controls}:
             raise _MismatchError("the action does not follow from the keys that were held", step)
         before = move["action"]
     clocks, gaps = _Clocks(), list[float]()
-    for number, press in enumerate(presses):
-        gaps.append(clocks.add(presses, number, shown_ms[number], press["page_load"]))
-    _check_pace(gaps, _is_coarse([press["key_down_ms"] for press in presses]))
+    for number, page_load in enumerate(loads):
+        gaps.append(clocks.add(presses, number, shown_ms[number], page_load))
+    _check_pace(gaps, _is_coarse([press.down_ms for press in presses]))
 
 
 @dataclass(frozen=True)
@@ -241,7 +256,7 @@ class Ending:
 
 
 def prepare_end(
-    store: Store, episode_id: str, conditions: Conditions | None, last: Row | None
+    store: Store, episode_id: str, conditions: Conditions | None, last: MoveRow | None
 ) -> Ending:
     """Return what the end of an episode needs of its input events; call it in `Store.read`, while none can come.
 
@@ -265,70 +280,83 @@ def attest_stored(
 
     ending  what was prepared of it; what has changed since is compared again
     """
-    found = None
+    attested = None
     if (
         ending is not None
         and ending.conditions == conditions
         and ending.events.until == count_input_events(store, episode_id)
     ):
-        found = ending.attested
-    if found is None:
-        found = attest(store.steps(episode_id), input_events(store, episode_id), conditions)
-    if found.level != "unattested" and has_copied_timing(store, episode_id):
+        attested = ending.attested
+    if attested is None:
+        attested = attest(store.steps(episode_id), input_events(store, episode_id), conditions)
+    if attested.level != "unattested" and has_copied_timing(store, episode_id):
         return Attested("spoilt", COPIED)
-    return found
+    return attested
 
 
-def _presses(moves: Sequence[Row], events: Iterable[Row], key_map: KeyMap) -> list[Row]:
-    """Return each move's own input event; they come in the order of the moves and were received before them."""
+def _presses(
+    moves: Sequence[MoveRow], events: Iterable[EventRow], key_map: KeyMap
+) -> tuple[list[_Sent], list[EventRow]]:
+    """The times of each move, and its own input event.
+
+    The events come in the order of the moves, and were received before them.
+    """
     rest = [event for event in events if event["kind"] in _KINDS.values()]
-    found, at = [], 0
+    sent, presses, at = list[_Sent](), list[EventRow](), 0
     for step, move in enumerate(moves):
-        if move["driver"] != "human" or move["input"] not in _KINDS:
+        if move["driver"] != "human" or move["input"] is None or move["input"] not in _KINDS:
             raise _MismatchError(NO_DEVICE, step)
         if move["key_down_ms"] is None or move["client_ms"] is None:
             raise _MismatchError("the move says no times", step)
-        at = _own_press(move, rest, at, step)
+        times = _Sent(float(move["key_down_ms"]), float(move["client_ms"]), move["server_ms"])
+        at = _own_press(times, _KINDS[move["input"]], rest, at, step)
         press, at = rest[at], at + 1
         if not press["trusted"]:
             raise _MismatchError(UNTRUSTED, step)
-        if move["action"] not in key_map.get((press["kind"], press["code"]), ()):
-            what = f"the press {press['code']!r} does not drive where the move went"
-            raise _MismatchError(what, step)
-        found.append(press)
-    return found
+        code = press["code"]
+        if code is None or move["action"] not in key_map.get((press["kind"], code), ()):
+            raise _MismatchError(f"the press {code!r} does not drive where the move went", step)
+        sent.append(times)
+        presses.append(press)
+    return sent, presses
 
 
-def _own_press(move: Row, presses: Sequence[Row], first: int, step: int) -> int:
-    """Return the index of the first press from `first` on that is of a move's kind and time; _MismatchError without one."""
+def _own_press(sent: _Sent, kind: str, presses: Sequence[EventRow], first: int, step: int) -> int:
+    """The index of the first press, from `first` on, of a move's kind and time; _MismatchError if none is."""
     for index in range(first, len(presses)):
         press = presses[index]
-        apart_ms = abs(press["client_ms"] - move["key_down_ms"])
+        apart_ms = abs(press["client_ms"] - sent.down_ms)
         is_same = apart_ms <= SAME_TIME_MS and not press["repeat"]
-        if is_same and press["kind"] == _KINDS[move["input"]]:
-            if press["server_ms"] > move["server_ms"]:
+        if is_same and press["kind"] == kind:
+            if press["server_ms"] > sent.server_ms:
                 raise _MismatchError("its press was received after the move", step)
             return index
     raise _MismatchError("no press of its own was received before the move", step)
 
 
-def _check_press(step: int, move: Row, press: Row) -> None:
+def _check_press(step: int, sent: _Sent, press: EventRow) -> None:
     """Check that a press can have caused its move: in time, after a round trip that can be."""
-    handling_ms = move["client_ms"] - move["key_down_ms"]
+    handling_ms = sent.sent_ms - sent.down_ms
     if not -CLOCK_SLACK_MS <= handling_ms <= LONGEST_HANDLING_MS + CLOCK_SLACK_MS:
         raise _MismatchError(f"the move was sent {handling_ms:.0f} ms after its press", step)
     round_trip_ms = press["round_trip_ms"]
-    if round_trip_ms is not None and not 0 <= round_trip_ms <= move["client_ms"] + CLOCK_SLACK_MS:
+    if round_trip_ms is not None and not 0 <= round_trip_ms <= sent.sent_ms + CLOCK_SLACK_MS:
         raise _MismatchError(f"a round trip of {round_trip_ms:.0f} ms cannot be", step)
 
 
-def _check_frame(step: int, moves: Sequence[Row], press: Row, types_ahead: bool) -> None:
-    """Check that the frame which a press answers can have been on screen then: a few moves old, or the last before a burst."""
+def _check_frame(step: int, moves: Sequence[MoveRow], press: EventRow, types_ahead: bool) -> None:
+    """Check that the frame which a press answers can have been on screen then.
+
+    It is a few moves old, or the last one before a burst.
+    """
     shown = press["step"]
     if shown is not None and step - MOST_STEPS_BEHIND <= shown <= step:
         return
-    is_burst = types_ahead and shown is not None and 0 <= shown < step
-    if not is_burst or press["server_ms"] - moves[shown]["server_ms"] > TYPED_AHEAD_MS:
+    if shown is None or not types_ahead or not 0 <= shown < step:
+        late_ms = math.inf
+    else:
+        late_ms = press["server_ms"] - moves[shown]["server_ms"]
+    if late_ms > TYPED_AHEAD_MS:
         raise _MismatchError(f"the press answers the frame of step {shown}", step)
 
 
@@ -357,15 +385,15 @@ class _Clocks:
         self._last: _Clock | None = None
         self._last_down_ms = 0.0
 
-    def add(self, moves: Sequence[Row], step: int, shown_ms: float, page_load: int) -> float:
-        """Add a move and return the ms since the press before it; _MismatchError when it does not fit its load's clock.
+    def add(self, moves: Sequence[_Sent], step: int, shown_ms: float, page_load: int) -> float:
+        """Add a move and return the ms since the press before it.
+
+        _MismatchError when it does not fit its load's clock.
 
         shown_ms   when the frame was made that was on screen, server's clock
         page_load  that its press came from
         """
-        move = moves[step]
-        sent_ms, received_ms = float(move["client_ms"]), float(move["server_ms"])
-        down_ms = float(move["key_down_ms"])
+        down_ms, sent_ms, received_ms = moves[step]
         low, high = shown_ms - sent_ms - CLOCK_SLACK_MS, received_ms - sent_ms + CLOCK_SLACK_MS
         if low > high:
             raise _MismatchError("the frame that the press answers came after it", step)
@@ -373,20 +401,20 @@ class _Clocks:
         if clock is None or not clock.take(low, high, sent_ms):
             clock = self._of_loads[page_load] = _Clock(low, high, sent_ms)
             self._counted += not _rested(moves[max(0, step - MOST_STEPS_BEHIND - 1) : step + 1])
-            passed_ms = received_ms - moves[0]["server_ms"]
+            passed_ms = received_ms - moves[0].server_ms
             if self._counted > min(MOST_LOADS, FREE_LOADS + passed_ms / MS_PER_LOAD):
                 raise _MismatchError("the page's clock does not run with the server's", step)
         if clock is self._last:
             gap_ms = down_ms - self._last_down_ms
         else:
-            gap_ms = received_ms - moves[step - 1]["server_ms"] if step else 0.0
+            gap_ms = received_ms - moves[step - 1].server_ms if step else 0.0
         self._last, self._last_down_ms = clock, down_ms
         return max(0.0, gap_ms)
 
 
-def _rested(moves: Sequence[Row]) -> bool:
+def _rested(moves: Sequence[_Sent]) -> bool:
     """Return whether the server received nothing for REST_MS between two of the moves."""
-    times = [move["server_ms"] for move in moves]
+    times = [move.server_ms for move in moves]
     return any(after - before >= REST_MS for before, after in pairwise(times))
 
 

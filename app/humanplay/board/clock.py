@@ -83,7 +83,7 @@ class BoardClock:
         """Take input events of the running episode, which are being stored; hold the board's `changing`."""
         for event in events:
             if self.state.state == "running":
-                self._held.take(event.__dict__)
+                self._held.take(event.kind, event.code, event.repeat, event.trusted)
             if event.kind in ("hidden", "pause"):
                 self.stand()
             elif event.kind == "resume" and self.is_standing:

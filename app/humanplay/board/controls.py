@@ -13,8 +13,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Literal
 
+from humanplay.db.rows import EventRow, Input, PlayerSettings
 from humanplay.task import Rules
 
 COUNTDOWN_S = 3.0
@@ -22,12 +22,11 @@ COUNTDOWN_S = 3.0
 PAUSE_MS = int(COUNTDOWN_S * 1000)
 """A gap between two ticks that is no shorter is a pause."""
 
-_PRESSES = {
+_PRESSES: dict[str, tuple[Input, bool]] = {
     "keydown": ("key", True), "keyup": ("key", False), "touchdown": ("touch", True), "touchup": ("touch", False),
 }  # fmt: skip
 _RELEASES = frozenset({"blur", "hidden", "pause", "resume"})
 """Events after which every key counts as up."""
-Input = Literal["key", "touch"]
 
 
 @dataclass(frozen=True)
@@ -50,16 +49,19 @@ class HeldKeys:
     def __init__(self) -> None:
         self._down: dict[tuple[Input, str], bool] = {}
 
-    def take(self, event: Mapping[str, Any]) -> None:
-        """Take an input event, a row of `input_events` or a message's."""
-        kind, code = event["kind"], event["code"]
+    def take(self, kind: str, code: str | None, repeat: int | None, trusted: int | None) -> None:
+        """Take an input event, by the columns of `input_events`."""
         if kind in _RELEASES:
             self._down.clear()
-        if kind in _PRESSES and code is not None and not event["repeat"]:
+        if kind in _PRESSES and code is not None and not repeat:
             by, is_down = _PRESSES[kind]
-            self._down.pop((by, code), None)  # type: ignore[arg-type]
+            self._down.pop((by, code), None)
             if is_down:
-                self._down[by, code] = bool(event["trusted"])  # type: ignore[index]
+                self._down[by, code] = bool(trusted)
+
+    def take_row(self, event: EventRow) -> None:
+        """Take an input event as it is stored."""
+        self.take(event["kind"], event["code"], event["repeat"], event["trusted"])
 
     @property
     def down(self) -> list[tuple[Input, str]]:
@@ -120,10 +122,12 @@ class Controls:
         return (before if self.noop is None else self.noop), None
 
 
-def controls_of(rules: Rules, settings: Iterable[Mapping[str, Any]] = ()) -> tuple[Controls, ...]:
+def controls_of(rules: Rules, settings: Iterable[PlayerSettings] = ()) -> tuple[Controls, ...]:
     """Return the controls of a task's own keys, and those of each version of a participant's settings, the newest last."""
-    keys = ({**rules.keys, **(version.get("keys") or {})} for version in ({}, *settings))
-    return tuple(Controls(version, rules.noop) for version in keys)
+    versions = [PlayerSettings(), *settings]
+    return tuple(
+        Controls({**rules.keys, **(version.get("keys") or {})}, rules.noop) for version in versions
+    )
 
 
 def pauses_of(times_ms: Iterable[float]) -> list[float]:

@@ -7,10 +7,8 @@ compared with them (`humanplay.board.attestation`).
 from __future__ import annotations
 
 import asyncio
-import dataclasses
 from collections.abc import Iterable
 from functools import partial
-from typing import Any
 
 from humanplay.board.attestation import (
     Attested,
@@ -31,6 +29,7 @@ from humanplay.db.input_events import (
     add_input_events,
     input_events,
 )
+from humanplay.db.rows import EventRow, PlayerSettings
 from humanplay.db.store import Closing, SessionRow, StepRow, Store
 from humanplay.db.trial import Trial
 from humanplay.task import Run, Task
@@ -94,14 +93,14 @@ class InputLog:
         """Return the keys that hold now, and what is held by the stored events."""
         await self._written()
 
-        def read() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+        def read() -> tuple[list[EventRow], list[PlayerSettings]]:
             study = self._participation
             return input_events(self._store, episode), study.settings() if study else []
 
         events, settings = await self._store.read(read)
         held = HeldKeys()
         for event in events:
-            held.take(event)
+            held.take_row(event)
         return controls_of(self._task, settings)[-1], held
 
     async def prepare_end(self, episode: Trial, last: StepRow | None = None) -> Ending | None:
@@ -118,7 +117,7 @@ class InputLog:
         await self._written()
 
         def prepare() -> Ending:
-            row = None if last is None else dataclasses.asdict(last)
+            row = None if last is None else last.row()
             return prepare_end(self._store, episode.id, self._conditions(episode), row)
 
         return await self._store.read(prepare)

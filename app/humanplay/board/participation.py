@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 from humanplay.board.controls import ClockLimits
+from humanplay.db.rows import PlayerSettings
 
 HUMAN, SCRIPT = "human", "script"
 """Who drives an episode, if no policy does."""
@@ -58,7 +59,7 @@ class Participation(Protocol):
     def check_events(self, episode_id: str) -> None:
         """Check that input events of an episode are to be kept; RefusedError when it is none of this participation."""
 
-    def settings(self) -> list[dict[str, Any]]:
+    def settings(self) -> list[PlayerSettings]:
         """Return what the participant has chosen (`keys` among it), every version so far."""
 
     def supervised_ms(self) -> tuple[int, ...]:

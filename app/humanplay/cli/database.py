@@ -19,8 +19,8 @@ from humanplay.command.options import KEY, PATH, flag, path_option
 from humanplay.task import counted
 
 if TYPE_CHECKING:
-    from humanplay.db.erasure import AskedBy
     from humanplay.db.reader import Who
+    from humanplay.db.rows import AskedBy
     from humanplay.study.verification import Verification
 
 
@@ -343,10 +343,10 @@ def forget(
         echo(f"erased from {database}: the player {participant}, {counted(count, 'episode')}")
         return
     with failures(f"cannot write {database}"):
-        found = erasure.find_participant(database, participant, study)
+        person = erasure.find_participant(database, participant, study)
         if not yes:
             DatabaseLock(database).close()
-            what = f"the participant {participant} ({found['kind']}, stage {found['stage']}) of the study {found['study']}"
+            what = f"the participant {participant} ({person.kind}, stage {person.stage}) of the study {person.study}"
             click.confirm(f"Erase {what} from {database} for good?", abort=True, err=True)
         done = erasure.forget(database, participant, study, asked_by)
         forget_costs(database)

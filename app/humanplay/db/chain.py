@@ -27,6 +27,7 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 from humanplay.db.columns import TABLES
+from humanplay.db.database import Row, SqlValue
 from humanplay.db.study_rows import SeriesRow
 
 Kind = Literal["series", "session", "episode", "events", "participant"]
@@ -132,7 +133,7 @@ class Played(NamedTuple):
 
 def read_played(conn: sqlite3.Connection, episode_id: str) -> Played:
     """Read the rows of an episode's moves and input events."""
-    every = {"id": episode_id, "first": 0, "until": _BEYOND, "first_move": 0}
+    every: Row = {"id": episode_id, "first": 0, "until": _BEYOND, "first_move": 0}
     steps, events = (select(conn, _rows_of(part), every).fetchall() for part in (_STEPS, _EVENTS))
     return Played(steps, events)
 
@@ -149,11 +150,11 @@ def compute(
     begun   of `begin_hash` with the same salt: the moves and input events that it covers are not read again
     played  an episode's rows where they have been read
     """
-    covered = {"id": thing.id, "first": thing.first, "until": _next_batch(conn, thing)}
-    covered["first_move"] = 0 if begun is None else begun.moves[0]
+    until = _next_batch(conn, thing)
+    first_move = 0 if begun is None else begun.moves[0]
     parts = {}
     for part in _PARTS[thing.kind]:
-        if begun is not None and part is _EVENTS and covered["until"] == _BEYOND:
+        if begun is not None and part is _EVENTS and until == _BEYOND:
             found, first = begun.found.copy(), begun.until
         elif begun is not None and part is _STEPS:
             found, first = begun.moves[1].copy(), thing.first
@@ -162,9 +163,10 @@ def compute(
         if played is not None and part is _STEPS:
             rows = played.steps
         elif played is not None and part is _EVENTS:
-            rows = [row for row in played.events if first <= row[_NUMBER] < covered["until"]]
+            rows = [row for row in played.events if first <= row[_NUMBER] < until]
         else:
-            rows = select(conn, _rows_of(part), {**covered, "first": first}).fetchall()
+            bounds: Row = {"id": thing.id, "first": first, "until": until, "first_move": first_move}
+            rows = select(conn, _rows_of(part), bounds).fetchall()
         found.update(_lines(rows))
         parts[part.table] = found.hexdigest()
     return parts
@@ -193,7 +195,7 @@ def combine(parts: Mapping[str, str]) -> str:
     return hashlib.sha256(canonical(list(parts.items()))).hexdigest()
 
 
-def link(before: str, entry: Iterable[Any]) -> str:
+def link(before: str, entry: Iterable[SqlValue]) -> str:
     """Return an entry's head: SHA-256 (hex) over the head before it and all that the entry is, from its number to its note."""
     return hashlib.sha256(canonical([before, *entry])).hexdigest()
 
@@ -257,7 +259,7 @@ def append_first_move(conn: sqlite3.Connection, episode_id: str) -> None:
 
 
 def append_note(
-    conn: sqlite3.Connection, kind: Mark | Literal["forgotten", "merged"], content: Any
+    conn: sqlite3.Connection, kind: Mark | Literal["forgotten", "merged"], content: object
 ) -> None:
     """Append an entry that stands for no rows and says something instead; `content` is JSON-ready and nobody's secret."""
     note = _note(content)
@@ -266,10 +268,15 @@ def append_note(
 
 def freezing_of(study: SeriesRow) -> tuple[Mark, str]:
     """The kind and the note of the entry that a study was frozen."""
-    named: dict[str, Any] = {"study": study.name, "commitment": study.commitment}
-    fixed = {"protocol_hash": study.protocol_hash, "frozen_ms": study.frozen_ms}
-    configuration = configuration_hash(study.protocol)
-    return "frozen", _note({**named, **fixed, "configuration": configuration})
+    return "frozen", _note(
+        {
+            "study": study.name,
+            "commitment": study.commitment,
+            "protocol_hash": study.protocol_hash,
+            "frozen_ms": study.frozen_ms,
+            "configuration": configuration_hash(study.protocol),
+        }
+    )
 
 
 def configuration_hash(protocol: str) -> str:
@@ -331,7 +338,7 @@ def said_alone(conn: sqlite3.Connection, study: str = "%") -> list[tuple[Mark, s
     return select(conn, sql, [study]).fetchall()
 
 
-def _note(content: Any) -> str:
+def _note(content: object) -> str:
     return canonical(content).decode().rstrip()
 
 
@@ -421,7 +428,9 @@ def _next_batch(conn: sqlite3.Connection, thing: Thing) -> int:
     return _BEYOND if found is None else int(found)
 
 
-def select(conn: sqlite3.Connection, sql: str, values: Any = ()) -> sqlite3.Cursor:
+def select(
+    conn: sqlite3.Connection, sql: str, values: Sequence[SqlValue] | Row = ()
+) -> sqlite3.Cursor:
     """Return a query's cursor whose rows are plain tuples, whatever the connection makes of rows."""
     cursor = conn.cursor()
     cursor.row_factory = None
@@ -431,7 +440,7 @@ def select(conn: sqlite3.Connection, sql: str, values: Any = ()) -> sqlite3.Curs
 _encode = json.JSONEncoder(default=bytes.hex, separators=(",", ":")).encode
 
 
-def canonical(value: Any) -> bytes:
+def canonical(value: object) -> bytes:
     """Return the one line of JSON that is hashed; bytes are written in hexadecimal."""
     return _encode(value).encode() + b"\n"
 

@@ -35,6 +35,7 @@ from humanplay.db.columns import TABLES
 from humanplay.db.database import StoreError, reading, rows, writing
 from humanplay.db.reader import now_ms
 from humanplay.db.resimulation import Finding, simulate
+from humanplay.db.rows import EventRow, MoveRow
 from humanplay.db.study_rows import ORDER_EVENT, SeriesRow
 
 _MAY_HAVE_ENTRY: dict[Kind, str] = {**OWNERS, "session": "SELECT id FROM sessions"}
@@ -126,8 +127,8 @@ class CheckedEpisode:
     """
 
     row: dict[str, Any]
-    steps: list[dict[str, Any]]
-    events: list[dict[str, Any]]
+    steps: list[MoveRow]
+    events: list[EventRow]
     findings: list[Finding]
 
 
@@ -136,15 +137,16 @@ def check_episode(conn: sqlite3.Connection, ident: str) -> CheckedEpisode:
     sql = "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?"
     (row,) = rows(conn, sql, ident)
     played = read_played(conn, ident)
-    steps, events = _by_column("steps", played.steps), _by_column("input_events", played.events)
+    steps: list[MoveRow] = _by_column("steps", played.steps)
+    events: list[EventRow] = _by_column("input_events", played.events)
     findings = [*simulate(row, steps)[1], *check_thing(conn, "episode", ident, played)]
     received = [event for event in events if event["server_ms"] <= row["ended_ms"]]
     return CheckedEpisode(row, steps, received, findings)
 
 
-def _by_column(table: str, found: Rows) -> list[dict[str, Any]]:
+def _by_column(table: str, chained: Rows) -> list[Any]:
     names = TABLES[table].names("chain")
-    return [dict(zip(names, row, strict=True)) for row in found]
+    return [dict(zip(names, row, strict=True)) for row in chained]
 
 
 def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:

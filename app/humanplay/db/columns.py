@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, TypedDict
 
 SCHEMA = 1
 """The number of this schema, which stands in the file as `user_version`."""
@@ -161,19 +161,35 @@ def bundle_reference(table: str, column: str) -> str | None:
     return None if other == table else other
 
 
-def dictionary() -> dict[str, Any]:
-    """Return the column dictionary of a bundle, JSON-ready: table -> its columns with type, meaning, optional."""
+class ColumnNote(TypedDict):
+    """What a bundle's dictionary says of a column."""
+
+    name: str
+    type: ColumnType
+    meaning: str
+    optional: bool
+
+
+class TableNote(TypedDict):
+    """What a bundle's dictionary says of a table."""
+
+    summary: str
+    columns: list[ColumnNote]
+
+
+def dictionary() -> dict[str, TableNote]:
+    """Return the column dictionary of a bundle by table."""
     return {
         table: {
             "summary": summary(table),
             "columns": [
                 {
-                    "name": each.name,
-                    "type": each.exported_type,
-                    "meaning": each.meaning,
-                    "optional": each.optional,
+                    "name": column.name,
+                    "type": column.exported_type,
+                    "meaning": column.meaning,
+                    "optional": column.optional,
                 }
-                for each in bundle_table(table)[1]
+                for column in bundle_table(table)[1]
             ],
         }
         for table in BUNDLE_TABLES

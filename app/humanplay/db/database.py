@@ -75,7 +75,10 @@ __all__ = [
 ]
 
 BUSY_MS = 5_000
-_CONNECTION: Any = {"timeout": BUSY_MS / 1000, "isolation_level": None, "check_same_thread": False}
+SqlValue = str | int | float | bytes | None
+"""What a column holds."""
+Row = dict[str, SqlValue]
+"""A row of any table, by column."""
 RUNS = "runs"
 """The row of `meta` that is there from a server's start to its clean end."""
 COUNT_COMMIT = """INSERT INTO meta VALUES ('commits', '1') ON CONFLICT (name) DO UPDATE SET value = value + 1
@@ -117,6 +120,12 @@ def writing(path: Path, timeout_s: float = BUSY_MS / 1000) -> Iterator[sqlite3.C
             note_commit(path, commits)
     except (sqlite3.Error, OSError) as error:
         raise StoreError(f"the database {path} did not take a write: {error}") from error
+
+
+def _connect(database: Path | str, is_uri: bool = False) -> sqlite3.Connection:
+    return sqlite3.connect(
+        database, BUSY_MS / 1000, isolation_level=None, check_same_thread=False, uri=is_uri
+    )
 
 
 def create_tables(conn: sqlite3.Connection) -> None:
@@ -263,7 +272,7 @@ def commits_in(path: Path) -> tuple[int, bool]:
     # without a log nothing is to be read but the file, and a log is not made here
     uri = path.resolve().as_uri() + "?mode=ro" + ("" if log_path(path).exists() else "&immutable=1")
     try:
-        with closing(sqlite3.connect(uri, uri=True, **_CONNECTION)) as conn:
+        with closing(_connect(uri, is_uri=True)) as conn:
             _check_schema(conn, path, may_be_new=True)
             if _schema_of(conn) == 0:
                 return 0, False
@@ -282,7 +291,7 @@ def open_database(path: Path, durable: bool = False) -> Database:
     check_writable(path)
     check_commits(path)
     try:
-        conn: sqlite3.Connection = sqlite3.connect(path, **_CONNECTION)
+        conn = _connect(path)
     except sqlite3.Error as error:
         raise StoreError(f"cannot open the database {path}: {error}") from error
     try:
@@ -315,7 +324,7 @@ def open_read_only(path: Path) -> Database:
     still = "" if log_path(path).exists() or os.access(path.parent, os.W_OK) else "&immutable=1"
     uri = path.resolve().as_uri() + "?mode=ro" + still
     try:
-        conn: sqlite3.Connection = sqlite3.connect(uri, uri=True, **_CONNECTION)
+        conn = _connect(uri, is_uri=True)
     except sqlite3.Error as error:
         raise StoreError(_explain(path, error)) from error
     try:
@@ -369,14 +378,20 @@ def reading(path: Path) -> Iterator[sqlite3.Connection]:
         release()
 
 
-def stream(conn: sqlite3.Connection, sql: str, *values: Any) -> Iterator[dict[str, Any]]:
-    """Yield a query's rows one at a time, each a dictionary by column; values are for its question marks, or one by name."""
+def stream(conn: sqlite3.Connection, sql: str, *values: SqlValue | Row) -> Iterator[Any]:
+    """Yield a query's rows one at a time, each a dictionary by column.
+
+    The query fixes the types of the columns: whoever hands its rows on gives them a type.
+
+    Args:
+        values: For its question marks, or one mapping for its names.
+    """
     cursor = conn.execute(sql, values[0] if values and isinstance(values[0], dict) else values)
     names = [column[0] for column in cursor.description]
     for row in cursor:
         yield dict(zip(names, row, strict=True))
 
 
-def rows(conn: sqlite3.Connection, sql: str, *values: Any) -> list[dict[str, Any]]:
-    """Return a query's rows, each a dictionary by column."""
+def rows(conn: sqlite3.Connection, sql: str, *values: SqlValue | Row) -> list[Any]:
+    """Return a query's rows (`stream`)."""
     return list(stream(conn, sql, *values))

@@ -16,7 +16,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
 
 from humanplay.db import chain, names, volunteers
 from humanplay.db.backup import check_room
@@ -24,15 +23,13 @@ from humanplay.db.chain import Thing
 from humanplay.db.database import RUNS, StoreError, open_database, reading, rows, transaction
 from humanplay.db.file import DatabaseLock
 from humanplay.db.releases import mark_outdated_releases
-from humanplay.db.study_rows import participant_label
+from humanplay.db.rows import AskedBy, ErasedPerson
+from humanplay.db.study_rows import Participant, participant_label
 from humanplay.task import counted
 
 FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
 ERASED = "erased"
 """Rows of the table `meta` called `erased|STUDY|HASH` count the people who were erased from each study (`note_erased`)."""
-
-AskedBy = Literal["participant", "operator", "review board"]
-"""Who asked for an erasure."""
 
 ARRIVALS = "arrivals"
 """A row of `meta` called `arrivals|STUDY` counts the people whom a release of that study left out; the value is JSON."""
@@ -60,8 +57,8 @@ class ParticipantLookupError(StoreError):
     """No participant is meant, or more than one; the message says which, and what to give instead."""
 
 
-def find_participant(database: Path, name: str, study: str | None = None) -> dict[str, Any]:
-    """Return the row of the one participant with this id, label or outside id, in one study or (None) in all.
+def find_participant(database: Path, name: str, study: str | None = None) -> Participant:
+    """Return the one participant with this id, label or outside id, in one study or (None) in all.
 
     ParticipantLookupError when there is none, or several.
     """
@@ -119,67 +116,65 @@ def _rewritten(database: Path) -> Iterator[sqlite3.Connection]:
         lock.close()
 
 
-def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None) -> dict[str, Any]:
+def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None) -> Participant:
     sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
         WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1))
         AND (?2 IS NULL OR p.study = ?2)"""
     conn.create_function("label", 1, participant_label, deterministic=True)
-    found = rows(conn, sql, name, study)
-    if not found:
+    people = [Participant(**row) for row in rows(conn, sql, name, study)]
+    if not people:
         where = f"the study {study!r} of {database}" if study else str(database)
         raise ParticipantLookupError(
             f"no participant {name!r} in {where}: give their id, label or the outside id of their link"
         )
-    if len(found) > 1:
-        studies = ", ".join(sorted({person["study"] for person in found}))
+    if len(people) > 1:
+        studies = ", ".join(sorted({person.study for person in people}))
         raise ParticipantLookupError(
-            f"{name!r} stands for {counted(len(found), 'participant')} (studies: {studies}): give --study, or "
+            f"{name!r} stands for {counted(len(people), 'participant')} (studies: {studies}): give --study, or "
             "one participant's id; nothing was erased"
         )
-    return found[0]
+    return people[0]
 
 
-def _erase_rows(
-    conn: sqlite3.Connection, person: dict[str, Any], asked_by: AskedBy | None
-) -> Erasure:
+def _erase_rows(conn: sqlite3.Connection, person: Participant, asked_by: AskedBy | None) -> Erasure:
     now = int(time.time() * 1000)
     protocol, closed_ms = conn.execute(
-        "SELECT protocol, closed_ms FROM series WHERE name = ?", [person["study"]]
+        "SELECT protocol, closed_ms FROM series WHERE name = ?", [person.study]
     ).fetchone()
     keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
     # who stays without a name still came then
     hashes = person_hashes(person)[:1] if keeps else person_hashes(person)
-    if person["invitation"] is not None and person["consent_ms"] is not None:
-        hashes = (*hashes, invitation_hash(person["study"], person["invitation"]))
+    if person.invitation is not None and person.consent_ms is not None:
+        hashes = (*hashes, invitation_hash(person.study, person.invitation))
     values = [(each, now) for each in hashes]
     conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", values)
-    if not keeps and person["kind"] == "human":
-        asked = asked_by or ("participant" if asks_erasure(conn, person["id"]) else None)
+    if not keeps and person.kind == "human":
+        asked = asked_by or ("participant" if asks_erasure(conn, person.id) else None)
         note_erased(conn, person, now, closed_ms is not None, asked)
     sql = "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?"
-    elsewhere = conn.execute(sql, (person["player_id"], person["id"])).fetchall()
+    elsewhere = conn.execute(sql, (person.player_id, person.id)).fetchall()
     sessions = _sessions_of(conn, person, {row[0] for row in elsewhere})
     entries = _entries_of(conn, person, sessions)
     stored = {each: chain.unsound_hash(conn, each.kind, each.id) for each in entries if keeps}
     unsound = {each: hash_ for each, hash_ in stored.items() if hash_}
-    conn.execute("DELETE FROM identities WHERE participant_id = ?", [person["id"]])
+    conn.execute("DELETE FROM identities WHERE participant_id = ?", [person.id])
     new = _rename(conn, person) if keeps else {}
     of_session = "SELECT id FROM episodes WHERE session_id = ?"
     episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
     _delete_episodes(conn, episodes, now)
     outdated: tuple[int, ...] = ()
     if not keeps:
-        conn.execute("DELETE FROM stage_events WHERE participant_id = ?", [person["id"]])
-        conn.execute("DELETE FROM participants WHERE id = ?", [person["id"]])
-        outdated = mark_outdated_releases(conn, person["study"], person["joined_ms"], now)
+        conn.execute("DELETE FROM stage_events WHERE participant_id = ?", [person.id])
+        conn.execute("DELETE FROM participants WHERE id = ?", [person.id])
+        outdated = mark_outdated_releases(conn, person.study, person.joined_ms, now)
     for session in sessions:
         conn.execute("DELETE FROM sessions WHERE id = ?", [session])
     _forget_challenges(conn)
     volunteers.renew(conn)
     if not elsewhere:
-        _delete_player(conn, person["player_id"])
+        _delete_player(conn, person.player_id)
     _renew_chain(conn, entries, unsound, new)
-    return Erasure(person["study"], len(episodes), keeps, outdated)
+    return Erasure(person.study, len(episodes), keeps, outdated)
 
 
 def forget_player(database: Path, name: str) -> int:
@@ -228,13 +223,13 @@ def _delete_player(conn: sqlite3.Connection, player_id: str) -> None:
 
 
 def _entries_of(
-    conn: sqlite3.Connection, person: dict[str, Any], sessions: Sequence[str]
+    conn: sqlite3.Connection, person: Participant, sessions: Sequence[str]
 ) -> list[Thing]:
     """Return what may have an entry in the chain of the person: them, their sessions and all episodes of these."""
     of_session = "SELECT id FROM episodes WHERE session_id = ?"
     episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
     things = [("session", each) for each in sessions] + [("episode", each) for each in episodes]
-    return [Thing("participant", person["id"]), *(Thing(*each) for each in things)]
+    return [Thing("participant", person.id), *(Thing(*each) for each in things)]
 
 
 def _renew_chain(
@@ -256,15 +251,15 @@ def _renew_chain(
 
 
 def _sessions_of(
-    conn: sqlite3.Connection, person: dict[str, Any], others: set[str | None]
+    conn: sqlite3.Connection, person: Participant, others: set[str | None]
 ) -> list[str]:
     """Return the person's sessions, those outside the study too, without those of other studies' participants."""
     mine = "SELECT id FROM sessions WHERE ?1 IN (player_id, owner_id) OR id = ?2"
     played = """SELECT DISTINCT e.session_id FROM episodes e JOIN series_episodes s ON s.episode_id = e.id
         WHERE s.participant_id {} ?"""
-    found = {row[0] for row in conn.execute(mine, (person["player_id"], person["session_id"]))}
-    found |= {row[0] for row in conn.execute(played.format("="), [person["id"]])}
-    others = others | {row[0] for row in conn.execute(played.format("<>"), [person["id"]])}
+    found = {row[0] for row in conn.execute(mine, (person.player_id, person.session_id))}
+    found |= {row[0] for row in conn.execute(played.format("="), [person.id])}
+    others = others | {row[0] for row in conn.execute(played.format("<>"), [person.id])}
     return sorted(found - others)
 
 
@@ -291,12 +286,12 @@ def _forget_challenges(conn: sqlite3.Connection) -> None:
     conn.execute(f"UPDATE sessions SET challenges = NULL WHERE {gone}")
 
 
-def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> dict[str, str]:
+def _rename(conn: sqlite3.Connection, person: Participant) -> dict[str, str]:
     """Give participant, player and session new ids, delete what else there is of the person, and return the new ids by old."""
-    names = ("id", "player_id", "session_id", "invitation")
-    old, player, session, invitation = (person[name] for name in names)
+    old, player = person.id, person.player_id
+    session, invitation = person.session_id, person.invitation
     prefixes = ((old, "P"), (player, "B"), (session, "S"), (invitation, "I"))
-    new = {each: prefix + secrets.token_hex(6) for each, prefix in prefixes if each}
+    new = {ident: prefix + secrets.token_hex(6) for ident, prefix in prefixes if ident}
     sql = "INSERT INTO players SELECT ?, created_ms FROM players WHERE id = ?"
     conn.execute(sql, (new[player], player))
     if session:
@@ -306,7 +301,7 @@ def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> dict[str, str]:
         conn.execute(sql, (new[session], session))
     conn.execute(
         "UPDATE participants SET id = ?, player_id = ?, session_id = ?, completion_code = NULL, invitation = ? WHERE id = ?",
-        (new[old], new[player], new.get(session), new.get(invitation), old),
+        (new[old], new[player], new.get(session or ""), new.get(invitation or ""), old),
     )
     for table in ("series_episodes", "stage_events"):
         sql = f"UPDATE {table} SET participant_id = ? WHERE participant_id = ?"
@@ -361,7 +356,7 @@ def asks_erasure(conn: sqlite3.Connection, participant_id: str) -> bool:
 
 def note_erased(
     conn: sqlite3.Connection,
-    person: Mapping[str, Any],
+    person: Participant,
     at_ms: int,
     is_closed: bool,
     asked_by: AskedBy | None,
@@ -372,24 +367,24 @@ def note_erased(
     """
     sql = """SELECT count(*), count(e.ended_ms) FROM series_episodes s JOIN episodes e ON e.id = s.episode_id
         WHERE s.participant_id = ? AND s.phase = 'ranked'"""
-    begun, ended = conn.execute(sql, [person["id"]]).fetchone()
-    tombstone = {
+    begun, ended = conn.execute(sql, [person.id]).fetchone()
+    tombstone: ErasedPerson = {
         "at_ms": at_ms,
-        "stage": person["stage"],
+        "stage": person.stage,
         "after_closing": is_closed,
         "ranked_begun": begun,
         "ranked_ended": ended,
-        "completed": person["completed_ms"] is not None,
+        "completed": person.completed_ms is not None,
         "asked_by": asked_by,
     }
-    name = f"{ERASED}|{person['study']}|{person_hashes(person)[0]}"
+    name = f"{ERASED}|{person.study}|{person_hashes(person)[0]}"
     conn.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", (name, json.dumps(tombstone)))
 
 
-def person_hashes(person: Mapping[str, Any]) -> tuple[str, str]:
+def person_hashes(person: Participant) -> tuple[str, str]:
     """Return what `forgotten_people` keeps of a participant's row: a hash of the id, and one of the times when they came."""
-    came = f"{person['study']}|{person['joined_ms']}|{person['consent_ms']}"
-    return _hash(person["id"]), _hash(came)
+    came = f"{person.study}|{person.joined_ms}|{person.consent_ms}"
+    return _hash(person.id), _hash(came)
 
 
 def invitation_hash(study: str, invitation: str) -> str:
@@ -402,9 +397,7 @@ def trajectory_hash(trajectory: str, started_ms: int, ended_ms: int) -> str:
     return _hash(f"{trajectory}|{started_ms}|{ended_ms}")
 
 
-def forgotten_people(
-    target: sqlite3.Connection, source: sqlite3.Connection
-) -> list[dict[str, Any]]:
+def forgotten_people(target: sqlite3.Connection, source: sqlite3.Connection) -> list[Participant]:
     """Return the source's participants whom the target has forgotten, whatever they are called there."""
     people = {row[0] for row in target.execute("SELECT id_hash FROM forgotten_people")}
     trajectories = {row[0] for row in target.execute("SELECT trajectory_hash FROM forgotten")}
@@ -412,9 +405,11 @@ def forgotten_people(
         return []
     played = f"""SELECT s.participant_id, {TRAJECTORY} FROM episodes e JOIN series_episodes s ON s.episode_id = e.id
         WHERE e.ended_ms IS NOT NULL"""
-    known = {row[0] for row in source.execute(played) if trajectory_hash(*row[1:]) in trajectories}
-    found = rows(source, "SELECT * FROM participants")
-    return [p for p in found if p["id"] in known or people & set(person_hashes(p))]
+    drove = {row[0] for row in source.execute(played) if trajectory_hash(*row[1:]) in trajectories}
+    everybody = [Participant(**row) for row in rows(source, "SELECT * FROM participants")]
+    return [
+        person for person in everybody if person.id in drove or people & set(person_hashes(person))
+    ]
 
 
 def _hash(text: str) -> str:

@@ -26,6 +26,7 @@ from humanplay.db.columns import TABLES, Column, ColumnType, markdown
 from humanplay.db.database import writing
 from humanplay.db.reader import Reader, Who
 from humanplay.db.resimulation import simulate
+from humanplay.db.rows import MoveRow
 from humanplay.db.trial import Trial
 from humanplay.task import counted
 from marsexplorer.files import to_cell, write_whole
@@ -193,16 +194,16 @@ def _stream(
         yield (",".join(COLUMNS[table]) + "\n").encode()
         with reader.snapshot():
             for row in wanted():
-                found = _rows_of(row, reader.steps(row["id"]), table, key)
-                if found:
-                    yield _encoded(found, TABLES[table].columns("export"))
+                rows = _rows_of(row, reader.steps(row["id"]), table, key)
+                if rows:
+                    yield _encoded(rows, TABLES[table].columns("export"))
     finally:
         reader.close()
 
 
 def _rows_of(
-    row: dict[str, Any], steps: list[dict[str, Any]], table: ExportTable, key: bytes
-) -> list[dict[str, Any]]:
+    row: dict[str, Any], steps: list[MoveRow], table: ExportTable, key: bytes
+) -> list[dict[str, object]]:
     """Return what the export says of an episode, by column: one row, or one a step."""
     episode, findings = simulate(row, steps)
     trial = Trial.of(row)
@@ -223,18 +224,25 @@ def _rows_of(
                 "actions": " ".join(actions[step["action"]] for step in steps),
             }
         ]
-    moves = [{**step, **common, "action": actions[step["action"]]} for step in steps]
-    return [{**each, **episode.place(each["step"] + 1)} for each in moves] if episode else moves
+    return [
+        {
+            **step,
+            **common,
+            "action": actions[step["action"]],
+            **(episode.place(step["step"] + 1) if episode else {}),
+        }
+        for step in steps
+    ]
 
 
-def _encoded(found: list[dict[str, Any]], columns: Sequence[Column]) -> bytes:
+def _encoded(rows: list[dict[str, object]], columns: Sequence[Column]) -> bytes:
     out = io.StringIO()
-    lines = ([csv_cell(row.get(each.name), each.type) for each in columns] for row in found)
+    lines = ([csv_cell(row.get(column.name), column.type) for column in columns] for row in rows)
     csv.writer(out, lineterminator="\n").writerows(lines)
     return out.getvalue().encode()
 
 
-def csv_cell(value: Any, kind: ColumnType) -> Any:
+def csv_cell(value: object, kind: ColumnType) -> object:
     """Return a value as a CSV file holds it: truth values are true and false, what is absent is empty."""
     if kind == "boolean" and value is not None:
         return "true" if value else "false"

@@ -9,11 +9,12 @@ import math
 import sqlite3
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
 from humanplay.db.reader import Reader
+from humanplay.db.rows import EventRow
 from humanplay.db.store import Store
 
 MAX_EVENTS_PER_EPISODE = 50_000
@@ -143,7 +144,7 @@ def _number_load(conn: sqlite3.Connection, episode_id: str, page_load: PageLoad)
     return tab, len(loads)
 
 
-def input_events(reader: Reader, episode_id: str) -> list[dict[str, Any]]:
+def input_events(reader: Reader, episode_id: str) -> list[EventRow]:
     """Return an episode's input events in order."""
     sql = "SELECT * FROM input_events WHERE episode_id = ? ORDER BY number"
     return reader.query(sql, [episode_id])

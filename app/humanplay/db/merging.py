@@ -8,12 +8,20 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from humanplay.db import chain, volunteers
 from humanplay.db.chain import Kind, Thing
 from humanplay.db.columns import TABLES
-from humanplay.db.database import StoreError, open_database, reading, rows, stream, transaction
+from humanplay.db.database import (
+    Row,
+    SqlValue,
+    StoreError,
+    open_database,
+    reading,
+    rows,
+    stream,
+    transaction,
+)
 from humanplay.db.erasure import forgotten_people, learn_forgotten
 from marsexplorer.files import replace_whole
 
@@ -155,21 +163,21 @@ def _check_same_parts(
             )
 
 
-def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str, set[Any]]:
+def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str, set[SqlValue]]:
     """Return the source's ids that are not to be merged, by table."""
     people = forgotten_people(target, source)
-    hidden: dict[str, set[Any]] = {"players": set(), "sessions": set()}
-    hidden["participants"] = {each["id"] for each in people}
+    hidden: dict[str, set[SqlValue]] = {"players": set(), "sessions": set()}
+    hidden["participants"] = {person.id for person in people}
     for person in people:
         sessions = "SELECT id FROM sessions WHERE ? IN (player_id, owner_id) OR id = ?"
-        found = source.execute(sessions, (person["player_id"], person["session_id"]))
-        hidden["sessions"] |= {row[0] for row in found}
+        played = source.execute(sessions, (person.player_id, person.session_id))
+        hidden["sessions"] |= {row[0] for row in played}
         sql = "SELECT id, session_id FROM participants WHERE player_id = ?"
-        found = source.execute(sql, [person["player_id"]])
-        elsewhere = [row for row in found if row[0] not in hidden["participants"]]
+        in_studies = source.execute(sql, [person.player_id])
+        elsewhere = [row for row in in_studies if row[0] not in hidden["participants"]]
         hidden["sessions"] -= {row[1] for row in elsewhere}
         if not elsewhere:
-            hidden["players"].add(person["player_id"])
+            hidden["players"].add(person.player_id)
     sql = "SELECT id, session_id FROM episodes"
     every = source.execute(sql).fetchall() if hidden["sessions"] else []
     hidden["episodes"] = {ident for ident, session in every if session in hidden["sessions"]}
@@ -177,27 +185,25 @@ def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str,
 
 
 def _visible(
-    table: str, found: Iterable[dict[str, Any]], hidden: dict[str, set[Any]]
-) -> Iterator[dict[str, Any]]:
+    table: str, rows_of_table: Iterable[Row], hidden: dict[str, set[SqlValue]]
+) -> Iterator[Row]:
     names = {name: of for name, (of, _) in MERGED[table].references().items()}
     if "id" in MERGED[table].names():
         names["id"] = table
-    for row in found:
+    for row in rows_of_table:
         if row.get("challenges") in hidden["episodes"]:
             row["challenges"] = None
         if not any(row[name] in hidden.get(of, ()) for name, of in names.items()):
             yield row
 
 
-def _as_outdated(
-    target: sqlite3.Connection, found: Iterator[dict[str, Any]]
-) -> Iterator[dict[str, Any]]:
+def _as_outdated(target: sqlite3.Connection, releases: Iterator[Row]) -> Iterator[Row]:
     """Yield releases, those that the target has too outdated since the earlier of both times, there as well."""
     match = "study = ? AND version = ? AND manifest_hash = ? AND released_ms = ?"
-    for row in found:
+    for row in releases:
         key = row["study"], row["version"], row["manifest_hash"], row["released_ms"]
-        for known in rows(target, f"SELECT outdated_ms FROM releases WHERE {match}", *key):
-            times = {known["outdated_ms"], row["outdated_ms"]} - {None}
+        for stored in rows(target, f"SELECT outdated_ms FROM releases WHERE {match}", *key):
+            times: set[int] = {stored["outdated_ms"], row["outdated_ms"]} - {None}
             row["outdated_ms"] = min(times, default=None)
             sql = f"UPDATE releases SET outdated_ms = ? WHERE {match}"
             target.execute(sql, (row["outdated_ms"], *key))
@@ -205,7 +211,7 @@ def _as_outdated(
 
 
 def _merge_table(
-    target: sqlite3.Connection, table: str, wanted: Iterator[dict[str, Any]], where: str
+    target: sqlite3.Connection, table: str, wanted: Iterator[Row], where: str
 ) -> tuple[int, int]:
     """Return how many rows were added and how many were there already."""
     columns, insert = MERGED[table].names(), MERGED[table].insert(how="INSERT OR IGNORE")
@@ -220,7 +226,7 @@ def _merge_table(
 
 
 def _check_equal(
-    target: sqlite3.Connection, table: str, chunk: list[tuple[Any, ...]], where: str
+    target: sqlite3.Connection, table: str, chunk: list[tuple[SqlValue, ...]], where: str
 ) -> None:
     """Raise MergeError naming the first row of the chunk that does not stand in the target exactly so."""
     columns = MERGED[table].names()
@@ -229,7 +235,11 @@ def _check_equal(
     for row in chunk:
         if target.execute(f"SELECT 1 FROM {table} WHERE {match}", row).fetchone() is None:
             pairs = zip(columns, row, strict=True)
-            named = ", ".join(f"{name} {value}" for name, value in pairs if name in keys)
+            named = ", ".join(
+                f"{name} {value}"
+                for name, value in pairs
+                if name in keys and not isinstance(value, bytes)
+            )
             raise MergeError(
                 f"the table {table} has {named} with another content in {where} than before: nothing was joined; one of the "
                 "two was changed, or they are a copy and its original under other names"
@@ -256,7 +266,7 @@ def _merge_series(target: sqlite3.Connection, source: sqlite3.Connection, where:
             )
 
 
-def _check_same_series(old: dict[str, Any], row: dict[str, Any], where: str) -> None:
+def _check_same_series(old: Row, row: Row, where: str) -> None:
     """Raise MergeError when two studies of one name are not one study."""
     fixed = ("protocol_hash", "commitment", "protocol", "frozen_ms")
     for name in fixed:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Mapping
-from typing import Any
+from typing import NamedTuple, TypedDict
 
 from humanplay.db.reader import Reader
 
@@ -22,24 +22,47 @@ _PEOPLE = f"""SELECT n.player_id, n.name, g.episodes, g.gap
 _OWN = """SELECT n.name, n.hidden FROM (SELECT ? AS id) p LEFT JOIN names n ON n.player_id = p.id"""
 
 
+class NamedPlayer(NamedTuple):
+    """A named player: their ranked episodes, and their mean moves minus Expert's."""
+
+    player_id: str
+    name: str
+    episodes: int
+    gap: float
+
+
+class OwnName(TypedDict):
+    """A player's own name, None for none, and whether an operator has hidden it."""
+
+    name: str | None
+    hidden: bool
+
+
+class ChosenName(OwnName):
+    """A name, and when it was chosen."""
+
+    chosen_ms: int
+
+
 class NameTakenError(ValueError):
     """Somebody has this name, or one that looks like it."""
 
 
 def people(
     reader: Reader, expert_steps: Mapping[str, float], least_episodes: int
-) -> list[dict[str, Any]]:
+) -> list[NamedPlayer]:
     """Named players by their gap to Expert, the smallest first; hidden names are left out.
 
     Args:
         expert_steps: Expert's mean moves, by the hash of a configuration.
         least_episodes: Fewest ranked episodes of a player in the list.
     """
-    return reader.query(_PEOPLE, [json.dumps(dict(expert_steps)), least_episodes])
+    rows = reader.query(_PEOPLE, [json.dumps(dict(expert_steps)), least_episodes])
+    return [NamedPlayer(**row) for row in rows]
 
 
-def own(reader: Reader, player_id: str) -> dict[str, Any]:
-    """A player's own name, None for none, and whether an operator has hidden it."""
+def own(reader: Reader, player_id: str) -> OwnName:
+    """A player's own name."""
     (row,) = reader.query(_OWN, [player_id])
     return {"name": row["name"], "hidden": bool(row["hidden"])}
 
@@ -71,10 +94,13 @@ def hide_name(conn: sqlite3.Connection, name: str, hidden: bool) -> bool:
     return conn.execute("UPDATE names SET hidden = ? WHERE name = ?", (hidden, name)).rowcount > 0
 
 
-def newest_names(reader: Reader) -> list[dict[str, Any]]:
+def newest_names(reader: Reader) -> list[ChosenName]:
     """The names that were chosen last, and whether each is hidden."""
     sql = "SELECT name, chosen_ms, hidden FROM names ORDER BY chosen_ms DESC LIMIT ?"
-    return [{**row, "hidden": bool(row["hidden"])} for row in reader.query(sql, [SHOWN])]
+    return [
+        {"name": row["name"], "chosen_ms": row["chosen_ms"], "hidden": bool(row["hidden"])}
+        for row in reader.query(sql, [SHOWN])
+    ]
 
 
 def named(conn: sqlite3.Connection, name: str) -> str | None:

@@ -11,13 +11,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from humanplay.db.database import StoreError, open_read_only
+from humanplay.db.database import SqlValue, StoreError, open_read_only
 from humanplay.db.file import hold
+from humanplay.db.rows import MoveRow
 from humanplay.db.study_rows import SeriesRow
 from humanplay.db.trial import Trial
-from humanplay.task import Record
+from humanplay.task import Configuration, Record
 
 if TYPE_CHECKING:
     from sqlite_utils import Database
@@ -65,6 +66,19 @@ def now_ms() -> int:
 def utc_day(at_ms: int) -> str:
     """Return the date (UTC) of a time in milliseconds since 1970: "2026-11-22"."""
     return datetime.fromtimestamp(at_ms / 1000, UTC).date().isoformat()
+
+
+class Best(NamedTuple):
+    """What a player has played on a configuration.
+
+    episodes, explored  how many, and how many of them were explored
+    best                the explored one with the fewest moves on a terrain that was new to the player, by their own hand
+    """
+
+    config: Configuration
+    episodes: int
+    explored: int
+    best: Trial | None
 
 
 class Reader:
@@ -120,9 +134,9 @@ class Reader:
         finally:
             self._db.conn.execute("ROLLBACK")
 
-    def query(self, sql: str, given: Sequence[Any] = ()) -> list[dict[str, Any]]:
-        """Return a query's rows by column, for the modules of this package; `given` fills the question marks."""
-        return list(self._db.query(sql, list(given)))
+    def query(self, sql: str, values: Sequence[SqlValue] = ()) -> list[Any]:
+        """A query's rows by column, for the modules of this package; `values` fill the question marks."""
+        return list(self._db.query(sql, list(values)))
 
     def count(self, who: Who = "all") -> int:
         """Return the number of finished episodes."""
@@ -139,9 +153,9 @@ class Reader:
 
         player  theirs alone: what they drove, not what policies did beside them
         """
-        driven, given = ("", []) if player is None else (_DRIVEN_BY_PLAYER, [player])
+        driven, values = ("", []) if player is None else (_DRIVEN_BY_PLAYER, [player])
         sql = f"{self._select}{_FILTER[who]}{driven} ORDER BY e.started_ms, e.id"
-        return self._db.query(sql, given)
+        return self._db.query(sql, values)
 
     def newest_counted(self, config_hash: str, most: int) -> list[Trial]:
         """Return the newest counted episodes of a configuration, at most so many, oldest first."""
@@ -156,34 +170,29 @@ class Reader:
         """
         return self._page(self._select_played + _DRIVEN_BY_PLAYER, "", limit, after, player)
 
-    def bests_of(self, player: str) -> list[dict[str, Any]]:
-        """Return the `config` of the episodes of `played_by`, the most played first, how many `episodes`, and `explored` ones.
-
-        `best` is the explored one with the fewest moves on a terrain that was new to the player, by their own hand, or None.
-        """
-        found = []
+    def bests_of(self, player: str) -> list[Best]:
+        """What a player has played by configuration (episodes of `played_by`), the most played first."""
+        bests = []
         for row in self.query(_BESTS.format(self._select_played + _DRIVEN_BY_PLAYER), [player]):
             (shown,) = self.query(f"{self._select_played} AND e.id = ?", [row["id"]])
-            counts, trial = {each: row[each] for each in ("episodes", "explored")}, Trial.of(shown)
+            trial = Trial.of(shown)
             best = trial if row["is_fresh"] else None
-            found.append({"config": trial.config, **counts, "best": best})
-        return found
+            bests.append(Best(trial.config, row["episodes"], row["explored"], best))
+        return bests
 
-    def steps(self, episode_id: str) -> list[dict[str, Any]]:
-        """Return an episode's step rows in order."""
-        return list(
-            self._db.query("SELECT * FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
-        )
+    def steps(self, episode_id: str) -> list[MoveRow]:
+        """Return an episode's moves in order."""
+        return self.query("SELECT * FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
 
     def episodes(
         self, limit: int = 50, after: str | None = None, who: Who = "all"
-    ) -> list[dict[str, Any]]:
+    ) -> list[dict[str, object]]:
         """Return finished episodes, newest first, with seed, totals and the actions in words.
 
         after  id of the last one of the page before; LookupError where no finished episode has it
         """
-        found = self._page(self._select, _FILTER[who], limit, after)
-        return [_described(trial, self._actions(trial.id)) for trial in found]
+        trials = self._page(self._select, _FILTER[who], limit, after)
+        return [_described(trial, self._actions(trial.id)) for trial in trials]
 
     def _page(
         self, select: str, which: str, limit: int, after: str | None, *given: str
@@ -200,22 +209,23 @@ class Reader:
         sql = f"{select}{which}{following} ORDER BY e.ended_ms DESC, e.id LIMIT {limit:d}"
         return list(map(Trial.of, self.query(sql, values)))
 
-    def _actions(self, episode_id: str) -> list[dict[str, Any]]:
+    def _actions(self, episode_id: str) -> list[int]:
         sql = "SELECT action FROM steps WHERE episode_id = ? ORDER BY step"
-        return self.query(sql, [episode_id])
+        return [row["action"] for row in self.query(sql, [episode_id])]
 
     def trial(self, episode_id: str) -> Trial | None:
         """Return one finished episode without its moves, or None."""
         found = self.query(f"{self._select} AND e.id = ?", [episode_id])
         return Trial.of(found[0]) if found else None
 
-    def episode(self, episode_id: str) -> dict[str, Any] | None:
+    def episode(self, episode_id: str) -> dict[str, object] | None:
         """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None."""
         if (trial := self.trial(episode_id)) is None:
             return None
         steps = self.steps(episode_id)
         moves = [_move(step, trial.rules.actions) for step in steps]
-        return {**_described(trial, steps), "moves": moves}
+        actions = [step["action"] for step in steps]
+        return {**_described(trial, actions), "moves": moves}
 
     def who_drove(self, episode_id: str, viewer: str | None = None) -> str:
         """Return who drove an episode: "you" (the viewer), "synthetic" (a synthetic participant), else its driver."""
@@ -243,13 +253,12 @@ class Reader:
         raise StoreError(f"no finished episode {episode_id!r} in {self.path}: see `episodes`")
 
 
-def _move(step: dict[str, Any], actions: Sequence[str]) -> dict[str, Any]:
-    names = ["step", "reward", "discovered", "server_ms", "client_ms", "key_down_ms", "key_up_ms"]
-    names += ["input", "driver"]
-    return {"action": actions[step["action"]], **{name: step[name] for name in names}}
+def _move(step: MoveRow, actions: Sequence[str]) -> dict[str, object]:
+    rest = {name: value for name, value in step.items() if name not in ("episode_id", "action")}
+    return {"action": actions[step["action"]], **rest}
 
 
-def _described(trial: Trial, steps: list[dict[str, Any]]) -> dict[str, Any]:
+def _described(trial: Trial, actions: list[int]) -> dict[str, object]:
     """Return an episode for the API."""
     config = trial.config.to_dict()
     plain = ("seed", "driver", "assisted", "seed_chosen", "terrain_met_before", "counts", "config_hash", "core_version",
@@ -265,5 +274,5 @@ def _described(trial: Trial, steps: list[dict[str, Any]]) -> dict[str, Any]:
         "start": list(trial.start),
         **{name: getattr(trial, name) for name in plain},
         "return": trial.total,
-        "actions": [trial.rules.actions[step["action"]] for step in steps],
+        "actions": [trial.rules.actions[action] for action in actions],
     }

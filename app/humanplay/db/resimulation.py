@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from humanplay.db.rows import MoveRow
 from humanplay.db.trial import Trial
 from humanplay.task import Run
 
@@ -34,9 +35,7 @@ def _short(value: Any) -> str:
     return text if len(text) <= 200 else text[:197] + "..."
 
 
-def simulate(
-    row: dict[str, Any], steps: Sequence[dict[str, Any]]
-) -> tuple[Run | None, list[Finding]]:
+def simulate(row: dict[str, Any], steps: Sequence[MoveRow]) -> tuple[Run | None, list[Finding]]:
     """Return a finished episode simulated again, None where it cannot be, and what differs from its rows.
 
     row, steps  as `Reader.finished` and `Reader.steps` give them
@@ -49,7 +48,7 @@ def simulate(
 Found = tuple[str, Any, Any]
 
 
-def _simulated(row: dict[str, Any], steps: list[dict[str, Any]], found: list[Found]) -> Run | None:
+def _simulated(row: dict[str, Any], steps: list[MoveRow], found: list[Found]) -> Run | None:
     try:
         trial = Trial.of(row)
     except (ValueError, TypeError) as error:
@@ -108,7 +107,7 @@ def _of_totals(row: dict[str, Any], episode: Run) -> Iterator[Found]:
             yield name, row[name], getattr(made, name)
 
 
-def _of_steps(steps: list[dict[str, Any]], episode: Run) -> Iterator[Found]:
+def _of_steps(steps: list[MoveRow], episode: Run) -> Iterator[Found]:
     counts = episode.counts()
     for number, (step, reward) in enumerate(zip(steps, episode.rewards(), strict=True)):
         if step["reward"] != reward:

@@ -12,7 +12,7 @@ import secrets
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
@@ -20,6 +20,7 @@ from humanplay.db.database import rows
 from humanplay.db.erasure import ARRIVALS, ERASED, asks_erasure, invitation_hash
 from humanplay.db.playground import MOVES
 from humanplay.db.reader import ATTESTED, TRIAL, Reader
+from humanplay.db.rows import ErasedPerson, MoveTime, NotedArrivals, PlayerSettings
 from humanplay.db.store import Store
 from humanplay.db.study_rows import ORDER_EVENT, Participant, SeriesRow, Stage, StageEventRow
 from humanplay.db.trial import DAILY, Phase, Trial
@@ -147,7 +148,7 @@ class StudyStore:
         self,
         participant: Participant,
         identities: Mapping[str, str],
-        joined: Mapping[str, Any] | None = None,
+        joined: Mapping[str, object] | None = None,
     ) -> None:
         """Add a participant, and who they are elsewhere; `joined` goes into the detail of the stage event."""
         with self._changing(participant.id):
@@ -159,13 +160,15 @@ class StudyStore:
             self._add(participant.id, participant.joined_ms, "joined", detail)
 
     def add_stage_event(
-        self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]
+        self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, object]
     ) -> None:
         """Add an event to those of a participant."""
         with self._changing(participant_id):
             self._add(participant_id, at_ms, kind, detail)
 
-    def set_stage(self, participant_id: str, at_ms: int, stage: Stage, **columns: Any) -> None:
+    def set_stage(
+        self, participant_id: str, at_ms: int, stage: Stage, **columns: str | int
+    ) -> None:
         """Move a participant to a stage, and set further columns."""
         with self._changing(participant_id):
             self._set(participant_id, {"stage": stage, **columns})
@@ -189,7 +192,7 @@ class StudyStore:
         """Whether a participant withdrew and asked that what they had played be erased."""
         return asks_erasure(self._conn, participant_id)
 
-    def set_settings(self, participant_id: str, at_ms: int, settings: Mapping[str, Any]) -> None:
+    def set_settings(self, participant_id: str, at_ms: int, settings: Mapping[str, object]) -> None:
         """Set a participant's settings, and add the change to their events."""
         with self._changing(participant_id):
             self._set(participant_id, {"settings": json.dumps(settings, sort_keys=True)})
@@ -211,7 +214,7 @@ class StudyStore:
         sql = "SELECT at_ms FROM stage_events WHERE participant_id = ? AND kind = 'supervised' ORDER BY number"
         return tuple(at_ms for (at_ms,) in self._conn.execute(sql, [participant_id]).fetchall())
 
-    def settings(self, participant_id: str) -> list[dict[str, Any]]:
+    def settings(self, participant_id: str) -> list[PlayerSettings]:
         """Return what a participant has chosen, every version so far."""
         sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = 'settings' ORDER BY number"
         found = self._conn.execute(sql, [participant_id]).fetchall()
@@ -268,12 +271,14 @@ class StudyStore:
         with self._store.transaction(), chain.changing(self._conn, "participant", participant_id):
             yield
 
-    def _set(self, participant_id: str, columns: Mapping[str, Any]) -> None:
+    def _set(self, participant_id: str, columns: Mapping[str, str | int]) -> None:
         names = ", ".join(f"{name} = ?" for name in columns)
         sql = f"UPDATE participants SET {names} WHERE id = ?"
         self._conn.execute(sql, (*columns.values(), participant_id))
 
-    def _add(self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]) -> None:
+    def _add(
+        self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, object]
+    ) -> None:
         values = (participant_id, at_ms, kind, json.dumps(detail, sort_keys=True))
         self._conn.execute(_ADD_EVENT, values)
 
@@ -281,8 +286,6 @@ class StudyStore:
         row = self._conn.execute(f"SELECT * FROM participants WHERE {where}", values).fetchone()
         return None if row is None else Participant(*row)
 
-
-Row = dict[str, Any]
 
 _ACTIVITY = f"""SELECT {STUDY_TRIAL}, (SELECT max(server_ms) FROM steps WHERE episode_id = e.id) AS moved_ms {STUDY_JOINED}
     WHERE p.study = ?"""
@@ -345,17 +348,18 @@ def exports_while_open(reader: Reader, study: str, commitment: str) -> list[int]
     return [int(row["at_ms"]) for row in reader.query(sql, [study, commitment])]
 
 
-def erased_people(reader: Reader, study: str) -> list[dict[str, Any]]:
-    """Return what is kept of everybody whose rows were erased from a study (`humanplay.db.erasure.note_erased`)."""
+def erased_people(reader: Reader, study: str) -> list[ErasedPerson]:
+    """What is noted of everybody whose rows were erased from a study."""
     sql = "SELECT value FROM meta WHERE name LIKE ? || '|' || ? || '|%'"
-    found = reader.query(sql, [ERASED, study])
-    return [json.loads(row["value"]) for row in found]
+    return [json.loads(row["value"]) for row in reader.query(sql, [ERASED, study])]
 
 
-def noted_arrivals(reader: Reader, study: str) -> dict[str, Any]:
-    """Return the counts of people whom a release left out, in a database that was imported from one; empty otherwise."""
-    found = reader.query("SELECT value FROM meta WHERE name = ?", [f"{ARRIVALS}|{study}"])
-    return dict(json.loads(found[0]["value"])) if found else {}
+def noted_arrivals(reader: Reader, study: str) -> NotedArrivals:
+    """The counts of people whom a release left out; empty if the database was imported from none."""
+    counts = NotedArrivals()
+    for row in reader.query("SELECT value FROM meta WHERE name = ?", [f"{ARRIVALS}|{study}"]):
+        counts = json.loads(row["value"])
+    return counts
 
 
 def stage_events(reader: Reader, study: str, kinds: Sequence[str] = ()) -> list[StageEventRow]:
@@ -372,8 +376,8 @@ def study_trials(reader: Reader, study: str) -> list[Trial]:
     return [Trial.of(row) for row in reader.query(sql, [study])]
 
 
-def move_inputs(reader: Reader, episode_id: str) -> list[Row]:
-    """Return `input`, `server_ms` and `discovered` (cells known after it) of an episode's moves in order."""
+def move_inputs(reader: Reader, episode_id: str) -> list[MoveTime]:
+    """When, by what and with what effect the moves of an episode were made, in order."""
     sql = "SELECT input, server_ms, discovered FROM steps WHERE episode_id = ? ORDER BY step"
     return reader.query(sql, [episode_id])
 
@@ -383,9 +387,18 @@ def trial_activity(reader: Reader, study: str) -> list[Trial]:
     return [Trial.of(row) for row in reader.query(_ACTIVITY, [study])]
 
 
-def event_summaries(reader: Reader, study: str) -> dict[str, Row]:
-    """Return per participant with stage events the time of the last one (`last_ms`) and the number of `deviations`."""
-    return {row["participant_id"]: row for row in reader.query(_EVENT_SUMMARY, [study])}
+class EventSummary(NamedTuple):
+    """When a participant's last stage event was, and how many deviations they have."""
+
+    participant_id: str
+    last_ms: int
+    deviations: int
+
+
+def event_summaries(reader: Reader, study: str) -> dict[str, EventSummary]:
+    """Sum up the stage events of each participant who has any, by their id."""
+    summaries = [EventSummary(**row) for row in reader.query(_EVENT_SUMMARY, [study])]
+    return {summary.participant_id: summary for summary in summaries}
 
 
 def withdrawals(reader: Reader, study: str) -> list[StageEventRow]:
@@ -432,6 +445,6 @@ def attempts_of(reader: Reader, player_id: str) -> list[Trial]:
     return [Trial.of(row) for row in reader.query(_ATTEMPTS, [player_id])]
 
 
-def results(reader: Reader, series: str, before_ms: int) -> list[dict[str, Any]]:
+def results(reader: Reader, series: str, before_ms: int) -> list[Any]:
     """Return people's attempts at a day's terrain that ended before a time, in the order of their ends."""
     return reader.query(_RESULTS, [series, before_ms])

@@ -42,6 +42,7 @@ from humanplay.db.file import DatabaseLock, FilePlace, LostDatabaseError, WriteR
 from humanplay.db.metrics import Metrics
 from humanplay.db.read_threads import ReadThreads
 from humanplay.db.reader import JOINED, TRIAL, Reader
+from humanplay.db.rows import Input, MoveRow
 from humanplay.db.trial import Trial
 from humanplay.task import Record, counted
 
@@ -127,8 +128,24 @@ class StepRow:
     client_ms: float | None
     key_down_ms: float | None
     key_up_ms: float | None
-    input: Literal["key", "touch"] | None
+    input: Input | None
     driver: str
+
+    def row(self) -> MoveRow:
+        """Return it as a query does."""
+        return {
+            "episode_id": self.episode_id,
+            "step": self.step,
+            "action": self.action,
+            "reward": self.reward,
+            "discovered": self.discovered,
+            "server_ms": self.server_ms,
+            "client_ms": self.client_ms,
+            "key_down_ms": self.key_down_ms,
+            "key_up_ms": self.key_up_ms,
+            "input": self.input,
+            "driver": self.driver,
+        }
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol
 
+from humanplay.db.rows import StageEvent
 from humanplay.db.trial import ParticipantKind
 
 Stage = Literal[
@@ -82,6 +84,10 @@ class StageEventRow(NamedTuple):
     at_ms: int
     kind: str
     detail: str
+
+    def event(self) -> StageEvent:
+        """Return it with its detail parsed."""
+        return StageEvent(self.at_ms, self.kind, json.loads(self.detail))
 
 
 def participant_label(participant_id: str) -> str:

@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import Any, Literal
 
 from humanplay.db.columns import TABLES
+from humanplay.db.rows import MoveRow
 from humanplay.task import Configuration, Record, Rules
 from humanplay.task.registration import rules_of
 
@@ -98,14 +99,15 @@ class Trial:
 
         ValueError or TypeError where the configuration in it is none.
         """
-        given = {name: row[name] for name in _FIELDS & row.keys() if row[name] is not None}
-        given["seed"] = row["seed"]
+        values = {name: row[name] for name in _FIELDS & row.keys() if row[name] is not None}
+        values["seed"] = row["seed"]
         for name in ("seed_chosen", "assisted", "terrain_met_before", "counts"):
-            given[name] = bool(row.get(name))
-        start = (row["start_row"], row["start_col"])
-        return cls(**{**given, "config": parse_config(row["task"], row["config"]), "start": start})
+            values[name] = bool(row.get(name))
+        values["config"] = parse_config(row["task"], row["config"])
+        values["start"] = (row["start_row"], row["start_col"])
+        return cls(**values)
 
-    def row(self) -> dict[str, Any]:
+    def row(self) -> dict[str, object]:
         """Return what the table `episodes` holds of it, by column."""
         derived = {
             "level": self.config.level,
@@ -174,15 +176,15 @@ class Trial:
         left = self.outcome in LEFT
         return replace(self.forfeited(), outcome=self.outcome) if left else self
 
-    def record(self, steps: Sequence[Mapping[str, Any]]) -> Record:
-        """Return the cause of a finished episode, ready to be replayed; `steps` are its rows of that table, in order."""
+    def record(self, steps: Sequence[MoveRow]) -> Record:
+        """The cause of a finished episode, ready to be replayed; `steps` are its moves in order."""
         names = ["outcome", "total", "score", "steps", "discovered", "trajectory_hash"]
         names.append("core_version")
         actions = bytes(step["action"] for step in steps)
         return self.rules.record(self, actions, {name: getattr(self, name) for name in names})
 
 
-_FIELDS = {each.name for each in fields(Trial)}
+_FIELDS = {column.name for column in fields(Trial)}
 _COLUMNS = TABLES["episodes"].names()
 
 

@@ -13,12 +13,13 @@ import sqlite3
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
-from humanplay.db.database import open_database, rows, stream, transaction
+from humanplay.db.database import Row, open_database, rows, stream, transaction
 from humanplay.db.erasure import ARRIVALS, ERASED
+from humanplay.db.rows import NotedArrivals
+from humanplay.db.study_rows import Participant
 from humanplay.release.errors import ReleaseError
 from humanplay.study.flow import Arrivals, arrivals_of, with_invitations, with_noted
 from humanplay.study.invitations import Invitation
@@ -86,9 +87,9 @@ def write_pseudonymized(
         with transaction(conn):
             conn.execute("PRAGMA defer_foreign_keys = ON")
             conn.execute("INSERT INTO meta VALUES (:name, :value)", _arrivals_row(study, arrivals))
-            for name, found in _rows(source, study, pseudonyms, closed):
+            for name, row in _rows(source, study, pseudonyms, closed):
                 table = TABLES[name]
-                conn.execute(table.insert(), [found[column] for column in table.names()])
+                conn.execute(table.insert(), [row[column] for column in table.names()])
             chain.append_all(conn, chain.things(conn))
             chain.append_marks(conn, chain.said_alone(source, study))
         conn.execute("PRAGMA journal_mode = DELETE")
@@ -103,50 +104,55 @@ def _rows(
     study: str,
     pseudonyms: Pseudonyms,
     closed: tuple[int | None, str | None],
-) -> Iterator[tuple[str, dict[str, Any]]]:
+) -> Iterator[tuple[str, Row]]:
     for row in rows(source, "SELECT * FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%"):
         yield "meta", row
     row = rows(source, "SELECT * FROM series WHERE name = ?", study)[0]
     yield "series", {**row, "closed_ms": closed[0], "secret": closed[1]}
-    people = rows(source, _PEOPLE, study)
+    people = [Participant(**row) for row in rows(source, _PEOPLE, study)]
     yield from _players_and_sessions(source, study, people, pseudonyms)
     for person in people:
-        pseudonyms.of("participants", person["id"])
+        pseudonyms.of("participants", person.id)
     pseudonymizer = RowPseudonymizer(pseudonyms, _identities(source, study))
     for person in people:
-        invitation = pseudonyms.once("I", person["invitation"])
-        row = {**_without_traces(person), "invitation": invitation}
-        yield "participants", pseudonymizer.row("participants", row)
+        invitation = pseudonyms.once("I", person.invitation)
+        yield (
+            "participants",
+            pseudonymizer.row(
+                "participants", {**_without_traces(person), "invitation": invitation}
+            ),
+        )
     for table, sql in _SELECTS.items():
         for row in stream(source, sql, study):
             yield table, pseudonymizer.row(table, row)
 
 
-def _without_traces(person: dict[str, Any]) -> dict[str, Any]:
-    """Return a participant's row without the completion code and with the settings that are covariates alone."""
-    settings = json.loads(person["settings"])
-    kept = {name: settings[name] for name in KEPT_SETTINGS if name in settings}
-    return {**person, "completion_code": None, "settings": json.dumps(kept, sort_keys=True)}
+def _without_traces(person: Participant) -> Row:
+    """A participant's row without the completion code, and with no settings but covariates."""
+    settings = json.loads(person.settings)
+    covariates = {name: settings[name] for name in KEPT_SETTINGS if name in settings}
+    text = json.dumps(covariates, sort_keys=True)
+    return {**vars(person), "completion_code": None, "settings": text}
 
 
 def _players_and_sessions(
-    source: sqlite3.Connection, study: str, people: list[dict[str, Any]], pseudonyms: Pseudonyms
-) -> Iterator[tuple[str, dict[str, Any]]]:
+    source: sqlite3.Connection, study: str, people: list[Participant], pseudonyms: Pseudonyms
+) -> Iterator[tuple[str, Row]]:
     """Return the players and sessions that the people and their episodes refer to."""
     played_on = f"SELECT DISTINCT session_id FROM episodes WHERE id IN ({_EPISODE_IDS})"
     used = {row["session_id"] for row in rows(source, played_on, study)}
-    used |= {person["session_id"] for person in people if person["session_id"]}
+    used |= {person.session_id for person in people if person.session_id}
     one = "SELECT * FROM sessions WHERE id = ?"
     sessions = [row for ident in sorted(used) for row in rows(source, one, ident)]
-    players = {person["player_id"] for person in people}
+    players: set[str | None] = {person.player_id for person in people}
     players |= {row[name] for row in sessions for name in ("player_id", "owner_id")}
-    for ident in sorted(players - {None}):
+    for ident in sorted(player for player in players if player is not None):
         for row in rows(source, "SELECT * FROM players WHERE id = ?", ident):
             yield "players", {**row, "id": pseudonyms.of("players", ident)}
     for row in sorted(sessions, key=lambda row: row["created_ms"]):
         owners = {name: pseudonyms.of("players", row[name]) for name in ("player_id", "owner_id")}
-        ident = pseudonyms.of("sessions", row["id"])
-        yield "sessions", {**row, **owners, "id": ident, "rival_of": None}
+        session = pseudonyms.of("sessions", row["id"])
+        yield "sessions", {**row, **owners, "id": session, "rival_of": None}
 
 
 class RowPseudonymizer:
@@ -157,16 +163,19 @@ class RowPseudonymizer:
         self._identities = identities
         self._texts: dict[str, str] = {}
 
-    def row(self, table: str, row: dict[str, Any]) -> dict[str, Any]:
+    def row(self, table: str, row: Row) -> Row:
         """Return the row renamed; ReleaseError when its free text holds an identity."""
-        for name, (of, _) in TABLES[table].references().items():
-            if of in PREFIXES:
-                row[name] = self._pseudonyms.of(of, row[name])
+        of_columns = {name: of for name, (of, _) in TABLES[table].references().items()}
         if table in PREFIXES:
-            row["id"] = self._pseudonyms.of(table, row["id"])
+            of_columns["id"] = table
+        for name, of in of_columns.items():
+            ident = row[name]
+            if of in PREFIXES and isinstance(ident, str):
+                row[name] = self._pseudonyms.of(of, ident)
         for column in TABLES[table].columns("database"):
-            if column.is_free and row[column.name] is not None:
-                row[column.name] = self._text(row[column.name], f"{table}.{column.name}")
+            text = row[column.name]
+            if column.is_free and isinstance(text, str):
+                row[column.name] = self._text(text, f"{table}.{column.name}")
         return row
 
     def _text(self, text: str, place: str) -> str:
@@ -208,15 +217,16 @@ def count_arrivals(
         FROM participants WHERE study = ? AND kind = 'human' AND consent_ms IS NULL"""
     (counted,) = rows(conn, undecided, study)
     erased = rows(conn, "SELECT value FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%")
-    noted = rows(conn, "SELECT value FROM meta WHERE name = ?", f"{ARRIVALS}|{study}")
-    before = json.loads(noted[0]["value"]) if noted else {}
-    kept = [json.loads(row["value"]) for row in erased]
-    found = with_noted(arrivals_of(**counted, erased=kept), before)
+    before = NotedArrivals()
+    for row in rows(conn, "SELECT value FROM meta WHERE name = ?", f"{ARRIVALS}|{study}"):
+        before = json.loads(row["value"])
+    people = [json.loads(row["value"]) for row in erased]
+    arrivals = with_noted(arrivals_of(**counted, erased=people), before)
     if invitations is None:
-        return found
+        return arrivals
     sql = "SELECT invitation FROM participants WHERE study = ? AND invitation IS NOT NULL"
     opened = rows(conn, sql, study)
-    return with_invitations(found, invitations, [row["invitation"] for row in opened])
+    return with_invitations(arrivals, invitations, [row["invitation"] for row in opened])
 
 
 def _arrivals_row(study: str, arrivals: Arrivals) -> dict[str, str]:

@@ -261,7 +261,7 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
             words = f"ranked episode of {people} {one}", f"ranked episodes of {people} {many}"
             found.append(f"{counted(len(trials), *words)}.")
     events = [event for person in cohort.people for event in person.events]
-    noted = Counter(detail["sentence"] for _, kind, detail in events if kind == "deviation")
+    noted = Counter(str(event.detail["sentence"]) for event in events if event.kind == "deviation")
     for sentence, count in noted.items():
         found.append(sentence if count == 1 else f"{sentence} (noted {count} times)")
     return tuple(found)

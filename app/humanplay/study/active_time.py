@@ -8,19 +8,21 @@ pressed in it. A person is away while no load is both visible and going on.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from humanplay.board.controls import pauses_of
+from humanplay.db.rows import EventRow, MoveTime
 
 PRESSES = ("keydown", "touchdown")
-Rows = Sequence[Mapping[str, Any]]
-"""Of the tables `steps` and `input_events`, in order."""
 
 
 def active_ms(
-    moves: Rows, inputs: Rows, started_ms: float, quiet_ms: float, clock: int | None = None
+    moves: Sequence[MoveTime],
+    inputs: Sequence[EventRow],
+    started_ms: float,
+    quiet_ms: float,
+    clock: int | None = None,
 ) -> float:
     """Measure the time from an episode's start to its last move without pauses.
 
@@ -41,7 +43,12 @@ def active_ms(
     return last_ms - started_ms - _away_ms(moves, inputs, (started_ms, last_ms), quiet_ms)
 
 
-def pause_share(moves: Rows, inputs: Rows, quiet_ms: float, clock: int | None = None) -> float:
+def pause_share(
+    moves: Sequence[MoveTime],
+    inputs: Sequence[EventRow],
+    quiet_ms: float,
+    clock: int | None = None,
+) -> float:
     """Measure the share (0..1) of the time between the first and the last move that was paused or out of sight."""
     if not moves:
         return 0.0
@@ -66,7 +73,12 @@ class _Load:
             self.is_hidden = self.is_paused = False
 
 
-def _away_ms(moves: Rows, inputs: Rows, between_ms: tuple[float, float], quiet_ms: float) -> float:
+def _away_ms(
+    moves: Sequence[MoveTime],
+    inputs: Sequence[EventRow],
+    between_ms: tuple[float, float],
+    quiet_ms: float,
+) -> float:
     """Measure how much of the time between two moments nobody was there.
 
     A machine that sleeps says nothing, so of a silence only `quiet_ms` count as time with a person.
@@ -89,13 +101,13 @@ def _away_ms(moves: Rows, inputs: Rows, between_ms: tuple[float, float], quiet_m
     return away_ms
 
 
-def _on_servers_clock(inputs: Rows) -> Iterator[tuple[float, Mapping[str, Any]]]:
+def _on_servers_clock(inputs: Sequence[EventRow]) -> Iterator[tuple[float, EventRow]]:
     """Yield each input event with the latest time (server's clock, ms) at which it can have happened.
 
     An event happened before the server received it, and before any later one of its load by as much as the load's clock says.
     Without delays, and with a clock that never stood still, this is the time itself.
     """
-    by_load = defaultdict[int, list[Mapping[str, Any]]](list)
+    by_load = defaultdict[int, list[EventRow]](list)
     for event in inputs:
         by_load[event["page_load"]].append(event)
     for events in by_load.values():

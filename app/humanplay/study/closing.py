@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from humanplay.board.attestation import Conditions, attest_stored, key_map_of
 from humanplay.board.controls import controls_of
 from humanplay.db.reader import Reader
+from humanplay.db.rows import MoveRow
 from humanplay.db.series import StudyStore, find_study, participants, study_trials, trial_activity
 from humanplay.db.store import Closing, Store, StoreError
 from humanplay.db.study_rows import SeriesRow, is_same_study
@@ -91,7 +91,7 @@ def _unnoted_ms(study: Study, row: SeriesRow | None) -> int | None:
     return None if study.is_open and row.secret_kept_ms is not None else ended_ms
 
 
-def left_open(reader: Reader, study: Study) -> list[tuple[Trial, list[dict[str, Any]]]]:
+def left_open(reader: Reader, study: Study) -> list[tuple[Trial, list[MoveRow]]]:
     """Return the open episodes, with their moves, of a study whose end is still to be written; else nothing."""
     if _unnoted_ms(study, find_study(reader, study.name)) is None:
         return []
@@ -99,7 +99,7 @@ def left_open(reader: Reader, study: Study) -> list[tuple[Trial, list[dict[str, 
     return [(trial, reader.steps(trial.id)) for trial in running]
 
 
-def left_record(trial: Trial, steps: Sequence[Mapping[str, Any]], rules: Rules) -> Record:
+def left_record(trial: Trial, steps: Sequence[MoveRow], rules: Rules) -> Record:
     """Return what an open episode comes to, given up after its moves: by these alone where it cannot be replayed."""
     actions = bytes(step["action"] for step in steps)
     try:
@@ -137,7 +137,7 @@ def _abandoned(
     store: Store,
     known: StudyStore,
     trial: Trial,
-    steps: Sequence[Mapping[str, Any]],
+    steps: Sequence[MoveRow],
     record: Record,
     at_ms: int,
 ) -> Closing:

@@ -10,10 +10,10 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from humanplay.db.input_events import input_events
 from humanplay.db.reader import Reader
+from humanplay.db.rows import PlayerSettings, StageEvent
 from humanplay.db.series import (
     count_freezings,
     erased_people,
@@ -44,7 +44,7 @@ class Person:
     joined_ms     milliseconds since 1970, as all times
     completed_ms  when the last ranked episode ended; None before
     settings      modality, palette, keys
-    events        stage events: (at_ms, kind, detail), in order
+    events        stage events in order
     invitation    whether an invitation brought them
     supervised    whether the operator's code was typed at least once
     repeated      signs that they take part more than once, in words (`humanplay.study.flow`); none is no proof
@@ -57,8 +57,8 @@ class Person:
     joined_ms: int
     consent_version: str | None
     completed_ms: int | None
-    settings: dict[str, Any]
-    events: tuple[tuple[int, str, dict[str, Any]], ...] = field(default=(), repr=False)
+    settings: PlayerSettings
+    events: tuple[StageEvent, ...] = field(default=(), repr=False)
     invitation: bool = False
     supervised: bool = False
     repeated: tuple[str, ...] = ()
@@ -123,9 +123,19 @@ def _unfinished(trial: Trial) -> Trial:
     """Return an episode without anything that its end would tell; the tutorial's tells nothing."""
     if trial.phase == "tutorial":
         return trial
-    ends = ("outcome", "steps", "score", "total", "discovered", "ended_ms", "trajectory_hash")
-    unknown: Any = dict.fromkeys(ends)
-    return replace(trial, **unknown, pause_share=0.0, active_ms=0.0, labels=())
+    return replace(
+        trial,
+        outcome=None,
+        steps=None,
+        score=None,
+        total=None,
+        discovered=None,
+        ended_ms=None,
+        trajectory_hash=None,
+        pause_share=0.0,
+        active_ms=0.0,
+        labels=(),
+    )
 
 
 def load(source: Reader | Path | str, study: str) -> StudyData:
@@ -183,16 +193,21 @@ def _arrivals(reader: Reader, study: str, people: Sequence[Person]) -> Arrivals:
 
 
 def _people(reader: Reader, study: str) -> tuple[Person, ...]:
-    events = defaultdict(list)
+    events = defaultdict[str, list[StageEvent]](list)
     for event in stage_events(reader, study):
-        events[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
-    names = ("id", "kind", "script", "stage", "joined_ms", "consent_version", "completed_ms")
-    found = participants(reader, study)
-    agreed = (row.invitation for row in found if row.consent_ms is not None)
-    used = Counter(each for each in agreed if each is not None)
+        events[event.participant_id].append(event.event())
+    joined = participants(reader, study)
+    agreed = (row.invitation for row in joined if row.consent_ms is not None)
+    used = Counter(invitation for invitation in agreed if invitation is not None)
     return tuple(
         Person(
-            **{name: getattr(row, name) for name in names},
+            id=row.id,
+            kind=row.kind,
+            script=row.script,
+            stage=row.stage,
+            joined_ms=row.joined_ms,
+            consent_version=row.consent_version,
+            completed_ms=row.completed_ms,
             settings=json.loads(row.settings),
             events=tuple(events[row.id]),
             invitation=row.invitation is not None,
@@ -201,7 +216,7 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
                 events[row.id], shares_invitation=used[row.invitation or ""] > 1
             ),
         )
-        for row in found
+        for row in joined
     )
 
 

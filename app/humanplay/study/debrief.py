@@ -9,7 +9,7 @@ import asyncio
 import logging
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 
 from humanplay.db.store import Store
 from humanplay.db.study_rows import Participant
@@ -37,7 +37,7 @@ class Debriefs:
 
     async def summary(
         self, study: Study, participant: Participant, trials: Sequence[Trial]
-    ) -> dict[str, Any]:
+    ) -> dict[str, object]:
         """Return the participant's figures as the page gets them under `debrief`."""
         runs = await self._policy_runs(study, "warm_up")
         ranked = [each for each in trials if each.phase == "ranked" and each.ended_ms is not None]
@@ -72,7 +72,7 @@ class Debriefs:
 
     async def replays(
         self, study: Study, trials: Sequence[Trial], phase: Shown, index: int
-    ) -> dict[str, Any]:
+    ) -> dict[str, object]:
         """Return the participant's own episode and the policy's on the same terrain; errors as `own_trial`."""
         own = own_trial(study, trials, phase, index)
         runs = await self._policy_runs(study, phase)

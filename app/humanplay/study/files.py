@@ -5,16 +5,15 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from humanplay.study.protocol import StudyError
 
 
-def read_object(path: Path) -> dict[str, Any]:
+def read_object(path: Path) -> dict[str, object]:
     """Return the JSON object in a file; StudyError when it cannot be read or holds something else."""
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
@@ -25,6 +24,14 @@ def read_object(path: Path) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise StudyError(f"{path} must hold a JSON object, got {type(value).__name__}")
     return value
+
+
+def text_of(values: Mapping[str, object], name: str) -> str:
+    """Return a text of a JSON object; KeyError or TypeError when there is none of this name."""
+    text = values[name]
+    if not isinstance(text, str):
+        raise TypeError(f"{name} must be text, got {type(text).__name__}")
+    return text
 
 
 def write_object(path: Path, value: object, private: bool = False) -> None:

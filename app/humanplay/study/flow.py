@@ -11,8 +11,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Literal
 
+from humanplay.db.rows import ErasedPerson, NotedArrivals, StageEvent
 from humanplay.study.invitations import Invitation
 
 REPEATED_JOIN = "repeated_join"
@@ -166,7 +167,7 @@ class ParticipantFlow:
         return sum(self.people.values())
 
 
-def arrivals_of(declined: int, undecided: int, erased: Sequence[Mapping[str, Any]]) -> Arrivals:
+def arrivals_of(declined: int, undecided: int, erased: Sequence[ErasedPerson]) -> Arrivals:
     """Count people as the database knows them; `erased` of `humanplay.db.series.erased_people`."""
     asked = Counter(person["asked_by"] for person in erased if person["asked_by"] is not None)
     return Arrivals(
@@ -191,12 +192,16 @@ def participant_flow(arrivals: Arrivals, statuses: Iterable[Status]) -> Particip
     )
 
 
-def with_noted(arrivals: Arrivals, noted: Mapping[str, Any]) -> Arrivals:
+def with_noted(arrivals: Arrivals, noted: NotedArrivals) -> Arrivals:
     """Return the arrivals with the counts that a release kept of those whom it left out; none noted: as they are."""
-    changed: dict[str, Any] = {name: noted.get(name) for name in ("issued", "revoked", "unopened")}
-    for name in ("declined", "undecided"):
-        changed[name] = getattr(arrivals, name) + noted.get(name, 0)
-    return replace(arrivals, **changed)
+    return replace(
+        arrivals,
+        declined=arrivals.declined + noted.get("declined", 0),
+        undecided=arrivals.undecided + noted.get("undecided", 0),
+        issued=noted.get("issued"),
+        revoked=noted.get("revoked"),
+        unopened=noted.get("unopened"),
+    )
 
 
 def with_invitations(
@@ -214,18 +219,18 @@ def with_invitations(
 
 
 def repeated_reasons(
-    events: Iterable[tuple[int, str, dict[str, Any]]], shares_invitation: bool = False
+    events: Iterable[StageEvent], shares_invitation: bool = False
 ) -> tuple[str, ...]:
-    """Return the signs of repetition in a participant's stage events (at_ms, kind, detail), each once, in words.
+    """The signs of repetition in a participant's stage events, each once, in words.
 
     shares_invitation  whether somebody else has agreed with the same one: two servers do not know of each other
 
     The order is that of SIGNS_IN_WORDS. No sign is no proof: another browser, another device and another id leave none.
     """
-    found: set[str | None] = {"shared"} if shares_invitation else set()
-    for _, kind, detail in events:
-        if kind == REPEATED_JOIN:
-            found.add(detail.get("reason"))
-        elif kind == "joined":
-            found.add(detail.get("outside_id"))
-    return tuple(sentence for reason, sentence in SIGNS_IN_WORDS.items() if reason in found)
+    reasons: set[object] = {"shared"} if shares_invitation else set()
+    for event in events:
+        if event.kind == REPEATED_JOIN:
+            reasons.add(event.detail.get("reason"))
+        elif event.kind == "joined":
+            reasons.add(event.detail.get("outside_id"))
+    return tuple(sentence for reason, sentence in SIGNS_IN_WORDS.items() if reason in reasons)

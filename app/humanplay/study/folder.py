@@ -23,11 +23,11 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
-from typing import Any, Literal
+from typing import Literal
 
 from humanplay.db.file import studies_beside
 from humanplay.db.study_rows import SeriesRow
-from humanplay.study.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
+from humanplay.study.files import iso, ms_of, now_ms, read_object, stamp_of, text_of, write_object
 from humanplay.study.policy_files import FOLDER, PolicyFiles, record_files
 from humanplay.study.protocol import (
     NAME,
@@ -223,7 +223,7 @@ class Folder:
         name: str,
         advance: Advance = lambda done, total: None,
         draw: Callable[[int], bytes] = secrets.token_bytes,
-        planned: Mapping[str, Any] = MappingProxyType({}),
+        planned: Mapping[str, object] = MappingProxyType({}),
     ) -> Study:
         """Freeze a study and return it: fill its texts, hash the protocol, draw the secret, check that terrains are solvable.
 
@@ -347,31 +347,37 @@ class Folder:
                 "put the frozen text back, or begin another study"
             )
         closed = read_object(path / "closed.json") if (path / "closed.json").exists() else None
-        kept = (
+        kept_secret = (
             read_object(path / "secret_kept.json") if (path / "secret_kept.json").exists() else None
         )
         try:
-            told = closed["secret"] if closed else (path / "secret").read_text().strip()
-            secret = bytes.fromhex(told)
-            closed_ms = ms_of(closed["closed_at"]) if closed else None
-            frozen_ms = ms_of(frozen["frozen_at"])
-            fixed = {
-                "protocol_hash": frozen["protocol_hash"],
-                "commitment": frozen["commitment"],
-                "frozen_ms": frozen_ms,
-                "secret_kept_ms": ms_of(kept["closed_at"]) if kept else None,
-            }
+            digits = text_of(closed, "secret") if closed else (path / "secret").read_text().strip()
+            secret = bytes.fromhex(digits)
+            closed_ms = ms_of(text_of(closed, "closed_at")) if closed else None
+            secret_kept_ms = ms_of(text_of(kept_secret, "closed_at")) if kept_secret else None
+            frozen_ms = ms_of(text_of(frozen, "frozen_at"))
+            committed = text_of(frozen, "commitment")
+            hash_ = text_of(frozen, "protocol_hash")
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise StudyError(
                 f"the files of the study {name!r} are damaged: {error}; restore {path} from a backup"
             ) from error
-        if commitment(secret) != fixed["commitment"]:
-            what = f"the secret of the study {name!r} is not the one committed to"
-            raise StudyError(f"{what}: restore {path} from a backup")
+        if commitment(secret) != committed:
+            raise StudyError(
+                f"the secret of the study {name!r} is not the one committed to: restore {path} from a backup"
+            )
         protocol = parse_protocol(raw)
         files = PolicyFiles.of(protocol, path / FOLDER)
         return Study(
-            name, protocol, **fixed, closed_ms=closed_ms, secret=secret, policy_files=files
+            name,
+            protocol,
+            hash_,
+            committed,
+            frozen_ms,
+            closed_ms=closed_ms,
+            secret=secret,
+            secret_kept_ms=secret_kept_ms,
+            policy_files=files,
         )
 
 

@@ -80,11 +80,13 @@ class Invitations:
         if known is None or known[0] != stamp:
             try:
                 rows = [] if stamp is None else read_object(path)["invitations"]
-                found = {row["id"]: Invitation(**row) for row in rows}
-                _ = [(each.issued_ms, each.revoked_ms) for each in found.values()]
+                if not isinstance(rows, list):
+                    raise TypeError(f"invitations must be a list, got {type(rows).__name__}")
+                by_id = {row["id"]: Invitation(**row) for row in rows}
+                _ = [(each.issued_ms, each.revoked_ms) for each in by_id.values()]
             except (KeyError, TypeError, ValueError) as error:
                 raise StudyError(f"{path} is damaged: {error!r}; restore a backup") from error
-            known = self._known[name] = (stamp, found)
+            known = self._known[name] = (stamp, by_id)
         return known[1]
 
     @contextmanager

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import Any
 
 from humanplay.board.controls import ClockLimits
 from humanplay.board.participation import RefusedError, StudyUnavailableError
 from humanplay.board.sources import Sources
+from humanplay.db.rows import PlayerSettings
 from humanplay.db.series import StudyStore
 from humanplay.db.study_rows import Participant
 from humanplay.study.flow import STOPPED
@@ -72,8 +72,9 @@ class StudyParticipation:
             self._study_store.set_stage(participant.id, now, "ranked")
         elif participant.stage == "ranked" and ended["ranked"] >= protocol.ranked:
             code = protocol.completion_code or self._completion_code()
-            columns = {"completed_ms": now, "completion_code": code}
-            self._study_store.set_stage(participant.id, now, "debrief", **columns)
+            self._study_store.set_stage(
+                participant.id, now, "debrief", completed_ms=now, completion_code=code
+            )
 
     def check_events(self, episode_id: str) -> None:
         """Check that input events of an episode are to be kept; RefusedError for any that is none of the participant's."""
@@ -82,7 +83,7 @@ class StudyParticipation:
             what = f"episode {episode_id!r} is none of this participant's"
             raise RefusedError(f"{what}: no input events were kept")
 
-    def settings(self) -> list[dict[str, Any]]:
+    def settings(self) -> list[PlayerSettings]:
         """Return what the participant has chosen, every version so far."""
         return self._study_store.settings(self._participant.id)
 

@@ -7,11 +7,13 @@ clock (ms): an interval from one load to another is not counted.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from statistics import quantiles
 
 from humanplay.board.controls import late_share
-from humanplay.study.active_time import PRESSES, Rows
+from humanplay.db.rows import EventRow, MoveTime
+from humanplay.study.active_time import PRESSES
 from humanplay.study.protocol import Protocol
 
 FEWEST_PRESSES = 5
@@ -51,8 +53,8 @@ def labels_of(protocol: Protocol) -> dict[str, str]:
 
 
 def plausibility_labels(
-    moves: Rows,
-    inputs: Rows,
+    moves: Sequence[MoveTime],
+    inputs: Sequence[EventRow],
     clock: int | None = None,
     most_late: float = 1.0,
     outcome: str | None = None,
@@ -78,7 +80,7 @@ def plausibility_labels(
     return (*(name for name in LABELS if found.get(name)), *((LATE,) if is_late else ()))
 
 
-def _gaps_ms(presses: Rows) -> list[float]:
+def _gaps_ms(presses: Sequence[EventRow]) -> list[float]:
     """Measure the times between presses that follow each other in one load of the page."""
     return [
         after["client_ms"] - before["client_ms"]
@@ -87,7 +89,7 @@ def _gaps_ms(presses: Rows) -> list[float]:
     ]
 
 
-def _is_steady(presses: Rows) -> bool:
+def _is_steady(presses: Sequence[EventRow]) -> bool:
     gaps = _gaps_ms(presses)
     if len(gaps) < FEWEST_INTERVALS:
         return False
@@ -95,18 +97,18 @@ def _is_steady(presses: Rows) -> bool:
     return high - low < STEADY * median
 
 
-def _is_fast(presses: Rows) -> bool:
+def _is_fast(presses: Sequence[EventRow]) -> bool:
     gaps = _gaps_ms(presses)
     fast = sum(gap < FASTEST_MS for gap in gaps)
     return len(gaps) >= FEWEST_PRESSES and fast > FAST_SHARE * len(gaps)
 
 
-def _lacks_releases(presses: Rows, inputs: Rows) -> bool:
+def _lacks_releases(presses: Sequence[EventRow], inputs: Sequence[EventRow]) -> bool:
     releases = sum(row["kind"] in RELEASES for row in inputs)
     return len(presses) >= FEWEST_PRESSES and releases < RELEASED_SHARE * len(presses)
 
 
-def _pressed_hidden(inputs: Rows) -> bool:
+def _pressed_hidden(inputs: Sequence[EventRow]) -> bool:
     hidden = set[int]()
     for row in inputs:
         if row["kind"] == "hidden":

@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from humanplay.board.lobby import Lobby, Locks
 from humanplay.board.participation import RefusedError
@@ -190,8 +189,9 @@ class ParticipantProgress:
         with self.recruitment.noting(now), self.lobby.store.transaction():
             if participant.kind == "human":
                 self.recruitment.check_consent(study, participant)
-            agreed = {"consent_version": version, "consent_ms": now}
-            self.study_store.set_stage(participant.id, now, "instructions", **agreed)
+            self.study_store.set_stage(
+                participant.id, now, "instructions", consent_version=version, consent_ms=now
+            )
 
     def advance(self, name: str, player_id: str | None, stage: str) -> None:
         """Go on from instructions, tutorial or debrief."""
@@ -288,7 +288,7 @@ class ParticipantProgress:
         study, participant = self._at(name, player_id, *_SUPERVISED)
         supervise(self.study_store, study, participant, code, self._now())
 
-    def set_settings(self, name: str, player_id: str | None, changed: Mapping[str, Any]) -> None:
+    def set_settings(self, name: str, player_id: str | None, changed: Mapping[str, object]) -> None:
         """Keep what a participant chose: modality, palette, keys; what is not given stays."""
         participant = self.participant(name, player_id)
         settings = {**json.loads(participant.settings), **changed}

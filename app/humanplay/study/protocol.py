@@ -9,7 +9,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import (
     BaseModel,
@@ -117,8 +117,8 @@ _NO_ANSWER = re.compile(
 """A text that stands for one to be written: blank, marks only, or TODO, TBD and the like at its beginning."""
 
 
-def asked(question: str) -> Any:
-    """Return a text that a draft may leave empty, and the question that it answers."""
+def asked(question: str) -> str:
+    """A field for a text that a draft may leave empty, with the question that it answers."""
     return Field(default="", description=question)
 
 
@@ -221,9 +221,9 @@ class Protocol(_Part):
     name: str = Field(pattern=f"^{NAME}$")
     title: Line
     task: str = DEFAULT_TASK
-    config: dict[str, Any]
+    config: dict[str, object]
     core_version: str = Field(default_factory=lambda known: rules_of(known["task"]).version)
-    lock: dict[str, Any] = Field(default_factory=dict)
+    lock: dict[str, object] = Field(default_factory=dict)
     warm_up: int = Field(default=15, ge=0, le=500)
     ranked: int = Field(default=30, ge=1, le=500)
     players: int = Field(default=10, ge=1, le=100_000)
@@ -268,17 +268,17 @@ class Protocol(_Part):
 
     @field_validator("config")
     @classmethod
-    def _config_is_one(cls, given: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+    def _config_is_one(cls, values: dict[str, object], info: ValidationInfo) -> dict[str, object]:
         if "task" not in info.data:
-            return given  # what is wrong with the task has been said
+            return values  # what is wrong with the task has been said
         rules = rules_of(info.data["task"])
         try:
-            config = rules.configuration(given)
+            config = rules.configuration(values)
         except TypeError as error:
             raise ValueError(f"config: {error}") from error
         rules.check_study(config)
-        values: dict[str, Any] = config.to_dict()
-        return values
+        full: dict[str, object] = config.to_dict()
+        return full
 
     @field_validator("policy_hashes")
     @classmethod
@@ -318,10 +318,12 @@ class Protocol(_Part):
         return self
 
     @model_serializer(mode="wrap")
-    def _without_an_empty_lock(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_an_empty_lock(self, dump: SerializerFunctionWrapHandler) -> dict[str, object]:
         """Return the fields: a task that locks nothing has no field for it."""
-        found: dict[str, Any] = dump(self)
-        return found if found.get("lock") else {n: v for n, v in found.items() if n != "lock"}
+        fields: dict[str, object] = dump(self)
+        if not fields.get("lock"):
+            fields.pop("lock", None)
+        return fields
 
     @property
     def per_protocol(self) -> ExclusionRules:
@@ -350,39 +352,40 @@ class Protocol(_Part):
 
 
 def default_protocol(
-    name: str, config: Configuration, task: str = DEFAULT_TASK, **rest: Any
+    name: str, config: Configuration, task: str = DEFAULT_TASK, **rest: object
 ) -> Protocol:
     """Return a protocol with the paper's defaults, `rest` in their place where given; StudyError when one cannot be.
 
     Its texts are templates: `humanplay.study.templates.fill` gives what participants read.
     """
-    known = dict(rules_of(task).study(config))
+    fields = dict(rules_of(task).study(config))
     keeps_episodes = bool(rest.get("keep_episodes_when_forgotten"))
     text = consent(
-        known.pop("opening"), bool(known["questions"]), known.pop("things"), keeps_episodes
+        fields.pop("opening"), bool(fields["questions"]), fields.pop("things"), keeps_episodes
     )
-    title = str(known["title"]).replace("{name}", name)
+    title = str(fields["title"]).replace("{name}", name)
     named = {} if task == DEFAULT_TASK else {"task": task}
-    parts = {"name": name, **named, "config": config.to_dict(), **known}
+    parts = {"name": name, **named, "config": config.to_dict(), **fields}
     parts |= {"title": title, "consent": {"text": text}}
     return parse_protocol({**parts, **rest})
 
 
-def parse_protocol(data: Mapping[str, Any]) -> Protocol:
+def parse_protocol(data: Mapping[str, object]) -> Protocol:
     """Return the protocol of plain values; StudyError with one sentence when they make none."""
     try:
         return Protocol.model_validate(data)
     except ValidationError as error:
-        found = error.errors(include_url=False)
+        errors = error.errors(include_url=False)
         # said of a default that follows from a field which is wrong, and said itself
-        found = [each for each in found if each["type"] != "default_factory_not_called"]
-        raise StudyError(f"the protocol does not hold: {describe_errors(found)}") from error
+        errors = [fault for fault in errors if fault["type"] != "default_factory_not_called"]
+        raise StudyError(f"the protocol does not hold: {describe_errors(errors)}") from error
 
 
-def canonical_json(value: Any) -> bytes:
+def canonical_json(value: object) -> bytes:
     """Return JSON in its one canonical form: keys sorted, no spaces, UTF-8."""
-    form: Any = {"sort_keys": True, "separators": (",", ":"), "ensure_ascii": False}
-    return json.dumps(value, allow_nan=False, **form).encode()
+    return json.dumps(
+        value, allow_nan=False, sort_keys=True, separators=(",", ":"), ensure_ascii=False
+    ).encode()
 
 
 def canonical(protocol: Protocol) -> bytes:

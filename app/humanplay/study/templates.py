@@ -10,7 +10,6 @@ import difflib
 import re
 from collections.abc import Iterator
 from string import Formatter
-from typing import Any
 
 from humanplay.study.protocol import Protocol, StudyError, parse_protocol
 
@@ -89,7 +88,7 @@ def placeholder_values(protocol: Protocol) -> dict[str, str]:
     """Return what each placeholder becomes in this protocol."""
     config = protocol.env_config
     minutes = protocol.rules.minutes(config) * (protocol.warm_up + protocol.ranked)
-    values: dict[str, Any] = {
+    values: dict[str, object] = {
         "name": protocol.name,
         "warm_up": protocol.warm_up,
         "ranked": protocol.ranked,

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from humanplay.jobs import Progress
 from humanplay.study.files import read_object, write_object
@@ -18,6 +19,7 @@ from humanplay.study.policy_episodes import play_policies, tested_policies
 from humanplay.study.protocol import Protocol, canonical_json
 
 TERRAINS = 200
+_PLAYED = TypeAdapter(dict[str, list[float]])
 FOLDER = "played"
 """In the folder of studies."""
 
@@ -37,7 +39,7 @@ def terrain_sd(protocol: Protocol, studies: Path, advance: Progress) -> float | 
         return None
     files = {name: _file_of(protocol, name, studies / FOLDER) for name in names}
     played = {
-        name: read_object(file)
+        name: _PLAYED.validate_python(read_object(file))
         for name, file in files.items()
         if file is not None and file.exists()
     }

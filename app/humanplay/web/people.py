@@ -84,15 +84,17 @@ async def get_people(request: Request) -> dict[str, Any]:
     """
     services, player_id = services_of(request), player_of(request)
 
-    def read() -> tuple[list[dict[str, Any]], dict[str, Any] | None]:
+    def read() -> tuple[list[names.NamedPlayer], names.OwnName | None]:
         you = None if player_id is None else names.own(services.store, player_id)
         expert_steps = services.leaderboard.expert_steps
         return names.people(services.store, expert_steps, LEAST_EPISODES), you
 
     people, you = await services.store.read(read)
-    for each in people:
-        each["you"] = each.pop("player_id") == player_id
-    return {"people": people, "you": you}
+    listed = [
+        {"name": name, "episodes": episodes, "gap": gap, "you": ident == player_id}
+        for ident, name, episodes, gap in people
+    ]
+    return {"people": listed, "you": you}
 
 
 @router.put("/me/name", response_model=OwnName, summary="Choose the name by which you are shown")
@@ -109,7 +111,7 @@ async def set_name(request: Request, wanted: NewName) -> dict[str, Any]:
         raise HTTPException(409, str(error)) from error
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
-    return await store.read(partial(names.own, store, player_id))
+    return {**await store.read(partial(names.own, store, player_id))}
 
 
 @router.delete("/me/name", response_model=OwnName, summary="Be shown no more")
@@ -117,7 +119,7 @@ async def remove_name(request: Request) -> dict[str, Any]:
     """Remove your name; what was played stays, without one."""
     player_id, store = _own_player(request), services_of(request).store
     await store.change(names.remove_name, player_id)
-    return await store.read(partial(names.own, store, player_id))
+    return {**await store.read(partial(names.own, store, player_id))}
 
 
 def _own_player(request: Request) -> str:

@@ -13,7 +13,7 @@ from fastapi.responses import Response
 
 from humanplay.board.participation import HUMAN
 from humanplay.db.export import ExportTable, write_human_scores, write_table
-from humanplay.db.reader import Reader
+from humanplay.db.reader import Best, Reader
 from humanplay.db.trial import Trial
 from humanplay.db.volunteers import Sums, player_sums, players_of
 from humanplay.report.costs import cost_cache
@@ -214,19 +214,19 @@ def personal_bests(reader: Reader, player: str) -> list[dict[str, Any]]:
     `best` is the explored episode with the fewest moves on a terrain that was new to the player, by their own hand; None
     without one. `people` places their ranked episodes among the volunteers'.
     """
-    return [_figure(reader, player, **each) for each in reader.bests_of(player)]
+    return [_figure(reader, player, best) for best in reader.bests_of(player)]
 
 
-def _figure(
-    reader: Reader, player: str, config: Configuration, best: Trial | None, **counts: int
-) -> dict[str, Any]:
+def _figure(reader: Reader, player: str, played: Best) -> dict[str, Any]:
+    config = played.config
     return {
         "level": config.level,
         "rows": getattr(config, "rows", None),
         "cols": getattr(config, "cols", None),
         "max_steps": config.limit,
-        **counts,
-        "best": None if best is None else describe_own(best),
+        "episodes": played.episodes,
+        "explored": played.explored,
+        "best": None if played.best is None else describe_own(played.best),
         "people": _standing(reader, config, player),
     }
 

@@ -28,15 +28,12 @@ TICKING = Description(
 TASK = f"gymnasium:{TICKING.told}"
 
 
-def event(kind, code=None, repeat=False, trusted=True):
-    return {"kind": kind, "code": code, "repeat": repeat, "trusted": trusted}
-
-
 def held(*events):
-    found = HeldKeys()
-    for each in events:
-        found.take(event(*each))
-    return found
+    keys = HeldKeys()
+    for kind, *more in events:
+        code, repeat, trusted = (*more, *(None, False, True)[len(more) :])
+        keys.take(kind, code, repeat, trusted)
+    return keys
 
 
 @pytest.mark.parametrize(
@@ -66,7 +63,7 @@ def test_without_a_noop_the_last_action_is_repeated():
     two = Controls({"left": ("KeyA",), "right": ("KeyD",)}, None)
     down = held(("keydown", "KeyA"), ("keydown", "KeyD"))
     assert two.action(down.down, 0) == (1, "key")
-    down.take(event("keydown", "KeyA"))  # its release was never told
+    down.take("keydown", "KeyA", False, True)  # its release was never told
     assert two.action(down.down, 0) == (0, "key")
 
 

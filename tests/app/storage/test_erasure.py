@@ -194,7 +194,7 @@ def test_nobody_is_erased_by_a_word_that_many_share(copy):
         participant_label(people[0]).lower(),
         IDENTITIES["SESSION_ID"].format(0),
     ):
-        assert find_participant(path, who)["id"] == people[0]
+        assert find_participant(path, who).id == people[0]
 
 
 def test_the_next_release_is_a_successor_without_them_and_an_old_one_does_not_bring_them_back(

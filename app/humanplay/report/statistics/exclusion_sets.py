@@ -208,7 +208,7 @@ def _status(
     is_inside  whether they are in the per-protocol estimate
     """
     required = data.protocol.required_attestation
-    is_interrupted = any(kind == INTERRUPTED for _, kind, _ in person.events)
+    is_interrupted = any(event.kind == INTERRUPTED for event in person.events)
     has_withdrawn = person.stage == "withdrawn" and not is_interrupted
     if not own:
         if is_interrupted:
@@ -241,7 +241,7 @@ def _status(
 
 def lowest_reason(data: StudyData, person: Person, trial: Trial) -> Lowest | None:
     """Return why a ranked episode counts at the lowest score; None where it counts as played."""
-    stopped = {detail.get("episode") for _, kind, detail in person.events if kind == STOPPED}
+    stopped = {event.detail.get("episode") for event in person.events if event.kind == STOPPED}
     if trial.id in stopped:
         return Lowest.STOPPED
     if trial.outcome == "environment_failed":

@@ -18,6 +18,7 @@ from typing import Any, get_args
 
 from humanplay.db import series
 from humanplay.db.reader import Reader
+from humanplay.db.rows import StageEvent
 from humanplay.db.study_rows import Stage, participant_label
 from humanplay.db.trial import Trial
 from humanplay.report.statistics.study_figures import live_figure
@@ -51,15 +52,16 @@ def list_participants(
     events = series.event_summaries(reader, study)
     gone = series.withdrawals(reader, study)
     left = {event.participant_id: json.loads(event.detail) for event in gone}
-    signs = defaultdict(list)
+    signs = defaultdict[str, list[StageEvent]](list)
     for event in series.stage_events(reader, study, ("joined", REPEATED_JOIN)):
-        signs[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
+        signs[event.participant_id].append(event.event())
     found = []
     for person in series.participants(reader, study):
         hides = is_open and person.kind == "human"
-        own, seen = trials[person.id], events.get(person.id, {"last_ms": 0, "deviations": 0})
+        own = trials[person.id]
+        seen = events.get(person.id, series.EventSummary(person.id, 0, 0))
         acted = (trial.ended_ms or trial.moved_ms or trial.started_ms for trial in own)
-        last_ms = max(person.joined_ms, seen["last_ms"], *acted)
+        last_ms = max(person.joined_ms, seen.last_ms, *acted)
         is_under_way = person.stage not in ("debrief", "complete", "withdrawn")
         found.append(
             {
@@ -69,7 +71,7 @@ def list_participants(
                 "is_quiet": is_under_way and now_ms - last_ms > QUIET_MS,
                 "left_at": left.get(person.id, {}).get("from"),
                 "asks_erasure": left.get(person.id, {}).get("erase", False),
-                "deviations": None if hides else seen["deviations"],
+                "deviations": None if hides else seen.deviations,
                 "repeated": repeated_reasons(signs[person.id]),
                 "not_attested": [
                     f"{each.attestation} {each.phase.replace('_', '-')} {each.trial + 1}: {each.attestation_reason}"
