@@ -82,7 +82,8 @@ class InputLog:
         # until it is stored: the writes that follow must not miss it
         self.is_incomplete = True
         self.newest_ms = at_ms
-        self._writing = self._store.put_write(partial(self._write, events, at_ms, episode))
+        work = partial(self._write, events, at_ms, episode)
+        self._writing = self._store.put_write(work, undone=self._note_undone)
         return self._writing
 
     def drop(self, batch: str) -> None:
@@ -151,6 +152,9 @@ class InputLog:
             self.is_incomplete = self._has_clock and self.is_persons
             raise
         self.is_incomplete = False
+
+    def _note_undone(self) -> None:
+        self.is_incomplete = True
 
     def _add(self, events: Events, at_ms: int, episode: Trial) -> None:
         self._check_board(events.episode)

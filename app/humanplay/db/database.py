@@ -354,7 +354,9 @@ def _explain(path: Path, error: sqlite3.Error) -> str:
         return damaged(path, text)
     if "locked" in text:
         return f"{path} is in use by another program: stop it or give another --database"
-    return f"cannot open the database {path}: {text}"
+    if "full" in text:
+        return f"cannot open the database {path}: the disk is full: make room, or give another --database"
+    return f"cannot open the database {path}: {text}; give another --database"
 
 
 @contextmanager

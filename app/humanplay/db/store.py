@@ -217,6 +217,7 @@ class _Write:
 
     work: Callable[[], Any]
     then: Callable[[Any], None] | None
+    undone: Callable[[], None] | None
     done: asyncio.Future[Any]
     notice: Notice | None
     deadline: float
@@ -289,12 +290,14 @@ class WriteQueue:
         notice: Notice | None = None,
         then: Callable[[T], None] | None = None,
         is_awaited: bool = True,
+        undone: Callable[[], None] | None = None,
     ) -> asyncio.Future[T]:
         """Queue a write and return the result of `work()` to come: it is called on the thread of the writes, then committed.
 
         notice      told one sentence when the wait has lasted NOTICE_S
         then        called with the result on the event loop, right after the commit: also when whoever waits was cancelled
         is_awaited  whether somebody waits; else it may wait for another one for GATHERED_S
+        undone      called where its commit failed, on the thread of the writes, before any further write
 
         An error of `work` is passed on. WriteRefusedError after PATIENCE_S when the write has not begun, or at once while
         MAX_WAITING writes wait. StoreError when the commit failed.
@@ -310,7 +313,7 @@ class WriteQueue:
         if self._is_ending or self._waiting >= MAX_WAITING:
             raise WriteRefusedError(ENDS if self._is_ending else FULL)
         loop = self._loop
-        write = _Write(work, then, loop.create_future(), notice, loop.time() + PATIENCE_S)
+        write = _Write(work, then, undone, loop.create_future(), notice, loop.time() + PATIENCE_S)
         self._waiting += 1
         self._unanswered.append(write)
         if self._timer is None:
@@ -392,6 +395,8 @@ class WriteQueue:
             self._commit()
         except Exception as error:
             for write in batch:
+                if write.error is None and write.undone is not None:
+                    write.undone()
                 write.error = write.error or error
         self._is_locked = False
 
@@ -496,6 +501,7 @@ class Store(Reader):
             raise
         self._conn: sqlite3.Connection = self._db.conn
         self._lost: str | None = None
+        self._takes_writes = True
         self._is_within, self._began = False, 0.0
         self._undone: StoreError | None = None
         self.writes = WriteQueue(self._commit, self._roll_back)
@@ -562,9 +568,14 @@ class Store(Reader):
 
         return await self.write(write)
 
-    def put_write(self, work: Callable[[], T]) -> asyncio.Future[T]:
-        """Ask for a write that may wait a moment for the next one, and return its result to come; the next is made after it."""
-        return self.writes.put(work, is_awaited=False)
+    def put_write(
+        self, work: Callable[[], T], undone: Callable[[], None] | None = None
+    ) -> asyncio.Future[T]:
+        """Ask for a write that may wait a moment for the next one, and return its result to come; the next is made after it.
+
+        `undone` is that of `WriteQueue.put`.
+        """
+        return self.writes.put(work, undone=undone, is_awaited=False)
 
     async def read(self, work: Callable[[], T]) -> T:
         """Return the result of `work()`, which reads what is committed, on another thread and whatever is being written."""
@@ -694,6 +705,9 @@ class Store(Reader):
         if self._lost is not None:
             raise LostDatabaseError(self._lost)
         self._lock.note(commits)
+        if not self._takes_writes:
+            self._takes_writes = True
+            _log.warning("the database %s takes writes again", self.path)
         self.metrics.commit.observe(time.perf_counter() - self._began)
 
     def _roll_back(self) -> None:
@@ -701,6 +715,14 @@ class Store(Reader):
             self._conn.execute("ROLLBACK")
 
     def _not_taken(self, error: BaseException) -> StoreError:
+        if self._takes_writes:  # a line as it begins, and one as it ends
+            self._takes_writes = False
+            _log.error(
+                "the database %s takes no writes (%s): moves are refused until it does, and none is lost. Make room on its "
+                "disk, or look for the disk's errors in the system's log (dmesg)",
+                self.path,
+                error,
+            )
         return StoreError(
             f"the database {self.path.name} did not take the write, nothing changed: {error}; try again in a moment"
         )

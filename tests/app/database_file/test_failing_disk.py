@@ -77,25 +77,6 @@ def test_a_policy_waits_while_the_disk_is_full_says_so_once_and_goes_on_by_itsel
     server.close()
 
 
-def test_a_clock_that_is_set_back_loses_no_move(server, tmp_path):
-    client = server.client()
-    begun = begin(client)
-    steps = [act(client, begun, step).json()["step"] for step in range(3)]
-    server.clock.skipped_ms -= 2 * HOUR_MS
-    steps += [act(client, begun, step).json()["step"] for step in range(3, 6)]
-    assert steps == [1, 2, 3, 4, 5, 6]
-    outcome = None
-    while outcome is None:
-        frame = client.get(f"/api/sessions/{begun['session']}").json()
-        outcome = frame["outcome"] or act(client, begun, frame["step"], "west").json()["outcome"]
-    assert client.post(f"/api/sessions/{begun['session']}/episodes", json={}).status_code == 201
-    assert begun["frame"]["episode"] in {
-        each["episode"] for each in client.get("/api/episodes").json()
-    }
-    result = verify_database(tmp_path / "playground.db")
-    assert (result.episodes, result.findings) == (1, ())
-
-
 def test_a_clock_that_is_set_back_spoils_no_persons_episode(server, tmp_path):
     client = server.page()
     begun = client.post("/api/sessions", json={"size": [9, 12]}).json()
