@@ -26,7 +26,6 @@ from humanplay.board.controls import PAUSE_MS, Controls, HeldKeys
 from humanplay.db.chain import BegunHash, begin_hash
 from humanplay.db.input_events import (
     count_input_events,
-    event_bytes,
     has_copied_timing,
     input_events,
 )
@@ -244,13 +243,11 @@ class Ending:
     """What the end of an episode needs of its input events, found before it on another thread than that of the writes.
 
     events      their hash, for the chain
-    event_bytes  what they take of the database's file
     conditions  by which they were compared with the moves; None for a script's episode
     attested    the level, other episodes' timing not compared yet; None for a script's episode
     """
 
     events: BegunHash
-    event_bytes: int
     conditions: Conditions | None = None
     attested: Attested | None = None
 
@@ -264,13 +261,10 @@ def prepare_end(
     last        the move that ends it and is not stored yet, a row of the table `steps`; None when it is abandoned
     """
     events = begin_hash(store.connection, episode_id)
-    stored = event_bytes(store, episode_id)
     if conditions is None:
-        return Ending(events, stored)
+        return Ending(events)
     moves = [*store.steps(episode_id), *([] if last is None else [last])]
-    return Ending(
-        events, stored, conditions, attest(moves, input_events(store, episode_id), conditions)
-    )
+    return Ending(events, conditions, attest(moves, input_events(store, episode_id), conditions))
 
 
 def attest_stored(

@@ -28,7 +28,7 @@ from humanplay.board.controls import PAUSE_MS, ClockLimits, HeldKeys
 from humanplay.board.input_log import InputLog
 from humanplay.board.messages import Events, Pace, Remade
 from humanplay.board.participation import HUMAN, SCRIPT, Participation, RefusedError
-from humanplay.db.input_events import TOO_MANY_EVENTS, batch_bytes
+from humanplay.db.input_events import EVENT_BYTES, TOO_MANY_EVENTS, batch_bytes
 from humanplay.db.store import Notice, SessionRow, StepRow, Store, StoreError, Trial
 from humanplay.task import Run, RunElsewhere, RunEndedError, Task, View, on_threads
 
@@ -553,7 +553,7 @@ class Session:
 
     def charge(self, episode: Trial, steps: int, ending: Ending | None) -> None:
         """Charge what an ended episode has stored instead of the most that it could."""
-        event_bytes = 0 if ending is None else ending.event_bytes
+        event_bytes = 0 if ending is None else ending.events.until * EVENT_BYTES
         self._charges.close(episode.id, stored_bytes(episode, steps, event_bytes))
 
     def pair_with(self, second: Session) -> None:

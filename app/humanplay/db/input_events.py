@@ -15,7 +15,7 @@ from humanplay.db import chain
 from humanplay.db.columns import TABLES
 from humanplay.db.reader import Reader
 from humanplay.db.rows import EventRow
-from humanplay.db.store import Store
+from humanplay.db.store import Store, forget_batches
 
 MAX_EVENTS_PER_EPISODE = 50_000
 """Most input events kept of an episode: some hours of typing."""
@@ -77,11 +77,6 @@ def batch_bytes(events: int, batch: str) -> int:
     return events * EVENT_BYTES + BATCH_BYTES + 2 * len(batch)
 
 
-def event_bytes(reader: Reader, episode_id: str) -> int:
-    """Bytes of the database's file that the input events of an episode take."""
-    return int(reader.query(_BYTES, [episode_id])[0]["n"])
-
-
 def add_input_events(
     store: Store,
     episode_id: str,
@@ -112,7 +107,8 @@ def add_input_events(
         if conn.execute(_BATCH, (episode_id, batch)).fetchone():
             return
         first: int = conn.execute(_FIRST, [episode_id]).fetchone()[0]
-        taken = event_bytes(store, episode_id) + batch_bytes(len(events), batch)
+        (stored,) = conn.execute(_BYTES, [episode_id]).fetchone()
+        taken = stored + batch_bytes(len(events), batch)
         if first + len(events) > MAX_EVENTS_PER_EPISODE or taken > room:
             raise TooManyEventsError(TOO_MANY_EVENTS)
         numbers = _number_load(conn, episode_id, page_load)
@@ -124,6 +120,8 @@ def add_input_events(
         ]
         conn.executemany(TABLES["input_events"].insert(), rows)
         conn.execute("INSERT INTO event_batches VALUES (?, ?, ?)", (episode_id, first, batch))
+        if ended_ms is not None:
+            forget_batches(conn, episode_id)
         chain.append_late_events(conn, episode_id, first)
 
 

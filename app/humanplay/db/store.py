@@ -194,6 +194,10 @@ _ADD_STEP = f"""INSERT INTO steps ({", ".join(_STEP)}) SELECT ?1, ?2, ?3, ?4, ?5
     AND EXISTS (SELECT 1 FROM episodes WHERE id = ?1 AND ended_ms IS NULL AND (driver <> 'human' OR ?11 = 'human'))"""
 _STEP_VALUES = attrgetter(*_STEP)
 _BECOME_SCRIPT = "UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'"
+KEPT_BATCHES = 4
+"""Batches of input events by whose ids an ended episode knows one that comes again: a page repeats its newest."""
+_FORGET_BATCHES = """DELETE FROM event_batches WHERE episode_id = ?1 AND first <
+    (SELECT first FROM event_batches WHERE episode_id = ?1 ORDER BY first DESC LIMIT 1 OFFSET ?2)"""
 _CLOSE = """UPDATE episodes SET ended_ms = ?2, outcome = ?3, steps = ?4, discovered = ?5, total = ?6, score = ?7,
     trajectory_hash = ?8, core_version = ?9, attestation = CASE WHEN driver = 'human' OR ?10 = 'spoilt' THEN ?10 END,
     attestation_reason = CASE WHEN driver = 'human' OR ?10 = 'spoilt' THEN ?11 END WHERE id = ?1 AND ended_ms IS NULL
@@ -852,8 +856,14 @@ class Store(Reader):
         if self._conn.execute(_CLOSE, values).rowcount != 1:
             what = f"episode {episode_id!r} is not open with {counted(record.steps, 'step')}"
             raise StoreError(f"{what}: nothing changed")
+        forget_batches(self._conn, episode_id)
         volunteers.add_episode(self._conn, episode_id)
         chain.append(self._conn, "episode", episode_id, begun=events)
+
+
+def forget_batches(conn: sqlite3.Connection, episode_id: str) -> None:
+    """Delete the ids of an ended episode's batches of input events, but for the newest."""
+    conn.execute(_FORGET_BATCHES, [episode_id, KEPT_BATCHES - 1])
 
 
 def is_busy(error: sqlite3.Error) -> bool:

@@ -137,6 +137,25 @@ def test_a_batch_takes_no_more_work_among_forty_thousand_nearly_equal_events(ser
     assert work[-1] < 2 * work[0], work[:: len(work) // 5]
 
 
+def test_of_an_ended_episode_only_the_ids_of_its_newest_batches_are_kept(person, tmp_path):
+    """A page repeats what it has not seen kept, which is its newest."""
+    episode = person.frame["episode"]
+    batches = [[{**PRESS, "client_ms": 20.0 + number}] for number in range(30)]
+    with person.socket() as socket:
+        for batch in batches:
+            assert send_events(socket, episode, batch) == (1, None)
+    person.play(input=None)
+    person.call("next")
+    count = "SELECT count(*) FROM event_batches WHERE episode_id = ?"
+    assert ask(tmp_path / "playground.db", count, episode) == [(4,)]
+    late = [[{**PRESS, "client_ms": 60.0 + number}] for number in range(5)]
+    with person.socket() as socket:
+        for batch in (*batches[-4:], *late, *late[-4:]):
+            assert send_events(socket, episode, batch) == (1, None)
+    assert len(kept(tmp_path)) == 35
+    assert ask(tmp_path / "playground.db", count, episode) == [(4,)]
+
+
 def test_the_same_events_of_another_episode_are_kept_too(person, tmp_path):
     first = person.frame["episode"]
     person.play(input=None)
