@@ -29,6 +29,7 @@ import sys
 import tempfile
 import threading
 import time
+import traceback
 import weakref
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -51,6 +52,8 @@ LOOK_S = 0.05
 """How often the memory of a worker that has not answered is looked at."""
 PROGRESS_S = 0.2
 """A worker says no more often than this how much is done."""
+MOST_OF_TRACEBACK = 4000
+"""Characters of a traceback that leave a worker, its end."""
 KEPT = (
     "PATH", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "VIRTUAL_ENV",
     "GLIBC_TUNABLES", "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE",
@@ -73,7 +76,14 @@ Work = Generator[Any, Any, None]
 
 
 class LostError(Exception):
-    """A worker is gone or gave no answer; the text says what it did."""
+    """A worker is gone or gave no answer; the text says what it did.
+
+    Its cause is a `RaisedError` where the worker's code raised.
+    """
+
+
+class RaisedError(Exception):
+    """What the code in a worker raised; the text is its traceback there."""
 
 
 class Preparer:
@@ -267,7 +277,7 @@ class Worker:
             raise
         if "error" in told:
             self.close(kills=True)
-            raise LostError(told["error"])
+            raise LostError(told["error"]) from RaisedError(told["traceback"])
         return told["answer"]
 
     def _waited_for(self, progress: Callable[[int], object]) -> dict[str, Any]:
@@ -363,7 +373,9 @@ def _work(
     except (EOFError, BrokenPipeError, ConnectionResetError):
         os._exit(0)
     except BaseException as error:
-        connection.send_bytes(json.dumps({"error": _said(error)}).encode())
+        trace = traceback.format_exc()[-MOST_OF_TRACEBACK:]
+        failure = {"error": _said(error), "traceback": trace}
+        connection.send_bytes(json.dumps(failure).encode())
         os._exit(1)
 
 

@@ -1,5 +1,6 @@
 """An environment in a folder of its author's, which no package brings: played, recorded and verified by the commands."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -35,23 +36,29 @@ def humanplay(folder, *arguments):
 
 
 def play_to_the_end(folder, env):
-    """Serve an environment from the author's folder, and walk to the right until the episode ends."""
+    """Serve an environment from the author's folder, and walk to the right until the episode ends.
+
+    Return how it ended, and what the server printed meanwhile.
+    """
     command = [*HUMANPLAY, "serve", "--env", env, "--database", "line.db", "--port", "0"]
     with (
-        command_server(command, cwd=folder) as (_, address),
+        command_server(command, cwd=folder) as (process, address),
         httpx.Client(base_url=address, timeout=60) as client,
     ):
         board = client.post("/api/sessions", json={"seed": 3}).json()
         frame, path = board["frame"], f"/api/sessions/{board['session']}/act"
         while frame["outcome"] is None:
             move = {"episode": frame["episode"], "step": frame["step"], "action": "1"}
-            frame = client.post(path, json=move).json()
-    return frame
+            client.post(path, json=move)
+            frame = client.get(f"/api/sessions/{board['session']}").json()
+        process.terminate()
+        log = process.stdout.read()
+    return frame["outcome"], log
 
 
 @pytest.mark.parametrize("env", ["line:Line", "line.py", "line.py:Line", "line:make_line"])
 def test_it_is_played_from_its_folder_and_verified_by_its_source(folder, env):
-    assert play_to_the_end(folder, env)["outcome"] == "ended"
+    assert play_to_the_end(folder, env)[0] == "ended"
     verify = "verify", "--database", "line.db"
     code, text = humanplay(folder, *verify)
     assert (code, "as recorded" in text) == (0, True), text
@@ -88,3 +95,17 @@ def test_what_cannot_be_played_is_said(folder, env, said):
 def test_a_file_that_lies_in_the_folder_stands_in_for_no_installed_module(folder):
     (folder / "numpy.py").write_text("raise SystemExit('the wrong numpy')\n")
     assert humanplay(folder, "doctor", "line:Line", "--steps", "5", "--seeds", "1")[0] == 0
+
+
+def test_what_it_raises_reaches_its_author_with_the_place_and_the_move(folder):
+    module = folder / "line.py"
+    text = module.read_text()
+    step = "        self.cell = max(0,"
+    fails = "        if self.cell == 5:\n            raise KeyError('no such room')\n"
+    module.write_text(text.replace(step, fails + step))
+    line = module.read_text().splitlines().index("            raise KeyError('no such room')") + 1
+    log = play_to_the_end(folder, "line.py")[1]
+    move = r"line:Line failed, seed 3, step \d, action 1 \(1\): KeyError: 'no such room'"
+    assert re.search(move, log), log
+    assert re.search(rf'File ".*/line.py", line {line}, in step', log), log
+    assert "failed again, and the episode is over, seed 3" in log

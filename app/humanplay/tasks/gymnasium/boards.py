@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,6 +16,8 @@ from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.description import described
 from humanplay.tasks.gymnasium.rules import FAILED, GymnasiumConfig, GymnasiumRun, GymnasiumView
 from humanplay.tasks.processes import LostError, Preparer, Work, Worker
+
+_log = logging.getLogger(__name__)
 
 ALL_OF_MEMORY = 0.5
 """Share of the machine's memory that all boards may take before no further one begins."""
@@ -109,9 +112,24 @@ class BoardRun(GymnasiumRun):
         """Return what its process answers, made again where it is lost; LostError or ValueError where that fails too."""
         try:
             return self._board.answer() if is_asked else self._board.ask(question)
-        except LostError:
+        except LostError as error:
+            self._log_failure(question, error)
             self._board = self._begun(bytes(self.actions))
             return self._board.ask(question)
+
+    def _log_failure(self, action: int | None, error: Exception, then: str = "") -> None:
+        """Tell the author, in the server's log, what failed at which move of which episode."""
+        names = rules_of(self._boards.task).actions
+        _log.error(
+            "%s failed%s, seed %d, step %d, action %s: %s",
+            self.config.level,
+            f" {then}" if then else "",
+            self.seed,
+            len(self.actions) + 1,
+            "none" if action is None else f"{action} ({names[action]})",
+            error,
+            exc_info=error.__cause__,
+        )
 
     def _is_action(self, action: int) -> bool:
         return 0 <= action < len(rules_of(self._boards.task).actions)
@@ -131,6 +149,7 @@ class BoardRun(GymnasiumRun):
         except (LostError, ValueError) as error:
             self._board.close()
             self.outcome = FAILED
+            self._log_failure(action, error, "again, and the episode is over")
             raise RunEndedError(
                 f"{self.config.level} failed at this move, and again after it was made anew: {error}; the episode is over"
             ) from error

@@ -23,10 +23,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from humanplay.task import counted
 from humanplay.task.registration import rules_of
+from humanplay.tasks.gymnasium.pictures import pixels_of
 from humanplay.tasks.gymnasium.values import bytes_of, finite
 
 Progress = Callable[[int, int], None]
@@ -257,9 +256,10 @@ def _episode(
                 rows, picture = drawn.splitlines(), _digest(drawn.encode())
                 shape = (len(rows), max(map(len, rows), default=0))
             else:
-                picture, shape = _checked_picture(drawn), np.shape(drawn)[:2]
+                pixels = pixels_of(drawn)
+                picture, shape = _digest(bytes_of(pixels)), pixels.shape[:2]
                 if len(hashes) % 100 == 0:
-                    costs["bytes"].append(_png_size(drawn))
+                    costs["bytes"].append(_png_size(pixels))
         end = _digest(repr(ends).encode())
         seen, paid = (
             _digest(bytes_of(observation)),
@@ -275,14 +275,6 @@ def _episode(
         if score != "return":
             finite(score, info.get(score[5:], 0.0))
         ends = bool(terminated), bool(truncated)
-
-
-def _checked_picture(drawn: Any) -> str:
-    pixels = np.asarray(drawn)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
-        got = f"{pixels.dtype}{pixels.shape}"
-        raise ValueError(f"render returned no picture (uint8, rows x columns x 3) but {got}")
-    return _digest(bytes_of(pixels))
 
 
 def _digest(content: bytes) -> str:

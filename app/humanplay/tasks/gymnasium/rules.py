@@ -35,6 +35,7 @@ from humanplay.tasks.gymnasium.description import (
     spec_of,
 )
 from humanplay.tasks.gymnasium.doctor import examine
+from humanplay.tasks.gymnasium.pictures import pixels_of
 from humanplay.tasks.gymnasium.values import bytes_of, finite, plain
 from humanplay.tasks.lock import differences, lock_of
 from humanplay.tasks.policies import ProcessPolicies
@@ -200,7 +201,7 @@ class GymnasiumRun:
         shown = self._env.render()
         if isinstance(shown, str):
             return GymnasiumView(self, None, re.sub(r"\x1b\[[0-9;]*m", "", shown))
-        pixels = np.asarray(shown)
+        pixels = pixels_of(shown)
         packed = jpeg(pixels) if self._described.codec == "jpeg" else png(pixels, self.is_live)
         return GymnasiumView(self, packed, None)
 
