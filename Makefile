@@ -13,6 +13,8 @@ SBOM    := dist/humanplay.cdx.json
 RESEARCH := .venv-research
 # and so have the clients that other people's agents use
 AGENTS  := .venv-agents
+# extras whose packages are installed by their hashes; PyTorch's, of the others, differ by machine
+HASHED  := mars play study export onnx video docs audit
 PIP     := -m pip --disable-pip-version-check install --progress-bar on
 INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 
@@ -20,7 +22,7 @@ INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help play agents test test-long cards paper tables test-research check check-types check-rest format docs bench audit sbom dist clean browser
+.PHONY: help play agents test test-long cards paper tables test-research check check-types check-rest format docs bench audit requirements sbom dist clean browser
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -70,6 +72,13 @@ check-rest:
 audit: $(AUDIT) ## known vulnerabilities in the packages of constraints.txt (asks an advisory service, so it is no part of `make check`)
 	$(BIN)/pip-audit --strict --no-deps --disable-pip --requirement constraints.txt
 
+requirements: $(AUDIT) ## what each extra installs, pinned as in constraints.txt and with its hashes, in requirements/
+	for extra in $(HASHED); do \
+	    $(BIN)/uv pip compile pyproject.toml --quiet --extra $$extra --constraint constraints.txt --generate-hashes \
+	        --universal --python-version 3.11 --no-header --no-annotate --no-emit-package pip \
+	        --output-file requirements/$$extra.txt >/dev/null || exit 1; \
+	done
+
 sbom: $(AUDIT) ## the packages of constraints.txt as a CycloneDX bill of materials, to publish beside a release
 	@mkdir -p dist
 	PYTHONWARNINGS=ignore $(BIN)/cyclonedx-py requirements constraints.txt --pyproject pyproject.toml --output-reproducible --of JSON -o $(SBOM)
@@ -95,9 +104,10 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { echo "installing python3-venv"; apt-get update -qq && apt-get install -y -qq python3-venv; }
 	$(PYTHON) -m venv $(VENV)
 
-$(PLAY): pyproject.toml constraints.txt | $(BIN)/python
+$(PLAY): pyproject.toml requirements/play.txt | $(BIN)/python
 	@echo "Installing what playing needs into $(VENV): about 0.5 GB, some minutes when nothing has been downloaded before."
-	$(INSTALL) '.[play]'
+	$(BIN)/python $(PIP) --require-hashes --requirement requirements/play.txt
+	$(BIN)/python $(PIP) --no-deps --editable .
 	@touch $@
 
 $(DEV): pyproject.toml constraints.txt | $(BIN)/python
