@@ -63,8 +63,8 @@ def cores() -> int:
 class _Job:
     """A call that waits or runs; see `Jobs.submit`."""
 
-    function: Callable[..., Any]
-    arguments: tuple[Any, ...]
+    function: Callable[..., object]
+    arguments: tuple[object, ...]
     owner: str
     key: Hashable | None
     limit_s: float | None
@@ -120,7 +120,7 @@ class Jobs(Executor):
         self,
         function: Callable[..., T],
         /,
-        *arguments: Any,
+        *arguments: object,
         owner: str = "",
         key: Hashable | None = None,
         limit_s: float | None = None,
@@ -161,9 +161,25 @@ class Jobs(Executor):
             self._changed.notify_all()
         return future
 
-    async def run(self, function: Callable[..., T], *arguments: Any, **options: Any) -> T:
+    async def run(
+        self,
+        function: Callable[..., T],
+        *arguments: object,
+        owner: str = "",
+        key: Hashable | None = None,
+        limit_s: float | None = None,
+        on_progress: Progress | None = None,
+    ) -> T:
         """Return what a job comes to; see `submit` and `result_of`."""
-        return await result_of(self.submit(function, *arguments, **options))
+        job = self.submit(
+            function,
+            *arguments,
+            owner=owner,
+            key=key,
+            limit_s=limit_s,
+            on_progress=on_progress,
+        )
+        return await result_of(job)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
         """See `close`: nothing goes on after it, whatever is asked for."""
@@ -199,7 +215,7 @@ class Jobs(Executor):
         failed.set_exception(error.with_traceback(None))
         return failed
 
-    def _forget(self, key: Hashable, future: Future[Any]) -> None:
+    def _forget(self, key: Hashable, future: object) -> None:
         with self._changed:
             if self._by_key.get(key) is future:
                 del self._by_key[key]
@@ -317,7 +333,7 @@ class _Process:
     def is_alive(self) -> bool:
         return self._process.poll() is None
 
-    def run(self, job: _Job) -> Any:
+    def run(self, job: _Job) -> object:
         """Return what a job returns, or raise what it raises; JobError when it takes too long or ends early."""
         deadline = None if job.limit_s is None else time.monotonic() + job.limit_s
         try:
@@ -341,7 +357,8 @@ class _Process:
             raise
         if kind == "raised":
             raise value
-        return value
+        result: object = value
+        return result
 
     def end(self) -> None:
         """Kill the process and those that it started, and wait for its end."""

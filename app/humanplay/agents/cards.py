@@ -17,13 +17,13 @@ from functools import partial
 from typing import Any, TypeVar
 
 from humanplay.agents.evaluation import (
-    CAME_TO,
     Attempt,
     CardRow,
     Evaluation,
     Protocol,
     actions_of,
     attempts_of,
+    came_to_of,
     card_of_token,
     card_with_id,
     cause_of,
@@ -87,7 +87,7 @@ class Seen:
     index: int
     step: int
     done: bool
-    observation: Any
+    observation: object
     picture: str | None
     text: str | None
 
@@ -149,7 +149,7 @@ class Cards:
             "calls": protocol.calls * protocol.instances,
         }
 
-    def instances(self, card: Card) -> list[dict[str, Any]]:
+    def instances(self, card: Card) -> list[dict[str, object]]:
         """Return the instances, named alike for every card, in an order that says nothing of them."""
         self._count(card)
         count = card.protocol.instances
@@ -188,7 +188,7 @@ class Cards:
         self._check_index(card, index)
         return await asyncio.shield(self._act(card, index, code, step))
 
-    async def state(self, card: Card) -> dict[str, Any]:
+    async def state(self, card: Card) -> dict[str, object]:
         """Return which attempts were begun and which are finished; no score."""
         self._count(card)
         finished = [i for i, attempt in card.attempts.items() if attempt.ended_ms is not None]
@@ -209,24 +209,24 @@ class Cards:
             values = self._clock_ms(), card.row.id
             await self._write(lambda conn: conn.execute(sql, values).rowcount)
 
-    async def describe(self, card: Card, given: Mapping[str, Any]) -> dict[str, str]:
+    async def describe(self, card: Card, texts: Mapping[str, object]) -> dict[str, str]:
         """Keep what the author says of their agent and return all of it; CardError 422 for other fields, 409 for late ones."""
         self._count(card)
-        if unknown := [name for name in given if name not in DESCRIBED]:
+        if unknown := [name for name in texts if name not in DESCRIBED]:
             raise CardError(422, f"expected {', '.join(DESCRIBED)}, got {str(unknown[0])[:40]!r}")
-        for name, text in given.items():
+        for name, text in texts.items():
             is_text = isinstance(text, str) and len(text) <= MOST_CHARACTERS
-            if not (is_text and text.isprintable()):
+            if not (is_text and str(text).isprintable()):
                 raise CardError(
                     422, f"{name}: expected a text of at most {MOST_CHARACTERS} characters"
                 )
         async with self._changing[card.row.id]:
-            if await self._read_attempts(card) and set(given) - {"cost"}:
+            if await self._read_attempts(card) and set(texts) - {"cost"}:
                 raise CardError(409, "an attempt was begun: only the cost can be changed")
 
             def describe(conn: sqlite3.Connection) -> dict[str, str]:
                 row = card_with_id(conn, card.row.id)
-                said = {**json.loads("{}" if row is None else row.description), **given}
+                said = {**json.loads("{}" if row is None else row.description), **texts}
                 sql = "UPDATE agents_cards SET description = ? WHERE id = ?"
                 conn.execute(sql, (json.dumps(said), card.row.id))
                 return said
@@ -309,7 +309,7 @@ class Cards:
         row = attempt.id, attempt.moves, action, now
         conn.execute("INSERT INTO agents_moves VALUES (?, ?, ?, ?)", row)
         if run.view().ended:
-            end_attempt(conn, attempt.id, now, _came_to(run))
+            end_attempt(conn, attempt.id, now, came_to_of(run))
 
     def _check_holds(self, conn: sqlite3.Connection, card: Card) -> None:
         """CardError 404 where the card or its evaluation was closed meanwhile, by a command say."""
@@ -365,7 +365,7 @@ class Cards:
         await self._end(attempt, run)
 
     async def _end(self, attempt: Attempt, run: Run) -> None:
-        now, came_to = self._clock_ms(), _came_to(run)
+        now, came_to = self._clock_ms(), came_to_of(run)
         await self._write(lambda conn: end_attempt(conn, attempt.id, now, came_to))
 
     async def _write(self, change: Callable[[sqlite3.Connection], T]) -> T:
@@ -406,11 +406,6 @@ class Cards:
         count = card.protocol.instances
         if not 0 <= index < count:
             raise CardError(404, f"expected an instance 0 to {count - 1}, got {index}")
-
-
-def _came_to(run: Run) -> dict[str, Any]:
-    record = run.record()
-    return {name: getattr(record, name) for name in CAME_TO}
 
 
 def _ident(index: int) -> str:

@@ -8,20 +8,73 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
-from humanplay.agents.evaluation import Protocol
+from humanplay.agents.evaluation import CameTo, Protocol, came_to_of
 from humanplay.db.trial import LEFT
 from humanplay.report.statistics.comparisons import compare_policy
-from humanplay.report.statistics.exclusion_sets import METRICS, members, people_of
+from humanplay.report.statistics.exclusion_sets import METRICS, MetricName, members, people_of
 from humanplay.report.statistics.first_attempts import first_attempts
+from humanplay.report.statistics.intervals import Interval
 from humanplay.report.statistics.study_figures import live_figure, worst_value
 from humanplay.study.data import StudyData
 from humanplay.study.policy_episodes import PolicyEpisode
+from humanplay.task import Drawn
 from marsexplorer.intervals import Floats
+
+
+class ReceiptEpisode(CameTo):
+    """An instance in a receipt: its moves (hex), one byte each, and what they came to."""
+
+    index: int
+    begun: bool
+    actions: str
+
+
+class ReceiptCard(TypedDict):
+    """The card of a receipt; its author's first one ranks."""
+
+    id: str
+    author: str
+    number: int
+    ranks: bool
+    note: str | None
+
+
+class SeenBy(TypedDict):
+    """Who could have seen the instances before the agent, and since when."""
+
+    participants: int
+    participants_since: str | None
+    operators: str
+    operators_since: str
+    other_cards_before: NotRequired[int]
+
+
+class Receipt(TypedDict):
+    """What came of a card; signed, it has the public half of the key and the signature too."""
+
+    format: str
+    evaluation: str
+    task: str
+    protocol_hash: str
+    commitment: str
+    study: dict[str, object] | None
+    sees: str
+    seen_by: SeenBy
+    card: ReceiptCard
+    agent: dict[str, str]
+    agent_note: str
+    versions: dict[str, str]
+    began_at: str
+    ended_at: str
+    closed_at: str
+    episodes: list[ReceiptEpisode]
+    chain: str
+    public_key: NotRequired[str]
+    signature: NotRequired[str]
 
 
 @dataclass(frozen=True)
@@ -34,12 +87,10 @@ class _Played:
     outcomes: tuple[str, ...]
 
     @classmethod
-    def of(
-        cls, name: str, protocol: Protocol, episodes: Mapping[int, Mapping[str, Any]]
-    ) -> _Played:
+    def of(cls, name: str, protocol: Protocol, episodes: Mapping[int, CameTo]) -> _Played:
         """Take episodes by instance; what was left has the score that it has for people (`Trial.as_left`)."""
         rules, config = protocol.rules, protocol.env_config
-        cause: Any = SimpleNamespace(config=config)
+        cause = Drawn(config, seed=0, terrain=b"", start=(0, 0))
         score, steps = np.full((2, protocol.instances), np.nan)
         outcomes = [""] * protocol.instances
         for index, episode in episodes.items():
@@ -55,10 +106,10 @@ class _Played:
 
 def compare(
     protocol: Protocol,
-    receipts: Sequence[Mapping[str, Any]],
+    receipts: Sequence[Receipt],
     episodes: Sequence[PolicyEpisode],
     data: StudyData | None,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the comparison, ready for JSON: its words, the people's row, a row for each policy and agent, and each instance.
 
     data  of the closed study whose people the agents are compared with; None for none
@@ -71,29 +122,33 @@ def compare(
     is_drawn = data is not None and data.protocol.terrains_drawn
     policies = _policies(protocol, episodes)
     random = next((policy for policy in policies if policy.name == "random"), None)
-    rows = []
+    rows: list[dict[str, object]] = []
+    better, words = protocol.rules.metrics[0].is_better, protocol.rules.words
+    sign = 1 if better == "higher" else -1
+    ranked: list[tuple[dict[str, object], float]] = []
     for policy in policies:
         figures = _figures(policy, protocol, tables, random, is_drawn)
         rows.append({"kind": "policy", "name": policy.name, "rank": None, **figures})
     for receipt in receipts:
-        own = {episode["index"]: episode for episode in receipt["episodes"]}
-        agent = _Played.of(receipt["card"]["id"], protocol, own)
-        rows.append(
-            {
-                "kind": "agent",
-                "name": receipt["agent"].get("agent") or f"card {receipt['card']['id']}",
-                "rank": None,
-                "attempts": sum(episode["begun"] for episode in receipt["episodes"]),
-                **{name: receipt[name] for name in ("card", "agent", "sees", "seen_by")},
-                **_figures(agent, protocol, tables, random, is_drawn),
-            }
-        )
-    better, words = protocol.rules.metrics[0].is_better, protocol.rules.words
-    sign = 1 if better == "higher" else -1
-    ranked = [row for row in rows if row["kind"] == "agent" and row["card"]["ranks"]]
-    means = [sign * row["score"]["mean"] for row in ranked]
-    for row, mean in zip(ranked, means, strict=True):
-        row["rank"] = 1 + sum(other > mean for other in means)
+        by_instance = {episode["index"]: episode for episode in receipt["episodes"]}
+        agent = _Played.of(receipt["card"]["id"], protocol, by_instance)
+        figures = _figures(agent, protocol, tables, random, is_drawn)
+        row = {
+            "kind": "agent",
+            "name": receipt["agent"].get("agent") or f"card {receipt['card']['id']}",
+            "rank": None,
+            "attempts": sum(episode["begun"] for episode in receipt["episodes"]),
+            "card": receipt["card"],
+            "agent": receipt["agent"],
+            "sees": receipt["sees"],
+            "seen_by": receipt["seen_by"],
+            **figures,
+        }
+        rows.append(row)
+        if receipt["card"]["ranks"]:
+            ranked.append((row, sign * figures["score"]["mean"]))
+    for row, mean in ranked:
+        row["rank"] = 1 + sum(other > mean for _, other in ranked)
     people = None
     if data is not None:
         people = {
@@ -114,12 +169,30 @@ def compare(
 def _policies(protocol: Protocol, episodes: Sequence[PolicyEpisode]) -> list[_Played]:
     """What each policy came to, its episodes replayed."""
     rules, config = protocol.rules, protocol.env_config
-    by_policy: dict[str, dict[int, dict[str, Any]]] = {}
+    by_policy: dict[str, dict[int, CameTo]] = {}
     for episode in episodes:
-        record = episode.replay(rules, config).record()
-        ending = {name: getattr(record, name) for name in ("outcome", "score", "steps", "total")}
-        by_policy.setdefault(episode.policy, {})[episode.terrain] = ending
-    return [_Played.of(name, protocol, own) for name, own in by_policy.items()]
+        came_to = came_to_of(episode.replay(rules, config))
+        by_policy.setdefault(episode.policy, {})[episode.terrain] = came_to
+    return [_Played.of(name, protocol, endings) for name, endings in by_policy.items()]
+
+
+class _Figure(TypedDict):
+    """A mean in a metric, and each instance's; the rest where people played the same instances."""
+
+    mean: float
+    values: list[float]
+    difference: float | None
+    terrains: NotRequired[int]
+    interval: NotRequired[Interval | None]
+    normalized: NotRequired[float | None]
+
+
+class _Figures(TypedDict):
+    """Somebody's outcomes, and their figure in each metric."""
+
+    outcomes: list[str]
+    score: _Figure
+    steps: _Figure
 
 
 def _figures(
@@ -128,13 +201,12 @@ def _figures(
     tables: Mapping[str, Floats],
     random: _Played | None,
     is_drawn: bool,
-) -> dict[str, Any]:
-    """Return the mean in each metric, its difference to people with intervals where they are paired, and each instance's."""
-    figures: dict[str, Any] = {"outcomes": list(played.outcomes)}
-    for metric in METRICS:
+) -> _Figures:
+    """The mean in each metric, and its difference to people where they are paired."""
+
+    def figure(metric: MetricName) -> _Figure:
         values: Floats = getattr(played, metric)
-        mean = float(values.mean())
-        row: dict[str, Any] = {"mean": mean, "values": values.tolist(), "difference": None}
+        row: _Figure = {"mean": float(values.mean()), "values": values.tolist(), "difference": None}
         if metric in tables:
             shared = ~np.isnan(tables[metric]).all(axis=0)
             zero = None if random is None else getattr(random, metric)[shared]
@@ -143,13 +215,16 @@ def _figures(
             compared = compare_policy(
                 played.name, metric, values[shared], people, zero, worst, is_drawn
             )
-            names = ("terrains", "difference", "interval", "normalized")
-            row |= {name: getattr(compared, name) for name in names}
-        figures[metric] = row
-    return figures
+            row["terrains"] = compared.terrains
+            row["difference"] = compared.difference
+            row["interval"] = compared.interval
+            row["normalized"] = compared.normalized
+        return row
+
+    return {"outcomes": list(played.outcomes), "score": figure("score"), "steps": figure("steps")}
 
 
-def _instances(data: StudyData) -> list[dict[str, Any]]:
+def _instances(data: StudyData) -> list[dict[str, object]]:
     """Return for each instance how many people played and completed it, their means, upper median and best number of moves.
 
     All of it is of everybody who ended it, and None where nobody did.
@@ -162,7 +237,7 @@ def _instances(data: StudyData) -> list[dict[str, Any]]:
     for attempts in first_attempts(cohort).terrains:
         here = [trial for trial in own if trial.terrain_index == attempts.terrain]
         moves = [trial.steps for trial in here if trial.succeeded]
-        row: dict[str, Any] = {
+        row: dict[str, object] = {
             "index": attempts.terrain, "players": attempts.played, "completed": attempts.completed,
             "upper_median": attempts.upper_median, "best": min(filter(None, moves), default=None),
         }  # fmt: skip

@@ -17,8 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -30,7 +29,7 @@ from humanplay.study.invitations import ID_LENGTH, new_id, signature
 from humanplay.study.policy_files import PolicyFiles
 from humanplay.study.protocol import NAME, StudyError, canonical_json
 from humanplay.study.seeds import commitment, seed
-from humanplay.task import Configuration, Rules
+from humanplay.task import Configuration, Drawn, Rules, Run, drawn
 from humanplay.task.registration import rules_of
 
 TABLES = (
@@ -47,9 +46,19 @@ TABLES = (
         attempt INTEGER NOT NULL REFERENCES agents_attempts(id), step INTEGER NOT NULL, action INTEGER NOT NULL,
         at_ms INTEGER NOT NULL, PRIMARY KEY (attempt, step)) WITHOUT ROWID""",
 )
-"""A move counts once its row is committed; `came_to` is JSON, what the attempt came to (CAME_TO)."""
-CAME_TO = ("outcome", "steps", "score", "total", "trajectory_hash")
-"""What an episode came to, as a receipt says it and as it is simulated again."""
+"""A move counts once its row is committed; `came_to` is JSON, what the attempt came to (`CameTo`)."""
+
+
+class CameTo(TypedDict):
+    """What an episode came to, as a receipt says it and as it is simulated again."""
+
+    outcome: str
+    steps: int
+    score: float
+    total: float
+    trajectory_hash: str
+
+
 OPENING, RECEIPTS = "opening.json", "receipts"
 POLICIES, COMPARISON = "policies.json", "comparison.json"
 """What a closed evaluation publishes."""
@@ -95,9 +104,9 @@ class Protocol(BaseModel):
 
     name: str = Field(pattern=f"^{NAME}$")
     task: str
-    config: dict[str, Any]
+    config: dict[str, object]
     core_version: str
-    lock: dict[str, Any]
+    lock: dict[str, object]
     instances: int = Field(ge=1, le=500)
     sees: Literal["picture", "observation", "both"] = "both"
     hours: float = Field(default=168.0, gt=0, le=8760, allow_inf_nan=False)
@@ -201,7 +210,7 @@ class Attempt:
     instance: int
     started_ms: int
     ended_ms: int | None
-    came_to: dict[str, Any] | None
+    came_to: CameTo | None
     moves: int
 
 
@@ -400,9 +409,7 @@ def actions_of(conn: sqlite3.Connection, attempt: int) -> bytes:
     return bytes(row[0] for row in conn.execute(sql, (attempt,)))
 
 
-def end_attempt(
-    conn: sqlite3.Connection, attempt: int, at_ms: int, came_to: dict[str, Any]
-) -> None:
+def end_attempt(conn: sqlite3.Connection, attempt: int, at_ms: int, came_to: CameTo) -> None:
     """Write what an attempt that runs came to; one that has ended stays as it is."""
     sql = "UPDATE agents_attempts SET ended_ms = ?, came_to = ? WHERE id = ? AND ended_ms IS NULL"
     conn.execute(sql, (at_ms, json.dumps(came_to), attempt))
@@ -418,17 +425,26 @@ def forget_card(conn: sqlite3.Connection, card: str) -> None:
     conn.execute("DELETE FROM agents_cards WHERE id = ?", (card,))
 
 
-def cause_of(protocol: Protocol, number: int) -> Any:
-    """What fixes an episode on the instance of a seed (`humanplay.task.Cause`)."""
-    config = protocol.env_config
-    terrain, start = protocol.rules.instance(config, number)
-    return SimpleNamespace(config=config, seed=number, terrain=terrain, start=start)
+def cause_of(protocol: Protocol, number: int) -> Drawn:
+    """What fixes an episode on the instance of a seed."""
+    return drawn(protocol.rules, protocol.env_config, number)
 
 
-def simulated(protocol: Protocol, number: int, actions: bytes) -> dict[str, Any]:
+def simulated(protocol: Protocol, number: int, actions: bytes) -> CameTo:
     """What an episode on a seed comes to; ValueError or RuntimeError where its actions do not fit."""
-    record = protocol.rules.replay(cause_of(protocol, number), actions, True).record()
-    return {name: getattr(record, name) for name in CAME_TO}
+    return came_to_of(protocol.rules.replay(cause_of(protocol, number), actions, True))
+
+
+def came_to_of(run: Run) -> CameTo:
+    """What an ended run came to."""
+    record = run.record()
+    return {
+        "outcome": record.outcome,
+        "steps": record.steps,
+        "score": record.score,
+        "total": record.total,
+        "trajectory_hash": record.trajectory_hash,
+    }
 
 
 def _same(one: str, other: str) -> bool:

@@ -18,9 +18,9 @@ from contextlib import closing
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from humanplay.agents.comparison import compare
+from humanplay.agents.comparison import Receipt, ReceiptEpisode, SeenBy, compare
 from humanplay.agents.evaluation import (
     COMPARISON,
     OPENING,
@@ -53,6 +53,9 @@ from humanplay.study.protocol import StudyError, canonical_json
 from humanplay.study.seeds import commitment, seed
 from humanplay.task import counted
 
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
 OPENING_FORMAT, RECEIPT_FORMAT = "humanplay-opening-1", "humanplay-receipt-1"
 NOTE = "What the author says of the agent is not checked; what it did is."
 _DAMAGED = KeyError, TypeError, ValueError, AttributeError, OverflowError, StudyError
@@ -74,7 +77,7 @@ def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar
             for attempt in attempts
         }
     seen, data = _seen_by(database, evaluation), _people(database, folder, evaluation.study)
-    receipts = []
+    receipts = list[Receipt]()
     for card, attempts in played.items():
         if attempts:
             began = attempts[0].started_ms
@@ -83,9 +86,10 @@ def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar
                 for other, own in played.items()
                 if other != card and own and own[0].started_ms < began
             ]
-            content = _receipt(evaluation, card, attempts, moves)
-            content["seen_by"] = {**seen, "other_cards_before": len(others)}
-            receipts.append(sign(content, key))
+            seen_by: SeenBy = {**seen, "other_cards_before": len(others)}
+            receipt = _receipt(evaluation, card, attempts, moves, seen_by)
+            receipt["public_key"], receipt["signature"] = _signed(receipt, key)
+            receipts.append(receipt)
     protocol = evaluation.protocol
     seeds = {index: evaluation.seed(index) for index in range(protocol.instances)}
     with bar("policies on the same instances") as advance:
@@ -103,7 +107,8 @@ def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar
     for receipt in receipts:
         write_object(path / RECEIPTS / f"{receipt['card']['id']}.json", receipt)
     write_object(
-        path / POLICIES, [{**asdict(each), "actions": each.actions.hex()} for each in episodes]
+        path / POLICIES,
+        [{**asdict(episode), "actions": episode.actions.hex()} for episode in episodes],
     )
     write_object(path / COMPARISON, compare(protocol, receipts, episodes, data))
     # last: where it is, the rest is too
@@ -116,13 +121,19 @@ def compared_policies(protocol: Protocol) -> list[str]:
     return list(dict.fromkeys((*protocol.policies, "random")))
 
 
-def sign(content: dict[str, Any], key: Any) -> dict[str, Any]:
+def sign(content: Mapping[str, object], key: Ed25519PrivateKey) -> dict[str, object]:
     """Add the public half of a key, and its signature over the canonical JSON of both."""
-    whole = {**content, "public_key": signing.public_pem(key).decode()}
-    return {**whole, "signature": key.sign(canonical_json(whole)).hex()}
+    public, made = _signed(content, key)
+    return {**content, "public_key": public, "signature": made}
 
 
-def chained(start: str, episodes: Sequence[Mapping[str, Any]]) -> str:
+def _signed(content: Mapping[str, object], key: Ed25519PrivateKey) -> tuple[str, str]:
+    """The public half of a key, and its signature over some content with that."""
+    public = signing.public_pem(key).decode()
+    return public, key.sign(canonical_json({**content, "public_key": public})).hex()
+
+
+def chained(start: str, episodes: Sequence[Mapping[str, object]]) -> str:
     """The head (hex) of the chain of some episodes: each link is SHA-256 over the one before it and the episode."""
     head = hashlib.sha256(start.encode()).hexdigest()
     for episode in episodes:
@@ -140,7 +151,7 @@ def _people(database: Path, folder: Folder, study: Study | None) -> StudyData | 
         return load_with_folder(reader, folder, study.name)[0]
 
 
-def _seen_by(database: Path, evaluation: Evaluation) -> dict[str, Any]:
+def _seen_by(database: Path, evaluation: Evaluation) -> SeenBy:
     """Who could have seen the instances before the agents, and since when."""
     ranked = []
     if evaluation.study is not None:
@@ -157,19 +168,22 @@ def _seen_by(database: Path, evaluation: Evaluation) -> dict[str, Any]:
 
 
 def _receipt(
-    evaluation: Evaluation, card: CardRow, attempts: Sequence[Attempt], moves: Mapping[int, bytes]
-) -> dict[str, Any]:
+    evaluation: Evaluation,
+    card: CardRow,
+    attempts: Sequence[Attempt],
+    moves: Mapping[int, bytes],
+    seen_by: SeenBy,
+) -> Receipt:
     protocol = evaluation.protocol
-    episodes = [
-        {
-            "index": attempt.instance,
-            "begun": True,
-            "actions": moves[attempt.id].hex(),
-            **(attempt.came_to or {}),
-        }
-        for attempt in attempts
-    ]
-    for index in sorted(set(range(protocol.instances)) - {each.instance for each in attempts}):
+    episodes = list[ReceiptEpisode]()
+    for attempt in attempts:
+        assert attempt.came_to is not None  # the evaluation is closed
+        actions = moves[attempt.id].hex()
+        episodes.append(
+            {"index": attempt.instance, "begun": True, "actions": actions, **attempt.came_to}
+        )
+    begun = {attempt.instance for attempt in attempts}
+    for index in sorted(set(range(protocol.instances)) - begun):
         came_to = simulated(protocol, evaluation.seed(index), b"")
         episodes.append({"index": index, "begun": False, "actions": "", **came_to})
     start = f"{protocol.hash}|{card.id}"
@@ -179,7 +193,7 @@ def _receipt(
         "task": protocol.task,
         "protocol_hash": protocol.hash,
         "commitment": evaluation.commitment,
-        "study": protocol.study and protocol.study.model_dump(),
+        "study": None if protocol.study is None else protocol.study.model_dump(),
         "sees": protocol.sees,
         "card": {
             "id": card.id,
@@ -196,10 +210,11 @@ def _receipt(
         "closed_at": iso(evaluation.closed_ms or 0),
         "episodes": episodes,
         "chain": chained(start, episodes),
+        "seen_by": seen_by,
     }
 
 
-def _opening(evaluation: Evaluation, receipts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _opening(evaluation: Evaluation, receipts: Sequence[Receipt]) -> dict[str, object]:
     study = evaluation.study
     return {
         "format": OPENING_FORMAT,

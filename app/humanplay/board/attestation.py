@@ -29,9 +29,8 @@ from humanplay.db.input_events import (
     has_copied_timing,
     input_events,
 )
-from humanplay.db.rows import EventRow, MoveRow, PlayerSettings
+from humanplay.db.rows import Attestation, EventRow, MoveRow, PlayerSettings
 from humanplay.db.store import Store
-from humanplay.db.trial import Attestation
 
 LEVELS: tuple[Attestation, ...] = get_args(Attestation)
 

@@ -82,7 +82,7 @@ class Message(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _know_every_field(cls, data: Any) -> Any:
+    def _know_every_field(cls, data: object) -> object:
         if isinstance(data, dict):
             known = [info.alias or name for name, info in cls.model_fields.items()]
             unknown = [str(name) for name in data if name not in known]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
 
 import click
 from click import BadParameter, UsageError, argument, echo, option
@@ -158,7 +157,7 @@ def _description_file(task: str) -> str:
     return "".join(lines)
 
 
-def _toml(value: Any) -> str:
+def _toml(value: object) -> str:
     """Return a value as TOML: JSON but for tables."""
     if isinstance(value, Mapping):
         held = ", ".join(f"{json.dumps(name)} = {_toml(each)}" for name, each in value.items())

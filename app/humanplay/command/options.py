@@ -37,11 +37,14 @@ class SizeType(click.ParamType):  # type: ignore[type-arg]
     name = "size"
 
     def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> int | tuple[int, int]:
         """Return a side or (rows, cols)."""
-        if isinstance(value, (int, tuple)):
+        if isinstance(value, int):
             return value
+        if isinstance(value, tuple):
+            rows, cols = value
+            return rows, cols
         parts = str(value).lower().split("x")
         if not 1 <= len(parts) <= 2 or not all(part.isascii() and part.isdigit() for part in parts):
             self.fail(f"expected a side like 21 or ROWSxCOLS like 42x84, got {value!r}", param, ctx)

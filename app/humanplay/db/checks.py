@@ -35,7 +35,7 @@ from humanplay.db.columns import TABLES
 from humanplay.db.database import StoreError, reading, rows, writing
 from humanplay.db.reader import now_ms
 from humanplay.db.resimulation import Finding, simulate
-from humanplay.db.rows import EventRow, MoveRow
+from humanplay.db.rows import EndedEpisode, EventRow, MoveRow, PlacedEpisode
 from humanplay.db.study_rows import ORDER_EVENT, SeriesRow
 
 _MAY_HAVE_ENTRY: dict[Kind, str] = {**OWNERS, "session": "SELECT id FROM sessions"}
@@ -59,13 +59,13 @@ def participants_of(conn: sqlite3.Connection, study: str) -> list[tuple[str, int
     return conn.execute(sql, [study]).fetchall()
 
 
-def episodes_of(conn: sqlite3.Connection, participant: str) -> list[dict[str, Any]]:
+def episodes_of(conn: sqlite3.Connection, participant: str) -> list[PlacedEpisode]:
     """Return the rows of what a participant was given to play, by phase and trial, with their place in the study."""
     sql = f"{_PLACED} WHERE x.participant_id = ? ORDER BY x.phase, x.trial"
     return rows(conn, sql, participant)
 
 
-def attempts_at(conn: sqlite3.Connection, day: str) -> list[dict[str, Any]]:
+def attempts_at(conn: sqlite3.Connection, day: str) -> list[PlacedEpisode]:
     """Return the rows of the attempts at the terrain of a day, as `episodes_of` does, with their players'."""
     return rows(conn, f"{_PLACED} WHERE x.series = ? ORDER BY e.id", day)
 
@@ -126,7 +126,7 @@ class CheckedEpisode:
     events  input events that were received up to its end
     """
 
-    row: dict[str, Any]
+    row: EndedEpisode
     steps: list[MoveRow]
     events: list[EventRow]
     findings: list[Finding]

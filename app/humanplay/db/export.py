@@ -18,7 +18,7 @@ from contextlib import closing
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 from zipfile import ZIP_DEFLATED, ZipFile
 
 from humanplay.db.chain import append_marks, export_of
@@ -26,7 +26,7 @@ from humanplay.db.columns import TABLES, Column, ColumnType, markdown
 from humanplay.db.database import writing
 from humanplay.db.reader import Reader, Who
 from humanplay.db.resimulation import simulate
-from humanplay.db.rows import MoveRow
+from humanplay.db.rows import CountedEpisode, MoveRow
 from humanplay.db.trial import Trial
 from humanplay.task import counted
 from marsexplorer.files import to_cell, write_whole
@@ -188,7 +188,7 @@ def _check(table: str, who: str) -> None:
 
 
 def _stream(
-    reader: Reader, wanted: Callable[[], Iterator[dict[str, Any]]], table: ExportTable, key: bytes
+    reader: Reader, wanted: Callable[[], Iterator[CountedEpisode]], table: ExportTable, key: bytes
 ) -> Generator[bytes]:
     try:
         yield (",".join(COLUMNS[table]) + "\n").encode()
@@ -202,7 +202,7 @@ def _stream(
 
 
 def _rows_of(
-    row: dict[str, Any], steps: list[MoveRow], table: ExportTable, key: bytes
+    row: CountedEpisode, steps: list[MoveRow], table: ExportTable, key: bytes
 ) -> list[dict[str, object]]:
     """Return what the export says of an episode, by column: one row, or one a step."""
     episode, findings = simulate(row, steps)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from humanplay.db.database import SqlValue, StoreError, open_read_only
 from humanplay.db.file import hold
-from humanplay.db.rows import MoveRow
+from humanplay.db.rows import CountedEpisode, MoveRow
 from humanplay.db.study_rows import SeriesRow
 from humanplay.db.trial import Trial
 from humanplay.task import Configuration, Record
@@ -148,14 +148,15 @@ class Reader:
         sql = "SELECT * FROM series WHERE kind = 'study' AND closed_ms IS NULL ORDER BY name"
         return [SeriesRow(**row) for row in self.query(sql)]
 
-    def finished(self, who: Who = "all", player: str | None = None) -> Iterator[dict[str, Any]]:
+    def finished(self, who: Who = "all", player: str | None = None) -> Iterator[CountedEpisode]:
         """Yield finished episodes as they are stored, oldest first, as `Trial.of` takes them; for export, not for the API.
 
         player  theirs alone: what they drove, not what policies did beside them
         """
         driven, values = ("", []) if player is None else (_DRIVEN_BY_PLAYER, [player])
         sql = f"{self._select}{_FILTER[who]}{driven} ORDER BY e.started_ms, e.id"
-        return self._db.query(sql, values)
+        episodes: Iterator[Any] = self._db.query(sql, values)
+        return episodes
 
     def newest_counted(self, config_hash: str, most: int) -> list[Trial]:
         """Return the newest counted episodes of a configuration, at most so many, oldest first."""

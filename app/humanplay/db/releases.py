@@ -3,37 +3,41 @@
 from __future__ import annotations
 
 import sqlite3
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from humanplay.db.chain import append_marks
 from humanplay.db.database import rows
 
 
 class ReleaseRow(NamedTuple):
-    """A published release; `manifest_hash` is SHA-256 (hex) of its manifest."""
+    """A published release.
+
+    manifest_hash  SHA-256 (hex) of its manifest
+    outdated_ms    since when it holds somebody who was erased; None while it does not
+    """
 
     study: str
     version: int
     manifest_hash: str
     released_ms: int
+    outdated_ms: int | None = None
 
 
-def latest_release(conn: sqlite3.Connection, study: str) -> dict[str, Any] | None:
-    """Return the row of a study's newest release, None before the first."""
+def latest_release(conn: sqlite3.Connection, study: str) -> ReleaseRow | None:
+    """Return a study's newest release, None before the first."""
     sql = "SELECT * FROM releases WHERE study = ? ORDER BY version DESC, released_ms DESC LIMIT 1"
-    found = rows(conn, sql, study)
-    return found[0] if found else None
+    return next((ReleaseRow(**row) for row in rows(conn, sql, study)), None)
 
 
 def note_release(conn: sqlite3.Connection, release: ReleaseRow) -> None:
     """Keep a release that was just published; sqlite3.IntegrityError when it is kept already."""
-    conn.execute("INSERT INTO releases VALUES (?, ?, ?, ?, NULL)", release)
+    conn.execute("INSERT INTO releases VALUES (?, ?, ?, ?, ?)", release)
     append_marks(conn)
 
 
 def note_imported_release(conn: sqlite3.Connection, release: ReleaseRow) -> None:
     """Keep a release that came from elsewhere; a second time changes nothing."""
-    conn.execute("INSERT OR IGNORE INTO releases VALUES (?, ?, ?, ?, NULL)", release)
+    conn.execute("INSERT OR IGNORE INTO releases VALUES (?, ?, ?, ?, ?)", release)
     append_marks(conn)
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from humanplay.db.rows import MoveRow
+from humanplay.db.rows import EpisodeRow, MoveRow
 from humanplay.db.trial import Trial
 from humanplay.task import Run
 
@@ -23,19 +22,19 @@ class Finding:
 
     where: str
     what: str
-    stored: Any
-    found: Any
+    stored: object
+    found: object
 
     def __str__(self) -> str:
         return f"{self.where}: {self.what} is {_short(self.stored)}, found {_short(self.found)}"
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     text = value if isinstance(value, str) else repr(value)
     return text if len(text) <= 200 else text[:197] + "..."
 
 
-def simulate(row: dict[str, Any], steps: Sequence[MoveRow]) -> tuple[Run | None, list[Finding]]:
+def simulate(row: EpisodeRow, steps: Sequence[MoveRow]) -> tuple[Run | None, list[Finding]]:
     """Return a finished episode simulated again, None where it cannot be, and what differs from its rows.
 
     row, steps  as `Reader.finished` and `Reader.steps` give them
@@ -45,10 +44,10 @@ def simulate(row: dict[str, Any], steps: Sequence[MoveRow]) -> tuple[Run | None,
     return episode, [Finding(f"episode {row['id']}", *each) for each in found]
 
 
-Found = tuple[str, Any, Any]
+Found = tuple[str, object, object]
 
 
-def _simulated(row: dict[str, Any], steps: list[MoveRow], found: list[Found]) -> Run | None:
+def _simulated(row: EpisodeRow, steps: list[MoveRow], found: list[Found]) -> Run | None:
     try:
         trial = Trial.of(row)
     except (ValueError, TypeError) as error:
@@ -82,15 +81,18 @@ def _simulated(row: dict[str, Any], steps: list[MoveRow], found: list[Found]) ->
     return episode
 
 
-def _of_config(row: dict[str, Any], trial: Trial) -> Iterator[Found]:
-    expected = {"config_hash": trial.config_hash, "level": trial.config.level}
-    expected["terrain_hash"] = trial.terrain_hash
-    for name, value in expected.items():
-        if row[name] != value:
-            yield name, row[name], value
+def _of_config(row: EpisodeRow, trial: Trial) -> Iterator[Found]:
+    pairs = {
+        "config_hash": (row["config_hash"], trial.config_hash),
+        "level": (row["level"], trial.config.level),
+        "terrain_hash": (row["terrain_hash"], trial.terrain_hash),
+    }
+    for name, (stored, value) in pairs.items():
+        if stored != value:
+            yield name, stored, value
 
 
-def _of_seed(row: dict[str, Any], trial: Trial) -> Iterator[Found]:
+def _of_seed(row: EpisodeRow, trial: Trial) -> Iterator[Found]:
     if trial.seed is None:
         return
     terrain, start = trial.rules.instance(trial.config, trial.seed)
@@ -100,11 +102,13 @@ def _of_seed(row: dict[str, Any], trial: Trial) -> Iterator[Found]:
         yield "start", trial.start, start
 
 
-def _of_totals(row: dict[str, Any], episode: Run) -> Iterator[Found]:
-    made = episode.record()
-    for name in ("outcome", "steps", "discovered", "total", "trajectory_hash", "score"):
-        if row[name] != getattr(made, name):
-            yield name, row[name], getattr(made, name)
+def _of_totals(row: EpisodeRow, episode: Run) -> Iterator[Found]:
+    record = episode.record()
+    names = ("outcome", "steps", "discovered", "total", "trajectory_hash", "score")
+    stored = {name: value for name, value in row.items() if name in names}
+    for name in names:
+        if stored[name] != getattr(record, name):
+            yield name, stored[name], getattr(record, name)
 
 
 def _of_steps(steps: list[MoveRow], episode: Run) -> Iterator[Found]:

@@ -5,6 +5,15 @@ from __future__ import annotations
 from typing import Literal, NamedTuple, TypedDict
 
 Input = Literal["key", "touch"]
+Phase = Literal["tutorial", "warm_up", "ranked"]
+Attestation = Literal["unattested", "spoilt", "attested", "supervised"]
+"""Lowest first.
+
+unattested  the first move has no input event of its own that fits it, or its presses are a copy
+spoilt      the first move has one, and a later one does not: it counts as abandoned (`Trial.forfeited`)
+attested    every move fits an input event of its own
+supervised  attested, and the operator had typed their code shortly before
+"""
 AskedBy = Literal["participant", "operator", "review board"]
 """Who asked for an erasure."""
 
@@ -28,6 +37,64 @@ class MoveRow(MoveTime):
     key_down_ms: float | None
     key_up_ms: float | None
     driver: str
+
+
+class EpisodeRow(TypedDict):
+    """A row of the table `episodes`; what is None while it runs is None up to `ended_ms`."""
+
+    id: str
+    session_id: str
+    number: int
+    driver: str
+    attestation: Attestation | None
+    attestation_reason: str | None
+    assisted: int
+    seed_chosen: int
+    terrain_met_before: int
+    task: str
+    config: str
+    level: str
+    config_hash: str
+    seed: int | None
+    start_row: int
+    start_col: int
+    terrain: bytes
+    terrain_hash: str
+    policy_seed: int
+    core_version: str
+    started_ms: int
+    ended_ms: int | None
+    outcome: str | None
+    steps: int | None
+    discovered: int | None
+    total: float | None
+    score: float | None
+    trajectory_hash: str | None
+
+
+class PlacedEpisode(EpisodeRow):
+    """An episode with its place in a series, the player whose it is, and the one on whose page it ran."""
+
+    series: str
+    phase: Phase
+    trial: int
+    terrain_index: int
+    player_id: str | None
+    owner_id: str | None
+
+
+class CountedEpisode(EpisodeRow):
+    """A finished episode, whose page it ran on, its series, and whether it counts for the volunteers' figure."""
+
+    owner_id: str | None
+    series: str | None
+    counts: int
+
+
+class EndedEpisode(EpisodeRow):
+    """An episode that has ended, with what moves its session."""
+
+    control: str | None
 
 
 class EventRow(TypedDict):

@@ -12,7 +12,7 @@ import secrets
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
@@ -20,10 +20,10 @@ from humanplay.db.database import rows
 from humanplay.db.erasure import ARRIVALS, ERASED, asks_erasure, invitation_hash
 from humanplay.db.playground import MOVES
 from humanplay.db.reader import ATTESTED, TRIAL, Reader
-from humanplay.db.rows import ErasedPerson, MoveTime, NotedArrivals, PlayerSettings
+from humanplay.db.rows import ErasedPerson, MoveTime, NotedArrivals, Phase, PlayerSettings
 from humanplay.db.store import Store
 from humanplay.db.study_rows import ORDER_EVENT, Participant, SeriesRow, Stage, StageEventRow
-from humanplay.db.trial import DAILY, Phase, Trial
+from humanplay.db.trial import DAILY, Trial
 
 STUDY_TRIAL = f"{TRIAL}, x.participant_id AS participant, p.kind, x.phase, x.trial, x.terrain AS terrain_index"
 """What `Trial.of` takes of a study's episode (SQL)."""
@@ -445,6 +445,18 @@ def attempts_of(reader: Reader, player_id: str) -> list[Trial]:
     return [Trial.of(row) for row in reader.query(_ATTEMPTS, [player_id])]
 
 
-def results(reader: Reader, series: str, before_ms: int) -> list[Any]:
+class DayResult(NamedTuple):
+    """What an attempt at a day's terrain came to."""
+
+    episode_id: str
+    player_id: str
+    outcome: str
+    steps: int
+    discovered: int
+    score: float
+    ended_ms: int
+
+
+def results(reader: Reader, series: str, before_ms: int) -> list[DayResult]:
     """Return people's attempts at a day's terrain that ended before a time, in the order of their ends."""
-    return reader.query(_RESULTS, [series, before_ms])
+    return [DayResult(**row) for row in reader.query(_RESULTS, [series, before_ms])]

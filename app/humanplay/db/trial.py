@@ -9,22 +9,13 @@ from functools import lru_cache
 from typing import Any, Literal
 
 from humanplay.db.columns import TABLES
-from humanplay.db.rows import MoveRow
+from humanplay.db.rows import Attestation, MoveRow, Phase
 from humanplay.task import Configuration, Record, Rules
 from humanplay.task.registration import rules_of
 
-Phase = Literal["tutorial", "warm_up", "ranked"]
 ParticipantKind = Literal["human", "script"]
 Required = Literal["unattested", "attested", "supervised"]
 """What a study may ask for."""
-Attestation = Literal["unattested", "spoilt", "attested", "supervised"]
-"""Lowest first.
-
-unattested  the first move has no input event of its own that fits it, or its presses are a copy
-spoilt      the first move has one, and a later one does not: it counts as abandoned (`Trial.forfeited`)
-attested    every move fits an input event of its own
-supervised  attested, and the operator had typed their code shortly before
-"""
 
 LEFT = frozenset({"abandoned", "environment_failed"})
 """Outcomes of episodes that were left where they stood."""

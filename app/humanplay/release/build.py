@@ -11,11 +11,11 @@ from contextlib import closing, contextmanager
 from dataclasses import astuple, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
-from humanplay.db.database import StoreError, reading, rows, transaction, writing
+from humanplay.db.database import SqlValue, StoreError, reading, rows, transaction, writing
 from humanplay.db.erasure import asks_erasure
 from humanplay.db.reader import Reader
 from humanplay.db.releases import ReleaseRow, latest_release, note_release
@@ -30,6 +30,7 @@ from humanplay.release.manifest import (
     BUNDLE_DATABASE,
     COUNTED_TABLES,
     ReleaseHeader,
+    Superseded,
     write_manifest,
 )
 from humanplay.release.minari_data import MinariWriter, dataset_id
@@ -226,11 +227,11 @@ def _new_header(
     entries, head = chain.head(conn)
     return ReleaseHeader(
         study=request.study,
-        protocol=_protocol(row),
+        protocol=_protocol(request.study, row["protocol"]),
         protocol_hash=row["protocol_hash"],
         commitment=row["commitment"],
         secret=closed[1],
-        version=last["version"] + 1 if last else 1,
+        version=last.version + 1 if last else 1,
         released=utc(now_ms()),
         software_version=version("humanplay"),
         supersedes=_superseded(last) if last else None,
@@ -255,17 +256,18 @@ def _check_erased(conn: sqlite3.Connection, study: str) -> None:
         )
 
 
-def _protocol(row: dict[str, Any]) -> Protocol:
+def _protocol(study: str, text: str) -> Protocol:
     try:
-        return parse_protocol(json.loads(row["protocol"]))
+        return parse_protocol(json.loads(text))
     except (ValueError, StudyError) as error:
-        what = f"the protocol of the study {row['name']!r} cannot be read"
-        raise ReleaseError(f"no release: {what}: {error}") from error
+        raise ReleaseError(
+            f"no release: the protocol of the study {study!r} cannot be read: {error}"
+        ) from error
 
 
-def _superseded(last: dict[str, Any]) -> dict[str, Any]:
-    reason = FORGOTTEN_REASON if last["outdated_ms"] is not None else "a later release"
-    return {"version": last["version"], "manifest_sha256": last["manifest_hash"], "reason": reason}
+def _superseded(last: ReleaseRow) -> Superseded:
+    reason = FORGOTTEN_REASON if last.outdated_ms is not None else "a later release"
+    return {"version": last.version, "manifest_sha256": last.manifest_hash, "reason": reason}
 
 
 def _count_episodes(conn: sqlite3.Connection, study: str) -> int:
@@ -306,7 +308,15 @@ def _write_files(
         written = write_tables(folder, conn)
         people = _counted_people(conn)
     minari.close()
-    header = replace(header, rows=counts, outcomes=dict(outcomes), **people)
+    header = replace(
+        header,
+        rows=counts,
+        outcomes=dict(outcomes),
+        attestation=people["attestation"],
+        withdrawn=people["withdrawn"],
+        frozen_at=people["frozen_at"],
+        first_came_at=people["first_came_at"],
+    )
     named = {dataset_id(header, driver): count for driver, count in minari.episodes.items()}
     write_documents(folder, header, named, minari.without_moves)
     write_croissant(folder, header, citation(header), licence_url(header.protocol.data_licence))
@@ -322,7 +332,7 @@ def _write_derived(
     ended = [trial for trial in data.trials if trial.ended_ms is not None]
     cohort = people_of(data)
     people = {person.id: person for person in cohort.people}
-    derived: dict[str, Iterable[tuple[Any, ...]]] = {
+    derived: dict[str, Iterable[tuple[SqlValue, ...]]] = {
         "participant_statuses": list(statuses(data, cohort).items()),
         "input_summaries": [
             (
@@ -343,8 +353,8 @@ def _write_derived(
         for table in TABLES.values():
             for statement in table.statements("bundle database"):
                 conn.execute(statement)
-        for name, found in derived.items():
-            conn.executemany(TABLES[name].insert("bundle database"), found)
+        for name, values in derived.items():
+            conn.executemany(TABLES[name].insert("bundle database"), values)
 
 
 def _lowest(data: StudyData, person: Person | None, trial: Trial) -> str | None:
@@ -371,19 +381,28 @@ def _policy_row(each: PolicyEpisode, protocol: Protocol) -> tuple[str | int | fl
     )
 
 
-def _counted_people(conn: sqlite3.Connection) -> dict[str, Any]:
-    """Return what the datasheet says of the people in a release, as fields of its header."""
+class _CountedPeople(TypedDict):
+    """What the datasheet says of the people in a release, as fields of its header."""
+
+    attestation: dict[str, int]
+    withdrawn: int
+    frozen_at: str
+    first_came_at: str
+
+
+def _counted_people(conn: sqlite3.Connection) -> _CountedPeople:
+    """Count the people in a release."""
     levels = """SELECT coalesce(e.attestation, '') AS level, count(*) AS n FROM episodes e
         JOIN series_episodes s ON s.episode_id = e.id JOIN participants p ON p.id = s.participant_id
         WHERE s.phase = 'ranked' AND p.kind = 'human' GROUP BY 1"""
     sql = """SELECT (SELECT frozen_ms FROM series) AS frozen, (SELECT min(joined_ms) FROM participants) AS came,
         (SELECT count(*) FROM participants WHERE kind = 'human' AND stage = 'withdrawn') AS withdrawn"""
-    (found,) = rows(conn, sql)
+    (counts,) = rows(conn, sql)
     return {
         "attestation": {row["level"]: row["n"] for row in rows(conn, levels)},
-        "withdrawn": found["withdrawn"],
-        "frozen_at": utc(found["frozen"]),
-        "first_came_at": "" if found["came"] is None else utc(found["came"]),
+        "withdrawn": counts["withdrawn"],
+        "frozen_at": utc(counts["frozen"]),
+        "first_came_at": "" if counts["came"] is None else utc(counts["came"]),
     }
 
 

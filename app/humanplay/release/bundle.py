@@ -9,7 +9,7 @@ import string
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from humanplay.db.database import StoreError, check_writable, reading, transaction
 from humanplay.db.erasure import learn_counts
@@ -20,6 +20,7 @@ from humanplay.db.releases import ReleaseRow, note_imported_release
 from humanplay.db.resimulation import Finding
 from humanplay.release.errors import ReleaseError
 from humanplay.release.manifest import BUNDLE_DATABASE, check_files, read_manifest
+from humanplay.release.signing import Manifest
 from humanplay.report.costs import CostRow
 from humanplay.study.data import load
 from humanplay.study.folder import Advance
@@ -72,8 +73,7 @@ class Bundle:
     @property
     def expert_hash(self) -> str | None:
         """SHA-256 (hex) of the policy that its moves are judged by; None without costs."""
-        found: str | None = self.manifest.get("expert_hash")
-        return found
+        return self.manifest.get("expert_hash")
 
     def _policy_episodes(self, letters: str) -> tuple[PolicyEpisode, ...]:
         found = self.reader.query("SELECT * FROM policy_episodes ORDER BY place, terrain_index")
@@ -99,7 +99,7 @@ class Bundle:
 class VerifiedBundle:
     """A release that was checked: its manifest, that file's SHA-256, and what was found."""
 
-    manifest: dict[str, Any]
+    manifest: Manifest
     manifest_hash: str
     verified: Verification
 

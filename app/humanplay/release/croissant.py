@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 from humanplay.db.columns import Column, bundle_reference, bundle_table, summary
 from humanplay.release.errors import ReleaseError, library
@@ -37,7 +37,7 @@ TERMS_OF_1_1 = {
 
 def croissant(
     folder: Path, header: ReleaseHeader, citation: str, licence_url: str
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the metadata of a release whose tables lie in `folder`; ReleaseError when mlcroissant finds them not valid."""
     formats = ENCODING_FORMATS.items()
     with _mlcroissant() as mlc:
@@ -59,9 +59,9 @@ def croissant(
                 build.record_set("scores", "csv/scores.csv"),
             ],
         )
-        found: dict[str, Any] = metadata.to_json()
-    creators = found["creator"] if isinstance(found["creator"], list) else [found["creator"]]
-    return {**found, "creator": creators, "isLiveDataset": False}
+        facts: dict[str, object] = metadata.to_json()
+    creators = facts["creator"] if isinstance(facts["creator"], list) else [facts["creator"]]
+    return {**facts, "creator": creators, "isLiveDataset": False}
 
 
 def write_croissant(folder: Path, header: ReleaseHeader, citation: str, licence_url: str) -> None:
@@ -72,7 +72,7 @@ def write_croissant(folder: Path, header: ReleaseHeader, citation: str, licence_
 
 
 @contextmanager
-def _mlcroissant() -> Iterator[Any]:
+def _mlcroissant() -> Iterator[ModuleType]:
     """Give the library to a block, without its deprecation warnings; what is not valid becomes a ReleaseError."""
     mlc = library("mlcroissant")
     try:
@@ -87,14 +87,14 @@ def _mlcroissant() -> Iterator[Any]:
 class _Builder:
     """The parts of one release's metadata, built with mlcroissant."""
 
-    def __init__(self, mlc: Any, folder: Path) -> None:
+    def __init__(self, mlc: ModuleType, folder: Path) -> None:
         self._mlc, self._folder = mlc, folder
         rdf = mlc.Rdf(context={**mlc.Rdf().context, **TERMS_OF_1_1})
         self.context = mlc.Context(conforms_to="http://mlcommons.org/croissant/1.1", rdf=rdf)
         of = mlc.DataType
         self._types = {"text": of.TEXT, "integer": of.INTEGER, "real": of.FLOAT, "boolean": of.BOOL}
 
-    def file(self, name: str, encoding: str) -> Any:
+    def file(self, name: str, encoding: str) -> object:
         """Return the FileObject of a file, by its size and SHA-256."""
         path = self._folder / name
         size = f"{path.stat().st_size} B"
@@ -102,7 +102,7 @@ class _Builder:
         kind = {"ctx": self.context, "encoding_formats": [encoding]}
         return self._mlc.FileObject(**kind, **facts, content_size=size)
 
-    def record_set(self, table: str, file: str) -> Any:
+    def record_set(self, table: str, file: str) -> object:
         """Return the RecordSet of a table that is read from a file."""
         made_from, columns = bundle_table(table)
         return self._mlc.RecordSet(
@@ -114,7 +114,7 @@ class _Builder:
             key=[f"{table}/{name}" for name in made_from.keys],
         )
 
-    def _field(self, table: str, file: str, column: Column) -> Any:
+    def _field(self, table: str, file: str, column: Column) -> object:
         mlc, other = self._mlc, bundle_reference(table, column.name)
         extract = mlc.Extract(ctx=self.context, column=column.name)
         references = {"references": mlc.Source(ctx=self.context, field=f"{other}/{column.name}")}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from types import ModuleType
 
 
 class ReleaseError(Exception):
@@ -20,7 +20,7 @@ def check_libraries() -> None:
         library(name)
 
 
-def library(name: str) -> Any:
+def library(name: str) -> ModuleType:
     """Import an optional library and return its module; ReleaseError naming the extra when it is not installed."""
     try:
         return import_module(name)

@@ -9,14 +9,18 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, TypedDict
 
 from humanplay.db.resimulation import Finding
 from humanplay.release import signing
 from humanplay.release.errors import ReleaseError
+from humanplay.release.signing import Manifest
 from humanplay.study.flow import Arrivals
 from humanplay.study.protocol import Protocol
 from humanplay.task import counted
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 RELEASE_FORMAT = "humanplay-release-1"
 BUNDLE_DATABASE = "study.sqlite"
@@ -31,6 +35,14 @@ COUNTED_TABLES = {
 }
 
 
+class Superseded(TypedDict):
+    """An earlier release, and why another one stands in for it."""
+
+    version: int
+    manifest_sha256: str
+    reason: str
+
+
 @dataclass(frozen=True)
 class ReleaseHeader:
     """A release.
@@ -38,7 +50,7 @@ class ReleaseHeader:
     version     1, 2, ... of this study's releases
     released    ISO 8601, UTC
     secret      hex
-    supersedes  {"version", "manifest_sha256", "reason"} of the release it stands in for, or None
+    supersedes  the release it stands in for
     rows        rows by table
     left_out    what the release does not hold, counted
     chain_head  hex: head of the chain (of `chain_entries`) of the database it was made from; None without an entry
@@ -58,7 +70,7 @@ class ReleaseHeader:
     version: int
     released: str
     software_version: str
-    supersedes: dict[str, Any] | None
+    supersedes: Superseded | None
     authors: tuple[str, ...]
     url: str | None
     rows: dict[str, int] = field(default_factory=dict)
@@ -95,7 +107,7 @@ class ReleaseHeader:
             f"{sees and f' {sees}'}"
         )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the header as the manifest holds it."""
         names = (
             *("study", "title", "version", "released", "software_version", "core_version"),
@@ -112,14 +124,16 @@ class ReleaseHeader:
         }
 
 
-def write_manifest(folder: Path, header: ReleaseHeader, rows: Mapping[str, int], key: Any) -> str:
+def write_manifest(
+    folder: Path, header: ReleaseHeader, rows: Mapping[str, int], key: Ed25519PrivateKey
+) -> str:
     """Write and sign the manifest of a release, and return its SHA-256 (hex).
 
     rows  by file, where a file has rows
     """
     (folder / PUBLIC_KEY).write_bytes(signing.public_pem(key))
     files = {}
-    for name in (each for each in listing(folder) if each not in UNLISTED):
+    for name in (name for name in listing(folder) if name not in UNLISTED):
         size, digest = (folder / name).stat().st_size, sha256(folder / name)
         files[name] = {"sha256": digest, "bytes": size, "rows": rows.get(name)}
     signer = signing.fingerprint((folder / PUBLIC_KEY).read_bytes())
@@ -130,7 +144,7 @@ def write_manifest(folder: Path, header: ReleaseHeader, rows: Mapping[str, int],
     return hashlib.sha256(data).hexdigest()
 
 
-def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
+def read_manifest(folder: Path) -> tuple[Manifest, str]:
     """Return a release's manifest and its SHA-256; ReleaseError when the folder holds no release."""
     try:
         data = (folder / MANIFEST).read_bytes()
@@ -141,17 +155,15 @@ def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
     except ValueError as error:
         damaged = f"{folder / MANIFEST} is damaged: {error}; get the release again"
         raise ReleaseError(damaged) from error
-    found = manifest.get("format") if isinstance(manifest, dict) else None
-    if found != RELEASE_FORMAT or not isinstance(manifest.get("files"), dict):
+    form = manifest.get("format") if isinstance(manifest, dict) else None
+    if form != RELEASE_FORMAT or not isinstance(manifest.get("files"), dict):
         raise ReleaseError(
-            f"{folder / MANIFEST} has format {found!r}, this version reads {RELEASE_FORMAT!r}: update the software"
+            f"{folder / MANIFEST} has format {form!r}, this version reads {RELEASE_FORMAT!r}: update the software"
         )
     return manifest, hashlib.sha256(data).hexdigest()
 
 
-def check_files(
-    folder: Path, manifest: dict[str, Any], signer: str | None = None
-) -> Iterator[Finding]:
+def check_files(folder: Path, manifest: Manifest, signer: str | None = None) -> Iterator[Finding]:
     """Yield what differs between a release's files, manifest and signature.
 
     signer  fingerprint that the signing key must have; None takes the one in the release

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from humanplay.db.resimulation import Finding
 from humanplay.release.bundle import Bundle
@@ -62,7 +61,7 @@ class Section:
     differ: int = 0
     differences: list[str] = field(default_factory=list)
 
-    def add(self, where: str, recorded: Any, derived: Any, is_same: bool) -> None:
+    def add(self, where: str, recorded: object, derived: object, is_same: bool) -> None:
         """Count one value."""
         self.compared += 1
         if not is_same:
@@ -95,7 +94,7 @@ class Reproduction:
         """How many values differ."""
         return sum(each.differ for each in self.sections.values())
 
-    def compare(self, section: str, where: str, recorded: Any, derived: Any) -> None:
+    def compare(self, section: str, where: str, recorded: object, derived: object) -> None:
         """Compare one value of a section."""
         made = self.sections.setdefault(section, Section())
         made.add(where, recorded, derived, recorded == derived)
@@ -186,12 +185,12 @@ class _Derivation:
         """Compare one report's numbers, and its pages as text."""
         stem = REPORT_STEMS[synthetic]
         json_name, html_name = f"{stem}.json", f"{stem}.html"
-        recorded: dict[str, Any] = json.loads((self._bundle.folder / json_name).read_bytes())
+        recorded: dict[str, object] = json.loads((self._bundle.folder / json_name).read_bytes())
         derived = self._derive(synthetic, cache, self._episodes)
         has_moves = cache is not None or not self._bundle.expert_hash
         mark = "scripts: " if synthetic else ""
-        found = compare_reports(recorded, derived.to_dict(), () if has_moves else MOVE_KEYS)
-        self._made.sections |= {mark + name: section for name, section in found.items()}
+        sections = compare_reports(recorded, derived.to_dict(), () if has_moves else MOVE_KEYS)
+        self._made.sections |= {mark + name: section for name, section in sections.items()}
         not_compared = self._made.not_compared
         why = "which say when and by what it was made"
         not_compared.append(f"{json_name}: {' and '.join(NOT_COMPARED)}, {why}")
@@ -201,7 +200,7 @@ class _Derivation:
         elif not has_moves:
             not_compared.append(f"{html_name}, and in {json_name} what the moves say")
         else:
-            as_recorded = replace(derived, made_at=recorded["made_at"])
+            as_recorded = replace(derived, made_at=str(recorded["made_at"]))
             for name, page in pages(as_recorded, html_name).items():
                 path = self._bundle.folder / name
                 is_same = path.is_file() and page == path.read_text(encoding="utf-8")
@@ -267,7 +266,7 @@ class _Derivation:
 
 
 def compare_reports(
-    recorded: Mapping[str, Any], derived: Mapping[str, Any], left_out: Sequence[str] = ()
+    recorded: Mapping[str, object], derived: Mapping[str, object], left_out: Sequence[str] = ()
 ) -> dict[str, Section]:
     """Return section -> its comparison, for two reports as `Report.to_dict` gives them.
 
@@ -275,28 +274,28 @@ def compare_reports(
 
     left_out  keys of groups that are not compared
     """
-    found: dict[str, Section] = {}
-    known = dict(_leaves(derived))
+    sections: dict[str, Section] = {}
+    leaves = dict(_leaves(derived))
     versions = str(recorded.get("software_version")), str(derived.get("software_version"))
     for place, value in _leaves(recorded):
         is_left_out = place[0] == "groups" and len(place) > 2 and place[2] in left_out
         if place[0] in NOT_COMPARED or is_left_out:
             continue
-        again = known.get(place, _ABSENT)
-        section = found.setdefault(_section(place), Section())
+        again = leaves.get(place, _ABSENT)
+        section = sections.setdefault(_section(place), Section())
         section.add(_words(place), value, again, _is_same(value, again, versions))
-    return found
+    return sections
 
 
-def _leaves(value: Any, place: Place = ()) -> Iterator[tuple[Place, Any]]:
+def _leaves(value: object, place: Place = ()) -> Iterator[tuple[Place, object]]:
     """Yield (place, value) of every number and text, and the length of every list."""
     if isinstance(value, Mapping):
-        for key, each in value.items():
-            yield from _leaves(each, (*place, key))
+        for key, part in value.items():
+            yield from _leaves(part, (*place, key))
     elif isinstance(value, (list, tuple)):
         yield (*place, "length"), len(value)
-        for index, each in enumerate(value):
-            yield from _leaves(each, (*place, index))
+        for index, part in enumerate(value):
+            yield from _leaves(part, (*place, index))
     else:
         yield place, value
 
@@ -311,7 +310,7 @@ def _words(place: Place) -> str:
     return ".".join(str(part) for part in place)
 
 
-def _is_same(one: Any, other: Any, versions: tuple[str, str]) -> bool:
+def _is_same(one: object, other: object, versions: tuple[str, str]) -> bool:
     if isinstance(one, float) and isinstance(other, (int, float)) and not isinstance(other, bool):
         return math.isclose(one, other, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
     if isinstance(one, str) and isinstance(other, str):
@@ -319,7 +318,7 @@ def _is_same(one: Any, other: Any, versions: tuple[str, str]) -> bool:
     return type(one) is type(other) and bool(one == other)
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     if value is _ABSENT:
         return "nothing"
     return f"{value[:60]}..." if isinstance(value, str) and len(value) > 63 else repr(value)

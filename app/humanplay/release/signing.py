@@ -11,16 +11,49 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from types import ModuleType
+from typing import TYPE_CHECKING, Literal, TypedDict
 
 from humanplay.release.errors import ReleaseError, library
 from marsexplorer.files import write_whole
 
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import (
+        Ed25519PrivateKey,
+        Ed25519PublicKey,
+    )
+
 SIGNERS_FORMAT = "humanplay-signers-1"
+
+
+class ListedFile(TypedDict):
+    """A file of a release as its manifest lists it; `rows` of a table alone."""
+
+    sha256: str
+    bytes: int
+    rows: int | None
+
+
+class Manifest(TypedDict):
+    """What signs a release stands for: its header, and every file (`MANIFEST.json`).
+
+    authors     named in the citation
+    expert_hash SHA-256 (hex) of the policy that moves are judged by; None without costs
+    signer      fingerprint of the key
+    """
+
+    study: str
+    version: int
+    released: str
+    software_version: str
+    protocol_hash: str
+    authors: list[str]
+    expert_hash: str | None
+    signer: str
+    files: dict[str, ListedFile]
 
 
 def key_path(database: Path) -> Path:
@@ -28,7 +61,7 @@ def key_path(database: Path) -> Path:
     return database.with_name(database.name + "-signing-key")
 
 
-def signing_key(database: Path) -> Any:
+def signing_key(database: Path) -> Ed25519PrivateKey:
     """Return the Ed25519 key next to a database, made on first use and readable by its owner alone."""
     serialization, ed25519 = _libraries()
     path = key_path(database)
@@ -46,19 +79,19 @@ def signing_key(database: Path) -> Any:
             why = (error.strerror or str(error)).lower()
             raise ReleaseError(f"cannot write the signing key {path}: {why}") from error
     try:
-        return serialization.load_pem_private_key(path.read_bytes(), None)
+        stored: Ed25519PrivateKey = serialization.load_pem_private_key(path.read_bytes(), None)
+        return stored
     except (OSError, ValueError, TypeError) as error:
         raise ReleaseError(
             f"cannot read the signing key {path}: {error}; restore it, or move it away to have a new one drawn"
         ) from error
 
 
-def public_pem(key: Any) -> bytes:
+def public_pem(key: Ed25519PrivateKey) -> bytes:
     """Return the public half as PEM, for the release."""
     serialization, _ = _libraries()
     form = serialization.PublicFormat.SubjectPublicKeyInfo
-    pem: bytes = key.public_key().public_bytes(serialization.Encoding.PEM, form)
-    return pem
+    return key.public_key().public_bytes(serialization.Encoding.PEM, form)
 
 
 def fingerprint(pem: bytes) -> str:
@@ -79,7 +112,7 @@ def is_signed(pem: bytes, signature: bytes, message: bytes) -> bool:
     return True
 
 
-def _public(pem: bytes) -> Any:
+def _public(pem: bytes) -> Ed25519PublicKey:
     serialization, ed25519 = _libraries()
     try:
         key = serialization.load_pem_public_key(pem)
@@ -87,10 +120,11 @@ def _public(pem: bytes) -> Any:
         raise ReleaseError("PUBLIC_KEY.pem is not a public key: get the release again") from error
     if not isinstance(key, ed25519.Ed25519PublicKey):
         raise ReleaseError("PUBLIC_KEY.pem is not an Ed25519 key: get the release again")
-    return key
+    public: Ed25519PublicKey = key
+    return public
 
 
-def _libraries() -> tuple[Any, Any]:
+def _libraries() -> tuple[ModuleType, ModuleType]:
     where = "cryptography.hazmat.primitives"
     return library(f"{where}.serialization"), library(f"{where}.asymmetric.ed25519")
 
@@ -133,26 +167,30 @@ def fingerprint_of(given: str) -> str:
     raise ReleaseError(f"--key takes {known}, got {given!r}")
 
 
-def check_signer(manifest: Mapping[str, Any], key: str | None, pins: Path) -> SignerCheck:
+def check_signer(manifest: Manifest, key: str | None, pins: Path) -> SignerCheck:
     """Return what is known of the signer whom a manifest names; whether the signature is valid is `check_files`' to say.
 
     key   the fingerprint that was asked for, which `check_files` compares; None: only the pinned keys are looked at
     pins  the file of pinned keys; it need not exist
     """
-    found = str(manifest.get("signer"))
+    signer = str(manifest.get("signer"))
     pinned = read_pins(pins)
     study = manifest.get("protocol_hash")
     others = [name for name, about in pinned.items() if about.get("protocol_hash") == study]
-    other = next((name for name in others if name != found), None)
+    other = next((name for name in others if name != signer), None)
     if key is not None:
-        return SignerCheck(found, "key" if key == found else None, other)
-    return SignerCheck(found, "pin" if found in pinned else None, other)
+        return SignerCheck(signer, "key" if key == signer else None, other)
+    return SignerCheck(signer, "pin" if signer in pinned else None, other)
 
 
-def pin(pins: Path, manifest: Mapping[str, Any]) -> None:
+def pin(pins: Path, manifest: Manifest) -> None:
     """Add the signer of a manifest to the file of pinned keys."""
-    about = {name: manifest.get(name) for name in ("study", "authors", "protocol_hash")}
-    about["pinned"] = datetime.now(UTC).isoformat(timespec="seconds")
+    about = {
+        "study": manifest.get("study"),
+        "authors": manifest.get("authors"),
+        "protocol_hash": manifest.get("protocol_hash"),
+        "pinned": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
     signers = {**read_pins(pins), str(manifest["signer"]): about}
     content = {"format": SIGNERS_FORMAT, "signers": signers}
     pins.parent.mkdir(parents=True, exist_ok=True)
@@ -160,7 +198,7 @@ def pin(pins: Path, manifest: Mapping[str, Any]) -> None:
         file.write(json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n")
 
 
-def read_pins(pins: Path) -> dict[str, dict[str, Any]]:
+def read_pins(pins: Path) -> dict[str, dict[str, object]]:
     """Return fingerprint -> what was noted when it was pinned; ReleaseError for a file that is none of pinned keys."""
     if not pins.exists():
         return {}

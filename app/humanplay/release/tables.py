@@ -37,7 +37,7 @@ def queries() -> dict[str, str]:
     return {name: text.strip().removesuffix(";") for name, text in pairs}
 
 
-def select(conn: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:
+def select(conn: sqlite3.Connection, table: str) -> Iterator[TableRow]:
     """Yield the rows of a table from a bundle's database, columns in their order, truth values as such and actions by name."""
     columns = bundle_table(table)[1]
     truths = [column.name for column in columns if column.type == "boolean"]

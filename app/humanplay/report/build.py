@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
-from typing import Any
 
 import numpy as np
 
@@ -55,6 +54,7 @@ from humanplay.report.statistics.study_figures import (
     study_figures,
     worst_value,
 )
+from humanplay.report.statistics.summaries import Pictures
 from humanplay.study.data import StudyData
 from humanplay.study.flow import Status, participant_flow
 from humanplay.study.policy_episodes import tested_policies
@@ -66,14 +66,13 @@ ESTIMAND = (
     "who finished as the protocol asks. Everybody: of those who began a ranked episode. A difference is claimed only where "
     "both estimates show it."
 )
-Pictures = Mapping[str, dict[str, Any]]
 
 
 def build(
     data: StudyData,
     runs: Sequence[PolicyRun] = (),
     synthetic: bool = False,
-    pictures: Pictures | None = None,
+    pictures: Mapping[str, Pictures] | None = None,
     costs: Mapping[str, CostSummary] | None = None,
 ) -> Report:
     """Return the report of a study: over its people, or over its scripts when `synthetic`, never over both.
@@ -86,7 +85,7 @@ def build(
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
     groups = []
     for cohort in cohorts:
-        group = _group(data, cohort, runs, (pictures or {}).get(cohort.name, {}))
+        group = _group(data, cohort, runs, (pictures or {}).get(cohort.name, Pictures()))
         groups.append(_with_costs(data, cohort, group, costs or {}))
     policies = data.protocol.rules.policies
     names = [policies.title(run.name) for run in runs]
@@ -122,7 +121,7 @@ def _script_counts(data: StudyData) -> dict[str, int]:
 
 
 def _group(
-    data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures: dict[str, Any]
+    data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures: Pictures
 ) -> GroupReport:
     """Return everything about one group: its people or one kind of script."""
     finished = members(cohort, data.protocol.per_protocol)

@@ -21,6 +21,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from humanplay.report.model import GroupReport, Report
 from humanplay.report.statistics.intervals import Interval
+from humanplay.report.statistics.summaries import Curve
 from humanplay.study.flow import BEGAN, EARLY, ENDED, STATUS_IN_WORDS, ParticipantFlow, Status
 
 PEOPLE_COLOUR = "#1b2733"
@@ -61,8 +62,17 @@ def draw_svg(
         canvas = Canvas(figsize=(WIDTH, height))
         draw(canvas)
         if is_synthetic:
-            look: Any = {"fontsize": 46, "color": "#b00020", "alpha": 0.16, "rotation": 24}
-            canvas.text(0.5, 0.5, "SYNTHETIC", ha="center", va="center", **look)
+            canvas.text(
+                0.5,
+                0.5,
+                "SYNTHETIC",
+                ha="center",
+                va="center",
+                fontsize=46,
+                color="#b00020",
+                alpha=0.16,
+                rotation=24,
+            )
         # once: as the canvas's own engine it would do so in each of two passes of `savefig`, which then draws twice
         ConstrainedLayoutEngine().execute(canvas)
         written = io.StringIO()
@@ -133,8 +143,15 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
         heights = _stacked([mean for mean, _ in players])
         for (mean, is_finished), height in zip(players, heights, strict=False):
             fill = PEOPLE_COLOUR if is_finished else "none"
-            look: Any = {"markersize": 5, "alpha": 0.75, "markerfacecolor": fill}
-            axes.plot([mean], [height], "o", color=PEOPLE_COLOUR, **look)
+            axes.plot(
+                [mean],
+                [height],
+                "o",
+                color=PEOPLE_COLOUR,
+                markersize=5,
+                alpha=0.75,
+                markerfacecolor=fill,
+            )
         estimates = [
             ("per protocol", getattr(group.figure, name), POLICY_COLOURS[0]),
             ("everybody", getattr(group.everybody, name), POLICY_COLOURS[1]),
@@ -198,7 +215,7 @@ def _learning(canvas: Canvas, group: GroupReport) -> None:
     axes.set_xlabel(f"ranked trial, in the order played ({grey})")
 
 
-def _curves(canvas: Canvas, curves: Sequence[tuple[str, dict[str, Any] | None]]) -> None:
+def _curves(canvas: Canvas, curves: Sequence[tuple[str, Curve | None]]) -> None:
     """Draw the coverage of people, who come first, and of policies."""
     axes = canvas.subplots()
     styles = (*zip(POLICY_COLOURS, DASHES, strict=True),)
@@ -206,8 +223,14 @@ def _curves(canvas: Canvas, curves: Sequence[tuple[str, dict[str, Any] | None]])
         colour, dash = styles[number % len(styles)] if number >= 0 else (PEOPLE_COLOUR, "-")
         if curve:
             width = 1.4 if number >= 0 else 2.2
-            look: Any = {"color": colour, "linestyle": dash, "linewidth": width}
-            axes.plot(curve["steps"], curve["mean"], label=_short(name), **look)
+            axes.plot(
+                curve["steps"],
+                curve["mean"],
+                label=_short(name),
+                color=colour,
+                linestyle=dash,
+                linewidth=width,
+            )
             if curve["low"]:
                 low, high = np.clip(curve["low"], 0, 1), np.clip(curve["high"], 0, 1)
                 axes.fill_between(curve["steps"], low, high, color=colour, alpha=0.13, linewidth=0)
@@ -364,13 +387,21 @@ def _box(
     from matplotlib.patches import Rectangle
 
     height = _box_height(len(lines))
-    look: Any = {"facecolor": BOX if is_bold else "white", "edgecolor": ARROW, "linewidth": 0.8}
-    axes.add_patch(Rectangle((x, middle - height / 2), width, height, **look))
+    box = Rectangle(
+        (x, middle - height / 2),
+        width,
+        height,
+        facecolor=BOX if is_bold else "white",
+        edgecolor=ARROW,
+        linewidth=0.8,
+    )
+    axes.add_patch(box)
     for number, line in enumerate(lines):
         y = middle + height / 2 - PADDING - (number + 0.5) * LINE
         weight = "bold" if is_bold and number == 0 else "normal"
-        look = {"fontsize": 8, "color": INK, "fontweight": weight}
-        axes.text(x + 0.2, y, line, va="center", ha="left", **look)
+        axes.text(
+            x + 0.2, y, line, va="center", ha="left", fontsize=8, color=INK, fontweight=weight
+        )
 
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:

@@ -12,7 +12,6 @@ from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from statistics import geometric_mean
-from typing import Any
 
 from humanplay.report.model import GroupReport, Item
 from humanplay.report.statistics.exclusion_sets import ended_ranked, people_of
@@ -38,10 +37,10 @@ TEST = "Test of the paired differences over players and terrains, the inverse of
 
 def checklist(data: StudyData, people: GroupReport, policies: Sequence[str]) -> tuple[Item, ...]:
     """Return every item in order, from a study, the report of its people and the policies they are compared with."""
-    given = _given(data, people, policies)
+    texts = _texts(data, people, policies)
     text = Path(__file__).with_name("checklist.txt").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
-    items = (_item(line, given) for line in lines)
+    items = (_item(line, texts) for line in lines)
     if not data.protocol.declarations.unanswered():
         return tuple(items)
     detail = "The protocol leaves declarations empty; the authors must state it."
@@ -52,8 +51,8 @@ def checklist(data: StudyData, people: GroupReport, policies: Sequence[str]) -> 
     )
 
 
-def _item(line: str, given: dict[str, Any]) -> Item:
-    number, source, *rest = (part.strip().format_map(given) for part in line.split("|"))
+def _item(line: str, texts: dict[str, object]) -> Item:
+    number, source, *rest = (part.strip().format_map(texts) for part in line.split("|"))
     return Item(number, *rest, source)  # type: ignore[arg-type, call-arg]
 
 
@@ -72,7 +71,7 @@ def exposure(data: StudyData) -> str:
     return f"Everybody met {met}; {dates}. Whether anybody told others of a terrain is not known."
 
 
-def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dict[str, Any]:
+def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dict[str, object]:
     """Return what `checklist.txt` has in braces."""
     protocol, words, players = data.protocol, people.words, people.figure.players
     ranked = ended_ranked(data, [person for person in data.people if person.kind == "human"])

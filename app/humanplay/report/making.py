@@ -13,11 +13,16 @@ from humanplay.db.reader import Reader
 from humanplay.db.series import find_study, participants
 from humanplay.db.study_rows import is_same_study
 from humanplay.db.trial import LEFT
-from humanplay.report.build import Pictures, build
+from humanplay.report.build import build
 from humanplay.report.costs import CostSummary, ProgressBar, cost_cache, costs_of_people
 from humanplay.report.model import PolicyRun, Report
 from humanplay.report.page import pages
-from humanplay.report.statistics.summaries import curve_and_visits, summarize_groups, summary_of
+from humanplay.report.statistics.summaries import (
+    Pictures,
+    curve_and_visits,
+    summarize_groups,
+    summary_of,
+)
 from humanplay.study.closing import UNNOTED
 from humanplay.study.data import StudyData, load
 from humanplay.study.flow import with_invitations
@@ -73,7 +78,9 @@ def make_report(
     return _built(data, episodes, synthetic, _pictures(reader, data, synthetic, bar), costs)
 
 
-def _pictures(reader: Reader, data: StudyData, synthetic: bool, bar: ProgressBar) -> Pictures:
+def _pictures(
+    reader: Reader, data: StudyData, synthetic: bool, bar: ProgressBar
+) -> dict[str, Pictures]:
     with bar("replaying episodes") as advance:
         return summarize_groups(reader, data, synthetic, advance)
 
@@ -82,7 +89,7 @@ def _built(
     data: StudyData,
     episodes: Sequence[PolicyEpisode],
     synthetic: bool,
-    pictures: Pictures,
+    pictures: Mapping[str, Pictures],
     costs: Mapping[str, CostSummary] | None,
 ) -> Report:
     runs = runs_of(episodes, data.protocol) if has_played(data, synthetic) else ()

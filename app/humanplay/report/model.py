@@ -15,6 +15,7 @@ from humanplay.report.statistics.intervals import Interval
 from humanplay.report.statistics.learning import Learning, TrialMean
 from humanplay.report.statistics.spread import VarianceComponents
 from humanplay.report.statistics.study_figures import StatusRow, StudyFigure
+from humanplay.report.statistics.summaries import Pictures
 from humanplay.study.flow import ParticipantFlow
 from humanplay.task import Words
 from humanplay.task.registration import rules_of
@@ -121,7 +122,7 @@ class GroupReport:
     repeated: dict[str, int] = field(default_factory=dict)
     costs: CostSummary | None = None
     no_costs: str | None = None
-    pictures: dict[str, Any] = field(default_factory=dict, repr=False)
+    pictures: Pictures = field(default_factory=Pictures, repr=False)
 
     @property
     def figure(self) -> StudyFigure:
@@ -146,7 +147,7 @@ class PolicyRun:
     score: Floats
     steps: Floats
     outcomes: tuple[str, ...]
-    pictures: dict[str, Any] = field(default_factory=dict, repr=False)
+    pictures: Pictures = field(default_factory=Pictures, repr=False)
 
     def values(self, metric: Literal["score", "steps"]) -> Floats:
         """Return float64[terrains] of a metric."""
@@ -163,7 +164,7 @@ class PolicyRow:
     steps: float
     completed: int
     failed: int
-    pictures: dict[str, Any] = field(default_factory=dict, repr=False)
+    pictures: Pictures = field(default_factory=Pictures, repr=False)
 
 
 @dataclass(frozen=True)
@@ -209,20 +210,23 @@ class Report:
         """Return what people read in place of a policy's name."""
         return rules_of(self.protocol["task"]).policies.title(policy)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return everything as plain values, the watermark first in a synthetic report; NaN and infinities become None."""
         mark = {"watermark": SYNTHETIC} if self.synthetic else {}
-        found: dict[str, Any] = _plain({"format": FORMAT, **mark, **asdict(self)})
-        return found
+        return _plain_object({"format": FORMAT, **mark, **asdict(self)})
 
     def to_json(self) -> str:
         """Return `to_dict` as JSON."""
         return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
 
 
-def _plain(value: Any) -> Any:
+def _plain_object(values: dict[str, object]) -> dict[str, object]:
+    return {name: _plain(value) for name, value in values.items()}
+
+
+def _plain(value: object) -> object:
     if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
+        return _plain_object(value)
     if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
+        return [_plain(element) for element in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -15,10 +15,11 @@ from jinja2 import Environment
 
 from humanplay.report.charts import charts
 from humanplay.report.checklist import CITATION
-from humanplay.report.model import SYNTHETIC, Report
+from humanplay.report.model import SYNTHETIC, GroupReport, Report
 from humanplay.report.statistics.formatting import templates
 from humanplay.report.tables import (
     LEVELS_IN_WORDS,
+    PageTable,
     checklist_table,
     coverage_table,
     declarations_table,
@@ -89,7 +90,9 @@ def _page(report: Report, part: str, names: Mapping[str, str]) -> str:
     )
 
 
-def _sections(report: Report) -> Iterator[tuple[Any, ...]]:
+def _sections(
+    report: Report,
+) -> Iterator[tuple[GroupReport, dict[str, PageTable | None], dict[str, str], bool]]:
     """Yield each script of a synthetic report, else the people if anybody has begun to play: the group, its tables, its charts,
     and whether the headline prints an interval."""
     for group in report.groups:

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from humanplay.db.trial import Attestation
+from humanplay.db.rows import Attestation
 from humanplay.report.costs import CostPart, CostSummary
 from humanplay.report.measured_coverage import SCORE_POPULATIONS, nearest
 from humanplay.report.model import GroupReport, Metric, Report

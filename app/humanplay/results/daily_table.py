@@ -11,13 +11,13 @@ import asyncio
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 from humanplay.db.reader import Reader
-from humanplay.db.series import results
+from humanplay.db.series import DayResult, results
 from humanplay.db.trial import Trial
 from humanplay.jobs import Jobs
-from humanplay.results.evaluations import Evaluation, PolicyEvaluations
+from humanplay.results.evaluations import Evaluation, FigureState, PolicyEvaluations, State
 from humanplay.study.days import DailyTerrain, day_before
 from humanplay.task import PolicyOffer, drawn
 from humanplay.task.registration import DEFAULT_TASK, rules_of
@@ -31,9 +31,39 @@ WAIT_S = 3.0
 _SLOW = ("random", "lookahead")
 
 
+class DayRow(TypedDict):
+    """A row of the table of results.
+
+    moves     to 99 %; None without
+    coverage  0..1
+    you       whether it is the player's who asks
+    episode   its id, once the day is over
+    """
+
+    rank: int
+    outcome: str
+    moves: int | None
+    coverage: float
+    you: bool
+    episode: NotRequired[str]
+
+
+class PolicyResult(TypedDict):
+    """What a policy came to on a day's terrain.
+
+    moves     to 99 %; None if it was not reached or is not known yet
+    coverage  0..1 at the end; None while it is not known
+    """
+
+    name: str
+    state: State
+    moves: int | None
+    coverage: float | None
+
+
 def people_on(
     reader: Reader, terrain: DailyTerrain, player_id: str | None, names_episodes: bool
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return what people came to on a terrain; no player is named.
 
     names_episodes  True once the day is over: the rows of the table then say which episode they are
@@ -42,25 +72,24 @@ def people_on(
     the player's own row, None where they have none.
     """
     cells, ended = (_cells(terrain), results(reader, terrain.series.name, terrain.ends_ms))
-    found = [_row(each, cells, player_id) for each in ended]
-    found.sort(key=_order)
-    for number, row in enumerate(found):
-        before = found[number - 1] if number else None
+    table = sorted((_row(result, cells, player_id) for result in ended), key=_order)
+    for number, row in enumerate(table):
+        before = table[number - 1] if number else None
         is_alike = before is not None and _order(before) == _order(row)
         row["rank"] = before["rank"] if before and is_alike else number + 1
         if not names_episodes:
             del row["episode"]
-    counts = Counter(row["moves"] for row in found if row["moves"] is not None)
+    counts = Counter(row["moves"] for row in table if row["moves"] is not None)
     return {
-        "players": len(found),
-        "unfinished": sum(row["moves"] is None for row in found),
+        "players": len(table),
+        "unfinished": sum(row["moves"] is None for row in table),
         "moves": [[moves, counts[moves]] for moves in sorted(counts)],
-        "table": found[:SHOWN],
-        "you": next((row for row in found if row["you"]), None),
+        "table": table[:SHOWN],
+        "you": next((row for row in table if row["you"]), None),
     }
 
 
-def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, Any] | None:
+def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, object] | None:
     """Return a player's attempt for their own page; None before it. `unranked` says why an ended one has no rank."""
     if attempt is None:
         return None
@@ -80,8 +109,8 @@ def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, 
 
 def streak(attempts: Sequence[Trial], today: str) -> int:
     """Return on how many days in a row a player came to the end of the daily terrain, up to today or to yesterday."""
-    ended = (each for each in attempts if each.ended_ms is not None)
-    played = {each.day for each in ended if each.outcome != "abandoned"}
+    ended = (attempt for attempt in attempts if attempt.ended_ms is not None)
+    played = {attempt.day for attempt in ended if attempt.outcome != "abandoned"}
     day = today if today in played else day_before(today)
     count = 0
     while day in played:
@@ -89,12 +118,17 @@ def streak(attempts: Sequence[Trial], today: str) -> int:
     return count
 
 
-def calendar(attempts: Sequence[Trial]) -> list[dict[str, Any]]:
+def calendar(attempts: Sequence[Trial]) -> list[dict[str, object]]:
     """Return what a player's newest attempts came to, at most CALENDAR, the oldest first; `moves` is None without 99 %."""
-    ended = sorted((each for each in attempts if each.ended_ms is not None), key=_day)[-CALENDAR:]
-    moves = [each.moves if each.outcome == "explored" else None for each in ended]
-    told = zip(ended, moves, strict=True)
-    return [{"day": each.day, "outcome": each.outcome, "moves": count} for each, count in told]
+    ended = [attempt for attempt in attempts if attempt.ended_ms is not None]
+    return [
+        {
+            "day": attempt.day,
+            "outcome": attempt.outcome,
+            "moves": attempt.moves if attempt.outcome == "explored" else None,
+        }
+        for attempt in sorted(ended, key=_day)[-CALENDAR:]
+    ]
 
 
 def _day(attempt: Trial) -> str:
@@ -119,17 +153,18 @@ def _cells(terrain: DailyTerrain) -> int:
     return rules.cells(drawn(rules, terrain.config, terrain.seed))
 
 
-def _row(row: dict[str, Any], cells: int, player_id: str | None) -> dict[str, Any]:
+def _row(result: DayResult, cells: int, player_id: str | None) -> DayRow:
     return {
-        "episode": row["episode_id"],
-        "outcome": row["outcome"],
-        "moves": row["steps"] if row["outcome"] == "explored" else None,
-        "coverage": row["discovered"] / cells,
-        "you": row["player_id"] == player_id,
+        "rank": 0,
+        "outcome": result.outcome,
+        "moves": result.steps if result.outcome == "explored" else None,
+        "coverage": result.discovered / cells,
+        "you": result.player_id == player_id,
+        "episode": result.episode_id,
     }
 
 
-def _order(row: dict[str, Any]) -> tuple[float, float]:
+def _order(row: DayRow) -> tuple[float, float]:
     """Return what rows are sorted by: moves to 99 %, then how little was mapped."""
     moves, mapped = row["moves"], row["coverage"]
     return (float("inf"), -mapped) if moves is None else (moves, 0.0)
@@ -157,22 +192,17 @@ class DailyPolicies:
         if self._soon is None or self._soon.done():
             self._soon = asyncio.create_task(self._later(terrain), name="daily policies")
 
-    def results(self, terrain: DailyTerrain) -> list[dict[str, Any]]:
-        """Return per policy {"name", "state", "moves", "coverage"}, the best first; what is missing is begun.
-
-        state     "ready", "waiting", "computing" or "failed"
-        moves     to 99 %, None where it was not reached or is not known yet
-        coverage  0..1 at the end; None while it is not known
-        """
+    def results(self, terrain: DailyTerrain) -> list[PolicyResult]:
+        """What each policy came to, the best first; what is missing is begun."""
         config, seeds = terrain.config, (terrain.seed,)
         offers = [offer for offer in self._offers if offer.plays(config)]
         wanted = [Evaluation(offer.source, config, seeds, self._task) for offer in offers]
-        found = [
+        policies = [
             _described(offer.name, state)
             for offer, state in zip(offers, self._evaluations.request(wanted), strict=True)
         ]
-        found.sort(key=lambda each: (each["moves"] or 0, -(each["coverage"] or 0)))
-        return sorted(found, key=lambda each: each["moves"] is None)
+        policies.sort(key=lambda policy: (policy["moves"] or 0, -(policy["coverage"] or 0)))
+        return sorted(policies, key=lambda policy: policy["moves"] is None)
 
     def close(self) -> None:
         """Begin nothing any more."""
@@ -184,7 +214,7 @@ class DailyPolicies:
         self.results(terrain)
 
 
-def _described(name: str, state: dict[str, Any]) -> dict[str, Any]:
+def _described(name: str, state: FigureState) -> PolicyResult:
     figure = state["figure"]
     if figure is None:
         return {"name": name, "state": state["state"], "moves": None, "coverage": None}

@@ -83,7 +83,7 @@ class LeaderboardEntry:
         except PolicyError:
             return str(self.files.place(name))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the entry as the list of the leaderboard shows it."""
         human, config = self.human or {"players": 0, "episodes": 0}, self.config
         return {
@@ -134,7 +134,7 @@ def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
     shares = [np.mean([each.outcome == "explored" for each in own]) for own in groups]
     shown = ("claim", "set", "players", "episodes", "score", "steps", "everybody")
     return {
-        **{name: figure[name] for name in shown},
+        **{name: value for name, value in figure.items() if name in shown},
         **{"completed": float(np.mean(shares)), "curve": None, "visits": None},
         **summarize_groups(reader, data, synthetic=False).get("people", {}),
         "trials": trial_summaries(groups),

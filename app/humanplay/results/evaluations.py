@@ -15,11 +15,16 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Literal, TypedDict
 
 from humanplay import SHIPPED_DATA
 from humanplay.jobs import Jobs, JobsFullError, Progress
-from humanplay.report.statistics.summaries import EpisodeSummary, summarize_episodes, summary_of
+from humanplay.report.statistics.summaries import (
+    EpisodesFigure,
+    EpisodeSummary,
+    summarize_episodes,
+    summary_of,
+)
 from humanplay.task import Boards, Configuration, PolicyError
 from humanplay.task.registration import DEFAULT_TASK, rules_of
 from marsexplorer.files import write_whole
@@ -50,7 +55,7 @@ class Evaluation:
         parts = (self.policy, digest, self.config.hash, _digest(self.seeds))
         return "|".join((rules_of(self.task).version, *parts))
 
-    def play(self, progress: Progress | None = None) -> tuple[dict[str, Any], list[int]]:
+    def play(self, progress: Progress | None = None) -> tuple[EpisodesFigure, list[int]]:
         """Return the figure and the steps to 99 % on each terrain; `progress` is called with (episodes played, in all)."""
         rules = rules_of(self.task)
         policy = rules.policies.load(self.policy, self.config)
@@ -89,7 +94,7 @@ class ShippedFigure:
     policy: str
     file_sha256: str | None
     steps: tuple[int, ...]
-    figure: dict[str, Any]
+    figure: EpisodesFigure
     command: str
 
 
@@ -149,6 +154,26 @@ def to_document(
     return json.dumps(head)[:-1] + f', "policies": [\n{lines}\n]}}\n'
 
 
+State = Literal["ready", "missing", "waiting", "computing", "failed"]
+
+
+class MadeBy(TypedDict):
+    """The command that made a figure which came with the package."""
+
+    command: str
+
+
+class FigureState(TypedDict):
+    """How far a figure is: episodes done, of how many; `shipped` of one that came with the package."""
+
+    state: State
+    done: int
+    of: int
+    figure: EpisodesFigure | None
+    shipped: MadeBy | None
+    error: str | None
+
+
 class PolicyEvaluations:
     """Gives the figures that are ready and has the missing ones worked out, in the order in which they are asked for.
 
@@ -165,29 +190,32 @@ class PolicyEvaluations:
         self.path = path
         self._jobs, self._shipped = jobs, shipped
         self._done = _read_kept(path, task)
-        self._making: dict[str, Future[tuple[dict[str, Any], list[int]]]] = {}
+        self._making: dict[str, Future[tuple[EpisodesFigure, list[int]]]] = {}
         self._progress: dict[str, int] = {}
         self._writing = threading.Lock()
 
-    def request(self, wanted: Sequence[Evaluation], begins: bool = True) -> list[dict[str, Any]]:
-        """Return of each {"state", "done", "of", "figure", "shipped", "error"}; where `begins`, what is missing is begun.
+    def request(self, wanted: Sequence[Evaluation], begins: bool = True) -> list[FigureState]:
+        """Return how far each figure is; if `begins`, what is missing is begun.
 
-        `shipped` says where a figure comes from that came with the package, None for one that was made here. `state` is
-        "ready", "missing", "waiting", "computing", or "failed", which after some minutes is tried again.
+        What failed is tried again after some minutes.
         """
-        return [self._state(each, each.key, begins) for each in wanted]
+        return [self._state(evaluation, evaluation.key, begins) for evaluation in wanted]
 
-    def _state(self, wanted: Evaluation, key: str, begins: bool) -> dict[str, Any]:
+    def _state(self, wanted: Evaluation, key: str, begins: bool) -> FigureState:
         came = self._shipped.find(wanted) if self._shipped and key not in self._done else None
         figure = came.figure if came else self._done.get(key)
         state, error = ("ready", None) if figure else self._begun(wanted, key, begins)
         count = len(wanted.seeds)
-        done = count if figure else self._progress.get(key, 0)
-        shipped = came and {"command": came.command}
-        shown = {"figure": figure, "shipped": shipped, "error": error}
-        return {"state": state, "done": done, "of": count, **shown}
+        return {
+            "state": state,
+            "done": count if figure else self._progress.get(key, 0),
+            "of": count,
+            "figure": figure,
+            "shipped": {"command": came.command} if came else None,
+            "error": error,
+        }
 
-    def _begun(self, wanted: Evaluation, key: str, begins: bool) -> tuple[str, str | None]:
+    def _begun(self, wanted: Evaluation, key: str, begins: bool) -> tuple[State, str | None]:
         """Begin what is missing where `begins`, unless that has been done; return the state and what went wrong."""
 
         def note(done: int, _: int) -> None:
@@ -197,9 +225,10 @@ class PolicyEvaluations:
         if future is None:
             if not begins:
                 return "missing", None
-            asked: dict[str, Any] = {"owner": OWNER, "key": key, "limit_s": LIMIT_S}
             try:
-                future = self._jobs.submit(wanted.play, **asked, on_progress=note)
+                future = self._jobs.submit(
+                    wanted.play, owner=OWNER, key=key, limit_s=LIMIT_S, on_progress=note
+                )
             except JobsFullError:
                 return "waiting", None
             if future.done() and (error := future.exception()) is not None:
@@ -208,7 +237,7 @@ class PolicyEvaluations:
             future.add_done_callback(lambda done: self._keep(key, done))
         return ("computing" if future.running() else "waiting"), None
 
-    def _keep(self, key: str, future: Future[tuple[dict[str, Any], list[int]]]) -> None:
+    def _keep(self, key: str, future: Future[tuple[EpisodesFigure, list[int]]]) -> None:
         """Write a figure to the file; when the disk is full, warn: the next start must then make it again."""
         with self._writing:
             if not future.cancelled() and future.exception() is None:
@@ -222,11 +251,15 @@ class PolicyEvaluations:
             del self._making[key]
 
 
-def _read_kept(path: Path, task: str) -> dict[str, dict[str, Any]]:
+def _read_kept(path: Path, task: str) -> dict[str, EpisodesFigure]:
     """Return the figures of this core version in a file; none when it is absent or not whole."""
     try:
-        kept, own = json.loads(path.read_bytes()), f"{rules_of(task).version}|"
-        return {key: kept[key] for key in kept if key.startswith(own) and "curve" in kept[key]}
+        figures, own = json.loads(path.read_bytes()), f"{rules_of(task).version}|"
+        return {
+            key: figure
+            for key, figure in figures.items()
+            if key.startswith(own) and "curve" in figure
+        }
     except (OSError, ValueError, AttributeError, TypeError):
         return {}
 

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from humanplay.db.file import studies_beside
 from humanplay.db.reader import Reader
@@ -16,7 +16,9 @@ from humanplay.db.trial import Trial
 from humanplay.jobs import Jobs
 from humanplay.report.statistics.human_level import LEAST_EPISODES, VolunteerFigures
 from humanplay.report.statistics.summaries import (
+    Curve,
     EpisodeSummary,
+    TrialSummary,
     coverage_curve,
     summary_of_record,
     trial_summaries,
@@ -84,26 +86,28 @@ class Leaderboard:
             self._next = None  # this reading may miss what is written from now on
             return await asyncio.to_thread(self.entries)
 
-    async def detail(self, entry_id: str, evaluates: bool) -> dict[str, Any]:
+    async def detail(self, entry_id: str, evaluates: bool) -> dict[str, object]:
         """Return everything about one entry; UnknownEntryError when there is none.
 
         evaluates  begin the evaluations that are missing
         """
-        found = next((entry for entry in await self.newest_entries() if entry.id == entry_id), None)
-        if found is None:
-            where = "on the leaderboard; GET api/leaderboard lists them"
-            raise UnknownEntryError(f"no board {entry_id!r} {where}")
+        entries = await self.newest_entries()
+        entry = next((entry for entry in entries if entry.id == entry_id), None)
+        if entry is None:
+            raise UnknownEntryError(
+                f"no board {entry_id!r} on the leaderboard; GET api/leaderboard lists them"
+            )
         async with self._turn:
-            people = await asyncio.to_thread(self._people_of, found)
-        sources = {offer.name: offer.source for offer in self._offers if offer.plays(found.config)}
-        wanted = found.evaluations(sources)
+            people = await asyncio.to_thread(self._people_of, entry)
+        sources = {offer.name: offer.source for offer in self._offers if offer.plays(entry.config)}
+        wanted = entry.evaluations(sources)
         summaries = {offer.source: offer.summary for offer in self._offers}
         states = self._evaluations.request(list(wanted.values()), evaluates)
-        policies = []
-        for (name, each), state in zip(wanted.items(), states, strict=True):
-            said = {"name": name, "summary": summaries.get(each.policy, "")}
-            policies.append({**said, **state})
-        return {"board": found.to_dict(), "people": people, "policies": policies}
+        policies = [
+            {"name": name, "summary": summaries.get(evaluation.policy, ""), **state}
+            for (name, evaluation), state in zip(wanted.items(), states, strict=True)
+        ]
+        return {"board": entry.to_dict(), "people": people, "policies": policies}
 
     def _people_of(self, entry: LeaderboardEntry) -> dict[str, Any] | None:
         if entry.human is None or entry.study is not None:
@@ -129,6 +133,14 @@ Replays = dict[Course, EpisodeSummary | None]
 """Replayed episodes; None where another version of the rules made one."""
 
 
+class BoardPictures(TypedDict):
+    """The curve and the visits of the people of a board, and how their trials went; None for nobody."""
+
+    curve: Curve | None
+    visits: list[list[float]] | None
+    trials: list[TrialSummary]
+
+
 class HumanSummaries:
     """Curves and visit maps for each configuration, kept until its figure is another.
 
@@ -137,13 +149,13 @@ class HumanSummaries:
     """
 
     def __init__(self) -> None:
-        self._made: dict[str, tuple[str, dict[str, Any]]] = {}
+        self._made: dict[str, tuple[str, BoardPictures]] = {}
         self._replays: dict[str, Replays] = {}
 
     def pictures(
         self, reader: Reader, config: Configuration, human: dict[str, Any]
-    ) -> dict[str, Any]:
-        """Return {"curve", "visits", "trials"} of the people behind a figure of `human_level`; seconds, so in a thread."""
+    ) -> BoardPictures:
+        """The pictures of the people behind a figure of `human_level`; seconds, so in a thread."""
         state = json.dumps(human)
         if self._made.get(config.hash, ("",))[0] != state:
             now: Replays = {}
@@ -177,9 +189,7 @@ def _size(summary: EpisodeSummary | None) -> int:
     return OVERHEAD + (len(summary.path) if summary is not None else 0)
 
 
-def _pictures(
-    reader: Reader, config: Configuration, known: Replays, now: Replays
-) -> dict[str, Any]:
+def _pictures(reader: Reader, config: Configuration, known: Replays, now: Replays) -> BoardPictures:
     """Return the pictures of a board; `now` gets the replays of its episodes, made anew where `known` lacks them."""
     people: dict[str, list[EpisodeSummary]] = {}
     for trial in reader.newest_counted(config.hash, MAX_EPISODES):

@@ -19,9 +19,10 @@ from humanplay.board.lobby import Lobby, Locks
 from humanplay.board.participation import RefusedError
 from humanplay.board.session import Session
 from humanplay.db.file import StoreError
+from humanplay.db.rows import Phase
 from humanplay.db.series import StudyStore, add_series
 from humanplay.db.study_rows import Participant, Stage, is_same_study
-from humanplay.db.trial import Phase, Trial
+from humanplay.db.trial import Trial
 from humanplay.study.closing import left_open, left_record, note_closed
 from humanplay.study.folder import Folder, Study
 from humanplay.study.participation import CLOSED_MESSAGE, Participations, StageError

@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from humanplay.board.attestation import COPIED, Conditions, attest, key_map_of
 from humanplay.board.controls import controls_of
@@ -39,6 +39,7 @@ from humanplay.db.checks import (
 )
 from humanplay.db.database import reading
 from humanplay.db.resimulation import Finding
+from humanplay.db.rows import PlacedEpisode
 from humanplay.db.study_rows import SeriesRow
 from humanplay.jobs import Jobs, cores
 from humanplay.study import seeds
@@ -271,7 +272,7 @@ def _check_attempts(
 def _ranked_order(
     conn: sqlite3.Connection,
     participant: str,
-    episodes: list[dict[str, Any]],
+    episodes: list[PlacedEpisode],
     protocol: Protocol,
     expected: _Expected,
 ) -> Generator[Finding, None, list[int] | None]:
@@ -298,7 +299,7 @@ def _order_number(details: list[str]) -> int | None:
 
 
 def _check_order(
-    participant: str, episodes: list[dict[str, Any]], protocol: Protocol, ranked: list[int] | None
+    participant: str, episodes: list[PlacedEpisode], protocol: Protocol, ranked: list[int] | None
 ) -> Iterator[Finding]:
     """Yield what is wrong with the numbers and terrains of a participant's episodes."""
     where = f"participant {participant}"
@@ -318,7 +319,7 @@ def _check_order(
 def _check_stage(
     conn: sqlite3.Connection,
     participant: str,
-    episodes: list[dict[str, Any]],
+    episodes: list[PlacedEpisode],
     protocol: Protocol,
 ) -> Iterator[Finding]:
     """Yield that a participant who came to the debrief has ended fewer ranked episodes than that takes."""
@@ -328,7 +329,7 @@ def _check_stage(
         yield Finding(f"participant {participant}", "ranked episodes that ended", ended, wanted)
 
 
-def _check_cause(row: dict[str, Any], expected: _Expected) -> Iterator[Finding]:
+def _check_cause(row: PlacedEpisode, expected: _Expected) -> Iterator[Finding]:
     """Yield what is wrong with an episode's series, its configuration, its flags and its seed."""
     where, config_hash = f"episode {row['id']}", expected.config_hash
     if row["series"] != expected.series.name:

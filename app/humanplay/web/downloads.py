@@ -14,7 +14,7 @@ from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
-from typing import IO, Any
+from typing import IO
 
 from fastapi.responses import Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
@@ -48,7 +48,7 @@ class Downloads:
         return Path(mkdtemp(dir=self._folder))
 
     async def answer(
-        self, owner: str, name: str, write: Callable[..., None], *arguments: Any
+        self, owner: str, name: str, write: Callable[..., None], *arguments: object
     ) -> Response:
         """Have `write(path, most_bytes, *arguments)` write a table, as a job, and return the answer that sends it as `name`.
 
@@ -64,8 +64,9 @@ class Downloads:
             self._folder.mkdir(mode=0o700, exist_ok=True)
             with TemporaryDirectory(dir=self._folder, ignore_cleanup_errors=True) as folder:
                 path = Path(folder) / name
-                asked: dict[str, Any] = {"owner": owner, "limit_s": LIMIT_S}
-                making = self._jobs.submit(write, path, room, *arguments, **asked)
+                making = self._jobs.submit(
+                    write, path, room, *arguments, owner=owner, limit_s=LIMIT_S
+                )
                 self._writing.add(owner)
                 making.add_done_callback(lambda _: self._writing.discard(owner))
                 await result_of(making)

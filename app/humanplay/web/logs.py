@@ -6,7 +6,7 @@ import logging
 import re
 import traceback
 from collections import Counter
-from typing import Any
+from types import TracebackType
 
 from pythonjsonlogger.json import JsonFormatter
 
@@ -33,8 +33,12 @@ def mask(text: str) -> str:
     return _LONG.sub(lambda found: found[0] if _WORDS.fullmatch(found[0]) else "***", text)
 
 
+_Raised = tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None]
+"""What `sys.exc_info` returns."""
+
+
 class _TextFormatter(logging.Formatter):
-    def formatException(self, ei: Any) -> str:  # noqa: N802 - the name of the standard library
+    def formatException(self, ei: _Raised) -> str:  # noqa: N802 - the name of the standard library
         """Return the end of the traceback: the innermost places and, cut, what was raised there."""
         lines = [_on_one_line(each[:200]) for each in super().formatException(ei).split("\n")]
         return _SECRET_ADDRESS.sub(r"\1***", "\n".join(lines)[-MOST_CHARACTERS:])
@@ -49,10 +53,11 @@ class _SafeFormatter(JsonFormatter):
             log_data[name] = mask(str(log_data[name]))
         return log_data
 
-    def formatException(self, ei: Any) -> str:  # noqa: N802 - the name of the standard library
+    def formatException(self, ei: _Raised) -> str:  # noqa: N802 - the name of the standard library
         """Return the class of an exception and the places that it passed, innermost last."""
         places = [f"{place.name}:{place.lineno}" for place in traceback.extract_tb(ei[2])]
-        return f"{ei[0].__name__} in {' > '.join(places)[-MOST_CHARACTERS:]}"
+        name = "nothing" if ei[0] is None else ei[0].__name__
+        return f"{name} in {' > '.join(places)[-MOST_CHARACTERS:]}"
 
 
 class _CutAndRated(logging.Filter):
@@ -60,7 +65,8 @@ class _CutAndRated(logging.Filter):
 
     def __init__(self) -> None:
         super().__init__()
-        self._buckets, self._left_out = dict[tuple[str, int], TokenBucket](), Counter[Any]()
+        self._buckets = dict[tuple[str, int], TokenBucket]()
+        self._left_out = Counter[tuple[str, int]]()
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether a record is written; of those that are left out the next one says how many they were."""
@@ -83,7 +89,7 @@ def _on_one_line(text: str) -> str:
     return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
-def log_config(log_format: str) -> dict[str, Any]:
+def log_config(log_format: str) -> dict[str, object]:
     """Return the configuration (`logging.config.dictConfig`) of a log on stderr, "text" or "json": warnings and errors of all.
 
     JSON has a line for each request too. An object has `time` (UTC), `level`, `logger`, `message`, `request_id` and, of a

@@ -172,9 +172,12 @@ def _asked() -> dict[str, str]:
     echo(
         'The report will say what only you know. "none" is an answer; Enter leaves one for later, before freezing.'
     )
-    form: Any = {"default": "", "show_default": False, "prompt_suffix": "> "}
-    fields = Declarations.model_fields.items()
-    return {name: click.prompt(f"{name}: {each.description}\n", **form) for name, each in fields}
+    return {
+        name: click.prompt(
+            f"{name}: {field.description}\n", default="", show_default=False, prompt_suffix="> "
+        )
+        for name, field in Declarations.model_fields.items()
+    }
 
 
 @study.command(short_help="Fix the protocol and draw the secret.")
@@ -234,7 +237,7 @@ def frozen(
     name: str,
     folder: Folder,
     database: Path,
-    planned: Mapping[str, Any] = MappingProxyType({}),
+    planned: Mapping[str, object] = MappingProxyType({}),
 ) -> Study:
     """Freeze a study, note it in the chain of the database, say so, and return it.
 
@@ -438,11 +441,11 @@ def power(
 
     with study_errors():
         protocol = folder.draft(name)
-        changes: dict[str, Any] = {}
+        changes: dict[str, float] = {}
         if pilot is not None:
             changes = _assumptions_from(pilot, protocol, database)
-        given = {"players": players, "ranked": ranked, "policy_difference": difference}
-        changes |= {field: value for field, value in given.items() if value is not None}
+        options = {"players": players, "ranked": ranked, "policy_difference": difference}
+        changes |= {field: value for field, value in options.items() if value is not None}
         changed = {**protocol.model_dump(mode="json", exclude_unset=True), **changes}
         protocol = parse_protocol(changed)
         protocol = protocol.model_copy(update=_planned(protocol, folder))
@@ -464,14 +467,14 @@ def _assumptions_from(name: str, protocol: Protocol, database: Path) -> dict[str
         raise UsageError(str(error)) from error
 
 
-def _planned(protocol: Protocol, folder: Folder) -> dict[str, Any]:
+def _planned(protocol: Protocol, folder: Folder) -> dict[str, float | None]:
     """The assumptions and the difference of a protocol, filled in where it leaves them empty."""
     from humanplay.report.statistics.planning import reachable_difference
     from humanplay.study.policy_episodes import tested_policies
     from humanplay.study.terrain_spread import terrain_sd
 
     assumed = dict(protocol.rules.assumed(protocol.env_config, protocol.primary_metric))
-    fields: dict[str, Any] = {
+    fields: dict[str, float | None] = {
         name: number for name, number in assumed.items() if getattr(protocol, name) is None
     }
     if protocol.assumed_terrain_sd is None and tested_policies(protocol):

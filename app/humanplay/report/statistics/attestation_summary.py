@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from humanplay.board.attestation import LEVELS, level_reaches
-from humanplay.db.trial import Attestation
+from humanplay.db.rows import Attestation
 from humanplay.study.data import StudyData
 
 

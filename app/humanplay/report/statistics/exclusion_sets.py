@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from operator import attrgetter
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from humanplay.db.trial import LEFT, Required, Trial
 from humanplay.report.statistics.formatting import percent
 from humanplay.study.data import Person, StudyData
 from humanplay.study.flow import BEGAN, INTERRUPTED, STOPPED, Status
+from humanplay.study.protocol import Rule
 from marsexplorer.intervals import Floats
 
 MetricName = Literal["score", "steps"]
@@ -312,7 +313,7 @@ def unspoilt(trials: Iterable[Trial]) -> list[Trial]:
     return [trial for trial in trials if trial.attestation != "spoilt"]
 
 
-def members(cohort: Cohort, rules: Mapping[Any, Any]) -> list[str]:
+def members(cohort: Cohort, rules: Mapping[Rule, bool | float]) -> list[str]:
     """Return the ids of those whom a set's rules let in, in the order of what they played.
 
     That order says nothing of who joined when, and it is the same under other ids: sums, draws and the report's own pseudonyms
@@ -337,7 +338,7 @@ def _played(trials: Sequence[Trial]) -> list[tuple[int, int, float, float, str]]
     )
 
 
-def _enters(cohort: Cohort, person: Person, rules: Mapping[Any, Any]) -> bool:
+def _enters(cohort: Cohort, person: Person, rules: Mapping[Rule, bool | float]) -> bool:
     trials = cohort.ranked[person.id]
     if rules and is_flagged_throughout(cohort, person.id):
         return False
@@ -377,7 +378,7 @@ def _lacks_score(cohort: Cohort, participant: str) -> bool:
     )
 
 
-def rule_in_words(rules: Mapping[Any, Any]) -> str:
+def rule_in_words(rules: Mapping[Rule, bool | float]) -> str:
     """Return who enters under a set's rules."""
     words = []
     if rules.get("completed"):

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -46,10 +45,13 @@ def utc(ms: int) -> str:
 
 def templates(folder: Path, is_html: bool) -> Environment:
     """Return the templates of a folder, escaping what HTML does not let through; a name that nobody gives is an error."""
-    blocks: Any = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
-    loader = FileSystemLoader(folder)
     environment = Environment(
-        loader=loader, autoescape=is_html, undefined=StrictUndefined, **blocks
+        loader=FileSystemLoader(folder),
+        autoescape=is_html,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
     )
     environment.filters["counted"] = counted
     return environment

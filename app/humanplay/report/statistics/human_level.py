@@ -22,7 +22,7 @@ from humanplay.db.volunteers import Sums, played_configs, players_of
 from humanplay.report.statistics.exclusion_sets import MetricName
 from humanplay.report.statistics.formatting import counted
 from humanplay.report.statistics.intervals import estimate
-from humanplay.report.statistics.study_figures import metric_bounds, worst_value
+from humanplay.report.statistics.study_figures import MeanInterval, metric_bounds, worst_value
 from humanplay.task import Configuration, Rules
 from humanplay.task.registration import rules_of
 from marsexplorer.intervals import Floats, t_interval
@@ -72,8 +72,8 @@ def human_level(store: Reader) -> dict[str, Any]:
     return VolunteerFigures().human_level(store)
 
 
-def mean_interval(values: Sequence[float]) -> dict[str, float | None]:
-    """Return mean, low and high of the 95 % t interval for the mean; low and high None with fewer than two values."""
+def mean_interval(values: Sequence[float]) -> MeanInterval:
+    """A mean with its t interval, which fewer than two values do not have."""
     mean = _mean(values)
     if len(values) < 2:
         return {"mean": mean, "low": None, "high": None}
@@ -128,12 +128,12 @@ def _means(rules: Rules, config: Configuration, players: Sequence[Sums]) -> dict
 
 def _interval_of(
     rules: Rules, config: Configuration, metric: MetricName, means: Floats
-) -> dict[str, float | None]:
+) -> MeanInterval:
     """Mean, low and high over players; each has terrains of their own, so these are no term of it."""
     bounds, worst = metric_bounds(rules, config, metric), worst_value(rules, config, metric)
-    found = estimate(means[:, np.newaxis], bounds, worst, terrains_drawn=False)
-    low, high = found.interval or (None, None)
-    return {"mean": found.mean, "low": low, "high": high}
+    figure = estimate(means[:, np.newaxis], bounds, worst, terrains_drawn=False)
+    low, high = figure.interval or (None, None)
+    return {"mean": figure.mean, "low": low, "high": high}
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -139,12 +139,39 @@ def claim_of(data: StudyData) -> str:
     return f"{'Human level' if is_known else 'Figure of unverified participants'} ({level})"
 
 
-def live_figure(data: StudyData) -> dict[str, Any]:
-    """Return the people's estimates as they may be seen: claim, set, players, episodes, score, steps, everybody, sentence.
+class MeanInterval(TypedDict):
+    """A mean, and its 95 % interval; low and high None without one."""
 
-    The first are per protocol, as `set` says, or of everybody where nobody has finished; `everybody` is {"players", "episodes",
-    "score", "steps"}. Score and steps are {"mean", "low", "high"} (low and high None without an interval), or None. An open
-    study has nobody in any, and its sentence says how many have finished.
+    mean: float
+    low: float | None
+    high: float | None
+
+
+class ShownFigure(TypedDict):
+    """An estimate as it is shown; None where nobody has any."""
+
+    players: int
+    episodes: int
+    score: MeanInterval | None
+    steps: MeanInterval | None
+
+
+class LiveFigure(ShownFigure):
+    """The people's estimates as they may be seen: per protocol, or of everybody if nobody has finished.
+
+    set  which of the two
+    """
+
+    claim: str
+    set: str
+    everybody: ShownFigure
+    sentence: str
+
+
+def live_figure(data: StudyData) -> LiveFigure:
+    """The people's estimates as they may be seen.
+
+    An open study has nobody in any, and its sentence says how many have finished.
     """
     cohort = people_of(data)
     per_protocol, everybody, *_ = study_figures(data, cohort, everybody_of(data, cohort))
@@ -158,7 +185,7 @@ def live_figure(data: StudyData) -> dict[str, Any]:
     }
 
 
-def _shown(figure: StudyFigure) -> dict[str, Any]:
+def _shown(figure: StudyFigure) -> ShownFigure:
     return {
         "players": figure.players,
         "episodes": figure.episodes,
@@ -279,8 +306,8 @@ def _range(means: Floats, bounds: Interval, erased: int) -> Interval | None:
     return float(low), float(high)
 
 
-def _mean_and_interval(found: Estimate | None) -> dict[str, float | None] | None:
-    if found is None:
+def _mean_and_interval(estimate: Estimate | None) -> MeanInterval | None:
+    if estimate is None:
         return None
-    low, high = found.interval or (None, None)
-    return {"mean": found.mean, "low": low, "high": high}
+    low, high = estimate.interval or (None, None)
+    return {"mean": estimate.mean, "low": low, "high": high}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from humanplay.report.statistics.exclusion_sets import (
     unspoilt,
 )
 from humanplay.report.statistics.human_level import mean_interval
+from humanplay.report.statistics.study_figures import MeanInterval
 from humanplay.study.data import StudyData, trial_records
 from humanplay.task import Configuration, Record, Rules
 from marsexplorer.intervals import Floats, t_interval
@@ -50,6 +51,41 @@ class EpisodeSummary:
     cells: int | None = None
 
 
+class Curve(TypedDict):
+    """Mean coverage (0..1) with its interval at some step counts; no interval for one group."""
+
+    steps: list[int]
+    mean: list[float]
+    low: list[float]
+    high: list[float]
+
+
+class Pictures(TypedDict, total=False):
+    """The coverage curve and the visits of each cell; empty if no episodes were replayed."""
+
+    curve: Curve
+    visits: list[list[float]]
+
+
+class EpisodesFigure(Pictures):
+    """What is shown of some groups of episodes."""
+
+    groups: int
+    episodes: int
+    score: MeanInterval
+    steps: MeanInterval
+    completed: float
+
+
+class TrialSummary(TypedDict):
+    """How people fared in their first, second, ... episode."""
+
+    trial: int
+    players: int
+    score: MeanInterval
+    steps: MeanInterval
+
+
 def summary_of(rules: Rules, run: Any) -> EpisodeSummary:
     """Return what figures need of an ended run of a task with courses, in 8 bytes a move."""
     record = run.record()
@@ -71,20 +107,22 @@ def summary_of_record(rules: Rules, record: Record) -> EpisodeSummary:
 EpisodeGroup = Sequence[EpisodeSummary]
 
 
-def summarize_episodes(config: Configuration, groups: Sequence[EpisodeGroup]) -> dict[str, Any]:
+def summarize_episodes(config: Configuration, groups: Sequence[EpisodeGroup]) -> EpisodesFigure:
     """Return everything that is shown of some groups (at least one, none of them empty)."""
     return {
         "groups": len(groups),
         "episodes": sum(map(len, groups)),
         "score": mean_interval([_mean(each.score for each in group) for group in groups]),
         "steps": mean_interval([_mean(each.steps for each in group) for group in groups]),
-        "completed": _mean(_mean(each.outcome == "explored" for each in own) for own in groups),
+        "completed": _mean(
+            _mean(episode.outcome == "explored" for episode in group) for group in groups
+        ),
         **curve_and_visits(config, groups),
     }
 
 
-def curve_and_visits(config: Configuration, groups: Sequence[EpisodeGroup]) -> dict[str, Any]:
-    """Return {"curve": `coverage_curve`, "visits": `visit_counts`} of some groups; nothing for none."""
+def curve_and_visits(config: Configuration, groups: Sequence[EpisodeGroup]) -> Pictures:
+    """The coverage curve and visit counts of some groups; nothing for none."""
     if not groups:
         return {}
     return {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)}
@@ -94,7 +132,7 @@ def _mean(values: Iterable[float]) -> float:
     return float(np.mean(list(values)))
 
 
-def coverage_curve(config: Configuration, groups: Sequence[EpisodeGroup]) -> dict[str, list[Any]]:
+def coverage_curve(config: Configuration, groups: Sequence[EpisodeGroup]) -> Curve:
     """Return mean coverage (0..1) with its interval at some step counts; an episode that has ended keeps what it had."""
     longest = max(len(each.discoveries) for group in groups for each in group) - 1
     steps = np.unique(np.linspace(0, longest, min(POINTS, longest + 1)).astype(np.int64))
@@ -118,15 +156,17 @@ def visit_counts(config: Configuration, groups: Sequence[EpisodeGroup]) -> list[
     return [_short(row, 3) for row in total / len(groups)]
 
 
-def trial_summaries(groups: Sequence[EpisodeGroup], most: int = 60) -> list[dict[str, Any]]:
-    """Return per trial (each person's first, second, ... episode) how many made it, and their mean score and steps."""
-    found = []
+def trial_summaries(groups: Sequence[EpisodeGroup], most: int = 60) -> list[TrialSummary]:
+    """Sum up each person's first, second, ... episode."""
+    summaries: list[TrialSummary] = []
     for number in range(min(most, max(map(len, groups)))):
         there = [group[number] for group in groups if len(group) > number]
         score = mean_interval([each.score for each in there])
         steps = mean_interval([float(each.steps) for each in there])
-        found.append({"trial": number + 1, "players": len(there), "score": score, "steps": steps})
-    return found
+        summaries.append(
+            {"trial": number + 1, "players": len(there), "score": score, "steps": steps}
+        )
+    return summaries
 
 
 def _held(discoveries: Sequence[int] | NDArray[np.int32], steps: NDArray[np.int64]) -> Floats:
@@ -141,8 +181,8 @@ def _short(values: Floats, digits: int = 4) -> list[float]:
 
 def summarize_groups(
     reader: Reader, data: StudyData, synthetic: bool, progress: Progress | None = None
-) -> dict[str, dict[str, Any]]:
-    """Return {"curve", "visits"} by group's name, over the ranked episodes of everybody (a player weighs once).
+) -> dict[str, Pictures]:
+    """The pictures of each group, over the ranked episodes of everybody (a player weighs once).
 
     Nothing where episodes have no courses. Those of another core version cannot be replayed, and spoilt ones are not their
     player's: both are left out.
@@ -165,7 +205,7 @@ def summarize_groups(
 
 def _pictures(
     reader: Reader, data: StudyData, cohort: Cohort, advance: Callable[[], None]
-) -> dict[str, Any]:
+) -> Pictures:
     groups: list[Sequence[EpisodeSummary]] = []
     for person in members(cohort, {}):
         own = []

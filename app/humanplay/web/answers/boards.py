@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from humanplay.board.messages import Pace
 from humanplay.board.session import SessionKind
-from humanplay.db.trial import Attestation
+from humanplay.db.rows import Attestation
 from humanplay.web.answers.base import Answer, Frame, described
 from humanplay.web.answers.server import Task
 

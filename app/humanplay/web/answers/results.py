@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from humanplay.db.trial import Attestation
+from humanplay.db.rows import Attestation
 from humanplay.web.answers.base import Answer, Frame, described
 from humanplay.web.answers.server import Task
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 from humanplay.jobs import Jobs, JobsFullError
 from humanplay.web.downloads import Downloads
@@ -48,7 +48,7 @@ class Export:
             return "making"
         return "ready" if self.making.exception() is None else "failed"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return what the page shows."""
         error = str(self.making.exception()) if self.state == "failed" else None
         made = self.files.items() if self.state == "ready" else ()
@@ -64,7 +64,7 @@ class Exports:
         self._downloads = downloads
         self._made: dict[tuple[str, ExportKind], Export] = {}
 
-    def state(self, study: str) -> dict[str, Any]:
+    def state(self, study: str) -> dict[str, object]:
         """Return the state of each kind of export; None for a kind that was never begun."""
         made = {what: self._made.get((study, what)) for what in KINDS}
         return {what: export and export.to_dict() for what, export in made.items()}
@@ -98,12 +98,17 @@ class Exports:
 def make_export(words: Sequence[str], folder: Path, what: ExportKind) -> None:
     """Run the command that makes an export; ExportError with the last line that it wrote to stderr where it fails."""
     command = (sys.executable, "-m", "humanplay.cli", *words)
-    nothing, pipe = subprocess.DEVNULL, subprocess.PIPE
-    pipes: Any = {"stdin": nothing, "stdout": nothing, "stderr": pipe}
-    done = subprocess.run(command, **pipes, text=True, errors="replace")
+    done = subprocess.run(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+    )
     if done.returncode:
-        said = done.stderr.strip().splitlines() or [f"it ended with code {done.returncode}"]
-        raise ExportError(said[-1].removeprefix("humanplay: ")[:_MAX_ERROR_CHARS])
+        lines = done.stderr.strip().splitlines() or [f"it ended with code {done.returncode}"]
+        raise ExportError(lines[-1].removeprefix("humanplay: ")[:_MAX_ERROR_CHARS])
     if what == "release":
         try:
             shutil.make_archive(str(folder / "release"), "zip", folder / "release")

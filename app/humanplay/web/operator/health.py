@@ -11,7 +11,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from humanplay.db.checks import chain_head, quick_check, try_write
 from humanplay.db.database import StoreError, damaged
@@ -23,12 +23,20 @@ LOW_BYTES = 1_000_000_000
 """Less free space on the disk than this is called low."""
 
 
+class Check(TypedDict):
+    """What SQLite's own check said ("ok", or what is damaged), and when."""
+
+    result: str
+    is_whole: bool
+    at_ms: int
+
+
 class Health:
     """The health of one database; the check reads all of it, so it is made once, and again only on request."""
 
     def __init__(self, database: Path) -> None:
         self._database, self._log = database, log_path(database)
-        self._check: dict[str, Any] | None = None
+        self._check: Check | None = None
         self._checking, self._is_ending = threading.Lock(), False
         self._conn: sqlite3.Connection | None = None
         self._trying = ThreadPoolExecutor(1, "readyz")  # others' work keeps no probe waiting
@@ -83,7 +91,7 @@ class Health:
         """Return the size of the database's file, without its log."""
         return _size(self._database)
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> dict[str, object]:
         """Return everything that is shown, sizes in bytes; the first time the database is checked as well.
 
         `check` is None while the first check is under way.

@@ -6,7 +6,6 @@ These queries are cheap and always fresh; the figure and the labels, which read 
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from collections import Counter, defaultdict
@@ -14,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from statistics import fmean
-from typing import Any, get_args
+from typing import get_args
 
 from humanplay.db import series
 from humanplay.db.reader import Reader
@@ -41,7 +40,7 @@ PARTICIPANT_FIELDS = (
 
 def list_participants(
     reader: Reader, study: str, now_ms: int, is_open: bool
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """Return the participants of a study in the order of joining, each with its progress so far.
 
     is_open  whether the study is: then nothing of a person's ranked episodes is listed
@@ -51,19 +50,19 @@ def list_participants(
         trials[trial.participant].append(trial)
     events = series.event_summaries(reader, study)
     gone = series.withdrawals(reader, study)
-    left = {event.participant_id: json.loads(event.detail) for event in gone}
+    left = {event.participant_id: event.event().detail for event in gone}
     signs = defaultdict[str, list[StageEvent]](list)
     for event in series.stage_events(reader, study, ("joined", REPEATED_JOIN)):
         signs[event.participant_id].append(event.event())
-    found = []
+    listed: list[dict[str, object]] = []
     for person in series.participants(reader, study):
         hides = is_open and person.kind == "human"
-        own = trials[person.id]
+        played = trials[person.id]
         seen = events.get(person.id, series.EventSummary(person.id, 0, 0))
-        acted = (trial.ended_ms or trial.moved_ms or trial.started_ms for trial in own)
+        acted = (trial.ended_ms or trial.moved_ms or trial.started_ms for trial in played)
         last_ms = max(person.joined_ms, seen.last_ms, *acted)
         is_under_way = person.stage not in ("debrief", "complete", "withdrawn")
-        found.append(
+        listed.append(
             {
                 **{name: getattr(person, name) for name in PARTICIPANT_FIELDS},
                 "label": participant_label(person.id),
@@ -74,17 +73,17 @@ def list_participants(
                 "deviations": None if hides else seen.deviations,
                 "repeated": repeated_reasons(signs[person.id]),
                 "not_attested": [
-                    f"{each.attestation} {each.phase.replace('_', '-')} {each.trial + 1}: {each.attestation_reason}"
-                    for each in own
-                    if each.attestation_reason and not (hides and each.phase == "ranked")
+                    f"{trial.attestation} {trial.phase.replace('_', '-')} {trial.trial + 1}: {trial.attestation_reason}"
+                    for trial in played
+                    if trial.attestation_reason and not (hides and trial.phase == "ranked")
                 ],
-                **_totals(own, hides),
+                **_totals(played, hides),
             }
         )
-    return found
+    return listed
 
 
-def _totals(trials: Sequence[Trial], hides: bool) -> dict[str, Any]:
+def _totals(trials: Sequence[Trial], hides: bool) -> dict[str, object]:
     """Return the numbers of finished episodes, and the means over ranked ones; None before the first, and where hidden."""
     ended = [trial for trial in trials if trial.outcome is not None]
     ranked = [trial for trial in ended if trial.phase == "ranked" and not hides]
@@ -97,9 +96,9 @@ def _totals(trials: Sequence[Trial], hides: bool) -> dict[str, Any]:
     }
 
 
-def count_stages(people: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def count_stages(people: Sequence[dict[str, object]]) -> list[dict[str, object]]:
     """Return for each stage how many people and how many scripts are at it."""
-    count = Counter((each["stage"], each["kind"]) for each in people)
+    count = Counter((person["stage"], person["kind"]) for person in people)
     kinds = ("human", "script")
     return [{"stage": stage, **{each: count[stage, each] for each in kinds}} for stage in STAGES]
 
@@ -110,62 +109,70 @@ class LiveFigures:
     def __init__(self, database: Path) -> None:
         self._database = database
         self._lock = threading.Lock()
-        self._made: dict[str, tuple[float, dict[str, Any]]] = {}
+        self._made: dict[str, tuple[float, dict[str, object]]] = {}
 
-    def of(self, study: str) -> dict[str, Any]:
+    def of(self, study: str) -> dict[str, object]:
         """Return {"figure", "labels"}; they are kept for FRESH_S seconds, or for ten times the time they took."""
         with self._lock:
-            until, made = self._made.get(study, (0.0, {}))
-            if time.monotonic() >= until:
+            until, figures = self._made.get(study, (0.0, None))
+            if figures is None or time.monotonic() >= until:
                 began = time.monotonic()
-                made = self._make(study)
+                figures = self._make(study)
                 took = time.monotonic() - began
-                self._made[study] = (time.monotonic() + max(FRESH_S, 10 * took), made)
-            return made
+                self._made[study] = (time.monotonic() + max(FRESH_S, 10 * took), figures)
+            return figures
 
     def forget(self, study: str) -> None:
         """Make a study's figure anew when it is asked for again: the study was closed."""
         with self._lock:
             self._made.pop(study, None)
 
-    def _make(self, study: str) -> dict[str, Any]:
+    def _make(self, study: str) -> dict[str, object]:
         try:
             with closing(Reader.open(self._database)) as reader, reader.snapshot():
                 data = load(reader, study)
         except StudyError:  # nobody has joined
             return {"figure": None, "labels": []}
         people = {person.id for person in data.people if person.kind == "human"}
-        own = [
+        trials = [
             trial
             for trial in data.trials
             if trial.participant in people and (trial.phase != "ranked" or data.closed_ms)
         ]
-        found = [(name, trial.participant) for trial in own for name in trial.labels]
-        by_label = []
-        for label, number in Counter(name for name, _ in found).most_common():
-            who = sorted({participant_label(who) for name, who in found if name == label})
-            by_label.append({"label": label, "episodes": number, "participants": who})
+        labels = [(name, trial.participant) for trial in trials for name in trial.labels]
+        by_label: list[dict[str, object]] = []
+        for label, number in Counter(name for name, _ in labels).most_common():
+            ids = {participant for name, participant in labels if name == label}
+            people_in_words = sorted(map(participant_label, ids))
+            by_label.append({"label": label, "episodes": number, "participants": people_in_words})
         return {"figure": live_figure(data), "labels": by_label}
 
 
 def recruiting(
     reader: Reader, invitations: Invitations, study: Study, now_ms: int
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return how people come into a study: its recruitment, the operator's code of the day, and its invitations.
 
     Invitations are in the order of issuing. The token of one that still lets somebody in is among them: the operator hands it
     out. A closed study has neither code nor tokens.
     """
     uses = uses_of(reader, study.name)
-    listed = []
-    for each in invitations.of(study.name).values():
-        use = uses.get(each.id)
-        state = state_of(each, use)
+    listed: list[dict[str, object]] = []
+    for invitation in invitations.of(study.name).values():
+        use = uses.get(invitation.id)
+        state = state_of(invitation, use)
         lets_in = study.is_running and state in ("issued", "opened")
-        token = token_of(study, each.id) if lets_in else None
-        label, at_ms = (use.label, use.at_ms) if use else (None, None)
-        times = {"issued_ms": each.issued_ms, "revoked_ms": each.revoked_ms, "at_ms": at_ms}
-        listed.append({"id": each.id, "state": state, "label": label, "token": token, **times})
+        listed.append(
+            {
+                "id": invitation.id,
+                "state": state,
+                "label": use.label if use else None,
+                "token": token_of(study, invitation.id) if lets_in else None,
+                "issued_ms": invitation.issued_ms,
+                "revoked_ms": invitation.revoked_ms,
+                "at_ms": use.at_ms if use else None,
+            }
+        )
     return {
         "recruitment": study.protocol.recruitment,
         "code": code_of(study, now_ms) if study.is_running else None,

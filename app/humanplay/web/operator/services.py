@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import Any
 
 from humanplay.jobs import Jobs
 from humanplay.study.progress import ParticipantProgress
@@ -36,11 +35,11 @@ class AdminServices:
         self.exports = Exports(store.path, jobs, downloads)
         self.began = time.monotonic()
 
-    def studies(self) -> list[dict[str, Any]]:
+    def studies(self) -> list[dict[str, object]]:
         """Return every study in the folder: drafts and broken ones too, with what is wrong."""
         return [self._listed(name) for name in self.progress.folder.names()]
 
-    def _listed(self, name: str) -> dict[str, Any]:
+    def _listed(self, name: str) -> dict[str, object]:
         folder = self.progress.folder
         try:
             status, title = folder.status(name), folder.draft(name).title
