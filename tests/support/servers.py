@@ -6,6 +6,7 @@ import random
 import threading
 import time
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 
 import httpx
 import pytest
@@ -16,6 +17,7 @@ from humanplay.tasks.mars.run import occupancy_codes
 from humanplay.web.simulate import Clock, Socket
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
+from tests.support.answers import check_answer
 
 PACE = random.Random(7)
 PATIENCE_S = 60.0
@@ -114,6 +116,8 @@ class Running:
         # nothing here speaks TLS, and reading the certificates takes 20 ms
         rest = {"verify": False, **rest}
         client = httpx.Client(base_url=self.url, timeout=PATIENCE_S, trust_env=False, **rest)
+        if self.app is not None:
+            client.event_hooks["response"].append(partial(check_answer, self.app))
         self._clients.append(client)
         return client
 

@@ -10,6 +10,7 @@ from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field, ValidationError
 
 from humanplay.agents import wire
+from humanplay.agents.answers import RpcAnswer
 from humanplay.agents.cards import CardError
 from humanplay.agents.wire import Agent, AgentOf, NameOf, read, told_of
 from humanplay.board.messages import Message, describe_errors
@@ -47,7 +48,13 @@ class Move(Begin):
 TOOLS: dict[str, type[Begin]] = {"begin": Begin, "move": Move}
 
 
-@router.post("/mcp")
+@router.post(
+    "/mcp",
+    responses={
+        200: {"model": RpcAnswer},
+        202: {"description": "a notification, which has no answer"},
+    },
+)
 async def mcp(request: Request, agent: AgentOf, name: NameOf) -> Response:
     """Answer initialize, ping, tools/list and tools/call, and OpenEnv's openenv/session/create and close, one a request."""
     try:

@@ -10,6 +10,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, HTTPException, Path, Request
 from fastapi.responses import FileResponse, HTMLResponse, Response
 
+from humanplay.agents.answers import Evaluation as EvaluationAnswer
+from humanplay.agents.answers import ListedEvaluation
 from humanplay.agents.evaluation import (
     COMPARISON,
     OPENING,
@@ -24,6 +26,7 @@ from humanplay.agents.evaluation import (
 )
 from humanplay.study.protocol import StudyError
 from humanplay.web.access import services_of
+from humanplay.web.answers.base import file_of
 from humanplay.web.protection import NO_CACHE
 from humanplay.web.templates import environment, root_of
 
@@ -32,7 +35,11 @@ Name = Annotated[str, Path(max_length=100, description="of the evaluation")]
 NONE_HERE = "there is no such evaluation here: check the link"
 
 
-@router.get("/api/evaluations", summary="The evaluations of agents of this server")
+@router.get(
+    "/api/evaluations",
+    response_model=list[ListedEvaluation],
+    summary="The evaluations of agents of this server",
+)
 async def list_evaluations(request: Request) -> list[dict[str, Any]]:
     """List the evaluations of agents; `status` is "open" or "closed"."""
     services = services_of(request)
@@ -44,7 +51,12 @@ async def list_evaluations(request: Request) -> list[dict[str, Any]]:
     return [_about(evaluation) for evaluation in rows]
 
 
-@router.get("/api/evaluations/{name}", summary="What an evaluation has published")
+@router.get(
+    "/api/evaluations/{name}",
+    response_model=EvaluationAnswer,
+    response_model_exclude_unset=True,
+    summary="What an evaluation has published",
+)
 async def get_evaluation(request: Request, name: Name) -> dict[str, Any]:
     """What was fixed before any agent played, and the comparison once the evaluation is closed.
 
@@ -61,7 +73,12 @@ async def get_evaluation(request: Request, name: Name) -> dict[str, Any]:
     }
 
 
-@router.get("/api/evaluations/{name}/files/{file:path}", summary="A receipt, or the opening")
+@router.get(
+    "/api/evaluations/{name}/files/{file:path}",
+    response_class=Response,
+    responses=file_of("application/json"),
+    summary="A receipt, or the opening",
+)
 async def get_file(request: Request, name: Name, file: str) -> FileResponse:
     """A published file: `opening.json`, `receipts/ID.json`, `policies.json` or `comparison.json`."""
     evaluation, _ = await _found(request, name)

@@ -17,6 +17,18 @@ from fastapi.openapi.utils import get_openapi
 from pydantic import Field, ValidationError, model_validator
 from starlette.requests import HTTPConnection
 
+from humanplay.agents.answers import Card as CardAnswer
+from humanplay.agents.answers import (
+    Closed,
+    Described,
+    Healthy,
+    InstanceCount,
+    Instances,
+    Metadata,
+    OneInstance,
+    Schemas,
+    Split,
+)
 from humanplay.agents.cards import SPLIT, Card, CardError, Cards, Seen
 from humanplay.board.messages import Message, describe_errors
 from humanplay.db.store import StoreError
@@ -91,14 +103,22 @@ async def agent_of(connection: HTTPConnection, token: str) -> Agent:
 AgentOf = Annotated[Agent, Depends(agent_of)]
 
 
-async def name_of(agent: AgentOf, env: str | None = None) -> str:
-    """Return the name of what is played; CardError 404 where another one is asked for."""
-    if env is not None and env != (name := agent.cards.task_name(agent.card)):
-        raise CardError(404, f"expected the environment {name!r}, got {env[:40]!r}")
+async def name_of(agent: AgentOf) -> str:
+    """Return the name of what is played."""
     return agent.cards.task_name(agent.card)
 
 
 NameOf = Annotated[str, Depends(name_of)]
+
+
+async def name_in_path(name: NameOf, env: str) -> str:
+    """Return the name of what is played; CardError 404 where the path has another one."""
+    if env != name:
+        raise CardError(404, f"expected the environment {name!r}, got {env[:40]!r}")
+    return name
+
+
+NameInPath = Annotated[str, Depends(name_in_path)]
 
 
 def check_split(split: str) -> None:
@@ -107,19 +127,19 @@ def check_split(split: str) -> None:
         raise CardError(404, f"expected the split {SPLIT!r}, got {split[:40]!r}")
 
 
-@router.get("/health")
-async def health(agent: AgentOf) -> dict[str, str]:
+@router.get("/health", response_model=Healthy)
+async def card_health(agent: AgentOf) -> dict[str, str]:
     """Say that the card can be played."""
     return {"status": "healthy"}
 
 
-@router.get("/metadata")
+@router.get("/metadata", response_model=Metadata)
 async def metadata(agent: AgentOf, name: NameOf) -> dict[str, str]:
     """Say what is played."""
     return {"name": name, "description": agent.cards.about(agent.card)["instructions"]}
 
 
-@router.get("/schema")
+@router.get("/schema", response_model=Schemas)
 async def schema(agent: AgentOf) -> dict[str, Any]:
     """Return the JSON schemas of moves, of what is seen, and of the state."""
     action, whole, text = Step.model_json_schema(), {"type": "integer"}, {"type": "string"}
@@ -150,16 +170,16 @@ async def list_environments(name: NameOf) -> list[str]:
     return [name]
 
 
-@router.get("/{env}/splits")
-async def splits(name: NameOf) -> list[dict[str, str]]:
+@router.get("/{env}/splits", response_model=list[Split])
+async def splits(name: NameInPath) -> list[dict[str, str]]:
     """Return the split that there is."""
     return [{"name": SPLIT, "type": "test"}]
 
 
-@router.post("/{env}/{what}")
+@router.post("/{env}/{what}", response_model=Instances | InstanceCount | OneInstance)
 async def instances(
     agent: AgentOf,
-    name: NameOf,
+    name: NameInPath,
     what: Literal["tasks", "num_tasks", "task", "task_range"],
     wanted: InSplit,
 ) -> dict[str, Any]:
@@ -175,7 +195,7 @@ async def instances(
     return {"tasks": found[wanted.start : wanted.stop], "env_name": name}
 
 
-@router.get("")
+@router.get("", response_model=CardAnswer, response_model_exclude_unset=True)
 async def get_card(agent: AgentOf) -> dict[str, Any]:
     """Return what the author says of the agent, what is played, and which attempts were begun and finished; no score."""
     card, state = agent.card, await agent.cards.state(agent.card)
@@ -183,13 +203,13 @@ async def get_card(agent: AgentOf) -> dict[str, Any]:
     return {**told, **agent.cards.about(card), "state": state}
 
 
-@router.post("")
+@router.post("", response_model=Described, response_model_exclude_unset=True)
 async def describe(agent: AgentOf, given: dict[str, Any]) -> dict[str, Any]:
     """Keep `agent`, `version`, `model`, `prompts_sha256` and `cost`; all but the cost before the first attempt."""
     return {"agent": await agent.cards.describe(agent.card, given)}
 
 
-@router.post("/close")
+@router.post("/close", response_model=Closed)
 async def close_card(agent: AgentOf) -> dict[str, bool]:
     """Close the card for good: what runs is abandoned, and it counts."""
     await agent.cards.close(agent.card)

@@ -93,7 +93,7 @@ class Message(BaseModel):
 
 
 class Act(Message):
-    """One move. Only the current `episode` and `step` move the rover, so a repeat is harmless."""
+    """One move. It is made only on the current `episode` and `step`, so a repeat is harmless."""
 
     kind: Literal["act"] = "act"
     episode: str = Field(max_length=64, description="`episode` of the frame the move answers")
@@ -211,20 +211,25 @@ class ChangePace(Message):
         return self
 
 
-class Pace(BaseModel):
-    """How a policy's session moves."""
+class Sent(BaseModel):
+    """Any message that is sent: a field that is not declared is an error."""
 
-    model_config = ConfigDict(frozen=True)
+    # what has a default is sent all the same
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", json_schema_serialization_defaults_required=True
+    )
+
+
+class Pace(Sent):
+    """How a policy's session moves."""
 
     kind: Literal["pace"] = "pace"
     mode: PaceMode
     moves_per_second: float
 
 
-class Kept(BaseModel):
+class Kept(Sent):
     """The answer to `Events`: all are kept, or none for a lasting reason; none without a reason means send them again."""
-
-    model_config = ConfigDict(frozen=True)
 
     kind: Literal["kept"] = "kept"
     episode: str
@@ -232,25 +237,18 @@ class Kept(BaseModel):
     reason: str | None = None
 
 
-class ClockState(BaseModel):
-    """Whether time runs on a board with a clock: it stands until the page sends a `resume`, counts down `ms`, or runs.
-
-    reason  why it stands, where that is not the page's doing
-    """
-
-    model_config = ConfigDict(frozen=True)
+class ClockState(Sent):
+    """Whether time runs on a board with a clock: it stands until the page sends a `resume`, counts down `ms`, or runs."""
 
     kind: Literal["clock"] = "clock"
     episode: str
     state: Literal["standing", "countdown", "running"]
-    ms: int = 0
-    reason: str | None = None
+    ms: int = Field(default=0, description="of the countdown")
+    reason: str | None = maybe("why it stands, where that is not the page's doing")
 
 
-class Remade(BaseModel):
+class Remade(Sent):
     """How many of a running episode's moves were made again by an environment that was lost; the next frame ends it."""
-
-    model_config = ConfigDict(frozen=True)
 
     kind: Literal["remade"] = "remade"
     episode: str

@@ -207,12 +207,16 @@ class Messages:
 
     board, episode  what begins a board (`WantedBoard`) and its next episode (`WantedEpisode`), each without a field as well
     frame, history  what `View.frame` and `View.history` return
+    course          what `Course.to_dict` returns; None: an episode's frames are its course
+    mistake         what is named of moves that cost something; None: moves are not judged
     """
 
     board: type[Any]
     episode: type[Any]
     frame: type[Any]
     history: type[Any]
+    course: type[Any] | None = None
+    mistake: type[Any] | None = None
 
 
 class WantedEpisode(Protocol):

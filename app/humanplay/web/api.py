@@ -18,7 +18,8 @@ from humanplay.web.access import (
     services_of,
     session_of,
 )
-from humanplay.web.answers.boards import Board
+from humanplay.web.answers.base import Problem
+from humanplay.web.answers.boards import GONE_ON_WITH, Board, NotCurrent
 from humanplay.web.answers.server import Alive, Health, Level, Map, Offer, Task
 from humanplay.web.errors import bad_input
 from humanplay.web.protection import has_own_origin
@@ -200,11 +201,16 @@ def board_router(messages: Messages) -> APIRouter:
     router = APIRouter(prefix="/api")
     frame: dict[int | str, dict[str, Any]] = {200: {"model": messages.frame}}
     path: dict[int | str, dict[str, Any]] = {200: {"model": messages.history}}
-    stale = 'not the current frame: `{"detail", "frame"}`, and nothing has changed'
-    act_answers = {**frame, 409: {"description": stale}}
+    stale = "not the current frame, or a participant's board; nothing has changed"
+    act_answers = {**frame, 409: {"model": NotCurrent | Problem, "description": stale}}
 
     @router.post(
-        "/sessions", status_code=201, response_model=Board, tags=["play"], summary="Begin a session"
+        "/sessions",
+        status_code=201,
+        response_model=Board,
+        responses=GONE_ON_WITH,
+        tags=["play"],
+        summary="Begin a session",
     )
     async def create_session(
         request: Request,

@@ -14,7 +14,7 @@ from humanplay.results.daily import DailyPlayedError
 from humanplay.results.daily_table import calendar, describe_attempt, people_on, streak
 from humanplay.study.days import DailyTerrain, day_before
 from humanplay.web.access import player_of, remember_player, services_of
-from humanplay.web.answers.boards import Board
+from humanplay.web.answers.boards import GONE_ON_WITH, Board
 from humanplay.web.answers.daily import Day as DayAnswer
 from humanplay.web.answers.daily import Results, Today
 from humanplay.web.api import session_summary
@@ -56,7 +56,13 @@ async def get_today(request: Request) -> dict[str, Any]:
     }
 
 
-@router.post("", status_code=201, response_model=Board, summary="Play today's terrain, once")
+@router.post(
+    "",
+    status_code=201,
+    response_model=Board,
+    responses=GONE_ON_WITH,
+    summary="Play today's terrain, once",
+)
 async def begin_today(request: Request, response: Response) -> dict[str, Any]:
     """Begin your attempt, or go on with it (200); the answer is that of POST /api/sessions. 409 once it is over.
 

@@ -11,21 +11,15 @@ from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
 from humanplay.db.playground import watchable_session
 from humanplay.web.access import asker_of, owner_of, services_of
+from humanplay.web.answers.base import Course, file_of
+from humanplay.web.answers.replays import Replay
 from humanplay.web.errors import bad_input
 from humanplay.web.protection import SHARED, is_secure
 from humanplay.web.replays.episodes import UnknownReplayError
 from humanplay.web.replays.files import MEDIA_TYPES, Format, offered
 from humanplay.web.replays.page import render
 
-FILES: dict[int | str, dict[str, Any]] = {
-    200: {
-        "content": {
-            kind: {"schema": {"type": "string", "format": "binary"}}
-            for kind in MEDIA_TYPES.values()
-        },
-        "description": "the replay",
-    }
-}
+FILES = file_of(*MEDIA_TYPES.values(), meaning="the replay")
 router = APIRouter()
 PolicyName = Annotated[str, Query(max_length=200)]
 NO_GHOST = "none"
@@ -34,6 +28,8 @@ NO_GHOST = "none"
 
 @router.get(
     "/api/episodes/{episode_id}/replay",
+    response_model=Replay,
+    response_model_exclude_unset=True,
     tags=["results"],
     summary="The course of a finished episode",
 )
@@ -46,6 +42,7 @@ async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
 
 @router.get(
     "/api/episodes/{episode_id}/ghost",
+    response_model=Course,
     tags=["results"],
     summary="A policy on the terrain of a finished episode",
 )

@@ -22,6 +22,9 @@ from humanplay.results.leaderboard import UnknownEntryError
 from humanplay.study.policy_files import PolicyFiles
 from humanplay.task import Configuration, PolicyError, Record
 from humanplay.web.access import owner_of, player_of, services_of
+from humanplay.web.answers.leaderboard import HumanLevel, LeaderboardEntry
+from humanplay.web.answers.leaderboard import Leaderboard as LeaderboardAnswer
+from humanplay.web.answers.replays import EpisodeCosts
 from humanplay.web.answers.results import CSV, ZIP, Episode, ListedEpisode, OwnHistory
 
 router = APIRouter(prefix="/api")
@@ -48,7 +51,13 @@ def _database_now(request: Request) -> tuple[Path, int]:
     return services.store.path, services.lobby.sources.clock_ms()
 
 
-@router.get("/human-level", tags=["results"], summary="How well this playground's volunteers play")
+@router.get(
+    "/human-level",
+    response_model=HumanLevel,
+    response_model_exclude_unset=True,
+    tags=["results"],
+    summary="How well this playground's volunteers play",
+)
 def get_human_level(request: Request) -> dict[str, Any]:
     """Return one figure per configuration, from ranked episodes: alone, on terrains that were neither chosen nor met before.
 
@@ -105,6 +114,7 @@ def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
 
 @router.get(
     "/episodes/{episode_id}/costs",
+    response_model=EpisodeCosts,
     tags=["results"],
     summary="What the moves of a finished episode cost",
 )
@@ -253,7 +263,7 @@ def _mean_steps(sums: Sums) -> float:
 
 
 @mine.get("/history", response_model=OwnHistory, summary="My own episodes and bests")
-def get_history(
+def get_own_history(
     request: Request,
     limit: Annotated[int, Query(ge=1, le=1000)] = 50,
     after: Annotated[str | None, Query(max_length=128)] = None,
@@ -300,7 +310,9 @@ async def _sent(
     return await services_of(request).downloads.answer(owner_of(request), name, write_table, *asked)
 
 
-@leaderboard.get("", summary="What people and policies are compared on")
+@leaderboard.get(
+    "", response_model=list[LeaderboardEntry], summary="What people and policies are compared on"
+)
 async def get_boards(request: Request) -> list[dict[str, Any]]:
     """List one entry per closed study and per configuration; what people have played stands first."""
     services = services_of(request)
@@ -308,7 +320,12 @@ async def get_boards(request: Request) -> list[dict[str, Any]]:
     return [entry.to_dict() for entry in await services.leaderboard.newest_entries()]
 
 
-@leaderboard.get("/{board}", summary="People, policies and rules on one scale")
+@leaderboard.get(
+    "/{board}",
+    response_model=LeaderboardAnswer,
+    response_model_exclude_unset=True,
+    summary="People, policies and rules on one scale",
+)
 async def get_board(request: Request, board: str, evaluate: bool = False) -> dict[str, Any]:
     """Return means with 95 % intervals: people's over players, policies' over held-out terrains.
 

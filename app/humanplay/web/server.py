@@ -65,6 +65,7 @@ from humanplay.web import (
     viewer,
     watch,
 )
+from humanplay.web.answers.openapi import PlaygroundApp
 from humanplay.web.downloads import Downloads
 from humanplay.web.errors import add_error_handlers, answer
 from humanplay.web.listening import (
@@ -167,18 +168,19 @@ def _app_of(
                     for sweeper in sweepers:
                         sweeper.cancel()
 
-    app = FastAPI(
-        title="MarsExplorer Playground", version=rules_of(settings.task).version, description=api_docs.DESCRIPTION,
+    rules = rules_of(settings.task)
+    app = PlaygroundApp(
+        rules.messages,
+        title="MarsExplorer Playground", version=rules.version, description=api_docs.DESCRIPTION,
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
     _add_protection(app, settings, metrics, protection, name)
-    rules = rules_of(settings.task)
     played = pages.PlayedTask(rules, Folder.beside(settings.database))
     app.state.offers = {offer_name(rules): played}
     add_error_handlers(app)
     # first what is asked for most: routes are tried in turn
     app.mount("/static", pages.static_files, name="static")
-    boards = api.board_router(rules_of(settings.task).messages)
+    boards = api.board_router(rules.messages)
     modules = [pages, sockets, api, watch, results, people, replay, daily, study]
     modules += [viewer]
     further = (results.mine, results.leaderboard, api.probes)

@@ -24,6 +24,7 @@ from humanplay.study.recruitment import Arrival, supervised_until_ms
 from humanplay.study.templates import placeholder_values
 from humanplay.task import describe
 from humanplay.web.access import PARTICIPANT, participant_of, remember_player, services_of
+from humanplay.web.answers.replays import Costs, DebriefRuns
 from humanplay.web.answers.studies import ListedStudy, Participation
 from humanplay.web.answers.studies import Study as StudyAnswer
 from humanplay.web.api import session_summary
@@ -315,7 +316,11 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
 
 
 @router.post(
-    "/{name}/join", status_code=201, response_model=Participation, summary="Take part, or go on"
+    "/{name}/join",
+    status_code=201,
+    response_model=Participation,
+    responses={200: {"model": Participation, "description": "for who took part before"}},
+    summary="Take part, or go on",
 )
 async def join(asks: AskingOf, response: Response, wanted: Join | None = None) -> State:
     """Join, or resume: 201 for a new participant, 200 for one who returns. The cookie that is set is of studies alone.
@@ -408,7 +413,11 @@ async def withdraw(asks: AskingOf, chosen: Withdrawal | None = None) -> State:
     return await asks.after(asks.progress.withdraw(asks.name, asks.player, erase))
 
 
-@router.get("/{name}/debrief/{index}", summary="A terrain again, with a policy")
+@router.get(
+    "/{name}/debrief/{index}",
+    response_model=DebriefRuns,
+    summary="A terrain again, with a policy",
+)
 async def debrief(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dict[str, Any]:
     """Return your own episode and the policy's on the same terrain, frame by frame, once you are at the debrief.
 
@@ -419,7 +428,11 @@ async def debrief(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dic
         return await services_of(asks.request).debriefs.replays(study, trials, phase, index)
 
 
-@router.get("/{name}/debrief/{index}/costs", summary="What your moves on a terrain cost")
+@router.get(
+    "/{name}/debrief/{index}/costs",
+    response_model=Costs,
+    summary="What your moves on a terrain cost",
+)
 async def debrief_costs(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dict[str, Any]:
     """Return what the moves of your own episode cost, once you are at the debrief; of a ranked one once the study is closed."""
     study, trials = await asks.trials_at_debrief()

@@ -18,9 +18,9 @@ from typing import Any, ClassVar, Literal
 
 import gymnasium
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import Field
 
-from humanplay.board.messages import NewBoard, NewEpisode
+from humanplay.board.messages import NewBoard, NewEpisode, Sent
 from humanplay.board.pictures import jpeg, png
 from humanplay.task import Cause, Messages, Metric, Policies, Words, counted
 from humanplay.tasks.gymnasium.description import (
@@ -284,7 +284,7 @@ class GymnasiumView:
         return json.dumps(history, separators=(",", ":"))
 
 
-class Frame(BaseModel):
+class Frame(Sent):
     """What a board shows; its figures are null where a study hides them."""
 
     kind: Literal["frame"]
@@ -304,7 +304,7 @@ class Frame(BaseModel):
     )
 
 
-class History(BaseModel):
+class History(Sent):
     """The headline metric after 0, 1, 2, ... moves."""
 
     kind: Literal["history"]

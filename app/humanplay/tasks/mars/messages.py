@@ -6,7 +6,6 @@ from typing import Annotated, Literal, Self
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
     Field,
     WithJsonSchema,
@@ -20,6 +19,7 @@ from marsexplorer.config import ALL_LEVELS, MAP, MIN_SIDE
 DRAWN_LEVELS = tuple(name for name in ALL_LEVELS if name != MAP)
 """The levels whose terrains are drawn from seeds."""
 ActionName = Literal["north", "east", "south", "west"]
+Outcome = Literal["explored", "collided", "out_of_bounds", "timed_out", "abandoned"]
 
 MAX_API_SIDE = 128
 """Longest side of a board over the API (cells)."""
@@ -96,7 +96,7 @@ class NewSession(NewEpisode, messages.NewBoard):
     """A board of one's own: all fields optional, `random` at 21x21 for a human without a rival by default."""
 
 
-class Frame(BaseModel):
+class Frame(messages.Sent):
     """Everything a board needs, and nothing that the rover has not discovered."""
 
     kind: Literal["frame"]
@@ -120,13 +120,54 @@ class Frame(BaseModel):
     )
     return_: float | None = Field(alias="return", description="sum of the rewards")
     score: float | None = Field(description="normalized (section 3.2)")
-    outcome: Literal["explored", "collided", "out_of_bounds", "timed_out", "abandoned"] | None
+    outcome: Outcome | None
 
 
-class History(BaseModel):
+class History(messages.Sent):
     """The path so far; index 0 is the start."""
 
     kind: Literal["history"]
     episode: str
     positions: list[tuple[int, int]]
     discovered: list[int]
+
+
+class Course(messages.Sent):
+    """The course of an episode; index k of `positions` and `discovered` is the board after k moves."""
+
+    name: str = Field(description="who drove")
+    actions: list[ActionName]
+    positions: list[tuple[int, int]] = Field(description="[row, col], row 0 at the north edge")
+    discovered: list[int] = Field(description="cells")
+    cells: int = Field(description="that coverage refers to, as in a frame")
+    grid: list[str] = Field(
+        description="what was known at the end, as in a frame, without the rover"
+    )
+    known_since: list[list[int]] = Field(
+        description="moves after which each cell was known, by rows; -1: never"
+    )
+    outcome: Outcome
+    score: float = Field(description="normalized (section 3.2)")
+    sentence: str = Field(description="what it came to, in words that follow the name")
+
+
+class Mistake(messages.Sent):
+    """Moves that together cost something, with the board as it was known before the costliest."""
+
+    first: int = Field(description="its first move, from 0")
+    last: int = Field(description="its last move")
+    step: int = Field(description="its costliest move")
+    cost: int = Field(description="moves")
+    action: ActionName = Field(description="made there")
+    expert_action: ActionName
+    kind: Literal["hidden pocket", "early detour", "last cells", "ended early"]
+    previous: ActionName | None = Field(description="the action before it; null at the start")
+    position: tuple[int, int] = Field(description="[row, col], row 0 at the north edge")
+    grid: list[str] = Field(description="as in a frame")
+    discovered: int = Field(description="cells")
+    missed: list[tuple[int, int]] = Field(
+        description="cells that Expert's move would soon have shown"
+    )
+    seen_at: int | None = Field(
+        description="moves after which the last of them was seen; null: never"
+    )

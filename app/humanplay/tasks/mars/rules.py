@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 import marsexplorer  # noqa: F401  # registers the environment
 from humanplay.task import Cause, Courses, Messages, Metric, Policies, Words, counted
 from humanplay.tasks.mars.boards import MarsBoards
-from humanplay.tasks.mars.messages import MAX_API_SIDE, Frame, History, NewEpisode, NewSession
+from humanplay.tasks.mars.messages import (
+    MAX_API_SIDE,
+    Course,
+    Frame,
+    History,
+    Mistake,
+    NewEpisode,
+    NewSession,
+)
 from humanplay.tasks.mars.run import MarsRun
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode, Record, replay, unpack_terrain
@@ -64,7 +72,7 @@ class MarsRules:
     instructions: ClassVar[str] = ""
     assets: ClassVar[str] = "mars"
     version: ClassVar[str] = CORE_VERSION
-    messages: ClassVar[Messages] = Messages(NewSession, NewEpisode, Frame, History)
+    messages: ClassVar[Messages] = Messages(NewSession, NewEpisode, Frame, History, Course, Mistake)
     actions: ClassVar[tuple[str, ...]] = tuple(ACTIONS)
     keys: ClassVar[Mapping[str, tuple[str, ...]]] = KEYS
     clock: ClassVar[None] = None

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler
+from pydantic_core import CoreSchema
+
+OWN = "x-environment"
+"""Where a schema says which of the environment's own models stands in its place."""
 
 
 class Answer(BaseModel):
@@ -13,10 +18,59 @@ class Answer(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
-Frame = dict[str, Any]
-"""A frame of the task that is played, as `GET /api/sessions/{session_id}` answers it."""
+@dataclass(frozen=True)
+class OfEnvironment:
+    """A part of an answer whose model is the environment's own (`humanplay.task.Messages`)."""
+
+    name: Literal["frame", "history", "course", "mistake"]
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """A mark, for which `openapi.PlaygroundApp` sets the environment's model."""
+        return {OWN: self.name}
+
+
+Frame = Annotated[dict[str, Any], OfEnvironment("frame")]
+"""What a board shows after a move."""
+History = Annotated[dict[str, Any], OfEnvironment("history")]
+"""The path so far."""
+Course = Annotated[dict[str, Any], OfEnvironment("course")]
+"""What a replay draws of an episode."""
+Mistake = Annotated[dict[str, Any], OfEnvironment("mistake")]
+"""Moves that together cost something."""
+Configuration = dict[str, Any]
+"""The configuration of an environment, whose settings are its own."""
 
 
 def described(meaning: str, **bounds: Any) -> Any:
     """A required field with its description."""
     return Field(description=meaning, **bounds)
+
+
+def absent(meaning: str) -> Any:
+    """A field that some answers lack, with its description."""
+    return Field(default=None, description=meaning)
+
+
+class Problem(Answer):
+    """Why a request was refused or failed."""
+
+    detail: str = described("what was expected and what came")
+
+
+class Interval(Answer):
+    """A mean with its 95 % interval."""
+
+    mean: float
+    low: float | None = described("null without an interval, as for a single player")
+    high: float | None
+
+
+FILE = {"schema": {"type": "string", "format": "binary"}}
+
+
+def file_of(*media_types: str, meaning: str = "the file") -> dict[int | str, dict[str, Any]]:
+    """Declare an answer that is a file of one of some media types."""
+    kinds = [media_type.partition(";")[0] for media_type in media_types]
+    return {200: {"content": dict.fromkeys(kinds, FILE), "description": meaning}}

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from humanplay.board.messages import Pace
 from humanplay.board.session import SessionKind
 from humanplay.db.rows import Attestation
-from humanplay.web.answers.base import Answer, Frame, described
+from humanplay.web.answers.base import Answer, Frame, Problem, described
 from humanplay.web.answers.server import Task
 
 
@@ -18,6 +20,12 @@ class Rival(Answer):
     frame: Frame
 
 
+class NotCurrent(Problem):
+    """An act that does not answer the current frame: nothing has changed."""
+
+    frame: Frame = described("the current one")
+
+
 class Board(Answer):
     """A board with its running episode."""
 
@@ -28,7 +36,9 @@ class Board(Answer):
     task: Task
     level: str
     map: str | None
-    size: int | list[int] | None = described("cells: one number for a square, or rows and columns")
+    size: int | tuple[int, int] | None = described(
+        "cells: one number for a square, or rows and columns"
+    )
     daily: str | None = described("the day whose terrain it is")
     counts: bool = described("whether the episode counts for the volunteers' figure so far")
     attestation: Attestation | None = described("once the episode has ended; null in a study")
@@ -36,3 +46,9 @@ class Board(Answer):
     watch: str | None = described("id of /watch/{watch}, where anybody may look on")
     frame: Frame
     rival: Rival | None
+
+
+GONE_ON_WITH: dict[int | str, dict[str, Any]] = {
+    200: {"model": Board, "description": "the board that was begun before"}
+}
+"""Instead of a new board."""

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
-
-from humanplay.web.answers.base import Answer, described
+from humanplay.web.answers.base import Answer, absent, described
 
 
 class Day(Answer):
@@ -14,7 +12,7 @@ class Day(Answer):
 
     day: str = described("like 2026-11-22")
     level: str
-    size: list[int] = described("rows and columns, cells")
+    size: tuple[int, int] = described("rows and columns, cells")
     protocol: str = described("canonical JSON for which the seed is drawn")
     commitment: str = described("SHA-256 of the day's key")
     key: str | None = described("null until the day is over")
@@ -27,7 +25,7 @@ class Attempt(Answer):
     state: Literal["open", "ended"]
     episode: str
     outcome: str | None
-    moves: int | None
+    moves: int = described("made so far")
     coverage: float | None = described("share of the cells, 0..1")
     score: float | None
     unranked: str | None = described("why an ended attempt has no rank")
@@ -37,8 +35,8 @@ class CalendarDay(Answer):
     """What an attempt came to."""
 
     day: str
-    outcome: str | None
-    moves: int | None = described("null short of 99 %")
+    outcome: str
+    moves: int | None = described("null without a success")
 
 
 class Today(Day):
@@ -57,9 +55,9 @@ class Today(Day):
 class Result(Answer):
     """A person's row of a day's table."""
 
-    episode: str | None = Field(default=None, description="absent until the day is over")
+    episode: str | None = absent("absent until the day is over")
     outcome: str
-    moves: int | None = described("null short of 99 %")
+    moves: int | None = described("null without a success")
     coverage: float = described("share of the cells, 0..1")
     you: bool
     rank: int
@@ -69,7 +67,7 @@ class PeopleOfDay(Answer):
     """What people came to on a day's terrain."""
 
     players: int
-    unfinished: int = described("short of 99 %")
+    unfinished: int = described("without a success")
     moves: list[tuple[int, int]] = described("moves, and how many people needed as many")
     table: list[Result]
     you: Result | None

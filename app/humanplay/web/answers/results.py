@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from humanplay.db.rows import Attestation
-from humanplay.web.answers.base import Answer, Frame, described
+from humanplay.web.answers.base import (
+    Answer,
+    Configuration,
+    Frame,
+    History,
+    absent,
+    described,
+    file_of,
+)
 from humanplay.web.answers.server import Task
 
 
@@ -32,11 +40,11 @@ class ListedEpisode(Answer):
     episode: str
     task: str
     level: str
-    rows: int | None = Field(default=None, description="cells, of MarsExplorer")
-    cols: int | None = Field(default=None, description="cells, of MarsExplorer")
-    config: dict[str, Any] = described("the environment's own configuration")
+    rows: int | None = absent("cells, of MarsExplorer")
+    cols: int | None = absent("cells, of MarsExplorer")
+    config: Configuration = described("the environment's own configuration")
     daily: str | None = described("the day whose terrain it was")
-    start: list[int] = described("row and column")
+    start: tuple[int, int] = described("row and column")
     seed: int | None = described("null for a given terrain")
     driver: str = described("human, script or policy:NAME")
     assisted: bool = described("a policy played the same terrain on a second board")
@@ -122,20 +130,13 @@ class Watched(Answer):
     player: str = described('"you", "human", "script", or a policy')
     task: Task
     level: str
-    size: int | list[int] | None = described("cells: one number for a square, or rows and columns")
-    frame: Frame
-    history: dict[str, Any] = described(
-        "the path so far, as GET /api/sessions/{session_id}/history"
+    size: int | tuple[int, int] | None = described(
+        "cells: one number for a square, or rows and columns"
     )
+    frame: Frame
+    history: History
     frames: list[Frame] | None = described("every frame, once it has ended")
 
 
-CSV: dict[int | str, dict[str, Any]] = {
-    200: {"content": {"text/csv": {"schema": {"type": "string"}}}, "description": "a table"}
-}
-ZIP: dict[int | str, dict[str, Any]] = {
-    200: {
-        "content": {"application/zip": {"schema": {"type": "string", "format": "binary"}}},
-        "description": "two tables and their datasheet",
-    }
-}
+CSV = file_of("text/csv", meaning="a table")
+ZIP = file_of("application/zip", meaning="two tables and their datasheet")

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
-
-from humanplay.web.answers.base import Answer, described
+from humanplay.web.answers.base import Answer, absent, described
 
 
 class Alive(Answer):
@@ -19,7 +17,7 @@ class Health(Answer):
     """How the server is."""
 
     status: Literal["ok", "failing"]
-    detail: str | None = Field(default=None, description="why it is failing")
+    detail: str | None = absent("why it is failing")
     getting_ready: str | None = described("why a board takes longer than a moment at first")
     core_version: str = described("what a recorded episode replays with")
     sessions: int = described("in memory")
@@ -60,7 +58,7 @@ class Level(Answer):
     morphology: int | None
     pays_bonus: bool
     example: list[int] = described(
-        "a terrain of 21x21: a number a row, whose bit 0 is a rock in column 0"
+        "a terrain of 21x21: a number a row, whose bit 0 is what blocks column 0"
     )
 
 
@@ -69,7 +67,7 @@ class Map(Answer):
 
     name: str
     summary: str
-    size: list[int] = described("rows and columns, cells")
+    size: tuple[int, int] = described("rows and columns, cells")
 
 
 class Offer(Answer):

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
-from pydantic import Field
-
-from humanplay.study.protocol import Consent
-from humanplay.web.answers.base import Answer, described
+from humanplay.db.rows import Phase
+from humanplay.db.study_rows import Stage
+from humanplay.web.answers.base import Answer, Configuration, absent, described
 from humanplay.web.answers.boards import Board
 from humanplay.web.answers.server import Task
 
@@ -36,13 +35,20 @@ class Study(Answer):
     secret: str | None = described("null until the study is closed")
     task: Task
     level: str
-    rows: int | None = Field(default=None, description="of MarsExplorer")
-    cols: int | None = Field(default=None, description="of MarsExplorer")
-    config: dict[str, Any] = described("the environment's own configuration")
+    rows: int | None = absent("cells, of MarsExplorer")
+    cols: int | None = absent("cells, of MarsExplorer")
+    config: Configuration = described("the environment's own configuration")
     warm_up: int
     ranked: int
     players: int
     consent_version: str
+
+
+class Consent(Answer):
+    """What a participant agrees to."""
+
+    version: str
+    text: str = described("paragraphs, split by blank lines")
 
 
 class Question(Answer):
@@ -68,18 +74,18 @@ class Tutorial(Answer):
 class RankedResult(Answer):
     """A ranked episode of the participant's."""
 
-    trial: int
-    outcome: str | None
-    steps: int | None
-    score: float | None
+    trial: int = described("from 0")
+    outcome: str
+    steps: int
+    score: float
 
 
 class DebriefPolicy(Answer):
     """What the debrief's policy came to on the practice terrains."""
 
-    name: str | None
-    mean_steps_warm_up: float | None
-    own_mean_steps_warm_up: float | None
+    name: str
+    mean_steps_warm_up: float
+    own_mean_steps_warm_up: float = described("the participant's")
 
 
 class Debrief(Answer):
@@ -98,8 +104,8 @@ class Debrief(Answer):
 class Settings(Answer):
     """What the participant chose."""
 
-    modality: str | None
-    palette: str
+    modality: Literal["keyboard", "touch"] | None
+    palette: Literal["mars", "colour-blind", "high-contrast"]
     keys: dict[str, list[str]] | None
 
 
@@ -110,7 +116,7 @@ class Participation(Answer):
     title: str
     task: Task
     participant: str = described("what the participant can quote")
-    stage: str
+    stage: Stage
     consent: Consent
     questions: list[Question]
     right: list[bool] | None = described("which of the answers just given were right")
@@ -121,10 +127,10 @@ class Participation(Answer):
     break_due: bool
     can_be_erased: bool = described("whether leaving may ask for erasure")
     pause_after_s: float
-    rules: dict[str, Any] = described("figures that the texts name")
+    rules: dict[str, str] = described("figures that the texts name")
     session: str | None
     about: Board | None
-    phase: str | None
+    phase: Phase | None = described("of the newest episode")
     settings: Settings
     debrief: Debrief | None
     note: str | None = described(

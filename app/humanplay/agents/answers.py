@@ -1,0 +1,263 @@
+"""What the room of agents answers: its evaluations for everybody, and OpenEnv's and MCP's messages for who has a card."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from humanplay.agents.evaluation import PlayedStudy, Protocol
+from humanplay.web.answers.base import Answer, Configuration, absent, described
+from humanplay.web.answers.leaderboard import StudyFigure
+
+JsonSchema = dict[str, Any]
+"""A JSON schema, or an OpenAPI description, which has a form of its own."""
+Sees = Literal["picture", "observation", "both"]
+
+
+class ListedEvaluation(Answer):
+    """An evaluation of agents."""
+
+    name: str
+    status: Literal["open", "closed"]
+    task: str = described("what is played, by its title")
+    where: str = described("its configuration in words")
+    instances: int
+    protocol_hash: str
+    commitment: str = described("SHA-256 of the secret")
+    sees: Sees
+    hours: float = described("from a card's first attempt until the card is closed")
+    minutes: float | None = described("that an attempt may take; null: no limit but its moves")
+    calls: int = described("that a card may make, times the number of instances")
+    study: PlayedStudy | None = described("whose terrains are played; null: its own instances")
+
+
+class Words(Answer):
+    """What the figures are called."""
+
+    score: str
+    steps: str
+    definition: str
+
+
+class PeopleRow(StudyFigure):
+    """The people of the study whose terrains were played."""
+
+    claim: str = described("what their figure may be called")
+    set: str = described("whom it is of")
+    everybody: StudyFigure = described("everybody who began")
+    sentence: str
+    sees: str
+
+
+class InstanceOfPeople(Answer):
+    """What people came to on an instance."""
+
+    index: int
+    players: int
+    completed: int
+    upper_median: int | None = described("moves; null where fewer than half completed it")
+    best: int | None = described("moves")
+    score: float | None = described("their mean")
+    steps: float | None = described("their mean; moves")
+
+
+class Compared(Answer):
+    """A policy or an agent in one metric, beside people where they played the same instances."""
+
+    mean: float
+    values: list[float] = described("of each instance")
+    difference: float | None = described("to people's mean; null without people")
+    terrains: int | None = absent("that people played too")
+    interval: tuple[float, float] | None = absent("95 %, of the difference")
+    normalized: float | None = absent("(own - random) / (people - random)")
+
+
+class Row(Answer):
+    """What somebody came to on the instances."""
+
+    name: str
+    outcomes: list[str] = described("of each instance")
+    score: Compared
+    steps: Compared = described("moves of a success, the limit for any other ending")
+
+
+class PolicyRow(Row):
+    """A policy on the same instances."""
+
+    kind: Literal["policy"]
+    rank: None
+
+
+class CardOfReceipt(Answer):
+    """The card of an agent."""
+
+    id: str
+    author: str
+    number: int = described("among the author's cards")
+    ranks: bool = described("whether it is the author's first")
+    note: str | None
+
+
+class AgentDescription(Answer):
+    """What an author says of their agent; nobody has checked it."""
+
+    agent: str | None = absent("its name")
+    version: str | None = None
+    model: str | None = None
+    prompts_sha256: str | None = None
+    cost: str | None = None
+
+
+class SeenBy(Answer):
+    """Who could have seen the instances before the agent."""
+
+    participants: int
+    participants_since: str | None = described("a date and time, UTC")
+    operators: str
+    operators_since: str = described("a date and time, UTC")
+    other_cards_before: int
+
+
+class AgentRow(Row):
+    """An agent."""
+
+    kind: Literal["agent"]
+    rank: int | None = described("among cards that rank")
+    attempts: int
+    card: CardOfReceipt
+    agent: AgentDescription
+    sees: Sees
+    seen_by: SeenBy
+
+
+class Comparison(Answer):
+    """People, policies and agents on one scale."""
+
+    words: Words
+    terrains_drawn: bool = described("whether intervals are for other terrains too")
+    better: Literal["higher", "lower"]
+    limit: int = described("moves")
+    people: PeopleRow | None
+    instances: list[InstanceOfPeople]
+    rows: list[PolicyRow | AgentRow]
+
+
+class Evaluation(ListedEvaluation):
+    """What an evaluation has published."""
+
+    cards: int = described("that were issued")
+    protocol: Protocol
+    secret: str | None = described("null while it is open")
+    comparison: Comparison | None = described("null while it is open")
+
+
+class Healthy(Answer):
+    """The card can be played."""
+
+    status: Literal["healthy"]
+
+
+class Metadata(Answer):
+    """What is played."""
+
+    name: str
+    description: str
+
+
+class Schemas(Answer):
+    """JSON schemas of what is sent and seen."""
+
+    action: JsonSchema
+    observation: JsonSchema
+    state: JsonSchema
+
+
+class Split(Answer):
+    """A set of instances."""
+
+    name: str
+    type: Literal["test"]
+
+
+class Instance(Answer):
+    """An instance, by its id and by its index in a split."""
+
+    task: str
+    split: str
+    index: int
+
+
+class Instances(Answer):
+    """Instances of a split."""
+
+    tasks: list[Instance]
+    env_name: str
+
+
+class InstanceCount(Answer):
+    """How many instances a split has."""
+
+    num_tasks: int
+
+
+class OneInstance(Answer):
+    """One instance."""
+
+    task: Instance
+
+
+class CardState(Answer):
+    """Which attempts were begun and finished, by the indices of their instances; no score."""
+
+    instances: int
+    begun: list[int]
+    finished: list[int]
+    calls: int = described("made so far")
+
+
+class Card(Answer):
+    """What is played with a card, and how far it is."""
+
+    author: str
+    number: int = described("among the author's cards")
+    agent: AgentDescription
+    evaluation: str
+    title: str
+    instructions: str
+    actions: list[str] = described("names, by their codes")
+    sees: Sees
+    seen: str = described("what is seen, in words")
+    config: Configuration = described("the environment's own configuration")
+    limit: int = described("moves of an attempt, at most")
+    instances: int
+    hours: float = described("from the first attempt until the card is closed")
+    minutes: float | None = described("that an attempt may take")
+    calls: int = described("in all")
+    state: CardState
+
+
+class Described(Answer):
+    """All that the author has said of their agent."""
+
+    agent: AgentDescription
+
+
+class Closed(Answer):
+    """The card is closed."""
+
+    closed: Literal[True]
+
+
+class RpcError(Answer):
+    """Why a request of JSON-RPC failed."""
+
+    code: int
+    message: str
+
+
+class RpcAnswer(Answer):
+    """An answer of JSON-RPC 2.0: a result, whose form is the method's, or an error."""
+
+    jsonrpc: Literal["2.0"]
+    id: str | int | None
+    result: dict[str, Any] | None = absent("as the Model Context Protocol has it")
+    error: RpcError | None = absent("instead of a result")

@@ -1,0 +1,89 @@
+"""Answers about how an episode went, move by move: its replay, a policy beside it, and what its moves cost."""
+
+from __future__ import annotations
+
+from humanplay.web.answers.base import Answer, Course, Frame, Mistake, absent, described
+from humanplay.web.answers.server import Task
+
+
+class FrameCourse(Answer):
+    """The course of an episode as the frames that were seen."""
+
+    name: str = described("who drove")
+    actions: list[str] = described("one a move")
+    outcome: str | None
+    score: float | None
+    sentence: str = described("what it came to, in words that follow the name")
+    frames: list[Frame] = described("from the start to the end; of long episodes some are left out")
+
+
+class Replay(Answer):
+    """An ended episode as its replay draws it; no seed, no player and no session is in it."""
+
+    episode: str
+    level: str
+    rows: int = described("cells; 1 where an environment has none")
+    cols: int = described("cells; 1 where an environment has none")
+    task: Task | None = absent("what is played; absent of MarsExplorer")
+    run: Course = described("the episode's own course")
+    ghosts: list[str] = described("policies that can be shown beside it")
+    preferred: str | None = described("the policy that is shown where none is named")
+
+
+class Advice(Answer):
+    """What Expert would have done instead of a move."""
+
+    shares: list[float] = described(
+        "of the actions in their order, 0..1, as its network finds them"
+    )
+    action: str
+    needs: int | None = described("moves from there to the end; null where it does not get there")
+    cost: int = described("moves by which the move made lengthened the episode; below 0: a gain")
+
+
+class PlainMistake(Answer):
+    """Moves that together cost something."""
+
+    first: int = described("its first move, from 0")
+    last: int = described("its last move")
+    step: int = described("its costliest move")
+    cost: int = described("moves")
+    action: str = described("made there")
+    expert_action: str
+    kind: str
+    previous: str | None = described("the action before it; null at the start")
+
+
+class Costs(Answer):
+    """An episode beside Expert's, and what its moves cost; every length is in moves."""
+
+    policy: str = described("the name of Expert's file")
+    reason: str | None = described("why no move is judged; null where they are")
+    counts: int = described("length of the episode: the limit where it did not succeed")
+    expert_moves: int | None = described("length of Expert's; null where its file is missing")
+    total: int | None = described("moves more than Expert's")
+    given_up: int | None = described("part of `total` that ending without success cost")
+    gained: int | None = described("moves that were better than Expert's saved, 0 or below")
+    by_kind: dict[str, int] = described("cost of the mistakes of each kind")
+    mistakes: list[Mistake] = described("the costliest first")
+    expert: list[Advice] = described("for each move; empty where none is judged")
+
+
+class EpisodeCosts(Costs):
+    """What the moves of an ended episode cost."""
+
+    episode: str
+
+
+class PolicyRun(Answer):
+    """A policy's episode on a terrain of a study."""
+
+    name: str
+    frames: list[Frame]
+
+
+class DebriefRuns(Answer):
+    """A participant's own episode, and the policy's on the same terrain."""
+
+    own: list[Frame]
+    policy: PolicyRun
