@@ -1,26 +1,47 @@
-"""`make tables`: draw the documents' tables again from the code that they speak of.
+"""`make tables`: draw the documents' tables and the page's API types again from the code that they speak of.
 
-A table stands between `<!-- drawn: NAME -->` and `<!-- end -->`; what is around it stays.
+A table stands between `<!-- drawn: NAME -->` and `<!-- end -->`; what is around it stays. The types are a file of their own.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import click
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from humanplay.board import messages
 from humanplay.cli.main import cli as humanplay
 from humanplay.command.group import Commands
 from humanplay.db.columns import TABLES, bundle_table, markdown, markdown_tables
+from humanplay.task.registration import DEFAULT_TASK
 from humanplay.tasks.mars.cli import cli as marsexplorer
+from humanplay.web.answers.openapi import definitions
+from humanplay.web.server import create_app
 from humanplay.web.settings import DEFAULT_DATABASE, PREFIX, Limits, Settings
 
 FOLDER = Path(__file__).parent
+STATIC = FOLDER.parent / "static"
 PAGES = ("data.md", "release.md", "settings.md", "commands.md")
+TYPES_HEAD = "// What the API answers and sockets carry, drawn from their own description: `make tables` draws it again."
+OF_ENVIRONMENT = {
+    "Frame": "Frame", "History": "MoveHistory", "Course": "Course", "FrameCourse": "Course", "Mistake": "Mars.Mistake",
+}  # fmt: skip
+"""Models that are each environment's own, and what a page that serves every one calls them."""
+OVER_SOCKETS = (
+    messages.Act,
+    messages.ClockState,
+    messages.InputEvent,
+    messages.Kept,
+    messages.Remade,
+)
+"""Messages of a page's socket that no call answers."""
 BLOCK = re.compile(r"^<!-- drawn: (?P<name>[\w ]+) -->\n.*?^<!-- end -->$", re.M | re.S)
 
 
@@ -106,8 +127,111 @@ def redraw(text: str) -> str:
     return BLOCK.sub(block, text)
 
 
+def described_app(task: str) -> dict[str, Any]:
+    """The API's description on a server of a task."""
+    with TemporaryDirectory() as folder:
+        return create_app(Settings(database=Path(folder) / "a.db", task=task)).openapi()
+
+
+def references(schema: Any) -> Iterator[str]:
+    """Yield the names of the models that a schema refers to."""
+    if isinstance(schema, dict):
+        if "$ref" in schema:
+            yield schema["$ref"].rpartition("/")[2]
+        for part in schema.values():
+            yield from references(part)
+    elif isinstance(schema, list):
+        for part in schema:
+            yield from references(part)
+
+
+def answered(description: dict[str, Any]) -> list[str]:
+    """The models of what pages are answered, and of all that they are made of, by name."""
+    waiting = [
+        name
+        for operations in description["paths"].values()
+        for operation in operations.values()
+        if operation["tags"] != ["agents"]
+        for name in references(operation["responses"])
+    ]
+    found: set[str] = set()
+    while waiting:
+        name = waiting.pop()
+        if name not in found and name not in OF_ENVIRONMENT:
+            found.add(name)
+            waiting.extend(references(description["components"]["schemas"][name]))
+    return sorted(found)
+
+
+def type_of(schema: Mapping[str, Any], names: Mapping[str, str]) -> str:
+    """The TypeScript type of a schema; `names` are those of models that the page calls otherwise."""
+    if "$ref" in schema:
+        name = schema["$ref"].rpartition("/")[2]
+        return names.get(name, name)
+    if "anyOf" in schema:
+        return " | ".join(type_of(part, names) for part in schema["anyOf"])
+    if "const" in schema or "enum" in schema:
+        values = schema.get("enum", [schema.get("const")])
+        return " | ".join(json.dumps(value) for value in values)
+    if "prefixItems" in schema:
+        return f"[{', '.join(type_of(part, names) for part in schema['prefixItems'])}]"
+    if schema["type"] == "array":
+        part = type_of(schema["items"], names)
+        return f"({part})[]" if "|" in part else f"{part}[]"
+    if schema["type"] == "object":
+        others = schema["additionalProperties"]
+        return f"Record<string, {'unknown' if others is True else type_of(others, names)}>"
+    plain = {"integer": "number", "number": "number", "string": "string", "boolean": "boolean"}
+    return plain.get(schema["type"], "null")
+
+
+def typed(name: str, model: Mapping[str, Any], names: Mapping[str, str]) -> str:
+    """A model as a TypeScript type, each field below its description."""
+    lines = [f"  /** {model['description']} */", f"  type {name} = {{"]
+    for field, schema in model["properties"].items():
+        if "description" in schema:
+            lines.append(f"    /** {schema['description']} */")
+        mark = "" if field in model.get("required", ()) else "?"
+        lines.append(f"    {field}{mark}: {type_of(schema, names)},")
+    return "\n".join([*lines, "  };"])
+
+
+def namespace(name: str, models: Iterable[str]) -> str:
+    """Types under a name of their own."""
+    return "\n".join([f"declare namespace {name} {{", *models, "}"])
+
+
+def api_types() -> dict[str, str]:
+    """What the API answers and sockets carry, as types of the page: the text of each file below `static`."""
+    apps = {
+        "mars": described_app(DEFAULT_TASK),
+        "picture": described_app("gymnasium:FrozenLake-v1"),
+    }
+    schemas = apps["mars"]["components"]["schemas"]
+    sockets = definitions(list(OVER_SOCKETS))
+    answers = [typed(name, schemas[name], OF_ENVIRONMENT) for name in answered(apps["mars"])]
+    carried = [typed(name, sockets[name], {}) for name in sorted(sockets)]
+    common = [TYPES_HEAD, namespace("Answers", answers), namespace("Socket", carried)]
+    files = {"common/answers.d.ts": "\n\n".join(common) + "\n"}
+    for assets, description in apps.items():
+        models = description["components"]["schemas"]
+        own = [
+            typed(model.removeprefix("Frame") or model, models[model], {})
+            for model in OF_ENVIRONMENT
+            if model in models
+        ]
+        text = f"{TYPES_HEAD}\n\n{namespace(assets.capitalize(), own)}\n"
+        files[f"task/{assets}/messages.d.ts"] = text
+    return files
+
+
 def main() -> None:
-    """Draw every table again where it stands."""
+    """Draw every table again where it stands, and the types."""
+    for name, text in api_types().items():
+        path = STATIC / name
+        if not path.exists() or path.read_text() != text:
+            path.write_text(text)
+            print(f"static/{name}")
     for page in (FOLDER / name for name in PAGES):
         text = page.read_text()
         if (drawn := redraw(text)) != text:

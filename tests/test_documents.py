@@ -293,6 +293,11 @@ def test_the_tables_are_what_the_code_says(page):
     assert draw_tables.redraw(text) == text, "`make tables` draws them again"
 
 
+def test_the_pages_types_are_what_the_api_answers():
+    for name, text in draw_tables.api_types().items():
+        assert (ROOT / "static" / name).read_text() == text, "`make tables` draws it again"
+
+
 def test_every_document_is_in_the_sites_navigation():
     listed = set(re.findall(r"- ([\w]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M))
     assert {path.name for path in (ROOT / "docs").glob("*.md")} <= listed

@@ -25,7 +25,7 @@ export function paintFigure(where, words, { target }, { figure, max_steps: limit
   where.replaceChildren(measure(`Moves to ${target}`, figure.steps, (value) => value.toFixed(1), 0, limit), measure("Score", figure.score, score, 0, 1));
 }
 
-/** @param {string} name @param {Interval} value @param {(value: number) => string} text @param {number} low
+/** @param {string} name @param {Answers.Interval} value @param {(value: number) => string} text @param {number} low
  * @param {number} high */
 function measure(name, value, text, low, high) {
   const interval = value.low === null || value.high === null ? "no interval yet" : `${text(value.low)} to ${text(value.high)}`;

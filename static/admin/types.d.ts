@@ -3,7 +3,7 @@
 declare namespace Admin {
   type BoardInfo = {
     session: string, study: string | null, label: string | null, kind: string, phase: string | null,
-    trial: number | null, level: string, task?: TaskAbout,
+    trial: number | null, level: string, task?: Answers.Task,
   };
   type Watched = {
     figure: HTMLElement, canvas: HTMLCanvasElement, board: Board | null, task: Task | null,
@@ -26,7 +26,7 @@ declare namespace Admin {
     label: string | null, at_ms: number | null, token: string | null,
   };
   type Figure = {
-    players: number, episodes: number, score: Interval | null, steps: Interval | null, set: string, sentence: string,
+    players: number, episodes: number, score: Answers.Interval | null, steps: Answers.Interval | null, set: string, sentence: string,
   };
   type Export = {
     state: "making" | "ready" | "failed", began_ms: number, error: string | null, files: {name: string, size: number}[],
@@ -38,7 +38,7 @@ declare namespace Admin {
     labels: {label: string, episodes: number, participants: string[]}[],
     exports: {report: Export | null, release: Export | null}, recruitment: "invitation" | "panel" | "open",
     code: string | null, code_until_ms: number | null, invitations: Invitation[], now_ms: number,
-    task?: TaskAbout,
+    task?: Answers.Task,
   };
   type Health = {
     disk: {free: number, total: number, is_low: boolean}, database: {name: string, size: number, wal_size: number},

@@ -3,14 +3,14 @@ import { create, put } from "./page.js";
 import { capital } from "./words.js";
 
 /** Return what a page knows of a task: MarsExplorer where the server says nothing of it.
- * @param {TaskAbout | undefined | null} about @returns {Promise<Task>} */
+ * @param {Answers.Task | undefined | null} about @returns {Promise<Task>} */
 export async function loadTask(about) {
   const { taskOf } = await import(`../task/${about?.assets ?? "mars"}/index.js`);
   return taskOf(about ?? undefined);
 }
 
 /** Return how long an episode has been, in moves or, where time runs, in seconds.
- * @param {Pick<TaskAbout, "clock">} task @param {number} step */
+ * @param {Pick<Answers.Task, "clock">} task @param {number} step */
 export const lengthOf = ({ clock }, step) => (clock ? (step / clock).toFixed(1) : String(step));
 
 /** Paint moves and headline of a board, and return the headline.

@@ -1,39 +1,28 @@
-// What the modules of the page hand on to each other, the messages in both directions (the twin of
-// app/humanplay/board/messages.py: a test compares them), and what the server answers. What is a task's own stands in static/task/.
+// What the modules of the page hand on to each other, and the messages in both directions (the twin of
+// app/humanplay/board/messages.py: a test compares them). What the API answers is drawn in answers.d.ts; what is a task's own
+// stands in static/task/.
 
 /** A course as its task has it: the board after some moves is `Task.boardAt`. */
 type Course = {name: string, actions: Action[], outcome: string | null, sentence: string};
-/** What stands in a replay's page: the episode's own course, the policies on offer, in one file the policy's, too. */
-type ReplayData = {
-  episode: string, level: string, rows: number, cols: number, run: Course, ghosts: string[], preferred: string | null,
-  ghost?: Course | null, task?: TaskAbout,
-};
+/** What stands in a replay's page: what the API answers, and in one file the policy's course. */
+type ReplayData = Answers.Replay & {ghost?: Course | null};
 /** Where a replay stands. at: moves, with the part of the next one that has passed; the board shown is that after the
  * whole ones. hovered: the move under the pointer, shown instead while nothing plays. */
 type Playback = { at: number, last: number, isPlaying: boolean, speed: number, hovered: number | null };
 
-/** A policy. */
-type Choice = {name: string, summary: string};
-/** low and high are null for a single player. */
 /** In cells; null where a task has none. */
-type Size = number | [number, number] | null;
-type Interval = {mean: number, low: number | null, high: number | null};
-/** Frames: every one, once the episode has ended. */
-type Watched = {
-  episode: string, player: string, level: string, size: Size, frame: Frame, history: MoveHistory,
-  frames: Frame[] | null, task: Task,
-};
+type Size = Answers.Board["size"];
+type Watched = Omit<Answers.Watched, "task"> & {task: Task};
 /** The page, or a frame in it. */
 type View = Window & typeof globalThis;
 type ApiRequest = <T>(path: string, body?: unknown, timeout_ms?: number, rest?: RequestInit) => Promise<T>;
 type Wished = Record<string, unknown>;
 type Api = {
-  health(): Promise<{getting_ready: string | null}>, task(): Promise<TaskAbout>, levels(): Promise<Mars.Level[]>, maps(): Promise<Mars.GivenMap[]>,
-  policies(): Promise<Choice[]>, history(): Promise<Me.History>,
-  episode(id: string): Promise<{seed: number | null, level: string, rows: number, cols: number, actions: string[]}>,
-  replay(id: string): Promise<ReplayData>,
+  health(): Promise<Answers.Health>, task(): Promise<Answers.Task>, levels(): Promise<Answers.Level[]>, maps(): Promise<Answers.Map[]>,
+  policies(): Promise<Answers.Offer[]>, history(): Promise<Answers.OwnHistory>,
+  episode(id: string): Promise<Answers.Episode>, replay(id: string): Promise<ReplayData>,
   /** Of a finished episode. */
-  costs(id: string): Promise<Mars.Costs>,
+  costs(id: string): Promise<Answers.EpisodeCosts>,
   /** Make a move that no key made. */
   act(id: string, move: {episode: string, step: number, action: string}): Promise<Frame>,
   createSession(wish: Wished): Promise<About>, about(id: string): Promise<About>,
@@ -42,7 +31,7 @@ type Api = {
   mySession(question?: {session?: string, watch?: string}): Promise<About | null>,
   /** Of a board by its id for watching, or of an episode. */
   watched(id: string): Promise<Watched>,
-  nextEpisode(id: string, wish: Wished): Promise<About>, setPace(id: string, pace: Wished): Promise<Pace>,
+  nextEpisode(id: string, wish: Wished): Promise<About>, setPace(id: string, pace: Wished): Promise<Answers.Pace>,
 };
 /** Of labels, the goal's line, the axis and the grid. */
 type Inks = {text: string, goal: string, base: string, line: string};
@@ -68,8 +57,8 @@ type ChartLook = {
 type Bin = {from: number, to: number, count: number};
 type Named = {name: string, moves: number};
 type Role = "player" | "rival";
-/** What the server says that an episode on a board is (app/humanplay/board/session.py). */
-type Kind = "practice" | "ranked" | "challenge" | "watch" | "daily" | "study";
+/** What the server says that an episode on a board is. */
+type Kind = Answers.Board["kind"];
 /** Spectator: of an episode without a session here, live or ended. */
 type Mode = Kind | "spectator";
 /** What a path is made of: the task's own. */
@@ -77,7 +66,7 @@ type Mark = unknown;
 /** One board. `trail[k]` and `progress[k]` belong to step k; `hasGap` says that steps are missing from them. */
 type Board = {
   session: string, name: string, frame: Frame, trail: Mark[], progress: number[], hasGap: boolean, pace: Pace | null,
-  isReplay: boolean, clock?: ClockState | null, remade?: Remade | null,
+  isReplay: boolean, clock?: ClockState | null, remade?: Socket.Remade | null,
 };
 /** The state; `level` is the name of the level, or that of the map; `task` is null before the first board. */
 type GameState = {
@@ -104,31 +93,16 @@ type Frame = {
 type MoveHistory = {kind: "history", episode: string};
 type Refused = {kind: "refused", reason: string, frame: Frame};
 type Problem = {kind: "error", detail: string};
-type Pace = {kind: "pace", mode: "follow" | "timed" | "paused", moves_per_second: number};
-/** Whether time runs on a board with a clock; ms: of the countdown; reason: why it stands, where the page has not asked for it. */
-type ClockState = {
-  kind: "clock", episode: string, state: "standing" | "countdown" | "running", ms: number, reason: string | null,
-};
-/** How many of the episode's moves were made again by an environment that was lost; the next frame ends it. */
-type Remade = {kind: "remade", episode: string, done: number, of: number};
-/** The answer to input events: all are kept, or none for a reason that will not pass; none and no reason: send them again. */
-type Kept = {kind: "kept", episode: string, count: number, reason: string | null};
-type FromServer = Frame | MoveHistory | Refused | Problem | Pace | ClockState | Remade | Kept;
-/** What POST api/sessions answers. watch: the id by which anybody may watch the board; challenges: the episode that is
- * played against. */
-type About = {
-  session: string, kind: Kind, challenges: string | null, player: string, level: string, map: string | null, size: Size, counts: boolean,
-  attestation: string | null, not_attested: string | null, watch: string | null, frame: Frame,
-  rival: null | {session: string, policy: string, pace: Pace, frame: Frame}, task: Task,
-};
-type Timing = {input: "key" | "touch" | null, key_down_ms: number | null, key_up_ms: number | null, client_ms: number};
-/** A key, a touch, a focus or a pause in a study's episode; `client_ms` is performance.now. */
-type RecordedEvent = {
-  kind: "keydown" | "keyup" | "touchdown" | "touchup" | "focus" | "blur" | "visible" | "hidden" | "pause" | "resume",
-  code: string | null, repeat: boolean | null, trusted: boolean | null, client_ms: number, step: number | null,
-  round_trip_ms: number | null,
-};
+type Pace = Answers.Pace;
+/** Whether time runs on a board with a clock; ms: of the countdown. */
+type ClockState = Socket.ClockState;
+type FromServer = Frame | MoveHistory | Refused | Problem | Pace | ClockState | Socket.Remade | Socket.Kept;
+/** What POST api/sessions answers, with the task as the page plays it. */
+type About = Omit<Answers.Board, "task"> & {task: Task};
+/** When and how a move was made; `client_ms` is performance.now. */
+type Timing = Required<Pick<Socket.Act, "input" | "key_down_ms" | "key_up_ms">> & {client_ms: number};
+/** A key, a touch, a focus or a pause in a study's episode. */
+type RecordedEvent = Required<Socket.InputEvent>;
 type Pending = {episode: string, step: number, action: Action, pressed_ms: number, sent_ms: number};
 type Telemetry = ReturnType<typeof import("./telemetry.js").createTelemetry>;
 type Batch = ReturnType<typeof import("./messages.js").events>;
-type StudyListing = {name: string, title: string, status: string, recruitment: string, warm_up: number, ranked: number};

@@ -11,7 +11,7 @@ import { capital, many } from "../common/words.js";
 import { countdown, dayText, pastText, peopleText, policyRows, rankText, resultText, shareText, streakText } from "./words.js";
 
 let state = initialState();
-/** @type {Daily.Today | null} */
+/** @type {Answers.Today | null} */
 let today = null;
 Object.defineProperty(window, "playground", { value: Object.freeze({ get state() { return state; } }) });
 
@@ -84,7 +84,7 @@ function dispatch(event) {
   repaint();
 }
 
-/** @param {Daily.Today} of */
+/** @param {Answers.Today} of */
 function ended({ day }) {
   put(by("standing"), "That was your attempt for today. The next terrain comes at midnight UTC.");
   showResults(day);
@@ -99,7 +99,7 @@ async function showEnded(episode) {
 }
 
 /** Count down to the next terrain, by the server's clock.
- * @param {Daily.Today} of */
+ * @param {Answers.Today} of */
 function startCountdown({ now_ms, next_ms }) {
   const offset_ms = now_ms - Date.now();
   const tick = () => {
@@ -116,7 +116,7 @@ function startCountdown({ now_ms, next_ms }) {
 
 async function begin() {
   try {
-    today = /** @type {Daily.Today} */ (await request("daily"));
+    today = /** @type {Answers.Today} */ (await request("daily"));
     put(by("day"), dayText(today.day));
     put(by("streak"), streakText(today.streak));
     paintCalendar(today.calendar);
@@ -149,7 +149,7 @@ function row(who, what, kind, episode) {
 /** @param {Daily.PolicyRow[]} rows */
 const policyItems = (rows) => rows.map(({ name, text }) => row(name, text, "policy"));
 
-/** @param {Daily.Past[]} past the oldest first */
+/** @param {Answers.CalendarDay[]} past the oldest first */
 function paintCalendar(past) {
   by("calendar").replaceChildren(...past.map((each) => {
     const { short, long } = pastText(task, each);
@@ -179,7 +179,7 @@ async function paintRoutes(best, own) {
 /** Days in a row, today's among them once it is over. */
 let days = 0;
 
-/** @param {Daily.Results} results */
+/** @param {Answers.Results} results */
 function paintResults({ day, attempt, people, policies }) {
   if (!attempt) return;
   put(by("end-title"), capital(resultText(task, attempt)));
@@ -198,7 +198,7 @@ function paintResults({ day, attempt, people, policies }) {
  * @param {string} day */
 async function showResults(day) {
   try {
-    const [found, now] = await Promise.all([/** @type {Promise<Daily.Results>} */ (request(`daily/${day}/results`)), /** @type {Promise<Daily.Today>} */ (request("daily"))]);
+    const [found, now] = await Promise.all([/** @type {Promise<Answers.Results>} */ (request(`daily/${day}/results`)), /** @type {Promise<Answers.Today>} */ (request("daily"))]);
     days = now.streak;
     put(by("streak"), streakText(days));
     paintCalendar(now.calendar);
@@ -216,9 +216,9 @@ async function showYesterday({ day, commitment, key }) {
   put(by("key-commitment"), commitment);
   by("key-link").setAttribute("href", `api/daily/${day}`);
   by("key").hidden = by("key-commitment").hidden = by("key-line").hidden = false;
-  const { attempt, people, policies } = /** @type {Daily.Results} */ (await request(`daily/${day}/results`));
+  const { attempt, people, policies } = /** @type {Answers.Results} */ (await request(`daily/${day}/results`));
   put(by("yesterday-title"), `Yesterday, ${dayText(day)}`);
-  const best = people.table.slice(0, 5).map((each) => row(`${each.rank}. ${each.you ? "You" : "A person"}`, resultText(task, { ...each, moves: each.moves ?? 0 }).replace(" after 0 moves", ""), each.you ? "you" : "person", each.episode));
+  const best = people.table.slice(0, 5).map((each) => row(`${each.rank}. ${each.you ? "You" : "A person"}`, resultText(task, { ...each, moves: each.moves ?? 0 }).replace(" after 0 moves", ""), each.you ? "you" : "person", each.episode ?? undefined));
   by("yesterday-rows").replaceChildren(...best, ...policyItems(policyRows(task, policies.filter(({ moves }) => moves !== null), null)));
   put(by("yesterday-note"), peopleText(task, people));
   by("yesterday").hidden = false;

@@ -20,14 +20,14 @@ export function dayText(day) {
 export const streakText = (days) => (days > 1 ? `${days} days in a row` : "");
 
 /** Return a day of the calendar: what stands in it, and in words.
- * @param {Task} task @param {Daily.Past} past */
+ * @param {Task} task @param {Answers.CalendarDay} past */
 export function pastText(task, { day, outcome, moves }) {
   const result = moves === null ? outcome === "abandoned" ? "left" : task.outcome(outcome) || "ended" : many(moves, "move");
   return { short: moves === null ? "\u2715" : String(moves), long: `${dayText(day)}: ${result}` };
 }
 
 /** Return what an attempt came to, in a few words.
- * @param {Task} task @param {Pick<Daily.Attempt, "outcome" | "moves" | "coverage">} attempt */
+ * @param {Task} task @param {Pick<Answers.Attempt, "outcome" | "moves" | "coverage">} attempt */
 export function resultText(task, { outcome, moves, coverage }) {
   const share = `${percent(coverage ?? 0)} %`;
   if (outcome === "explored") return `${many(moves, "move")}, ${share} mapped`;
@@ -45,7 +45,7 @@ export const symbols = (progress) => progress.length < 2 ? "" : Array.from({ len
 }).join("");
 
 /** Return the text to share: it tells nothing of the terrain.
- * @param {Task} task @param {string} day @param {Daily.Attempt} attempt @param {Daily.PolicyResult[]} policies
+ * @param {Task} task @param {string} day @param {Answers.Attempt} attempt @param {Answers.PolicyOfDay[]} policies
  * @param {string} link @param {number[]} [progress] of the attempt @param {number} [days] in a row */
 export function shareText(task, day, attempt, policies, link, progress = [], days = 0) {
   const policy = policies.find(({ name, moves }) => name === NAMED && moves !== null);
@@ -55,7 +55,7 @@ export function shareText(task, day, attempt, policies, link, progress = [], day
 }
 
 /** Return the policies of the day as the page lists them: what each came to, and whether it is ready and took more moves.
- * @param {Task} task @param {Daily.PolicyResult[]} policies @param {number | null} moves of the player, null where it was not mapped
+ * @param {Task} task @param {Answers.PolicyOfDay[]} policies @param {number | null} moves of the player, null where it was not mapped
  * @returns {Daily.PolicyRow[]} */
 export const policyRows = (task, policies, moves) => policies.map((policy) => ({
   name: task.nameOf(policy.name), text: policyText(policy), isReady: policy.state === "ready",
@@ -63,7 +63,7 @@ export const policyRows = (task, policies, moves) => policies.map((policy) => ({
 }));
 
 /** Return where a player stands among the people of the day and the policies that are listed.
- * @param {Daily.Attempt} attempt @param {Daily.People} people @param {Daily.PolicyRow[]} rows */
+ * @param {Answers.Attempt} attempt @param {Answers.PeopleOfDay} people @param {Daily.PolicyRow[]} rows */
 export function rankText(attempt, people, rows) {
   if (!people.you) return attempt.unranked ? `This attempt has no rank: ${attempt.unranked}.` : "";
   const among = people.players > 1 ? `Rank ${people.you.rank} of ${many(people.players, "person", "people")} today` : "You are the first person today";
@@ -76,14 +76,14 @@ export function rankText(attempt, people, rows) {
   return `${among}, and better than ${share} ${ready} policies${isWhole ? "" : " that are ready"}.`;
 }
 
-/** @param {Task} task @param {Daily.People} people @returns how many people stand behind a distribution */
+/** @param {Task} task @param {Answers.PeopleOfDay} people @returns how many people stand behind a distribution */
 export function peopleText({ target }, { players, unfinished }) {
   if (!players) return "Nobody has a rank yet.";
   const rest = unfinished ? `; ${unfinished} of them did not reach ${target}` : "";
   return `${many(players, "person", "people")}${rest}. Each has one attempt.`;
 }
 
-/** @param {Daily.PolicyResult} policy @returns what a policy did */
+/** @param {Answers.PolicyOfDay} policy @returns what a policy did */
 export function policyText({ state, moves, coverage }) {
   if (state !== "ready") return state === "failed" ? "not available" : "still exploring";
   return moves === null ? `stopped at ${percent(coverage ?? 0)} %` : many(moves, "move");

@@ -41,7 +41,7 @@ function show(view) {
 }
 
 async function loadPeople() {
-  const found = /** @type {Leaderboard.Named} */ (await request("people"));
+  const found = /** @type {Answers.People} */ (await request("people"));
   paintPeople(by("named", HTMLTableElement), by("own"), found);
   schedule(LATER_MS);
 }
@@ -52,7 +52,7 @@ async function load() {
   try {
     if (state.boards.length === 0) await loadBoards();
     const wanted = state.board;
-    /** @type {Leaderboard.Detail} */
+    /** @type {Answers.Leaderboard} */
     const detail = await request(`leaderboard/${encodeURIComponent(state.board)}${state.evaluates ? "?evaluate=true" : ""}`, undefined, 60000);
     if (wanted !== state.board) return;
     set({ detail });
@@ -64,11 +64,11 @@ async function load() {
 }
 
 async function loadBoards() {
-  /** @type {Leaderboard.BoardListing[]} */
+  /** @type {Answers.LeaderboardEntry[]} */
   const boards = await request("leaderboard");
   state = { ...state, boards, board: boards.some(({ id }) => id === state.board) ? state.board : boards[0].id };
   const [studies, rest] = [boards.filter((each) => each.study), boards.filter((each) => !each.study)];
-  /** @type {[string, Leaderboard.BoardListing[]][]} */
+  /** @type {[string, Answers.LeaderboardEntry[]][]} */
   const parts = [["Studies", studies], ["Played by people", rest.filter((each) => each.players)],
     ["Not yet played by people", rest.filter((each) => !each.players)]];
   boardSelect.replaceChildren(...parts.filter(([, members]) => members.length)

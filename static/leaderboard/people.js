@@ -3,7 +3,7 @@ import { create } from "../common/page.js";
 import { signed } from "../common/words.js";
 
 /** Fill the table, and the line about the player's own name.
- * @param {HTMLTableElement} table @param {HTMLElement} own @param {Leaderboard.Named} found */
+ * @param {HTMLTableElement} table @param {HTMLElement} own @param {Answers.People} found */
 export function paintPeople(table, own, { people, you }) {
   const rows = people.map(({ name, gap, episodes, you: isYou }, index) => {
     const label = create("th", [name, ...(isYou ? [create("small", "you")] : [])], { scope: "row" });

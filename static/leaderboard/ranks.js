@@ -23,7 +23,7 @@ export function paintRanks(table, marks, rows, scale, measure) {
       { "data-who": row.who, "data-testid": `rank-${row.policy?.name ?? row.who}`, style: `--mine: ${row.colour}` });
   }));
 
-  /** @param {Leaderboard.Row} row @param {Interval} value */
+  /** @param {Leaderboard.Row} row @param {Answers.Interval} value */
   function standing(row, value) {
     const place = create("div", scale.ticks.map((tick) => mark("gridline", left(tick))), { "aria-hidden": "true" });
     if (gap) place.append(mark("break", `left: ${percent(gap.from)}; width: ${percent(gap.to - gap.from)}`));
@@ -44,7 +44,7 @@ export function paintRanks(table, marks, rows, scale, measure) {
 /** @param {string} name @param {string} style where it stands */
 const mark = (name, style) => create("i", [], { class: name, style });
 
-/** @param {Leaderboard.BoardListing} board @returns the row of people without a mean: it invites */
+/** @param {Answers.LeaderboardEntry} board @returns the row of people without a mean: it invites */
 export function invitation(board) {
   const { study } = board;
   const text = missingText(board);
@@ -141,7 +141,7 @@ export function paintCoverage({ chart, legend, note }, { chart: { goal, axis }, 
   note.textContent = drawn.length ? text : "";
 }
 
-/** @param {Leaderboard.Trial[]} trials @returns what the points rest on */
+/** @param {Answers.TrialFigure[]} trials @returns what the points rest on */
 export function footing(trials) {
   const [first, last] = [trials[0], trials[trials.length - 1]];
   const few = last.players < first.players ? ": the later points rest on fewer people" : "";
@@ -149,7 +149,7 @@ export function footing(trials) {
     + "Bars are 95 % intervals; a single player has none. Policies do not learn here.";
 }
 
-/** @param {Leaderboard.ChartPlace} place @param {Leaderboard.Trial[]} trials @param {Leaderboard.Row[]} rows
+/** @param {Leaderboard.ChartPlace} place @param {Answers.TrialFigure[]} trials @param {Leaderboard.Row[]} rows
  * @param {Leaderboard.Measure} measure */
 export function paintTrials({ chart, legend, note }, trials, rows, measure) {
   const who = rows.find((row) => row.who === "people");

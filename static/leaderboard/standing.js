@@ -13,15 +13,15 @@ const PEOPLE_COLOUR = "--chart-you";
 
 /** @param {number} value @param {Leaderboard.Measure} measure */
 export const shown = (value, measure) => (measure === "steps" ? value.toFixed(1) : value.toFixed(3).replace("-", "\u2212"));
-/** @param {Interval} value @param {Leaderboard.Measure} measure */
+/** @param {Answers.Interval} value @param {Leaderboard.Measure} measure */
 export const intervalText = (value, measure) => (value.low === null || value.high === null ? "\u2013" : `${shown(value.low, measure)} to ${shown(value.high, measure)}`);
 
 /** Return what a board's people are called: those of a study are its participants, those of the playground volunteers.
- * @param {Leaderboard.BoardListing} board */
+ * @param {Answers.LeaderboardEntry} board */
 const peopleName = ({ study }) => (study ? "People" : "Volunteers");
 
 /** Return everyone on the board, the best first; those still without a figure last.
- * @param {Leaderboard.Detail} detail @param {Leaderboard.Measure} measure @returns {Leaderboard.Row[]} */
+ * @param {Answers.Leaderboard} detail @param {Leaderboard.Measure} measure @returns {Leaderboard.Row[]} */
 export function rows({ board, people, policies }, measure) {
   const others = policies.filter(({ name }) => !OWN[name]);
   /** @type {Leaderboard.Row[]} */
@@ -35,7 +35,7 @@ export function rows({ board, people, policies }, measure) {
 }
 
 /** Return where the axis of coverage ends: when the last of those who finish has 98.5 % on the map.
- * @param {Leaderboard.Curve[]} curves */
+ * @param {Answers.CoverageCurve[]} curves */
 export function coverageEnd(curves) {
   const ends = curves.flatMap(({ steps, mean }) => {
     const at = mean.findIndex((share) => share >= 0.985);
@@ -46,13 +46,13 @@ export function coverageEnd(curves) {
 }
 
 /** Return the moves until a curve's mean first reaches a share, or null.
- * @param {Leaderboard.Curve} curve @param {number} share */
+ * @param {Answers.CoverageCurve} curve @param {number} share */
 function movesTo({ steps, mean }, share) {
   const at = mean.findIndex((each) => each >= share);
   return at < 0 ? null : steps[at];
 }
 
-/** @param {Leaderboard.BoardListing} board @returns why the volunteers have no mean */
+/** @param {Answers.LeaderboardEntry} board @returns why the volunteers have no mean */
 export function missingText({ players, episodes, missing }) {
   if (!players || !missing) return "nobody has played this ranked yet.";
   const lacks = `${missing.players} ${missing.players === 1 ? "is" : "are"} missing`;
@@ -60,14 +60,14 @@ export function missingText({ players, episodes, missing }) {
     + `It needs ${many(missing.of, "player")} with ${many(missing.episodes, "ranked episode")} each: ${lacks}.`;
 }
 
-/** @param {Leaderboard.People} people who are behind a mean @param {Leaderboard.BoardListing} board */
+/** @param {Answers.LeaderboardPeople} people who are behind a mean @param {Answers.LeaderboardEntry} board */
 function peopleText({ players, episodes, abandoned }, board) {
   const others = board.study ? 0 : board.players - players;
   const less = others ? `; ${many(others, "player")} with fewer episodes ${others === 1 ? "is" : "are"} not in it` : "";
   return `${many(players, "player")} and ${many(episodes, "episode")}${abandoned ? `, ${abandoned} of them abandoned` : ""}${less}`;
 }
 
-/** @param {Pick<Task, "target">} task @param {Leaderboard.Detail} detail @returns the sentence under the heading */
+/** @param {Pick<Task, "target">} task @param {Answers.Leaderboard} detail @returns the sentence under the heading */
 export function headline({ target }, { board, people, policies }) {
   const fair = policies.filter(({ name }) => name !== "lookahead"); // what knows how terrains are made is not compared with people here
   const ready = fair.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
@@ -87,7 +87,7 @@ export function headline({ target }, { board, people, policies }) {
   return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} moves to ${target} (${spread}), from ${from}.${began}${policy}`;
 }
 
-/** @param {Leaderboard.Detail} detail @returns {[string, string]} who people are here, and what policies play */
+/** @param {Answers.Leaderboard} detail @returns {[string, string]} who people are here, and what policies play */
 export function reading({ board, people }) {
   if (!board.study) {
     return ["Volunteers chose to play ranked on the page, and how often: they stand for nobody but themselves, and their figure is no human level. Terrains were neither chosen nor met before, no policy beside them; an episode that was left counts as abandoned. A mean is over those with at least five ranked episodes and needs five of them; each weighs once, so the interval is over players.",
@@ -100,7 +100,7 @@ export function reading({ board, people }) {
 
 /** Return what stands under the ranks: the line of the people where it is drawn, the break of the axis where there is
  * one, and the origin of the policies' figures that came with the package.
- * @param {Leaderboard.Detail} detail @param {boolean} isBroken */
+ * @param {Answers.Leaderboard} detail @param {boolean} isBroken */
 export function ranksNote({ board, people, policies }, isBroken) {
   const parts = people ? [`The dashed line is the mean of ${board.study ? "the study's people" : "the volunteers"}.`] : [];
   if (isBroken) parts.push("The axis is broken at the hatched strip: who stands beyond it is far off.");
@@ -115,11 +115,11 @@ export function ranksNote({ board, people, policies }, isBroken) {
 /** @param {Leaderboard.Row} row @returns where a figure comes from */
 export function source({ who, figure }) {
   if (!figure) return "";
-  return who === "people" ? `${many(/** @type {Leaderboard.People} */ (figure).players, "player")}, ${many(figure.episodes, "episode")}` : many(figure.episodes, "terrain");
+  return who === "people" ? `${many(/** @type {Answers.LeaderboardPeople} */ (figure).players, "player")}, ${many(figure.episodes, "episode")}` : many(figure.episodes, "terrain");
 }
 
 /** Return what is still being made, or null.
- * @param {Leaderboard.Policy[]} policies @returns {{text: string, done: number, of: number} | null} */
+ * @param {Answers.LeaderboardPolicy[]} policies @returns {{text: string, done: number, of: number} | null} */
 export function working(policies) {
   const open = policies.filter(({ state }) => state === "waiting" || state === "computing");
   if (open.length === 0) return null;
@@ -130,7 +130,7 @@ export function working(policies) {
   return { text: `Evaluating ${many(open.length, "policy", "policies")}: ${what}. The figures appear here as they are done.`, done, of };
 }
 
-/** @param {string} name @param {Leaderboard.Curve} curve @returns a coverage curve in words */
+/** @param {string} name @param {Answers.CoverageCurve} curve @returns a coverage curve in words */
 export function curveText(name, curve) {
   const at = [0.5, 0.9].map((share) => [share, movesTo(curve, share)]).filter(([, moves]) => moves !== null);
   const last = curve.mean[curve.mean.length - 1];

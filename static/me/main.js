@@ -17,7 +17,7 @@ let last = "";
 /** @param {number} at_ms */
 const timeText = (at_ms) => new Date(at_ms).toLocaleString(undefined, { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
 
-/** @param {Me.Best} figure @returns the panel of one configuration */
+/** @param {Answers.Best} figure @returns the panel of one configuration */
 function bestPanel(figure) {
   const { best, people } = figure;
   const number = best ? [create("a", String(best.moves), { href: `watch/${encodeURIComponent(best.episode)}`, "data-testid": "best" })] : [];
@@ -35,7 +35,7 @@ function bestPanel(figure) {
   ], { class: "panel" });
 }
 
-/** @param {Me.Episode} episode @returns the row of one episode */
+/** @param {Answers.OwnEpisode} episode @returns the row of one episode */
 function episodeRow(episode) {
   const { outcome, moves, coverage } = episode;
   const [kind, reason] = kindText(episode);
@@ -45,7 +45,7 @@ function episodeRow(episode) {
   return create("tr", [
     create("th", when, { scope: "row" }), create("td", terrainText(episode)), kindCell,
     create("td", outcome === "abandoned" ? "left" : task.outcome(outcome), { class: outcome === "explored" ? "good" : outcome === "abandoned" ? "left" : "bad" }),
-    create("td", String(moves), { class: "number" }), create("td", `${percent(coverage)} %`, { class: "number wide" }), create("td", score(episode.score), { class: "number wide" }),
+    create("td", String(moves), { class: "number" }), create("td", coverage === null ? "" : `${percent(coverage)} %`, { class: "number wide" }), create("td", score(episode.score), { class: "number wide" }),
   ]);
 }
 
@@ -54,7 +54,7 @@ async function load() {
   more.disabled = true;
   try {
     task ??= await loadTask(await request("task"));
-    const history = /** @type {Me.History} */ (await request(`me/history?limit=${PAGE}${last && `&after=${last}`}`));
+    const history = /** @type {Answers.OwnHistory} */ (await request(`me/history?limit=${PAGE}${last && `&after=${last}`}`));
     put(by("sentence"), summary(task, history));
     if (!shown) {
       by("bests").replaceChildren(...history.bests.map(bestPanel));
@@ -78,7 +78,7 @@ async function load() {
 function loadName() {
   request("people").then(({ you }) => showName(you), () => setTimeout(loadName, 2000));
 }
-/** @param {Me.Named} named */
+/** @param {Answers.OwnName} named */
 function showName(named) {
   by("name", HTMLInputElement).value = named.name ?? "";
   by("remove-name").hidden = !named.name;
@@ -107,10 +107,10 @@ const gaps = [];
 /** Compare each of the newest episodes with Expert's, the oldest first, and draw the curve as it comes. */
 async function compare() {
   by("compare").hidden = true;
-  const { episodes } = /** @type {Me.History} */ (await request(`me/history?limit=${CURVE}`));
+  const { episodes } = /** @type {Answers.OwnHistory} */ (await request(`me/history?limit=${CURVE}`));
   for (const [index, { episode, outcome }] of episodes.reverse().entries()) {
     put(by("gap-note"), `Episode ${index + 1} of ${episodes.length}`);
-    const costs = /** @type {Mars.Costs | null} */ (await request(`episodes/${encodeURIComponent(episode)}/costs`, undefined, 120_000).catch(() => null));
+    const costs = /** @type {Answers.Costs | null} */ (await request(`episodes/${encodeURIComponent(episode)}/costs`, undefined, 120_000).catch(() => null));
     if (!costs || costs.total === null) continue; // today's terrain
     gaps.push({ gap: costs.total, isFinished: outcome === "explored" });
     paintGaps();

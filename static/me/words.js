@@ -5,7 +5,7 @@ import { levelName } from "../task/mars/names.js";
 /** @param {{level: string, rows: number | null, cols: number | null}} terrain without a size where a task has none */
 export const terrainText = ({ level, rows, cols }) => levelName(level) + (rows ? ` ${rows} \u00d7 ${cols}` : "");
 
-/** @param {Task} task @param {Me.History} history @returns the sentence below the heading */
+/** @param {Task} task @param {Answers.OwnHistory} history @returns the sentence below the heading */
 export function summary({ target }, { total, bests }) {
   if (!total) return "Here stand your bests, your place among people and every episode, once you have played.";
   const explored = bests.reduce((sum, { explored: count }) => sum + count, 0);
@@ -16,11 +16,11 @@ export function summary({ target }, { total, bests }) {
 const LAST = 10;
 
 /** Return how an episode that has just ended stands among the player's own on terrains like it, "" where nothing is to be said.
- * @param {Me.History} history whose newest episode it is @param {string} episode */
+ * @param {Answers.OwnHistory} history whose newest episode it is @param {string} episode */
 export function personalText({ episodes, bests }, episode) {
   const own = episodes.find((each) => each.episode === episode);
   if (own?.outcome !== "explored") return "";
-  const isAlike = (/** @type {{level: string, rows: number, cols: number}} */ { level, rows, cols }) => level === own.level && rows === own.rows && cols === own.cols;
+  const isAlike = (/** @type {{level: string, rows: number | null, cols: number | null}} */ { level, rows, cols }) => level === own.level && rows === own.rows && cols === own.cols;
   const before = episodes.filter((each) => each !== own && each.ended_ms <= own.ended_ms && each.outcome === "explored" && isAlike(each)).slice(0, LAST);
   const best = bests.find(isAlike)?.best;
   if (best?.episode === episode) return before.length ? "Your best so far." : "";
@@ -31,7 +31,7 @@ export function personalText({ episodes, bests }, episode) {
   return [better, record, why].filter(Boolean).join(" ");
 }
 
-/** @param {Me.Episode} episode @returns what an episode was, and why a ranked one does not count, "" where nothing is to be said */
+/** @param {Answers.OwnEpisode} episode @returns what an episode was, and why a ranked one does not count, "" where nothing is to be said */
 export function kindText({ kind, day, counts, not_attested: reason, met_before: isKnown }) {
   if (kind === "daily") return [`daily ${day}`, reason ? `Does not count: ${reason}` : ""];
   if (kind === "practice" || counts) return [kind, ""];
@@ -39,7 +39,7 @@ export function kindText({ kind, day, counts, not_attested: reason, met_before: 
   return ["ranked, does not count", why && `Does not count: ${why}`];
 }
 
-/** @param {Me.Best} best @returns where a player's ranked episodes stand among the volunteers' */
+/** @param {Answers.Best} best @returns where a player's ranked episodes stand among the volunteers' */
 export function standingText({ people: { means, you, ranked, missing } }) {
   if (you === null) {
     const own = `${ranked ? `You have ${many(ranked, "ranked episode")} that ${ranked === 1 ? "counts" : "count"}` : "You have none here that counts yet"}`;
@@ -52,7 +52,7 @@ export function standingText({ people: { means, you, ranked, missing } }) {
   return `${mean}: place ${better + 1} of ${many(means.length, "person", "people")}. A terrain that was not finished counts the limit.`;
 }
 
-/** @param {Task} task @param {Me.Best} best */
+/** @param {Task} task @param {Answers.Best} best */
 export function bestText({ target }, { best, episodes, explored }) {
   if (!best) return `No terrain mapped to ${target} yet, in ${many(episodes, "episode")}.`;
   return `${wholePercent(explored / episodes)} of ${many(episodes, "episode")} mapped to ${target}.`;

@@ -48,7 +48,7 @@ function inWords() {
   return `Move ${player.step} of ${player.playback.last}: ${shares.join(", ")}`;
 }
 
-/** @type {Advice[] | null} what Expert would do before each move of the run: null until it is asked for */
+/** @type {Answers.Advice[] | null} what Expert would do before each move of the run: null until it is asked for */
 let expert = null;
 const thinks = /** @type {HTMLInputElement | null} */ (document.getElementById("expert"));
 /** @param {string} text what stands beside the switch, until the moves are there */
@@ -62,7 +62,7 @@ async function askExpert() {
   if (!thinks?.checked || expert) return;
   sayOfExpert("Expert plays on from every move of this episode. That can take a minute on a large board.");
   try {
-    const costs = /** @type {{expert: Advice[], reason: string | null}} */ (await request(`episodes/${encodeURIComponent(data.episode)}/costs`, undefined, 600_000));
+    const costs = /** @type {{expert: Answers.Advice[], reason: string | null}} */ (await request(`episodes/${encodeURIComponent(data.episode)}/costs`, undefined, 600_000));
     if (costs.reason !== null) return thinks.checked && sayOfExpert(`${capital(costs.reason)}.`);
     expert = costs.expert;
     repaint();

@@ -6,7 +6,7 @@ import { joinable, lengthLine } from "./words.js";
 
 async function load() {
   try {
-    /** @type {StudyListing[]} */
+    /** @type {Answers.ListedStudy[]} */
     const listed = await request("studies");
     const open = joinable(listed);
     by("studies").replaceChildren(...open.map((study) => create("li", [

@@ -2,8 +2,8 @@
 import { many } from "../common/words.js";
 
 /** Return the studies that anybody may join now: those by invitation or from a panel are nobody else's.
- * @param {StudyListing[]} listed */
+ * @param {Answers.ListedStudy[]} listed */
 export const joinable = (listed) => listed.filter(({ status, recruitment }) => status === "open" && recruitment === "open");
 
-/** @param {StudyListing} study @returns how long a study is */
+/** @param {Answers.ListedStudy} study @returns how long a study is */
 export const lengthLine = ({ warm_up, ranked }) => `${many(warm_up, "episode")} to warm up, then ${ranked} that count${ranked === 1 ? "s" : ""}`;

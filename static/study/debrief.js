@@ -31,7 +31,7 @@ export async function load(index) {
   }
 }
 /** Show the runs of a terrain from their start.
- * @param {number} index @param {Study.Runs} answer */
+ * @param {number} index @param {Answers.DebriefRuns} answer */
 function show(index, { own, policy }) {
   const runs = { own: task.courseOf("You", own), policy: task.courseOf(task.nameOf(policy.name), policy.frames) };
   const last = Math.max(0, ...Object.values(runs).map((course) => (course ? course.actions.length : 0)));
@@ -45,7 +45,7 @@ by("replay-step").addEventListener("click", () => player?.press("ArrowRight"));
 by("replay-at").addEventListener("input", () => player?.goTo(Number(by("replay-at", HTMLInputElement).value)));
 by("replay-index").addEventListener("change", () => load(Number(by("replay-index", HTMLSelectElement).value)));
 
-/** @param {Study.Debrief} debrief */
+/** @param {Answers.Debrief} debrief */
 function paintFigures(debrief) {
   const { episodes, mean_score, mean_steps, warm_up_terrains: terrains, ranked_terrains: ranked } = debrief;
   put(by("own-score"), score(mean_score));
@@ -61,7 +61,7 @@ function paintFigures(debrief) {
     choice.replaceChildren(...named(terrains, ranked ? "warm-up " : "", 0), ...named(ranked, "ranked ", terrains));
   }
 }
-/** @param {Study.Debrief["episodes"]} episodes @returns a table with a row for each trial, its score as a bar */
+/** @param {Answers.Debrief["episodes"]} episodes @returns a table with a row for each trial, its score as a bar */
 function trialTable(episodes) {
   const head = [capital(task.round), "Outcome", task.clock ? "Seconds" : "Moves", "Score"].map((text) => create("th", text, { scope: "col" }));
   const rows = episodes.map(({ trial, outcome, steps, score: value }) => {
@@ -105,7 +105,7 @@ export function paintDebrief(before, look) {
 }
 
 /** Fill a place with what the moves of an episode cost, the greatest mistake first, each with a button.
- * @param {HTMLElement} place @param {Mars.Costs} costs @param {(mistake: Mars.Mistake) => void} onChoose */
+ * @param {HTMLElement} place @param {Answers.Costs} costs @param {(mistake: Mars.Mistake) => void} onChoose */
 function paintCosts(place, costs, onChoose) {
   const words = task.costsInWords?.(costs);
   if (!words) return;

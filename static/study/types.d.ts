@@ -1,31 +1,14 @@
-// What the modules of this folder hand on to each other, and what the server answers them.
+// What the modules of this folder hand on to each other; what the API answers is drawn in common/answers.d.ts.
 
 declare namespace Study {
   type Stage = "consent" | "instructions" | "tutorial" | "questions" | "warm_up" | "ranked" | "debrief"
     | "complete" | "withdrawn";
   type Phase = "tutorial" | "warm_up" | "ranked";
-  /** What GET debrief/{index} answers. */
-  type Runs = {own: Frame[], policy: {name: string, frames: Frame[]}};
   type PaletteName = "mars" | "colour-blind" | "high-contrast";
   type Settings = {modality: "keyboard" | "touch", palette: PaletteName, keys: Keys};
-  /** Own figures and codes; null before the debrief. */
-  type Debrief = {
-    mean_score: number | null, mean_steps: number | null,
-    episodes: {trial: number, outcome: string, steps: number, score: number}[],
-    policy: {name: string, mean_steps_warm_up: number | null, own_mean_steps_warm_up: number | null} | null,
-    warm_up_terrains: number, ranked_terrains: number, completion_code: string | null, return_url: string | null,
-  };
-  /** What the server says of a participant: the answer to every request but `show` and `terrain`. note: why nobody can
-   * go on here, or what is kept of one who left. */
-  type Participant = {
-    study: string, title: string, participant: string, stage: Stage, consent: {version: string, text: string},
-    questions: {question: string, choices: string[]}[], right: boolean[] | null, why?: string[] | null,
-    warm_up: {done: number, of: number}, ranked: {done: number, of: number}, tutorial: {done: boolean},
-    break_due: boolean, can_be_erased: boolean, pause_after_s: number, rules: Record<string, string>,
-    session: string | null, about: About | null, phase: Phase | null,
-    settings: {modality?: Settings["modality"] | null, palette?: PaletteName | null, keys?: Keys | null},
-    debrief: Debrief | null, note?: string | null, invited: boolean, supervised_until_ms: number | null, task: Task,
-  };
+  /** What the server says of a participant, with the task as the page plays it: the answer to every request but `show` and
+   * `terrain`. */
+  type Participant = Omit<Answers.Participation, "task" | "about"> & {task: Task, about: About | null};
   /** The phase of a terrain. */
   type Shown = "warm_up" | "ranked";
   /** Of navigator.keyboard, where a browser has it. */
@@ -49,12 +32,12 @@ declare namespace Study {
     | {kind: "looked-back", looksBack: boolean};
   type Asked = Promise<Participant>;
   type Api = {
-    show(): Promise<{status: "open" | "secret kept" | "closed", rows: number, cols: number}>,
+    show(): Promise<Answers.Study>,
     join(outside_ids: Record<string, string>, invitation: string | null): Asked, me(): Asked,
     consent(version: string, agree: boolean): Asked, advance(from: Stage): Asked, answers(answers: number[]): Asked,
     next(): Asked, giveUp(episode: string, step: number): Asked,
     /** The request outlives the page; the signal ends it. */
     settings(settings: Settings, signal: AbortSignal): Asked, supervise(code: string): Asked, withdraw(erase: boolean): Asked,
-    terrain(index: number, phase: Shown): Promise<Runs>, costs(index: number, phase: Shown): Promise<Mars.Costs>,
+    terrain(index: number, phase: Shown): Promise<Answers.DebriefRuns>, costs(index: number, phase: Shown): Promise<Answers.Costs>,
   };
 }

@@ -77,7 +77,7 @@ function endGo(participant, phase) {
   return participant.stage === participant.phase && !participant.break_due ? `Next ${participant.task.round}` : "Go on";
 }
 
-/** @param {Task} task @param {Study.Debrief} debrief @returns the debrief in one sentence */
+/** @param {Task} task @param {Answers.Debrief} debrief @returns the debrief in one sentence */
 export function debriefLine(task, { policy }) {
   const { mean_steps_warm_up: theirs = null, own_mean_steps_warm_up: mine = null } = policy ?? {};
   if (!policy || theirs === null || mine === null) return "";

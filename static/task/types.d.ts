@@ -1,16 +1,6 @@
 // What a page knows of a task: what the server says of it, and what the folder of its assets adds, static/task/ASSETS/index.js.
 // A page hands on frames, marks and courses; only the folder looks into them.
 
-/** A figure of an ended episode, its bounds null where it has none. */
-type Metric = {
-  name: string, unit: string, lowest: number | null, highest: number | null, is_better: "higher" | "lower",
-};
-/** What the server says. Keys: codes of event.code for each action, the first the one that is named; metrics: the
- * headline first; clock: frames a second at which time runs, null where moves are waited for. */
-type TaskAbout = {
-  name: string, title: string, instructions: string, assets: "mars" | "picture", actions: Action[], keys: Keys, metrics: Metric[],
-  clock: number | null,
-};
 /** Codes of event.code for each action. */
 type Keys = Record<Action, string[]>;
 /** How a board is drawn: its player's name and colour, the room for it in CSS pixels, and what a folder's own parts of
@@ -19,16 +9,13 @@ type Look = {
   name: string, accent: string, width_px: number, height_px: number, dpr: number, palette?: string,
   ghost?: {trail: Mark[], accent: string} | null, [more: string]: unknown,
 };
-/** What Expert would do before a move: shares 0..1 of the actions; needs: moves, null where it does not get there; cost: of
- * the move made. */
-type Advice = {shares: number[], action: Action, needs: number | null, cost: number};
 /** What a page knows of the ground of a move: it may be made; more is to be seen first; or why it would end the episode. */
 type Ground = "free" | "unknown" | {stop: string};
 type Sound = {kind: "gain", count: number} | {kind: "blocked" | "crash" | "finish" | "over"};
 type Hint = {id: string, gain: string, line: string};
 /** What a folder exports: `taskOf` makes it of what the server says, for its own frames, marks, courses and histories. */
 type Task = TaskOf<Frame, Mark, Course, MoveHistory>;
-interface TaskOf<F, M, C, H> extends TaskAbout {
+interface TaskOf<F, M, C, H> extends Answers.Task {
   /** A policy's name as pages say it. */
   nameOf(policy: string): string;
   /** The actions in the order in which they are named and stand on the pad. */
@@ -82,9 +69,9 @@ interface TaskOf<F, M, C, H> extends TaskAbout {
   /** Draw over a board of a replay what the last move did. */
   paintEvents?(place: HTMLElement, course: C, step: number, look: Look): void;
   /** What Expert would do after some moves of a finished episode, in words. */
-  adviceText?(advice: Advice, course: C, step: number): string;
+  adviceText?(advice: Answers.Advice, course: C, step: number): string;
   /** What the moves of a finished episode cost: above the list of mistakes, the list, and below it. */
-  costsInWords?(costs: Mars.Costs): {summary: string, mistakes: string[], rest: string[]};
+  costsInWords?(costs: Answers.Costs): {summary: string, mistakes: string[], rest: string[]};
   /** Parts of the playground that this task alone has: a 3-D view, mistakes, a choice of
    * terrains. */
   play?(): Promise<typeof import("./mars/play.js")>;

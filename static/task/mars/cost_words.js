@@ -63,7 +63,7 @@ export function gapText(gap) {
   return `${Math.abs(gap)} ${gap > 0 ? "more" : "fewer"}`;
 }
 
-/** @param {Mars.Costs} costs @returns the sentence above the list: the whole difference, and why no move is judged if none is */
+/** @param {Answers.Costs} costs @returns the sentence above the list: the whole difference, and why no move is judged if none is */
 export function summaryOf({ policy, reason, counts, expert_moves: expert, total, mistakes, given_up }) {
   const name = policyName(policy);
   const whole = expert === null || total === null ? "" : `Your episode counts ${many(counts, "move")}, ${name}'s ${expert}: ${gapText(total)}. `;
@@ -74,7 +74,7 @@ export function summaryOf({ policy, reason, counts, expert_moves: expert, total,
 }
 
 /** Return the sentences below the list: what the mistakes cost that are not in it, and what other moves gained.
- * @param {Mars.Costs} costs */
+ * @param {Answers.Costs} costs */
 export function restOf({ policy, total, given_up, gained, mistakes }) {
   if (total === null || given_up === null || gained === null) return [];
   const others = total - given_up - gained - mistakes.reduce((sum, { cost }) => sum + cost, 0);
@@ -84,5 +84,5 @@ export function restOf({ policy, total, given_up, gained, mistakes }) {
   ];
 }
 
-/** @param {Mars.Costs} costs @returns all of it: what stands above the list, the list, and below it */
+/** @param {Answers.Costs} costs @returns all of it: what stands above the list, the list, and below it */
 export const costsInWords = (costs) => ({ summary: summaryOf(costs), mistakes: costs.mistakes.map(sentenceOf), rest: restOf(costs) });

@@ -19,13 +19,13 @@ export function boardBefore(board, { step, grid, position, discovered, previous 
  *   tryFrom   begins the same terrain in practice and makes the first moves of the episode once more
  *   storage   of this tab: what is tried again, and what it came to before
  * @param {{part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, chart: HTMLElement,
- *   state: () => GameState, load: (episode: string) => Promise<Mars.Costs>, tryFrom: (state: GameState, step: number,
+ *   state: () => GameState, load: (episode: string) => Promise<Answers.Costs>, tryFrom: (state: GameState, step: number,
  *   onBegun: (episode: string) => void) => void, storage: Storage, onChange: () => void}} how part of the player's panel, whose matrix is `canvas` */
 export function createCosts({ part, canvas, chart, state, load, tryFrom, storage, onChange }) {
   const playerOf = () => /** @type {Mars.Board | null} */ (state().player);
   /** @type {string | null} the episode whose moves are shown or asked for */
   let episode = null;
-  /** @type {Mars.Costs | null} */
+  /** @type {Answers.Costs | null} */
   let analysis = null;
   /** @type {number | null} */
   let pinned = null;
@@ -57,7 +57,7 @@ export function createCosts({ part, canvas, chart, state, load, tryFrom, storage
     pointed = null;
     changed();
   }
-  /** @param {Mars.Costs | null} found */
+  /** @param {Answers.Costs | null} found */
   function show(found) {
     analysis = found;
     pinned = pointed = null;
@@ -92,7 +92,7 @@ export function createCosts({ part, canvas, chart, state, load, tryFrom, storage
       part.ask.hidden = error instanceof ApiError && error.status === 422;
     }
   }
-  /** @param {Mars.Costs} found */
+  /** @param {Answers.Costs} found */
   function paintList(found) {
     const list = create("ol", found.mistakes.map((mistake, index) => {
       const choose = create("button", [create("b", String(index + 1), { "aria-hidden": "true" }), create("span", sentenceOf(mistake))],

@@ -16,7 +16,7 @@ export function courseOf(name, frames) {
   const known_since = end.grid.map((line, row) =>
     Array.from(line, (_, col) => frames.find(({ grid }) => grid[row][col] !== "?")?.step ?? -1));
   return {
-    name, known_since, cells: end.cells, outcome: end.outcome, sentence: "",
+    name, known_since, cells: end.cells, outcome: /** @type {Mars.Course["outcome"]} */ (end.outcome), score: Number(end.score), sentence: "",
     grid: end.grid.map((line) => line.replace("@", ".")),
     actions: shown.slice(1).map(({ heading }) => heading), positions: shown.map(({ position }) => position),
     discovered: shown.map(({ discovered }) => discovered),
@@ -43,7 +43,7 @@ export function boardAt(course, step) {
     kind: /** @type {const} */ ("frame"), episode: course.name, step: at, rows: grid.length, cols: grid[0].length, grid,
     position: course.positions[at], discovered: course.discovered[at], cells: course.cells,
     coverage: progressAt(course, at), heading: at ? course.actions[at - 1] : "east", reward: null, return: null, score: null,
-    outcome: step >= course.actions.length ? /** @type {Mars.Outcome | null} */ (course.outcome) : null,
+    outcome: step >= course.actions.length ? course.outcome : null,
   };
   return { frame, trail: course.positions.slice(0, at + 1) };
 }

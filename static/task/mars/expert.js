@@ -43,7 +43,7 @@ export function paintShares(context, shares, [row, col], size, { colour, dpr }) 
 }
 
 /** Return what Expert would do after `step` moves of an episode, and what the next move of it cost.
- * @param {Mars.Advice} advice @param {Mars.Course} course @param {number} step */
+ * @param {Answers.Advice} advice @param {Mars.Course} course @param {number} step */
 export function adviceText({ action, needs, cost }, { actions, outcome }, step) {
   const made = actions[step];
   const end = needs === null ? "does not get there in the moves that are left" : `needs ${many(needs, "more move")} from here`;

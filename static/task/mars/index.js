@@ -8,13 +8,13 @@ import { policyName } from "./names.js";
 import { words } from "./words.js";
 
 /** What a server says that has this task alone.
- * @type {TaskAbout} */
+ * @type {Answers.Task} */
 const ABOUT = {
   name: "mars", title: "MarsExplorer", instructions: "", assets: "mars", actions: ["north", "east", "south", "west"], metrics: [],
   clock: null, keys: { north: ["ArrowUp", "KeyW"], east: ["ArrowRight", "KeyD"], south: ["ArrowDown", "KeyS"], west: ["ArrowLeft", "KeyA"] },
 };
 
-/** @param {TaskAbout} [about] @returns {Mars.Task} */
+/** @param {Answers.Task} [about] @returns {Mars.Task} */
 export const taskOf = (about = ABOUT) => ({
   ...about, ...words, nameOf: policyName, order: ["north", "west", "south", "east"], paint, ahead, courseOf, boardAt, progressAt, paintEvents, adviceText, costsInWords,
   mark: ({ position }) => position,

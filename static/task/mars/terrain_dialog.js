@@ -32,14 +32,14 @@ function fill(select, choices, chosen) {
   select.replaceChildren(...choices.map(({ name }) => new Option(policyName(name), name, false, name === chosen)));
 }
 
-/** @param {Mars.Level} level @returns a button with a terrain of the level on it */
+/** @param {Answers.Level} level @returns a button with a terrain of the level on it */
 function picture({ name, example }) {
   const rocks = example.flatMap((bits, row) => example.map((_, col) => ((bits >> col) & 1 ? `M${col} ${row}h1v1h-1z` : ""))).join("");
   const svg = createSvg("svg", { viewBox: `0 0 ${example.length} ${example.length}`, "aria-hidden": "true" }, createSvg("path", { d: rocks }));
   return create("button", [svg, levelName(name)], { type: "button", value: name });
 }
 
-/** @param {Mars.GivenMap} map @returns a button with its name and size on it */
+/** @param {Answers.Map} map @returns a button with its name and size on it */
 function mapChoice({ name, size: [rows, cols] }) {
   return create("button", `${name} ${rows} \u00d7 ${cols}`, { type: "button", value: MAP + name });
 }
@@ -56,9 +56,9 @@ export function createTerrainDialog(dialog, handlers) {
   const others = /** @type {HTMLDetailsElement} */ (form.querySelector(".more-levels"));
   const custom = /** @type {HTMLElement} */ (form.querySelector(".custom"));
   const drawn = /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll("[data-drawn]"));
-  /** @type {Mars.Level[]} */
+  /** @type {Answers.Level[]} */
   let levels = [];
-  /** @type {Mars.GivenMap[]} */
+  /** @type {Answers.Map[]} */
   let maps = [];
   const read = () => readWish(/** @type {Record<string, string>} */ (Object.fromEntries(new FormData(form))));
   const choices = () => /** @type {HTMLButtonElement[]} */ ([...plainLevels.children, ...otherLevels.children]);
@@ -96,14 +96,14 @@ export function createTerrainDialog(dialog, handlers) {
     /** Choose the policy of a board.
      * @param {Role} role @param {string} name */
     choose(role, name) { select(role).value = name; },
-    /** @param {Mars.Level[]} found @param {{name: string, summary: string}[]} policies @param {Mars.GivenMap[]} given */
+    /** @param {Answers.Level[]} found @param {{name: string, summary: string}[]} policies @param {Answers.Map[]} given */
     offer(found, policies, given) {
       levels = found;
       maps = given;
       const names = policies.map(({ name }) => name);
       const best = favourite(names);
       const { plain, paper } = levelGroups(found.map(({ name }) => name));
-      const pictureOf = (/** @type {string} */ name) => picture(/** @type {Mars.Level} */ (found.find((level) => level.name === name)));
+      const pictureOf = (/** @type {string} */ name) => picture(/** @type {Answers.Level} */ (found.find((level) => level.name === name)));
       input("level").disabled = false; // another world's form has no level
       plainLevels.replaceChildren(...plain.map(pictureOf));
       otherLevels.replaceChildren(...paper.map(pictureOf), ...maps.map(mapChoice));

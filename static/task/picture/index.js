@@ -14,7 +14,7 @@ const took = (clock, step) => (clock ? `${(step / clock).toFixed(1)} s` : many(s
 /** @param {string | null} outcome @returns an outcome as it stands on a page: "timed out" */
 const words = (outcome) => (outcome ?? "").replaceAll("_", " ");
 
-/** @param {TaskAbout} about @returns the actions that have a key */
+/** @param {Answers.Task} about @returns the actions that have a key */
 const reached = ({ actions, keys }) => actions.filter((action) => keys[action]?.length);
 
 /** Show a picture as large as its place, a small one in whole multiples from twice its size on.
@@ -49,7 +49,7 @@ function inWords({ text, step, outcome }, clock) {
   return { line: [...rows, `${words(outcome) || "running"} after ${took(clock, step)}`].join("; "), rows };
 }
 
-/** @param {TaskAbout} about @returns {TaskOf<Picture.Frame, null, Picture.Course, Picture.MoveHistory>} */
+/** @param {Answers.Task} about @returns {TaskOf<Picture.Frame, null, Picture.Course, Picture.History>} */
 export function taskOf(about) {
   const metric = about.metrics[0] ?? { name: "return", unit: "", lowest: null, highest: null };
   const ends = [metric.lowest, metric.highest];
@@ -107,7 +107,7 @@ export function taskOf(about) {
     sound: (_, after) => (after.outcome ? { kind: "over" } : null),
     courseOf(name, frames) {
       const end = frames[frames.length - 1];
-      return end ? { name, frames, outcome: end.outcome, sentence: ending(end).title, actions: Array(end.step).fill("") } : null;
+      return end ? { name, frames, outcome: end.outcome, score: end.score, sentence: ending(end).title, actions: Array(end.step).fill("") } : null;
     },
     boardAt: (course, step) => ({ frame: frameAt(course, step), trail: [] }),
     progressAt: (course, step) => progress(frameAt(course, step)),

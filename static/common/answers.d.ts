@@ -1,0 +1,875 @@
+// What the API answers and sockets carry, drawn from their own description: `make tables` draws it again.
+
+declare namespace Answers {
+  /** What Expert would have done instead of a move. */
+  type Advice = {
+    /** of the actions in their order, 0..1, as its network finds them */
+    shares: number[],
+    action: string,
+    /** moves from there to the end; null where it does not get there */
+    needs: number | null,
+    /** moves by which the move made lengthened the episode; below 0: a gain */
+    cost: number,
+  };
+  /** The server answers. */
+  type Alive = {
+    status: "ok",
+  };
+  /** A player's attempt at a day's terrain. */
+  type Attempt = {
+    state: "open" | "ended",
+    episode: string,
+    outcome: string | null,
+    /** made so far */
+    moves: number,
+    /** share of the cells, 0..1 */
+    coverage: number | null,
+    score: number | null,
+    /** why an ended attempt has no rank */
+    unranked: string | null,
+  };
+  /** Your best on a configuration. */
+  type Best = {
+    level: string,
+    /** cells; null for another environment */
+    rows: number | null,
+    /** cells; null for another environment */
+    cols: number | null,
+    max_steps: number,
+    episodes: number,
+    explored: number,
+    /** the fewest moves on a terrain that was new to you */
+    best: OwnEpisode | null,
+    people: Standing,
+  };
+  /** A board with its running episode. */
+  type Board = {
+    /** cannot be guessed: whoever knows it can watch and drive */
+    session: string,
+    kind: "ranked" | "practice" | "challenge" | "watch" | "daily" | "study",
+    /** the finished episode that is played against */
+    challenges: string | null,
+    /** "human", or a policy */
+    player: string,
+    task: Task,
+    level: string,
+    map: string | null,
+    /** cells: one number for a square, or rows and columns */
+    size: number | [number, number] | null,
+    /** the day whose terrain it is */
+    daily: string | null,
+    /** whether the episode counts for the volunteers' figure so far */
+    counts: boolean,
+    /** once the episode has ended; null in a study */
+    attestation: "unattested" | "spoilt" | "attested" | "supervised" | null,
+    /** why it is not attested */
+    not_attested: string | null,
+    /** id of /watch/{watch}, where anybody may look on */
+    watch: string | null,
+    frame: Frame,
+    rival: Rival | null,
+  };
+  /** What an attempt came to. */
+  type CalendarDay = {
+    day: string,
+    outcome: string,
+    /** null without a success */
+    moves: number | null,
+  };
+  /** What a participant agrees to. */
+  type Consent = {
+    version: string,
+    /** paragraphs, split by blank lines */
+    text: string,
+  };
+  /** An episode beside Expert's, and what its moves cost; every length is in moves. */
+  type Costs = {
+    /** the name of Expert's file */
+    policy: string,
+    /** why no move is judged; null where they are */
+    reason: string | null,
+    /** length of the episode: the limit where it did not succeed */
+    counts: number,
+    /** length of Expert's; null where its file is missing */
+    expert_moves: number | null,
+    /** moves more than Expert's */
+    total: number | null,
+    /** part of `total` that ending without success cost */
+    given_up: number | null,
+    /** moves that were better than Expert's saved, 0 or below */
+    gained: number | null,
+    /** cost of the mistakes of each kind */
+    by_kind: Record<string, number>,
+    /** the costliest first */
+    mistakes: Mars.Mistake[],
+    /** for each move; empty where none is judged */
+    expert: Advice[],
+  };
+  /** How many episodes of a stage are over. */
+  type Count = {
+    done: number,
+    of: number,
+  };
+  /** Mean coverage after some numbers of moves, 0..1, with its 95 % interval. */
+  type CoverageCurve = {
+    /** moves */
+    steps: number[],
+    mean: number[],
+    /** empty for a single player or terrain */
+    low: number[],
+    /** empty for a single player or terrain */
+    high: number[],
+  };
+  /** The terrain of a day (UTC). */
+  type Day = {
+    /** like 2026-11-22 */
+    day: string,
+    level: string,
+    /** rows and columns, cells */
+    size: [number, number],
+    /** canonical JSON for which the seed is drawn */
+    protocol: string,
+    /** SHA-256 of the day's key */
+    commitment: string,
+    /** null until the day is over */
+    key: string | null,
+    /** null until the day is over */
+    seed: number | null,
+  };
+  /** The participant's own figures, at the end. */
+  type Debrief = {
+    mean_score: number | null,
+    mean_steps: number | null,
+    episodes: RankedResult[],
+    policy: DebriefPolicy | null,
+    /** that can be shown again */
+    warm_up_terrains: number,
+    /** that can be shown again */
+    ranked_terrains: number,
+    completion_code: string | null,
+    return_url: string | null,
+  };
+  /** What the debrief's policy came to on the practice terrains. */
+  type DebriefPolicy = {
+    name: string,
+    mean_steps_warm_up: number,
+    /** the participant's */
+    own_mean_steps_warm_up: number,
+  };
+  /** A participant's own episode, and the policy's on the same terrain. */
+  type DebriefRuns = {
+    own: Frame[],
+    policy: PolicyRun,
+  };
+  /** An ended episode with its moves. */
+  type Episode = {
+    episode: string,
+    task: string,
+    level: string,
+    /** cells, of MarsExplorer */
+    rows?: number | null,
+    /** cells, of MarsExplorer */
+    cols?: number | null,
+    /** the environment's own configuration */
+    config: Record<string, unknown>,
+    /** the day whose terrain it was */
+    daily: string | null,
+    /** row and column */
+    start: [number, number],
+    /** null for a given terrain */
+    seed: number | null,
+    /** human, script or policy:NAME */
+    driver: string,
+    /** a policy played the same terrain on a second board */
+    assisted: boolean,
+    seed_chosen: boolean,
+    terrain_met_before: boolean,
+    /** for the volunteers' figure */
+    counts: boolean,
+    config_hash: string,
+    core_version: string,
+    /** server time, milliseconds since 1970 */
+    started_ms: number,
+    /** server time, milliseconds since 1970 */
+    ended_ms: number,
+    outcome: string,
+    steps: number,
+    discovered: number,
+    score: number | null,
+    attestation: "unattested" | "spoilt" | "attested" | "supervised" | null,
+    attestation_reason: string | null,
+    /** share of the cells, 0..1 */
+    coverage: number | null,
+    /** moves of a success, the limit for any other ending */
+    steps_to_target: number | null,
+    trajectory_hash: string,
+    /** sum of the rewards */
+    return: number,
+    actions: string[],
+    moves: Move[],
+  };
+  /** What the moves of an ended episode cost. */
+  type EpisodeCosts = {
+    /** the name of Expert's file */
+    policy: string,
+    /** why no move is judged; null where they are */
+    reason: string | null,
+    /** length of the episode: the limit where it did not succeed */
+    counts: number,
+    /** length of Expert's; null where its file is missing */
+    expert_moves: number | null,
+    /** moves more than Expert's */
+    total: number | null,
+    /** part of `total` that ending without success cost */
+    given_up: number | null,
+    /** moves that were better than Expert's saved, 0 or below */
+    gained: number | null,
+    /** cost of the mistakes of each kind */
+    by_kind: Record<string, number>,
+    /** the costliest first */
+    mistakes: Mars.Mistake[],
+    /** for each move; empty where none is judged */
+    expert: Advice[],
+    episode: string,
+  };
+  /** How the server is. */
+  type Health = {
+    status: "ok" | "failing",
+    /** why it is failing */
+    detail?: string | null,
+    /** why a board takes longer than a moment at first */
+    getting_ready: string | null,
+    /** what a recorded episode replays with */
+    core_version: string,
+    /** in memory */
+    sessions: number,
+    /** name of its file */
+    database: string,
+  };
+  /** How well the volunteers of this playground play. */
+  type HumanLevel = {
+    /** the most played configuration first */
+    figures: VolunteerFigure[],
+    /** the same in words */
+    sentence: string,
+  };
+  /** A mean with its 95 % interval. */
+  type Interval = {
+    mean: number,
+    /** null without an interval, as for a single player */
+    low: number | null,
+    high: number | null,
+  };
+  /** People and policies on one entry. */
+  type Leaderboard = {
+    board: LeaderboardEntry,
+    /** null without a mean of people */
+    people: LeaderboardPeople | null,
+    policies: LeaderboardPolicy[],
+  };
+  /** What people and policies are compared on: a closed study, or a configuration. */
+  type LeaderboardEntry = {
+    id: string,
+    title: string,
+    /** null for a configuration of the playground */
+    study: string | null,
+    level: string,
+    /** cells */
+    rows: number,
+    /** cells */
+    cols: number,
+    max_steps: number,
+    config_hash: string,
+    /** that policies play */
+    terrains: number,
+    players: number,
+    episodes: number,
+    /** null once there are means, and for a study */
+    missing: MissingPlayers | null,
+  };
+  /** What people came to on an entry. */
+  type LeaderboardPeople = {
+    /** of a study: what its figure may be called */
+    claim?: string | null,
+    /** of a study: whom its estimate is of */
+    set?: string | null,
+    /** of a study: everybody who began */
+    everybody?: StudyFigure | null,
+    /** of the playground */
+    abandoned?: number | null,
+    /** of the playground */
+    spoilt?: number | null,
+    players: number,
+    episodes: number,
+    score: Interval,
+    /** moves */
+    steps: Interval,
+    /** share of the episodes that succeeded, 0..1 */
+    completed: number,
+    curve: CoverageCurve | null,
+    /** visits of each cell in a mean episode, by rows */
+    visits: number[][] | null,
+    trials: TrialFigure[],
+  };
+  /** A policy on an entry, with its figure once it is evaluated. */
+  type LeaderboardPolicy = {
+    name: string,
+    summary: string,
+    state: "ready" | "missing" | "waiting" | "computing" | "failed",
+    /** episodes played */
+    done: number,
+    /** episodes in all */
+    of: number,
+    figure: PolicyFigure | null,
+    /** null for a figure that was made here */
+    shipped: Shipped | null,
+    /** why it failed */
+    error: string | null,
+  };
+  /** A level whose terrains are drawn from seeds. */
+  type Level = {
+    name: string,
+    summary: string,
+    topology: number | null,
+    morphology: number | null,
+    pays_bonus: boolean,
+    /** a terrain of 21x21: a number a row, whose bit 0 is what blocks column 0 */
+    example: number[],
+  };
+  /** An ended episode; docs/data.md says more of each field. */
+  type ListedEpisode = {
+    episode: string,
+    task: string,
+    level: string,
+    /** cells, of MarsExplorer */
+    rows?: number | null,
+    /** cells, of MarsExplorer */
+    cols?: number | null,
+    /** the environment's own configuration */
+    config: Record<string, unknown>,
+    /** the day whose terrain it was */
+    daily: string | null,
+    /** row and column */
+    start: [number, number],
+    /** null for a given terrain */
+    seed: number | null,
+    /** human, script or policy:NAME */
+    driver: string,
+    /** a policy played the same terrain on a second board */
+    assisted: boolean,
+    seed_chosen: boolean,
+    terrain_met_before: boolean,
+    /** for the volunteers' figure */
+    counts: boolean,
+    config_hash: string,
+    core_version: string,
+    /** server time, milliseconds since 1970 */
+    started_ms: number,
+    /** server time, milliseconds since 1970 */
+    ended_ms: number,
+    outcome: string,
+    steps: number,
+    discovered: number,
+    score: number | null,
+    attestation: "unattested" | "spoilt" | "attested" | "supervised" | null,
+    attestation_reason: string | null,
+    /** share of the cells, 0..1 */
+    coverage: number | null,
+    /** moves of a success, the limit for any other ending */
+    steps_to_target: number | null,
+    trajectory_hash: string,
+    /** sum of the rewards */
+    return: number,
+    actions: string[],
+  };
+  /** A study of this server. */
+  type ListedStudy = {
+    name: string,
+    title: string,
+    status: "open" | "secret kept" | "closed",
+    /** invitation, panel or open */
+    recruitment: string,
+    /** practice episodes */
+    warm_up: number,
+    /** ranked episodes */
+    ranked: number,
+  };
+  /** A map that the server was started with. */
+  type Map = {
+    name: string,
+    summary: string,
+    /** rows and columns, cells */
+    size: [number, number],
+  };
+  /** Means over players, without intervals. */
+  type Means = {
+    score: number,
+    /** moves of a success, the limit for any other ending */
+    steps: number,
+  };
+  /** A figure of an ended episode. */
+  type Metric = {
+    name: string,
+    unit: string,
+    /** null without a bound */
+    lowest: number | null,
+    /** null without a bound */
+    highest: number | null,
+    is_better: "higher" | "lower",
+  };
+  /** What a mean of volunteers still needs. */
+  type MissingPlayers = {
+    /** who are missing */
+    players: number,
+    /** players that a mean needs */
+    of: number,
+    /** ranked episodes that each of them needs */
+    episodes: number,
+  };
+  /** A move of an ended episode; client times are of the page's own clock, in milliseconds. */
+  type Move = {
+    action: string,
+    /** moves made before it */
+    step: number,
+    reward: number,
+    discovered: number,
+    /** server time, milliseconds since 1970 */
+    server_ms: number,
+    client_ms: number | null,
+    key_down_ms: number | null,
+    key_up_ms: number | null,
+    input: "key" | "touch" | null,
+    /** human, script or policy:NAME */
+    driver: string,
+  };
+  /** An act that does not answer the current frame: nothing has changed. */
+  type NotCurrent = {
+    /** what was expected and what came */
+    detail: string,
+    /** the current one */
+    frame: Frame,
+  };
+  /** A policy that can be watched or played against. */
+  type Offer = {
+    name: string,
+    summary: string,
+  };
+  /** An ended episode of your own. */
+  type OwnEpisode = {
+    episode: string,
+    kind: "daily" | "ranked" | "practice",
+    /** whether it enters the volunteers' figures */
+    counts: boolean,
+    /** the day whose terrain it was */
+    day: string | null,
+    level: string,
+    /** cells; null for another environment */
+    rows: number | null,
+    /** cells; null for another environment */
+    cols: number | null,
+    outcome: string,
+    moves: number,
+    /** share of the cells, 0..1 */
+    coverage: number | null,
+    score: number | null,
+    /** server time, milliseconds since 1970 */
+    ended_ms: number,
+    /** why it is not attested */
+    not_attested: string | null,
+    /** whether the terrain was known from an earlier episode */
+    met_before: boolean,
+  };
+  /** What you have driven. */
+  type OwnHistory = {
+    total: number,
+    /** the newest first */
+    episodes: OwnEpisode[],
+    /** the most played configuration first */
+    bests: Best[],
+  };
+  /** The name of whoever asks. */
+  type OwnName = {
+    name: string | null,
+    /** an operator has hidden it */
+    hidden: boolean,
+  };
+  /** How a policy's session moves. */
+  type Pace = {
+    kind: "pace",
+    mode: "follow" | "timed" | "paused",
+    moves_per_second: number,
+  };
+  /** Where a participant stands. */
+  type Participation = {
+    study: string,
+    title: string,
+    task: Task,
+    /** what the participant can quote */
+    participant: string,
+    stage: "consent" | "instructions" | "tutorial" | "questions" | "warm_up" | "ranked" | "debrief" | "complete" | "withdrawn",
+    consent: Consent,
+    questions: Question[],
+    /** which of the answers just given were right */
+    right: boolean[] | null,
+    /** what explains the wrong ones */
+    why: string[] | null,
+    warm_up: Count,
+    ranked: Count,
+    tutorial: Tutorial,
+    break_due: boolean,
+    /** whether leaving may ask for erasure */
+    can_be_erased: boolean,
+    pause_after_s: number,
+    /** figures that the texts name */
+    rules: Record<string, string>,
+    session: string | null,
+    about: Board | null,
+    /** of the newest episode */
+    phase: "tutorial" | "warm_up" | "ranked" | null,
+    settings: Settings,
+    debrief: Debrief | null,
+    /** why the participant cannot go on, or what becomes of what was played */
+    note: string | null,
+    invited: boolean,
+    supervised_until_ms: number | null,
+  };
+  /** People by their distance from Expert, the nearest first. */
+  type People = {
+    people: Person[],
+    /** null without a cookie */
+    you: OwnName | null,
+  };
+  /** What people came to on a day's terrain. */
+  type PeopleOfDay = {
+    players: number,
+    /** without a success */
+    unfinished: number,
+    /** moves, and how many people needed as many */
+    moves: [number, number][],
+    table: Result[],
+    you: Result | null,
+  };
+  /** Somebody who chose a name. */
+  type Person = {
+    name: string,
+    /** moves more than Expert on terrains of the same configurations */
+    gap: number,
+    /** ranked ones that count */
+    episodes: number,
+    you: boolean,
+  };
+  /** Players and their ranked episodes that count. */
+  type PlayerCounts = {
+    players: number,
+    episodes: number,
+    abandoned: number,
+    /** whose moves were not a person's own; they count as abandoned */
+    spoilt: number,
+  };
+  /** What a policy came to on the terrains of an entry. */
+  type PolicyFigure = {
+    /** terrains */
+    groups: number,
+    episodes: number,
+    score: Interval,
+    /** moves */
+    steps: Interval,
+    /** share of the episodes that succeeded, 0..1 */
+    completed: number,
+    curve: CoverageCurve,
+    /** visits of each cell in a mean episode, by rows */
+    visits: number[][],
+  };
+  /** What a policy came to on a day's terrain. */
+  type PolicyOfDay = {
+    name: string,
+    state: "ready" | "waiting" | "computing" | "failed",
+    moves: number | null,
+    coverage: number | null,
+  };
+  /** A policy's episode on a terrain of a study. */
+  type PolicyRun = {
+    name: string,
+    frames: Frame[],
+  };
+  /** Why a request was refused or failed. */
+  type Problem = {
+    /** what was expected and what came */
+    detail: string,
+  };
+  /** A question that shows whether the instructions were understood. */
+  type Question = {
+    question: string,
+    choices: string[],
+  };
+  /** A ranked episode of the participant's. */
+  type RankedResult = {
+    /** from 0 */
+    trial: number,
+    outcome: string,
+    steps: number,
+    score: number,
+  };
+  /** An ended episode as its replay draws it; no seed, no player and no session is in it. */
+  type Replay = {
+    episode: string,
+    level: string,
+    /** cells; 1 where an environment has none */
+    rows: number,
+    /** cells; 1 where an environment has none */
+    cols: number,
+    /** what is played; absent of MarsExplorer */
+    task?: Task | null,
+    /** the episode's own course */
+    run: Course,
+    /** policies that can be shown beside it */
+    ghosts: string[],
+    /** the policy that is shown where none is named */
+    preferred: string | null,
+  };
+  /** A person's row of a day's table. */
+  type Result = {
+    /** absent until the day is over */
+    episode?: string | null,
+    outcome: string,
+    /** null without a success */
+    moves: number | null,
+    /** share of the cells, 0..1 */
+    coverage: number,
+    you: boolean,
+    rank: number,
+  };
+  /** People and policies on the terrain of a day. */
+  type Results = {
+    day: string,
+    attempt: Attempt | null,
+    people: PeopleOfDay,
+    /** the best first */
+    policies: PolicyOfDay[],
+  };
+  /** The policy that plays the same terrain beside you. */
+  type Rival = {
+    session: string,
+    policy: string,
+    pace: Pace | null,
+    frame: Frame,
+  };
+  /** What the participant chose. */
+  type Settings = {
+    modality: "keyboard" | "touch" | null,
+    palette: "mars" | "colour-blind" | "high-contrast",
+    keys: Record<string, string[]> | null,
+  };
+  /** Where a figure comes from that came with the package. */
+  type Shipped = {
+    /** that made it */
+    command: string,
+  };
+  /** Your ranked episodes among the volunteers'. */
+  type Standing = {
+    /** mean moves of the volunteers with enough episodes, sorted */
+    means: number[],
+    /** your own mean; null while episodes are missing */
+    you: number | null,
+    /** your ranked episodes that count */
+    ranked: number,
+    /** how many more you need for a place */
+    missing: number,
+  };
+  /** What a study has published. */
+  type Study = {
+    name: string,
+    title: string,
+    status: "open" | "secret kept" | "closed",
+    protocol_hash: string,
+    /** SHA-256 of the secret */
+    commitment: string,
+    /** null until the study is closed */
+    secret: string | null,
+    task: Task,
+    level: string,
+    /** cells, of MarsExplorer */
+    rows?: number | null,
+    /** cells, of MarsExplorer */
+    cols?: number | null,
+    /** the environment's own configuration */
+    config: Record<string, unknown>,
+    warm_up: number,
+    ranked: number,
+    players: number,
+    consent_version: string,
+  };
+  /** An estimate of people in a study. */
+  type StudyFigure = {
+    players: number,
+    episodes: number,
+    score: Interval | null,
+    /** moves */
+    steps: Interval | null,
+  };
+  /** What is played. */
+  type Task = {
+    name: string,
+    title: string,
+    /** what players are told; "" if the page says it */
+    instructions: string,
+    /** folder of `static/task` that draws it */
+    assets: string,
+    /** names, by their codes */
+    actions: string[],
+    /** default keys of each action (`event.code`) */
+    keys: Record<string, string[]>,
+    /** frames a second where time runs; null where each move is waited for */
+    clock: number | null,
+    /** the headline first */
+    metrics: Metric[],
+  };
+  /** Today's terrain and your attempt at it. */
+  type Today = {
+    /** like 2026-11-22 */
+    day: string,
+    level: string,
+    /** rows and columns, cells */
+    size: [number, number],
+    /** canonical JSON for which the seed is drawn */
+    protocol: string,
+    /** SHA-256 of the day's key */
+    commitment: string,
+    /** null until the day is over */
+    key: string | null,
+    /** null until the day is over */
+    seed: number | null,
+    /** server time, milliseconds since 1970 */
+    now_ms: number,
+    /** when the next day begins */
+    next_ms: number,
+    max_steps: number,
+    attempt: Attempt | null,
+    /** days in a row on which you came to the end */
+    streak: number,
+    /** attempts that are over */
+    played: number,
+    /** your newest attempts, the oldest first */
+    calendar: CalendarDay[],
+    yesterday: Day | null,
+  };
+  /** The means of everybody's first, second, ... episode. */
+  type TrialFigure = {
+    /** from 1 */
+    trial: number,
+    players: number,
+    score: Interval,
+    /** moves */
+    steps: Interval,
+  };
+  /** Whether the tutorial is over. */
+  type Tutorial = {
+    done: boolean,
+  };
+  /** The figure of the volunteers on one configuration; `players` and the counts beside it are of all. */
+  type VolunteerFigure = {
+    players: number,
+    episodes: number,
+    abandoned: number,
+    /** whose moves were not a person's own; they count as abandoned */
+    spoilt: number,
+    task: string,
+    level: string,
+    /** the configuration in words */
+    where: string,
+    /** cells, of MarsExplorer */
+    rows?: number | null,
+    /** cells, of MarsExplorer */
+    cols?: number | null,
+    config_hash: string,
+    /** the environment's own configuration */
+    config: Record<string, unknown>,
+    population: "volunteers",
+    /** who are in the means: those with enough ranked episodes */
+    entering: PlayerCounts,
+    /** null once there are means */
+    missing: MissingPlayers | null,
+    /** with spoilt episodes as they were played; null without any */
+    as_played: Means | null,
+    /** null while players are missing */
+    score: Interval | null,
+    /** moves; null while players are missing */
+    steps: Interval | null,
+    /** share of the episodes that succeeded, 0..1 */
+    completed: number | null,
+  };
+  /** An episode that anybody with its link can watch. */
+  type Watched = {
+    episode: string,
+    /** "you", "human", "script", or a policy */
+    player: string,
+    task: Task,
+    level: string,
+    /** cells: one number for a square, or rows and columns */
+    size: number | [number, number] | null,
+    frame: Frame,
+    history: MoveHistory,
+    /** every frame, once it has ended */
+    frames: Frame[] | null,
+  };
+}
+
+declare namespace Socket {
+  /** One move. It is made only on the current `episode` and `step`, so a repeat is harmless. */
+  type Act = {
+    kind?: "act",
+    /** `episode` of the frame the move answers */
+    episode: string,
+    /** `step` of that frame: the number of moves made so far */
+    step: number,
+    /** the name of an action */
+    action: string,
+    /** the page's trusted event, if any */
+    input?: "key" | "touch" | null,
+    /** when the key went down, client clock */
+    key_down_ms?: number | null,
+    /** when the last key came up, client clock */
+    key_up_ms?: number | null,
+    /** when the move was sent, client clock */
+    client_ms?: number | null,
+  };
+  /** Whether time runs on a board with a clock: it stands until the page sends a `resume`, counts down `ms`, or runs. */
+  type ClockState = {
+    kind: "clock",
+    episode: string,
+    state: "standing" | "countdown" | "running",
+    /** of the countdown */
+    ms: number,
+    /** why it stands, where that is not the page's doing */
+    reason: string | null,
+  };
+  /** One key press, touch, or change of focus, as the page saw it. */
+  type InputEvent = {
+    kind: "keydown" | "keyup" | "touchdown" | "touchup" | "focus" | "blur" | "visible" | "hidden" | "pause" | "resume",
+    /** `event.code` of a key */
+    code?: string | null,
+    repeat?: boolean | null,
+    /** `event.isTrusted` */
+    trusted?: boolean | null,
+    /** monotonic client clock */
+    client_ms: number,
+    /** `step` of the frame on screen */
+    step?: number | null,
+    /** from the last move to its frame */
+    round_trip_ms?: number | null,
+  };
+  /** The answer to `Events`: all are kept, or none for a lasting reason; none without a reason means send them again. */
+  type Kept = {
+    kind: "kept",
+    episode: string,
+    count: number,
+    reason: string | null,
+  };
+  /** How many of a running episode's moves were made again by an environment that was lost; the next frame ends it. */
+  type Remade = {
+    kind: "remade",
+    episode: string,
+    done: number,
+    of: number,
+  };
+}
