@@ -13,6 +13,8 @@ SBOM    := dist/humanplay.cdx.json
 RESEARCH := .venv-research
 # and so have the clients that other people's agents use
 AGENTS  := .venv-agents
+# the generator of the API's clients wants an older typer than ours
+CLIENT  := .venv-client
 # extras whose packages are installed by their hashes; PyTorch's, of the others, differ by machine
 HASHED  := mars play study export onnx video docs audit
 PIP     := -m pip --disable-pip-version-check install --progress-bar on
@@ -22,7 +24,7 @@ INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help play agents test test-long cards paper tables test-research check check-types check-rest format docs bench audit requirements sbom dist clean browser
+.PHONY: help play agents client test test-long cards paper tables test-research check check-types check-rest format docs bench audit requirements sbom dist clean browser
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -32,7 +34,10 @@ play: $(PLAY) ## serve the playground on http://127.0.0.1:8000 (PORT=... for ano
 
 agents: $(AGENTS)/.done ## what the agents in examples/agents need, in an environment of its own (docs/agents.md)
 
+client: $(CLIENT)/.done ## the generator whose client of the API a test plays with, in an environment of its own
+
 test: $(DEV) browser ## all tests but the long campaigns, real browser included (WORKERS=... for fewer processes)
+	@$(MAKE) --no-print-directory client || echo "NO GENERATOR of clients could be installed: its test is skipped" >&2
 	@$(BIN)/python -m marsexplorer.warmup
 	$(BIN)/python -m pytest -m "not long and not bench and not alone" -n $(WORKERS) --dist worksteal
 	$(BIN)/python -m pytest -m alone $$(grep -rl --include='test_*.py' 'mark\.alone' tests)
@@ -43,7 +48,7 @@ test-long: $(DEV) browser ## the slow campaigns
 cards: $(DEV) ## play every episode that the cards of shipped policies list, move for move (`make test` plays ten of each)
 	$(BIN)/python -m pytest -m long --timeout 3600 tests/marsexplorer/policies/test_cards.py
 
-tables: $(DEV) ## draw the documents' tables of columns, settings, limits and commands again from the code
+tables: $(DEV) ## draw the documents' tables, and the page's types of what the API answers, again from the code
 	$(BIN)/python docs/draw_tables.py
 
 paper: $(RESEARCH)/.done ## what the paper's four algorithms need, in an environment of its own; then draw docs/paper.md again
@@ -131,5 +136,10 @@ $(AGENTS)/.done: pyproject.toml
 	$(AGENTS)/bin/python $(PIP) --editable '.[agents]'
 	@touch $@
 
+$(CLIENT)/.done:
+	@$(MAKE) --no-print-directory VENV=$(CLIENT) $(CLIENT)/bin/python
+	$(CLIENT)/bin/python $(PIP) openapi-python-client==0.29.1
+	@touch $@
+
 clean: ## remove the virtual environments and caches (never data/)
-	rm -rf $(VENV) $(RESEARCH) $(AGENTS) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
+	rm -rf $(VENV) $(RESEARCH) $(AGENTS) $(CLIENT) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
