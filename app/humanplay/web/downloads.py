@@ -10,8 +10,14 @@ import asyncio
 import os
 import shutil
 from collections import Counter
-from collections.abc import Callable, Generator
-from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from collections.abc import AsyncGenerator, Callable, Generator
+from contextlib import (
+    AbstractContextManager,
+    asynccontextmanager,
+    closing,
+    contextmanager,
+    suppress,
+)
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
 from typing import IO
@@ -19,12 +25,12 @@ from typing import IO
 from fastapi.responses import Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from humanplay.jobs import RETRY_S, JobError, Jobs, JobsFullError, result_of
+from humanplay.jobs import RETRY_S, JobError, Jobs, JobsFullError
 
 LIMIT_S = 1800.0
 """Seconds in which a table has to be written."""
 MOST_WRITTEN = 2
-"""Tables that are written at a time; one owner has one of them."""
+"""Tables that are written at a time; one owner has one of them, and the others wait for their turn."""
 MOST_BYTES = 2**32
 """Bytes of the tables of one owner, at most; a table takes half of what is free on the disk, at most."""
 SEND_S = 3600.0
@@ -39,6 +45,7 @@ class Downloads:
         self._folder = database.with_name(f"{database.name}-downloads")
         self._jobs = jobs
         self._writing: set[str] = set()
+        self._turns = asyncio.Semaphore(MOST_WRITTEN)
         self._sent = Counter[str]()
         self.close()  # a server that was killed has left its files
 
@@ -52,32 +59,44 @@ class Downloads:
     ) -> Response:
         """Have `write(path, most_bytes, *arguments)` write a table, as a job, and return the answer that sends it as `name`.
 
-        JobsFullError while a table of the owner's, or two of others', are being written; JobError where it cannot be written.
+        JobsFullError while another table of the owner's waits or is being written; JobError where it cannot be written.
         The file has no name any more once it is sent, and is gone when the answer ends, however it does.
         """
-        if owner in self._writing or len(self._writing) >= MOST_WRITTEN:
-            whose = "another table of yours is" if owner in self._writing else "others' tables are"
-            raise JobsFullError(f"{whose} being written; ask again in {RETRY_S} s")
+        if owner in self._writing:
+            raise JobsFullError(
+                f"another table of yours is being written; ask again in {RETRY_S} s"
+            )
+        async with self._turn(owner):
+            file = await self._write(owner, name, write, *arguments)
+        return _OpenFile(file, name, self._counted(owner, file))
+
+    @asynccontextmanager
+    async def _turn(self, owner: str) -> AsyncGenerator[None]:
+        """Wait for an owner's turn to have a table written; they come in the order in which they ask."""
+        self._writing.add(owner)
+        try:
+            async with self._turns:
+                yield
+        finally:
+            self._writing.discard(owner)
+
+    async def _write(
+        self, owner: str, name: str, write: Callable[..., None], *arguments: object
+    ) -> IO[bytes]:
         free = shutil.disk_usage(self._folder.parent).free
         room = max(0, min(MOST_BYTES - self._sent[owner], free // 2))
         try:
             self._folder.mkdir(mode=0o700, exist_ok=True)
             with TemporaryDirectory(dir=self._folder, ignore_cleanup_errors=True) as folder:
                 path = Path(folder) / name
-                making = self._jobs.submit(
-                    write, path, room, *arguments, owner=owner, limit_s=LIMIT_S
-                )
-                self._writing.add(owner)
-                making.add_done_callback(lambda _: self._writing.discard(owner))
-                await result_of(making)
-                file = path.open("rb")
+                await self._jobs.run(write, path, room, *arguments, owner=owner, limit_s=LIMIT_S)
+                return path.open("rb")
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             raise JobError(
                 f"the table was not written: {reason}, and there is room for {room:,} bytes of it; whoever runs the server can "
                 "write it with `humanplay export`"
             ) from error
-        return _OpenFile(file, name, self._counted(owner, file))
 
     def close(self) -> None:
         """Delete every file; the runner of the jobs has been closed."""

@@ -173,7 +173,7 @@ def _public_record(request: Request, episode_id: str) -> Record:
 async def export(request: Request, table: ExportTable, who: Who = "all") -> Response:
     """Export every finished episode under pseudonyms; `who=human` exports those that count.
 
-    503 with Retry-After while another table of the same address, or two of others', are being written.
+    503 with Retry-After while another table of the same address is being written. Two are written at a time; others wait.
     """
     return await _sent(request, f"{table}.csv", table, who)
 

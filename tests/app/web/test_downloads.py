@@ -146,16 +146,35 @@ def test_two_who_read_a_byte_a_second_keep_no_place_and_no_transaction_and_get_t
 
 
 @linux
-def test_one_table_of_each_owner_and_two_in_all_are_written_at_a_time(serve):
+def test_a_second_table_of_one_owner_is_refused_and_anothers_waits_for_its_turn(
+    serve, long_episodes
+):
     server = serve()
     for address in ("127.0.0.2", "127.0.0.3"):
-        server.services.jobs.submit(job_functions.sleep, 600, owner=address)
+        server.services.jobs.submit(job_functions.sleep, 3, owner=address)
     with asking(server, "127.0.0.2"), asking(server, "127.0.0.3"):
         eventually(lambda: len(server.services.downloads._writing) == 2)
-        for address, whose in (("127.0.0.2", "another table of yours is"), ("127.0.0.4", "others")):
-            refused = get(server, address)
-            assert (refused.status_code, refused.headers["Retry-After"]) == (503, "5")
-            assert refused.json()["detail"].startswith(whose)
+        refused = get(server, "127.0.0.2")
+        assert (refused.status_code, refused.headers["Retry-After"]) == (503, "5")
+        assert refused.json()["detail"].startswith("another table of yours is")
+        began = time.monotonic()
+        table = get(server, "127.0.0.4")
+        assert (table.status_code, table.text.count("\n")) == (200, long_episodes + 1)
+        assert time.monotonic() - began > 1, "the others' two come first"
+    eventually(lambda: not server.services.downloads._writing)
+
+
+@linux
+def test_a_table_whose_reader_goes_before_its_turn_keeps_no_place(serve):
+    server = serve()
+    for address in ("127.0.0.2", "127.0.0.3"):
+        server.services.jobs.submit(job_functions.sleep, 3, owner=address)
+    with asking(server, "127.0.0.2"), asking(server, "127.0.0.3"):
+        eventually(lambda: len(server.services.downloads._writing) == 2)
+        with asking(server, "127.0.0.4"):
+            eventually(lambda: len(server.services.downloads._writing) == 3)
+        assert get(server, "127.0.0.5").status_code == 200
+    eventually(lambda: not server.services.downloads._writing)
 
 
 def test_a_table_that_is_sent_has_no_name_and_is_closed_when_its_reader_goes(serve, tmp_path):
