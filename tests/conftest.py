@@ -34,7 +34,7 @@ def pytest_collection_finish():
 @pytest.fixture
 def briefly_examined(monkeypatch):
     """A study's environment is examined over a few moves alone; `test_doctor.py` is about more."""
-    monkeypatch.setattr("humanplay.tasks.gymnasium.rules.EXAMINED", 20)
+    monkeypatch.setattr("humanplay.tasks.gymnasium.lock.EXAMINED", 20)
 
 
 @pytest.fixture

@@ -127,7 +127,7 @@ class Cards:
         """Return the short name of what is played, without a slash: `mars`, or the environment's id."""
         rules = card.protocol.rules
         package, _, rest = rules.name.partition(":")
-        return package if not rest else rules.title.replace("/", "-").replace(" ", "-")
+        return package if not rest else rules.about.title.replace("/", "-").replace(" ", "-")
 
     def about(self, card: Card) -> dict[str, Any]:
         """Return what is played and under which rules, ready for JSON; the same for every instance."""
@@ -136,11 +136,11 @@ class Cards:
         rules, config = protocol.rules, protocol.env_config
         return {
             "evaluation": protocol.name,
-            "title": rules.title,
-            "instructions": rules.briefing(config),
+            "title": rules.about.title,
+            "instructions": rules.texts(config).briefing,
             "actions": list(rules.actions),
             "sees": protocol.sees,
-            "seen": rules.observations_in_words(config),
+            "seen": rules.texts(config).observations,
             "config": config.to_dict(),
             "limit": int(config.limit),
             "instances": protocol.instances,
@@ -249,10 +249,10 @@ class Cards:
         if protocol.task != task.name:
             raise CardError(
                 409,
-                f"the evaluation is of {protocol.rules.title}, and this server plays {task.title}: whoever gave you the card "
-                "must start it with --env",
+                f"the evaluation is of {protocol.rules.about.title}, and this server plays {task.about.title}: "
+                "whoever gave you the card must start it with --env",
             )
-        if protocol.core_version != task.version or task.lock_differences(protocol.lock):
+        if protocol.core_version != task.version or task.lock.differences(protocol.lock):
             raise CardError(
                 409,
                 "the evaluation cannot be played here: this server has other versions than it was begun with; tell whoever "

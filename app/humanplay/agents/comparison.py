@@ -123,7 +123,7 @@ def compare(
     policies = _policies(protocol, episodes)
     random = next((policy for policy in policies if policy.name == "random"), None)
     rows: list[dict[str, object]] = []
-    better, words = protocol.rules.metrics[0].is_better, protocol.rules.words
+    better, words = protocol.rules.metrics[0].is_better, protocol.rules.about.words
     sign = 1 if better == "higher" else -1
     ranked: list[tuple[dict[str, object], float]] = []
     for policy in policies:
@@ -153,7 +153,7 @@ def compare(
     if data is not None:
         people = {
             **live_figure(data),
-            "sees": protocol.rules.observations_in_words(protocol.env_config),
+            "sees": protocol.rules.texts(protocol.env_config).observations,
         }
     return {
         "words": {"score": words.score, "steps": words.steps, "definition": words.definition},

@@ -305,13 +305,11 @@ def begin_evaluation(
         }
     rules = rules_of(wanted["task"])
     config = rules.configuration(wanted["config"])
-    if study is None:
-        wanted.setdefault("policies", rules.study(config).get("policies", ()))
     try:
-        rules.examine(config)
+        rules.lock.check_exact(config)
         protocol = Protocol(
             **{**wanted, "config": config.to_dict(), "core_version": rules.version},
-            lock=rules.lock(),
+            lock=rules.lock.current(),
         )
         made = Evaluation(protocol, draw(32), now_ms, None, study)
         for index in range(protocol.instances):

@@ -123,8 +123,8 @@ def _about(evaluation: Evaluation) -> dict[str, Any]:
     return {
         "name": evaluation.name,
         "status": "open" if evaluation.closed_ms is None else "closed",
-        "task": protocol.rules.title,
-        "where": protocol.rules.setting(protocol.env_config),
+        "task": protocol.rules.about.title,
+        "where": protocol.rules.texts(protocol.env_config).setting,
         "instances": protocol.instances,
         "protocol_hash": protocol.hash,
         "commitment": evaluation.commitment,

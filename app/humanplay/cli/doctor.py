@@ -144,7 +144,7 @@ def _description_file(task: str) -> str:
 
     rules = GymnasiumRules(task.partition(":")[2])
     fields = rules.description.model_dump(mode="json") | {
-        "title": rules.title,
+        "title": rules.about.title,
         "actions": rules.actions,
         "keys": {code: name for name, codes in rules.keys.items() for code in codes},
         "max_steps": rules.limit,

@@ -117,7 +117,9 @@ def config_of(
     if level is None and size is None:
         return default
     if rules.boards is None:
-        raise UsageError(f"{rules.title} has no levels and sizes: leave --level and --size out")
+        raise UsageError(
+            f"{rules.about.title} has no levels and sizes: leave --level and --size out"
+        )
     try:
         own = (default.rows, default.cols)
         return rules.boards.configuration(level or default.level, own if size is None else size)

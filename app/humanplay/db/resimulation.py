@@ -57,7 +57,7 @@ def _simulated(row: EpisodeRow, steps: list[MoveRow], found: list[Found]) -> Run
     found += _of_config(row, trial)
     if row["core_version"] != version:
         try:
-            here = trial.rules.why_not_replayable(
+            here = trial.rules.lock.why_not_replayable(
                 trial.record(steps), [step["reward"] for step in steps]
             )
         except (ValueError, TypeError, RuntimeError) as error:

@@ -97,14 +97,13 @@ class ReleaseHeader:
         recorded = ", ".join(
             counted(self.rows.get(table, 0), words) for table, words in COUNTED_TABLES.items()
         )
-        where, sees = (
-            self.protocol.rules.setting(config),
-            self.protocol.rules.observations_in_words(config),
-        )
+        rules = self.protocol.rules
+        texts = rules.texts(config)
+        ranked = counted(self.protocol.ranked, "ranked terrain")
         return (
-            f"Recordings of the {self.protocol.rules.title} study {self.study}: {recorded}, on {where}. Every participant met "
-            f"the same {counted(self.protocol.ranked, 'ranked terrain')}. Each episode replays exactly from its cause."
-            f"{sees and f' {sees}'}"
+            f"Recordings of the {rules.about.title} study {self.study}: {recorded}, on {texts.setting}. "
+            f"Every participant met the same {ranked}. Each episode replays exactly from its cause."
+            f"{texts.observations and f' {texts.observations}'}"
         )
 
     def to_dict(self) -> dict[str, object]:

@@ -136,7 +136,7 @@ def _group(
     }
     return GroupReport(
         name=cohort.name,
-        words=data.protocol.rules.words,
+        words=data.protocol.rules.about.words,
         kind=cohort.kind,
         joined=len(cohort.people),
         started=len(began & set(cohort.ranked)),

@@ -84,9 +84,9 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
     return {
         "protocol": protocol,
         "people": people,
-        "title": protocol.rules.title,
-        "where": protocol.rules.setting(protocol.env_config),
-        "seen": protocol.rules.observations_in_words(protocol.env_config) or UNSAID,
+        "title": protocol.rules.about.title,
+        "where": protocol.rules.texts(protocol.env_config).setting,
+        "seen": protocol.rules.texts(protocol.env_config).observations or UNSAID,
         "played": counted(len(ranked), "episode"),
         "terrains": counted(protocol.ranked, "terrain"),
         "limit": counted(protocol.env_config.limit, "move"),

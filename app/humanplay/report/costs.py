@@ -121,7 +121,7 @@ def why_not_judged(data: StudyData) -> str | None:
     """Return the sentence that says why no move of a study is judged; None where moves are."""
     courses = data.protocol.rules.courses
     if courses is None:
-        return f"the moves of {data.protocol.rules.title} are not judged"
+        return f"the moves of {data.protocol.rules.about.title} are not judged"
     try:
         courses.check_judged(data.protocol.env_config)
         data.policy_files.expert(courses.expert)
@@ -279,7 +279,7 @@ def _courses(data: StudyData) -> Courses:
     """What prices the moves of a study; ValueError if they are not judged."""
     courses = data.protocol.rules.courses
     if courses is None:
-        raise ValueError(f"the moves of {data.protocol.rules.title} are not judged")
+        raise ValueError(f"the moves of {data.protocol.rules.about.title} are not judged")
     return courses
 
 

@@ -34,8 +34,8 @@ def _where(protocol: Mapping[str, Any]) -> tuple[str, str]:
     """Return what was played, beginning a sentence, and what was seen of it."""
     rules = rules_of(protocol["task"])
     config = rules.configuration(protocol["config"])
-    text = rules.setting(config)
-    return text[0].upper() + text[1:], rules.observations_in_words(config)
+    texts = rules.texts(config)
+    return texts.setting[0].upper() + texts.setting[1:], texts.observations
 
 
 def render(report: Report, page: str = "report.html") -> str:
@@ -68,7 +68,7 @@ def _page(report: Report, part: str, names: Mapping[str, str]) -> str:
             links=names,
             where=where,
             sees=sees,
-            words=rules_of(report.protocol["task"]).words,
+            words=rules_of(report.protocol["task"]).about.words,
             level=LEVELS_IN_WORDS[report.protocol["required_attestation"]],
             recruitment=report.protocol.get("recruitment", "open"),
             watermark=SYNTHETIC,

@@ -292,7 +292,7 @@ def _policies(report: Report) -> PageTable:
         counts = f"{policy.completed}/{policy.episodes}", str(policy.failed)
         means = number(policy.score, 4), number(policy.steps, 1)
         rows.append((report.title_of(policy.name), *means, *counts))
-    words = rules_of(report.protocol["task"]).words
+    words = rules_of(report.protocol["task"]).about.words
     heads = ("policy", "score", words.steps, words.reached, "failures")
     return PageTable("Policies on this study's ranked terrains", heads, rows)
 

@@ -72,7 +72,7 @@ class Evaluation:
 def boards_of(task: str) -> Boards:
     """The boards of a task; ValueError if it has none."""
     if (boards := rules_of(task).boards) is None:
-        raise ValueError(f"{rules_of(task).title} has no leaderboard")
+        raise ValueError(f"{rules_of(task).about.title} has no leaderboard")
     return boards
 
 

@@ -236,11 +236,13 @@ class Folder:
         protocol = parse_protocol(protocol.model_dump(mode="json"))  # every field set
         rules = protocol.rules
         try:
-            rules.examine(protocol.env_config)
+            rules.lock.check_exact(protocol.env_config)
         except ValueError as error:
             raise StudyError(f"the study {name!r} cannot be frozen: {error}") from error
         hashes = _record_policies(protocol, path / FOLDER)
-        protocol = protocol.model_copy(update={"policy_hashes": hashes, "lock": rules.lock()})
+        protocol = protocol.model_copy(
+            update={"policy_hashes": hashes, "lock": rules.lock.current()}
+        )
         secret, now = draw(32), now_ms()
         fixed = protocol_hash(protocol), commitment(secret), now, None, secret
         study = Study(name, protocol, *fixed)

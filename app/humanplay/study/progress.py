@@ -124,13 +124,14 @@ class ParticipantProgress:
         name = study.name
         if not study.is_running or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))
+        rules = study.protocol.rules
         if study.protocol.task != self.lobby.task.name:
+            other = self.lobby.task.about.title
             raise StageError(
-                f"the study {name!r} is of {study.protocol.rules.title}, and this server plays {self.lobby.task.title}: "
+                f"the study {name!r} is of {rules.about.title}, and this server plays {other}: "
                 "whoever invited you must start it with --env"
             )
-        rules = study.protocol.rules
-        unlike = rules.lock_differences(study.protocol.lock)
+        unlike = rules.lock.differences(study.protocol.lock)
         if study.protocol.core_version != rules.version or unlike:
             what = "study %s is for core version %s, this is %s; here is: %s"
             other = unlike or "nothing else that differs"

@@ -9,6 +9,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Annotated, Literal
 
 from pydantic import (
@@ -184,7 +185,7 @@ class Protocol(_Part):
     task                 what is played: mars, or gymnasium: with an id or a description as JSON
     config               of every episode, as the task's configuration says it
     core_version         of the rules it was made for
-    lock                 what else must be the same where it is served (`Rules.lock`); freezing writes it
+    lock                 what else must be the same where it is served (`Lock.current`); freezing writes it
     warm_up, ranked      episodes a participant plays that do not count, and that do
     players              participants planned
     break_every          ranked episodes after which a break is offered
@@ -239,8 +240,12 @@ class Protocol(_Part):
     )
     return_url: str | None = Field(default=None, max_length=2000, pattern=r"^https?://")
     completion_code: str | None = Field(default=None, min_length=1, max_length=100)
-    policies: tuple[Line, ...] = ("ppo", "frontier-cost", "frontier-utility", "random")
-    debrief_policy: Line | None = "ppo"
+    policies: tuple[Line, ...] = Field(
+        default_factory=lambda known: rules_of(known["task"]).policies.compared
+    )
+    debrief_policy: Line | None = Field(
+        default_factory=lambda known: rules_of(known["task"]).policies.shown
+    )
     policy_hashes: dict[str, str] = Field(default_factory=dict)
     exclusion: dict[str, ExclusionRules] = Field(default_factory=lambda: dict(EXCLUSION))
     primary_metric: Literal["steps", "score"] = "steps"
@@ -358,15 +363,17 @@ def default_protocol(
 
     Its texts are templates: `humanplay.study.templates.fill` gives what participants read.
     """
-    fields = dict(rules_of(task).study(config))
+    texts = rules_of(task).texts(config)
     keeps_episodes = bool(rest.get("keep_episodes_when_forgotten"))
-    text = consent(
-        fields.pop("opening"), bool(fields["questions"]), fields.pop("things"), keeps_episodes
-    )
-    title = str(fields["title"]).replace("{name}", name)
-    named = {} if task == DEFAULT_TASK else {"task": task}
-    parts = {"name": name, **named, "config": config.to_dict(), **fields}
-    parts |= {"title": title, "consent": {"text": text}}
+    text = consent(texts.opening, bool(texts.questions), texts.things, keeps_episodes)
+    parts = {
+        "name": name,
+        **({} if task == DEFAULT_TASK else {"task": task}),
+        "config": config.to_dict(),
+        "questions": [asdict(question) for question in texts.questions],
+        "title": texts.study_title.replace("{name}", name),
+        "consent": {"text": text},
+    }
     return parse_protocol({**parts, **rest})
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
@@ -107,6 +107,60 @@ class Words:
     reached: str
     short: str
     definition: str
+
+
+@dataclass(frozen=True)
+class About:
+    """What pages, reports and studies say of a task.
+
+    title         what a page calls it
+    words         what reports call its figures
+    instructions  what players are told to do, if the pages of `assets` do not say it
+    labels        what each data-quality label of `Rules.labels` means
+    """
+
+    title: str
+    words: Words
+    instructions: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Question:
+    """Shows whether the instructions were understood; `why` is read by whoever did not choose `answer`, an index."""
+
+    question: str
+    choices: tuple[str, ...]
+    answer: int
+    why: str
+
+
+@dataclass(frozen=True)
+class Texts:
+    """What pages, reports and studies say of a configuration.
+
+    setting       part of a sentence
+    observations  a sentence: what people see and what agents are given; "" if unknown
+    briefing      what an agent is told to do, with the rules that the pages tell people
+    design        what a preregistration says, whole sentences
+    minutes       that a person takes for an episode, roughly
+    study_title   of a new study; `{name}` in it is the study's
+    opening       the first paragraph of its consent text
+    things        what that text counts: "terrains"
+    questions     of its understanding
+    placeholders  what its texts may name in braces, and what that becomes
+    """
+
+    setting: str
+    observations: str
+    briefing: str
+    design: str
+    minutes: float
+    study_title: str
+    opening: str
+    things: str
+    questions: tuple[Question, ...] = ()
+    placeholders: Mapping[str, Any] = field(default_factory=dict)
 
 
 def counted(count: int, one: str, many: str | None = None) -> str:
@@ -301,6 +355,22 @@ class Drawn:
     start: tuple[int, int]
 
 
+class Lock(Protocol):
+    """Whether an episode is the same elsewhere, and what that needs."""
+
+    def current(self) -> dict[str, Any]:
+        """What must be the same where a study is frozen and where it is served, beside the version."""
+
+    def differences(self, recorded: Mapping[str, Any]) -> str:
+        """Describe how this machine differs from a recorded lock; empty if it does not."""
+
+    def check_exact(self, config: Configuration) -> None:
+        """Raise ValueError, saying what differs and why, unless episodes follow from seed and actions."""
+
+    def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
+        """Say why an episode of another version cannot be simulated here, and what differs."""
+
+
 class Rules(Protocol):
     """What a stored episode of a task is read, replayed, checked and measured with: without policies and without a server."""
 
@@ -313,12 +383,15 @@ class Rules(Protocol):
         """Return the version that a recorded episode replays with."""
 
     @property
-    def title(self) -> str:
-        """Return what a page calls it."""
+    def about(self) -> About:
+        """What pages, reports and studies say of it."""
+
+    def texts(self, config: Configuration) -> Texts:
+        """What they say of a configuration."""
 
     @property
-    def instructions(self) -> str:
-        """Return what players are told to do where the pages of `assets` do not say it; "" otherwise."""
+    def lock(self) -> Lock:
+        """What must be the same elsewhere for its episodes to be the same."""
 
     @property
     def assets(self) -> str:
@@ -364,10 +437,6 @@ class Rules(Protocol):
     def returns(self, config: Configuration) -> tuple[float, float] | None:
         """Return the lowest and the highest return that a data set may be scored against; None where they are not known."""
 
-    @property
-    def words(self) -> Words:
-        """Return what reports call its figures."""
-
     def given_up_score(self, cause: Cause, outcome: str, total: float, score: float) -> float:
         """The score that an ended episode would have had by giving up; `total` is its return."""
 
@@ -387,39 +456,9 @@ class Rules(Protocol):
     def requirements(self) -> tuple[str, ...]:
         """What pip installs so that its environment is there."""
 
-    @property
-    def assumptions_in_words(self) -> str:
-        """Where the standard deviations that a new study assumes come from."""
-
-    @property
-    def label_texts(self) -> Mapping[str, str]:
-        """What each data-quality label of `labels` means."""
-
-    def study(self, config: Configuration) -> Mapping[str, Any]:
-        """Return the fields of a new protocol that the task knows: title, questions, policies,
-        and of the consent text the first paragraph (`opening`) and what it counts (`things`)."""
-
     def assumed(self, config: Configuration, metric: str) -> Mapping[str, float]:
         """Return the mean and standard deviations that a new study assumes of people, by the protocol's fields; empty where
         nothing is known."""
-
-    def placeholders(self, config: Configuration) -> Mapping[str, Any]:
-        """Return what a study's texts may name in braces of a configuration: name -> what it becomes."""
-
-    def setting(self, config: Configuration) -> str:
-        """Describe a configuration in part of a sentence."""
-
-    def observations_in_words(self, config: Configuration) -> str:
-        """Say in a sentence what people see and what agents are given; empty if unknown."""
-
-    def briefing(self, config: Configuration) -> str:
-        """Return what an agent is told to do, with the rules that the pages tell people."""
-
-    def design(self, config: Configuration) -> str:
-        """Return what a preregistration says of a configuration, whole sentences."""
-
-    def minutes(self, config: Configuration) -> float:
-        """Return how long a person takes for an episode, roughly."""
 
     def bounds(self, config: Configuration) -> tuple[float, float]:
         """Return the lowest and the highest mean of the headline metric that a player can have."""
@@ -429,18 +468,6 @@ class Rules(Protocol):
 
     def check_study(self, config: Configuration) -> None:
         """Raise ValueError, saying what is wanted, where a study cannot be played on a configuration."""
-
-    def lock(self) -> dict[str, Any]:
-        """Return what must be the same where a study is frozen and where it is served, beside the version."""
-
-    def lock_differences(self, lock: Mapping[str, Any]) -> str:
-        """Describe how this machine differs from a recorded lock; empty if it does not."""
-
-    def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
-        """Say why an episode of another version cannot be simulated here, and what differs."""
-
-    def examine(self, config: Configuration) -> None:
-        """Raise ValueError, saying what differs and why, where episodes do not follow from seed and actions."""
 
     def run(self, config: Configuration, seed: int, actions: bytes = b"") -> Run:
         """Begin a run on the instance of a seed, and make some moves."""
@@ -482,8 +509,8 @@ def describe(rules: Rules) -> dict[str, Any]:
     """Return what a page is told of a task: how it is called, drawn, moved and measured."""
     return {
         "name": rules.name.partition(":")[0],
-        "title": rules.title,
-        "instructions": rules.instructions,
+        "title": rules.about.title,
+        "instructions": rules.about.instructions,
         "assets": rules.assets,
         "actions": list(rules.actions),
         "keys": {action: list(keys) for action, keys in rules.keys.items()},
@@ -527,6 +554,14 @@ class PolicyOffer:
 
 class Policies(Protocol):
     """The policies of a task: they are found by name or path, decide on boards, and play alone."""
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """Those that a new study compares people with."""
+
+    @property
+    def shown(self) -> str | None:
+        """The one that a new study shows its participants at the end."""
 
     @property
     def sees_frames(self) -> bool:

@@ -6,12 +6,36 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from humanplay.task import Configuration, Policy, PolicyError, PolicyOffer
+from humanplay.task import Configuration, Policy, PolicyError, PolicyOffer, Record
+
+
+class ExactLock:
+    """The lock of rules that are the same everywhere: whole numbers alone (`humanplay.task.Lock`)."""
+
+    def __init__(self, version: str) -> None:
+        self._version = version
+
+    def current(self) -> dict[str, Any]:
+        """Nothing: the version says it all."""
+        return {}
+
+    def differences(self, recorded: Mapping[str, Any]) -> str:
+        """None."""
+        return ""
+
+    def check_exact(self, config: Configuration) -> None:
+        """Do nothing: the task's own tests have examined it."""
+
+    def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
+        """Another version's episode needs that version."""
+        return f"{self._version} here: only the release that made it can simulate it"
 
 
 class BasePolicies:
     """Policies that decide one by one, on boards of any size; none is shipped (`humanplay.task.Policies`)."""
 
+    compared: tuple[str, ...] = ("random",)
+    shown: str | None = None
     sees_frames: bool = False
 
     def offers(self) -> Sequence[PolicyOffer]:

@@ -25,7 +25,7 @@ from humanplay.web.services import Services
 async def _is_offered(request: Request) -> None:
     """Check that the server's task has a daily terrain; HTTPException 404 otherwise."""
     if (task := services_of(request).lobby.task).boards is None:
-        raise HTTPException(404, f"{task.title} has no daily terrain")
+        raise HTTPException(404, f"{task.about.title} has no daily terrain")
 
 
 router = APIRouter(prefix="/api/daily", tags=["daily"], dependencies=[Depends(_is_offered)])

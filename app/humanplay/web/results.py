@@ -140,7 +140,7 @@ async def costs_of(
     """
     services = services_of(request)
     if (courses := services.lobby.task.courses) is None:
-        raise HTTPException(422, f"moves of {services.lobby.task.title} are not judged")
+        raise HTTPException(422, f"moves of {services.lobby.task.about.title} are not judged")
     cache, owner = cost_cache(services.store.path), owner_of(request)
     try:
         try:

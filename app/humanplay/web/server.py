@@ -333,7 +333,7 @@ class Offered:
 
 def offer_name(rules: Rules) -> str:
     """Return what an environment is called in addresses: its title in small letters."""
-    return re.sub(r"[^a-z0-9.]+", "-", rules.title.lower()).strip("-")
+    return re.sub(r"[^a-z0-9.]+", "-", rules.about.title.lower()).strip("-")
 
 
 def _of_another(settings: Settings, task: str) -> Settings:

@@ -51,7 +51,7 @@ def walker():
 
 def test_crafter_has_names_keys_and_a_version():
     rules = rules_of("gymnasium:humanplay.tasks.gymnasium.adapters:Crafter-v0")
-    assert (rules.title, rules.limit, len(rules.actions)) == ("Crafter", 10_000, 17)
+    assert (rules.about.title, rules.limit, len(rules.actions)) == ("Crafter", 10_000, 17)
     assert rules.keys["do"] == ("Space",)
     assert "crafter 1." in rules.version
     run = rules.run(rules.default, 5, bytes([5, 5, 1]))

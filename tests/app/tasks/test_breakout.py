@@ -17,7 +17,7 @@ FIRE, RIGHT, LEFT = 1, 2, 3
 
 def test_the_catalogue_knows_clock_keys_and_what_a_person_plays():
     rules = rules_of(BREAKOUT)
-    assert (rules.title, rules.clock, rules.noop, rules.limit) == ("Breakout", 60, 0, 18_000)
+    assert (rules.about.title, rules.clock, rules.noop, rules.limit) == ("Breakout", 60, 0, 18_000)
     assert rules.keys["noop"] == ()
     assert rules.keys["fire"] == ("Space",)
     kwargs = {"frameskip": 1, "repeat_action_probability": 0.0}

@@ -75,7 +75,7 @@ def test_a_file_is_all_of_the_task_s_name(home):
     rules = rules_of(f"gymnasium:{told}")
     assert Description(**json.loads(told)) == read_description(home)
     assert rules.name == f"gymnasium:{told}"
-    assert (rules.title, rules.instructions) == ("Home", "Walk home.")
+    assert (rules.about.title, rules.about.instructions) == ("Home", "Walk home.")
     assert rules.keys == {"back": ("KeyB",), "forward": ("ArrowUp",), "wave": ()}
     assert (rules.metrics[0].name, rules.successes) == ("coins", {"succeeded"})
     assert rules.default.to_dict() == {"level": PATH, "kwargs": {"length": 3}, "max_steps": 6}
@@ -83,7 +83,10 @@ def test_a_file_is_all_of_the_task_s_name(home):
         rules.default.hash
         != rules_of(f"gymnasium:{PATH}").configuration(rules.default.to_dict()).hash
     )
-    assert "`info.home`" in rules.design(rules.default) or "info.home" in rules.words.definition
+    assert (
+        "`info.home`" in rules.texts(rules.default).design
+        or "info.home" in rules.about.words.definition
+    )
 
 
 @pytest.mark.parametrize(
@@ -124,8 +127,8 @@ def test_the_file_that_doctor_prints_describes_the_same_environment(tmp_path, ca
     assert (code, again.description.model_dump(exclude={"keys", "actions", "title", "max_steps"})) == (
         0, lake.description.model_dump(exclude={"keys", "actions", "title", "max_steps"}),
     )  # fmt: skip
-    assert (again.title, again.actions, again.keys, again.limit) == (
-        lake.title,
+    assert (again.about.title, again.actions, again.keys, again.limit) == (
+        lake.about.title,
         lake.actions,
         lake.keys,
         lake.limit,
@@ -196,21 +199,20 @@ def test_a_package_offers_an_environment_under_a_name_of_its_own(tmp_path, monke
 
 def test_what_is_seen_is_said_of_the_arguments_that_it_holds_for_alone():
     rooms = "minigrid:MiniGrid-FourRooms-v0"
-    assert "People see the whole grid from above" in GymnasiumRules(rooms).design(
-        GymnasiumRules(rooms).default
-    )
+    plain = GymnasiumRules(rooms)
+    assert "People see the whole grid from above" in plain.texts(plain.default).design
     pov = Description(id=rooms, kwargs={"agent_pov": True})
     rules = GymnasiumRules(pov.told)
-    assert rules.observations_in_words(rules.default) == ""
+    assert rules.texts(rules.default).observations == ""
     said = Description(
         id=rooms, kwargs={"agent_pov": True}, people_see="7x7 cells", agents_see="7x7 cells"
     )
     rules = GymnasiumRules(said.told)
     assert (
-        rules.observations_in_words(rules.default)
+        rules.texts(rules.default).observations
         == "People see 7x7 cells; agents are given the same."
     )
-    assert rules.observations_in_words(rules.configuration({"kwargs": {"agent_pov": False}})) == ""
+    assert rules.texts(rules.configuration({"kwargs": {"agent_pov": False}})).observations == ""
 
 
 def test_a_photograph_is_shown_as_jpeg_and_everything_else_as_it_is():

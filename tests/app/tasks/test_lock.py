@@ -6,6 +6,7 @@ import pytest
 
 from humanplay.study.verification import verify_database
 from humanplay.task.registration import rules_of
+from humanplay.tasks.gymnasium.lock import GymnasiumLock
 from humanplay.tasks.lock import differences
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
@@ -15,7 +16,7 @@ LAKE = "gymnasium:FrozenLake-v1"
 
 
 def test_what_differs_is_said_in_a_few_words():
-    here = rules_of(LAKE).lock()
+    here = rules_of(LAKE).lock.current()
     assert [*differences(here, here)] == []
     other = json.loads(json.dumps(here))
     other["packages"]["numpy"]["version"] = "1.26.4"
@@ -40,15 +41,15 @@ def test_an_episode_of_another_version_is_named_with_its_first_difference(monkey
     run.abandon()
     record, was = run.record(), "gymnasium 0.29.1, numpy 1.26.4"
     object.__setattr__(record, "core_version", was)
-    said = rules.why_not_replayable(record, [0.0, 0.0, 0.0])
+    said = rules.lock.why_not_replayable(record, [0.0, 0.0, 0.0])
     assert said.startswith("cannot be simulated here: gymnasium ")
     assert "instead of 0.29.1, numpy " in said
     assert said.endswith("; no difference in 3 steps")
-    assert rules.why_not_replayable(record, [0.0, 1.0, 0.0]).endswith(
+    assert rules.lock.why_not_replayable(record, [0.0, 1.0, 0.0]).endswith(
         "; first difference at step 2"
     )
     object.__setattr__(record, "trajectory_hash", "0")
-    assert rules.why_not_replayable(record, [0.0, 0.0, 0.0]).endswith(
+    assert rules.lock.why_not_replayable(record, [0.0, 0.0, 0.0]).endswith(
         "; other observations in 3 steps"
     )
 
@@ -82,13 +83,12 @@ def test_a_study_is_served_where_it_was_frozen_alone(
     assert command(capsys, *new, *sizes, *database)[0] == 0
     assert command(capsys, "study", "freeze", "lake", "--underpowered", *database)[0] == 0
     protocol = json.loads((tmp_path / "playground.db-studies/lake/protocol.json").read_text())
-    assert protocol["lock"] == json.loads(json.dumps(rules_of(LAKE).lock()))
+    assert protocol["lock"] == json.loads(json.dumps(rules_of(LAKE).lock.current()))
     server = serve(task=LAKE)
     assert server.page().post("/api/studies/lake/join").status_code < 300
-    rules = type(rules_of(LAKE))
     other = {**protocol["lock"], part: {} if part == "packages" else "3.9.1"}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rules, "lock", lambda self: other)
+        patch.setattr(GymnasiumLock, "current", lambda self: other)
         answer = server.page().post("/api/studies/lake/join")
     assert (answer.status_code, "cannot be played on this server now" in answer.text) == (409, True)
     assert {"python": "python 3.9.1 instead", "packages": "no gymnasium instead"}[

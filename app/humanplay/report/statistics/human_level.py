@@ -89,7 +89,7 @@ def _figure(task: str, config_json: str, players: Sequence[Sums]) -> dict[str, A
     return {
         "task": task,
         "level": config.level,
-        "where": rules.setting(config),
+        "where": rules.texts(config).setting,
         **{side: values[side] for side in ("rows", "cols") if side in values},
         "config_hash": config.hash,
         "config": values,
@@ -151,7 +151,7 @@ def _sentence(figure: dict[str, Any]) -> str:
         least = f"{counted(missing['of'], 'player')} with {counted(missing['episodes'], 'ranked episode')} each"
         return f"{place}: {who} so far{left}, and no mean yet. It needs {least}: {lacks}."
     score = f"mean score {_with_interval(figure['score'], '.3f')}"
-    steps = f"{_with_interval(figure['steps'], '.1f', rules_of(figure['task']).words.steps)}"
+    steps = f"{_with_interval(figure['steps'], '.1f', rules_of(figure['task']).about.words.steps)}"
     means = f"{score}, {steps}, {figure['completed']:.0%} completed"
     if played := figure["as_played"]:
         means += f"; with spoilt episodes as they were played {played['steps']:.1f} steps"

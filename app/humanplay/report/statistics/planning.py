@@ -278,7 +278,7 @@ def least_difference(design: StudyDesign, power: float = WANTED_POWER) -> float 
 
 def metric_in_words(protocol: Protocol) -> str:
     """The primary metric, as the task calls it."""
-    words = protocol.rules.words
+    words = protocol.rules.about.words
     return words.score if protocol.primary_metric == "score" else words.steps
 
 

@@ -215,7 +215,7 @@ def interval_for(protocol: Protocol) -> str:
 
 def figure_sentence(figure: StudyFigure, protocol: Protocol) -> str:
     """Return a figure that has at least one player as a sentence."""
-    words = protocol.rules.words
+    words = protocol.rules.about.words
     who = f"{counted(figure.players, 'player')}, {counted(figure.episodes, 'ranked episode')}"
     kind = "95 % interval "  # said once
     if not protocol.terrains_drawn:

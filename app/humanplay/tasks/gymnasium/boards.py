@@ -14,7 +14,7 @@ from weakref import WeakSet
 from humanplay.task import RunEndedError, TaskFullError
 from humanplay.task.registration import rules_of
 from humanplay.tasks.gymnasium.description import described
-from humanplay.tasks.gymnasium.rules import FAILED, GymnasiumConfig, GymnasiumRun, GymnasiumView
+from humanplay.tasks.gymnasium.run import FAILED, GymnasiumConfig, GymnasiumRun, GymnasiumView
 from humanplay.tasks.processes import LostError, Preparer, Work, Worker
 
 _log = logging.getLogger(__name__)

@@ -90,7 +90,7 @@ class Examination:
     @property
     def verdict(self) -> str:
         """Return the verdict in a sentence."""
-        title = rules_of(self.task).title
+        title = rules_of(self.task).about.title
         if self.differences:
             return f"{title} does not follow from seed and actions: {self.differences[0]}"
         return f"{title}: no difference in {counted(self.steps, 'step')}"

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from humanplay.task.registration import rules_of
-from humanplay.tasks.gymnasium.rules import GymnasiumRun
+from humanplay.tasks.gymnasium.run import GymnasiumRun
 from humanplay.tasks.policies import chooser, prepare_source
 from humanplay.tasks.processes import Work
 

@@ -10,7 +10,8 @@ from humanplay.board.messages import NewBoard, NewEpisode
 from humanplay.task import Cause, Choice
 from humanplay.task.registration import Start
 from humanplay.tasks.gymnasium.boards import BoardRun, Boards
-from humanplay.tasks.gymnasium.rules import POLICIES, GymnasiumConfig, GymnasiumRules, GymnasiumRun
+from humanplay.tasks.gymnasium.rules import POLICIES, GymnasiumRules
+from humanplay.tasks.gymnasium.run import GymnasiumConfig, GymnasiumRun
 from humanplay.tasks.policies import ProcessPolicies
 from humanplay.tasks.processes import guards_of
 

@@ -33,6 +33,8 @@ class PolicyCatalogue(BasePolicies):
     anybody can, so that one that is no policy is found at the start.
     """
 
+    compared = ("ppo", "frontier-cost", "frontier-utility", "random")
+    shown = "ppo"
     sees_frames = True
 
     def __init__(self, paths: Iterable[Path] = ()) -> None:

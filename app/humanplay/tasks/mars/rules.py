@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import marsexplorer  # noqa: F401  # registers the environment
-from humanplay.task import Cause, Courses, Messages, Metric, Policies, Words, counted
+from humanplay.task import About, Cause, Courses, Messages, Metric, Policies, Texts
+from humanplay.tasks.base import ExactLock
+from humanplay.tasks.mars.about import ABOUT, texts_of
 from humanplay.tasks.mars.boards import MarsBoards
 from humanplay.tasks.mars.messages import (
     MAX_API_SIDE,
@@ -28,7 +30,7 @@ from humanplay.tasks.mars.run import MarsRun
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode, Record, replay, unpack_terrain
 from marsexplorer.episode import score as score_of
-from marsexplorer.evaluation.effort import QUANTILE, SHORTEST, makes_no_effort
+from marsexplorer.evaluation.effort import makes_no_effort
 from marsexplorer.terrain import generate
 from marsexplorer.warmup import step_once
 from marsexplorer.world import cells_that_count
@@ -47,19 +49,6 @@ METRICS = (
 )
 ASSUMED_MEAN, ASSUMED_PLAYER_SD, ASSUMED_TERRAIN_SD, ASSUMED_EPISODE_SD = 118.0, 27.0, 12.0, 27.0
 """Steps to 99 % on 441 cells, of episodes that reach it (`MarsRules.assumed`)."""
-WORDS = Words(
-    score="normalized score",
-    steps="steps to 99 %",
-    reached="reached 99 %",
-    short="short of 99 %",
-    definition="An episode that ends short of 99 % counts max_steps. The score is (return + r_invalid) / "
-    "(r_invalid + r_bonus + cells), never clipped.",
-)
-OPENING = (
-    "You are invited to take part in a study of how well people explore unknown terrain with a rover that sees only the "
-    "cells around itself. You drive the rover with the keyboard or by touch, in your browser."
-)
-"""What a participant reads first."""
 MAX_REPLAY_CELLS = 2_000_000
 """Most cells in the frames of one replay: beyond it some frames are left out."""
 
@@ -68,8 +57,8 @@ class MarsRules:
     """MarsExplorer's part in reading what is stored (`humanplay.task.Rules`)."""
 
     name: ClassVar[str] = "mars"
-    title: ClassVar[str] = "MarsExplorer"
-    instructions: ClassVar[str] = ""
+    about: ClassVar[About] = ABOUT
+    lock: ClassVar[ExactLock] = ExactLock(CORE_VERSION)
     assets: ClassVar[str] = "mars"
     version: ClassVar[str] = CORE_VERSION
     messages: ClassVar[Messages] = Messages(NewSession, NewEpisode, Frame, History, Course, Mistake)
@@ -104,8 +93,6 @@ class MarsRules:
         """Return that of an invalid first move, and the theoretical maximum."""
         return float(-config.r_invalid), float(config.r_bonus + config.n)
 
-    words: ClassVar[Words] = WORDS
-
     boards: ClassVar[MarsBoards] = MarsBoards()
     requirements: ClassVar[tuple[str, ...]] = ("humanplay[mars]",)
 
@@ -123,20 +110,9 @@ class MarsRules:
 
         return PolicyCatalogue()
 
-    assumptions_in_words: ClassVar[str] = "those of synthetic players"
-    label_texts: ClassVar[Mapping[str, str]] = {
-        "no effort": f"no better explored than by random moves in {QUANTILE:.0%} of cases; "
-        f"{SHORTEST:.1%} of the limit or longer"
-    }
-
-    def study(self, config: EnvConfig) -> Mapping[str, Any]:
-        """Return texts and policies of a new study."""
-        return {
-            "title": "How well do people explore Mars? ({name})",
-            "opening": OPENING,
-            "things": "terrains",
-            "questions": _questions(),
-        }
+    def texts(self, config: EnvConfig) -> Texts:
+        """What pages, reports and studies say of a configuration."""
+        return texts_of(config)
 
     def assumed(self, config: EnvConfig, metric: str) -> Mapping[str, float]:
         """The mean and the spread that a new study assumes of people, by the protocol's fields.
@@ -160,39 +136,6 @@ class MarsRules:
             for name, number in zip(names, (mean, *sds), strict=True)
         }
 
-    def placeholders(self, config: EnvConfig) -> Mapping[str, Any]:
-        """Return what texts may name of a configuration."""
-        size, share = {"rows": config.rows, "cols": config.cols}, f"{100 * config.beta:g} %"
-        return {"coverage": share, "lidar_radius": config.sensor_radius, **size}
-
-    def setting(self, config: EnvConfig) -> str:
-        """Return level and size in words."""
-        return f"level {config.level}, {config.rows} x {config.cols}"
-
-    def observations_in_words(self, config: EnvConfig) -> str:
-        """Say that a person's page and a policy's observation hold the same."""
-        return "People and policies are given the same: the cells that were discovered."
-
-    def briefing(self, config: EnvConfig) -> str:
-        """Return what the rover sees, how it moves, and how an attempt ends."""
-        share = "of what can be seen" if config.discoverable_only else "of all cells"
-        return (
-            f"A rover explores {config.rows} x {config.cols} cells that it does not know. It sees the free cells and the rock "
-            f"in its line of sight, up to {config.sensor_radius} cells away. A move takes it one cell north, east, south or "
-            f"west; a move into rock or off the map ends the attempt. The attempt is complete at {100 * config.beta:g} % "
-            f"{share}, and over after {counted(config.limit, 'move')}. Map as much as you can in as few moves as you can."
-        )
-
-    def design(self, config: EnvConfig) -> str:
-        """Return level, size, lidar and what is complete."""
-        where = f"Level `{config.level}` at {config.rows}x{config.cols}"
-        share = f"{100 * config.beta:g} % of the cells"
-        return f"{where}, lidar radius {config.sensor_radius},\ncomplete at {share}."
-
-    def minutes(self, config: EnvConfig) -> float:
-        """Return how long a person takes for an episode: three quarters of a minute on 441 cells."""
-        return config.n / 441 * 0.75
-
     def bounds(self, config: EnvConfig) -> tuple[float, float]:
         """Return the bounds of a mean score: a limit of fruitless moves that ends in a collision, and 1.
 
@@ -211,21 +154,6 @@ class MarsRules:
     def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
         """Return `no effort` or nothing; counts are the cells known after each move."""
         return ("no effort",) if makes_no_effort(was.config, counts, self.cells(was)) else ()
-
-    def lock(self) -> dict[str, Any]:
-        """Return nothing: the version of the core says it, whose rules have no floating-point arithmetic that could differ."""
-        return {}
-
-    def lock_differences(self, lock: Mapping[str, Any]) -> str:
-        """Return ""."""
-        return ""
-
-    def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
-        """Return that another version's episode needs that version."""
-        return f"{self.version} here: only the release that made it can simulate it"
-
-    def examine(self, config: EnvConfig) -> None:
-        """Do nothing: the tests have examined it."""
 
     def check_study(self, config: EnvConfig) -> None:
         """Raise ValueError unless all cells count and the board fits the page."""
@@ -308,39 +236,3 @@ def _drawn(config: EnvConfig, seed: int) -> bytes:
 @lru_cache(maxsize=1024)
 def _cells(config: EnvConfig, terrain: bytes, start: tuple[int, int]) -> int:
     return cells_that_count(config, unpack_terrain(terrain, config), start)
-
-
-def _questions() -> list[dict[str, Any]]:
-    """Return three questions about the rules, as `protocol.Question` has them."""
-    return [
-        {
-            "question": "What ends an episode at once?",
-            "choices": [
-                "Driving into a rock or off the edge",
-                "Waiting for a minute",
-                "Crossing my own track",
-            ],
-            "answer": 0,
-            "why": "Not quite: there is no clock, and your own track is free ground. A rock or the edge ends an episode.",
-        },
-        {
-            "question": "When is a terrain complete?",
-            "choices": [
-                "When the rover has driven over every cell",
-                "When {coverage} of all cells have been mapped",
-                "When the rover is back where it began",
-            ],
-            "answer": 1,
-            "why": "Not quite: the rover need not drive everywhere; {coverage} seen by its lidar are enough.",
-        },
-        {
-            "question": "Two people complete the same terrain, and know equally many cells. Who scores higher?",
-            "choices": [
-                "Whoever made more moves",
-                "Whoever made fewer moves",
-                "Both score the same",
-            ],
-            "answer": 1,
-            "why": "Not quite: every move takes a little off the score, so whoever made fewer scores higher.",
-        },
-    ]

@@ -147,4 +147,4 @@ class FrameCourses:
 
     def play_ghost(self, source: str, record: Record) -> NoReturn:
         """Raise GhostError."""
-        raise GhostError(f"no policy is shown beside an episode of {self.rules.title}")
+        raise GhostError(f"no policy is shown beside an episode of {self.rules.about.title}")

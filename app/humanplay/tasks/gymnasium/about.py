@@ -1,0 +1,67 @@
+"""What pages, reports and studies say of a Gymnasium environment: what its description says, or what follows from it."""
+
+from __future__ import annotations
+
+from humanplay.task import About, Texts, Words, counted
+from humanplay.tasks.gymnasium.description import Description, canonical
+from humanplay.tasks.gymnasium.run import GymnasiumConfig
+
+
+def about(description: Description, score: str) -> About:
+    """What is said of an environment; `score` is what its score is called."""
+    return About(
+        title=description.title or description.id.rpartition(":")[2],
+        words=_words(description, score),
+        instructions=description.instructions,
+    )
+
+
+def _words(description: Description, score: str) -> Words:
+    total, success = "the sum of all rewards", description.success
+    if score != "return":
+        total = f"the last {score!r} that the environment told"
+    counts = "does not succeed" if success else "does not end by itself"
+    definition = (
+        f"An episode that {counts} counts max_steps. The score is the {score}, {total}. "
+        "Where the environment itself failed, the episode counts as left at that move."
+    )
+    if success:
+        definition += f" A success is {success}."
+        return Words(score, "moves to success", "succeeded", "short of success", definition)
+    return Words(score, "moves to the end", "ended by itself", "without an end", definition)
+
+
+def texts_of(config: GymnasiumConfig, about: About) -> Texts:
+    """What is said of a configuration."""
+    description, title = config.description, about.title
+    setting = config.level if config.arguments == "{}" else f"{config.level} {config.arguments}"
+    observations = _observations(config)
+    clock = None if description.clock == "turns" else description.clock
+    sees = f" {observations}" if observations else ""
+    described = "" if config.told == config.level else f" It is described by `{config.told}`."
+    time = f" Time runs at {clock} frames a second." if clock else ""
+    most = counted(config.limit, "move")
+    return Texts(
+        setting=setting,
+        observations=observations,
+        briefing=about.instructions or f"{setting}. {about.words.definition}",
+        design=f"`{setting}` with {description.versions}, at most {most} an episode.{time}{sees}{described}",
+        # half a second a move, or a frame, and never more than two minutes
+        minutes=min(2.0, config.limit / (60 * clock if clock else 120)),
+        study_title=f"How well do people play {title}? ({{name}})",
+        opening=f"You are invited to take part in a study of how well people play {title}. You play it with the "
+        "keyboard or by touch, in your browser.",
+        things="rounds",
+        placeholders={"title": title},
+    )
+
+
+def _observations(config: GymnasiumConfig) -> str:
+    """What people and agents see, if the description says it of these arguments."""
+    description = config.description
+    seen, given = description.people_see, description.agents_see
+    if not (seen or given) or config.arguments != canonical(description.kwargs):
+        return ""
+    people, agents = seen or "its picture", given or "its observation"
+    same = "the same" if people == agents else agents
+    return f"People see {people}; agents are given {same}."

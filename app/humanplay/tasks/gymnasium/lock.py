@@ -1,0 +1,61 @@
+"""Whether episodes of a Gymnasium environment are the same here as elsewhere."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from humanplay.task import counted
+from humanplay.tasks.gymnasium.description import Description, canonical, spec_of
+from humanplay.tasks.gymnasium.doctor import examine
+from humanplay.tasks.gymnasium.run import (
+    GymnasiumConfig,
+    GymnasiumRecord,
+    GymnasiumRun,
+    given_up,
+)
+from humanplay.tasks.lock import differences, lock_of
+
+EXAMINED = 200
+"""Moves on a seed that are compared before a study is frozen."""
+
+
+class GymnasiumLock:
+    """What an environment computes with (`humanplay.task.Lock`)."""
+
+    def __init__(self, task: str, description: Description) -> None:
+        self._task, self._description = task, description
+
+    def current(self) -> dict[str, Any]:
+        """Gymnasium's own description of the environment, and what this machine computes it with."""
+        registered = spec_of(self._description.id)
+        try:
+            spec = json.loads(registered.to_json())
+        except (TypeError, ValueError, AttributeError):  # of an entry point that is no text
+            spec = str(registered)
+        return {"spec": canonical(spec), **lock_of(tuple(self._description.packages))}
+
+    def differences(self, recorded: Mapping[str, Any]) -> str:
+        """Describe how this machine differs from a recorded lock; empty if it does not."""
+        return ", ".join(differences(recorded, self.current()))
+
+    def check_exact(self, config: GymnasiumConfig) -> None:
+        """Raise ValueError if fresh processes play episodes of `EXAMINED` moves on each of five seeds differently."""
+        found = examine(self._task, steps=EXAMINED, config=config.to_dict())
+        if found.differences:
+            way = "mend the environment or name a wrapper that does; `humanplay doctor` says more"
+            raise ValueError(f"{found.verdict}; {way}")
+
+    def why_not_replayable(self, record: GymnasiumRecord, rewards: Sequence[float]) -> str:
+        """Say how another version's episode, with its rewards, differs when it is played with what is here."""
+        played = dict(package.rsplit(" ", 1) for package in record.core_version.split(", "))
+        here = dict(package.rsplit(" ", 1) for package in self._description.versions.split(", "))
+        said = f"cannot be simulated here: {', '.join(differences(played, here))}"
+        run = GymnasiumRun(record.config, record.seed)
+        for step, (action, reward) in enumerate(zip(record.actions, rewards, strict=True), 1):
+            if run.ended or run.step(action) != reward:
+                return f"{said}; first difference at step {step}"
+        run = given_up(record, run)
+        is_same = (run.outcome, run.digest) == (record.outcome, record.trajectory_hash)
+        return f"{said}; {'no difference' if is_same else 'other observations'} in {counted(len(rewards), 'step')}"

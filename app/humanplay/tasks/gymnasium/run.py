@@ -1,0 +1,271 @@
+"""A running episode of a Gymnasium environment, and what may be seen of it: the environment's own picture."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from humanplay.board.pictures import jpeg, png
+from humanplay.tasks.gymnasium.description import (
+    Description,
+    canonical,
+    completed,
+    described,
+)
+from humanplay.tasks.gymnasium.pictures import pixels_of
+from humanplay.tasks.gymnasium.values import bytes_of, finite, plain
+
+FAILED = "environment_failed"
+"""The outcome of an episode whose environment failed twice at the same move; it counts as one that was left there."""
+
+
+@dataclass(frozen=True)
+class GymnasiumConfig:
+    """What `gymnasium.make` is given.
+
+    told       what describes the environment (`Description.told`)
+    arguments  further ones, as canonical JSON
+    limit      moves after which an episode times out
+    """
+
+    told: str
+    arguments: str
+    limit: int
+
+    @property
+    def description(self) -> Description:
+        """What is known of the environment."""
+        return completed(described(self.told))
+
+    @property
+    def level(self) -> str:
+        """The environment's id."""
+        return described(self.told).id
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the values that `GymnasiumRules.configuration` takes."""
+        kwargs = json.loads(self.arguments)
+        return {"level": self.level, "kwargs": kwargs, "max_steps": self.limit}
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 (hex) of the canonical JSON, with what describes the environment."""
+        return hashlib.sha256(canonical([self.told, self.to_dict()]).encode()).hexdigest()
+
+    def make(self, seed: int | None = None) -> gymnasium.Env[Any, Any]:
+        """Return a new environment; ValueError where something it needs is not installed or it refuses its arguments."""
+        given = json.loads(self.arguments)
+        made: gymnasium.Env[Any, Any] = self.description.make(given, self.limit, seed)
+        return made
+
+
+@dataclass(frozen=True)
+class GymnasiumRecord:
+    """The cause of an episode with what it came to (`humanplay.task.Record`)."""
+
+    config: GymnasiumConfig
+    seed: int
+    actions: bytes
+    outcome: str
+    total: float
+    score: float
+    steps: int
+    discovered: int
+    trajectory_hash: str
+    core_version: str
+    terrain: bytes = b""
+    start: tuple[int, int] = (0, 0)
+
+
+class GymnasiumRun:
+    """One running episode (`humanplay.task.Run`) of an environment that is made for it and reset once.
+
+    It has succeeded when it ends by the rule of its description; where there is none, one that ends by itself has `ended`.
+    """
+
+    is_live = False
+    """Whether somebody waits for its pictures: then they are packed quickly, and larger."""
+
+    def __init__(self, config: GymnasiumConfig, seed: int) -> None:
+        self.config, self.seed = config, seed
+        self._described = config.description
+        self._env = config.make(seed)
+        self._observation, self._info = self._env.reset(seed=seed)
+        self._hash = hashlib.sha256(f"{config.hash}|{seed}|".encode())
+        self._hash.update(bytes_of(self._observation))
+        self.actions, self._rewards, self._scores = bytearray(), list[float](), list[float]()
+        self.outcome, self.total = "running", 0.0
+        self._scores.append(self._score(0.0))
+
+    def step(self, action: int) -> float:
+        """Make one move and return its reward; RuntimeError once the episode has ended.
+
+        ValueError for no action, and where the environment tells a reward or a score that is not finite.
+        """
+        if self.outcome != "running":
+            raise RuntimeError(f"the episode has ended ({self.outcome}); begin another one")
+        if not self._env.action_space.contains(np.int64(action)):
+            raise ValueError(f"expected an action of {self._env.action_space}, got {action}")
+        self._observation, given, terminated, truncated, self._info = self._env.step(action)
+        reward = float(given)
+        self.total = finite("return", self.total + reward)
+        self.actions.append(action)
+        self._rewards.append(reward)
+        self._scores.append(self._score(self._scores[-1]))
+        if terminated or truncated or len(self.actions) >= self.config.limit:
+            self.outcome = self._ending(bool(terminated))
+        self._hash.update(f"|{action},{reward!r},{self.outcome}|".encode())
+        self._hash.update(bytes_of(self._observation))
+        return reward
+
+    def _ending(self, terminated: bool) -> str:
+        rule = self._described.success
+        if rule.startswith("info."):
+            is_success = bool(self._info.get(rule[5:]))
+        elif rule:
+            _, sign, bound = rule.split()
+            is_success = self.total > float(bound) or (sign == ">=" and self.total == float(bound))
+        else:
+            is_success = False
+        if is_success:
+            return "succeeded"
+        return ("failed" if rule else "ended") if terminated else "timed_out"
+
+    def _score(self, before: float) -> float:
+        """Return the headline so far: of a value in `info` the last that was told, 0 before the first."""
+        name = self._described.score
+        return self.total if name == "return" else finite(name, self._info.get(name[5:], before))
+
+    def scores(self) -> Sequence[float]:
+        """Return the headline metric after 0, 1, 2, ... moves."""
+        return self._scores
+
+    def abandon(self) -> None:
+        """Give up: the episode ends as one that was left, with the score so far."""
+        self.outcome = "abandoned"
+
+    @property
+    def ended(self) -> bool:
+        """Whether the episode has an outcome."""
+        return self.outcome != "running"
+
+    def decide(self, choose: Callable[[Any, Mapping[str, Any]], int]) -> int:
+        """Return what is chosen by what the environment shows a policy; ValueError where that is no action."""
+        action = choose(self.observation(), self._info)
+        if not self._env.action_space.contains(np.int64(action)):
+            raise ValueError(f"expected an action of {self._env.action_space}, got {action}")
+        return action
+
+    @property
+    def action_count(self) -> int:
+        """How many actions there are."""
+        return int(getattr(self._env.action_space, "n", 0))
+
+    def observation(self) -> Any:
+        """Return a copy of what the environment shows a policy."""
+        return deepcopy(self._observation)
+
+    def view(self) -> GymnasiumView:
+        """Return what may be seen of the run as it stands."""
+        shown = self._env.render()
+        if isinstance(shown, str):
+            return GymnasiumView(self, None, re.sub(r"\x1b\[[0-9;]*m", "", shown))
+        pixels = pixels_of(shown)
+        packed = jpeg(pixels) if self._described.codec == "jpeg" else png(pixels, self.is_live)
+        return GymnasiumView(self, packed, None)
+
+    def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
+        """Return picture or text, and the observation as numbers, texts, lists and objects."""
+        shown = self.view() if picture else None
+        given = plain(self._observation) if observation else None
+        return {
+            "picture": shown and shown.picture,
+            "text": shown and shown.text,
+            "observation": given,
+        }
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 (hex) over configuration, seed, moves, rewards and observations."""
+        return self._hash.hexdigest()
+
+    def record(self) -> GymnasiumRecord:
+        """Return the cause, with what it came to."""
+        return GymnasiumRecord(
+            self.config, self.seed, bytes(self.actions), self.outcome, self.total, self._scores[-1], len(self.actions),
+            0, self.digest, self._described.versions,
+        )  # fmt: skip
+
+    def rewards(self) -> Sequence[float]:
+        """Return the reward of each move."""
+        return self._rewards
+
+    def counts(self) -> Sequence[int]:
+        """Return zeros: nothing is discovered."""
+        return [0] * (len(self._rewards) + 1)
+
+    def place(self, step: int) -> Mapping[str, Any]:
+        """Return nothing: an environment need not be a place."""
+        return {}
+
+
+class GymnasiumView:
+    """What is seen of a run after some of its moves (`humanplay.task.View`): its picture as it was then.
+
+    picture  a data URL, None for an environment that is shown as text
+    """
+
+    def __init__(self, run: GymnasiumRun, picture: str | None, text: str | None) -> None:
+        rewards = run.rewards()
+        self.steps, self.outcome, self.discovered = len(run.actions), run.outcome, 0
+        self.ended, self.actions = run.outcome != "running", bytes(run.actions)
+        self._reward, self._total = rewards[-1] if rewards else 0.0, run.total
+        self._config, self._seed, self.picture, self.text = run.config, run.seed, picture, text
+        self._scores = run.scores()  # which only grows
+        self._score = self._scores[-1]
+
+    def observation(self) -> tuple[GymnasiumConfig, int, bytes]:
+        """Return what a policy's process is told (`policies`): the cause of the episode so far."""
+        return self._config, self._seed, self.actions
+
+    def frame(self, episode_id: str, hides_scores: bool = False) -> str:
+        """Return the frame as JSON text, with the picture as a data URL; its figures are null where they are hidden."""
+        score = None if hides_scores else self._score
+        frame = {
+            "kind": "frame",
+            "episode": episode_id,
+            "step": self.steps,
+            "picture": self.picture,
+            "text": self.text,
+            "reward": None if hides_scores else self._reward,
+            "return": None if hides_scores else self._total,
+            "score": score,
+            "headline": score,
+            "outcome": self.outcome if self.ended else None,
+        }
+        return json.dumps(frame, separators=(",", ":"))
+
+    def history(self, episode_id: str, hides_scores: bool = False) -> str:
+        """Return the headline after 0, 1, 2, ... moves, null where hidden, as JSON text: a picture has no path."""
+        count = self.steps + 1
+        told = [None] * count if hides_scores else self._scores[:count]
+        history = {"kind": "history", "episode": episode_id, "headlines": told}
+        return json.dumps(history, separators=(",", ":"))
+
+
+def given_up(was: object, run: GymnasiumRun) -> GymnasiumRun:
+    """The run of an episode that is over, ended as the episode was if no move ended it."""
+    if run.outcome == "running":
+        run.abandon()
+        if getattr(was, "outcome", None) == FAILED:
+            run.outcome = FAILED
+    return run
