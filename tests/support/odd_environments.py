@@ -15,6 +15,8 @@ REASONS = (
     "numpy",
     "clock",
     "sets",
+    "pair",
+    "mask",
     "module",
     "counter",
     "file",
@@ -45,7 +47,13 @@ class Walk(gymnasium.Env):
         self.resets += 1
         module_state[0] += 1
         self.place += self._other() if self.reason in ("counter", "module", "reset", "file") else 0
-        return np.array([self.place]), {}
+        return np.array([self.place]), self._info()
+
+    def _info(self):
+        if self.reason != "mask":
+            return {}
+        drawn = np.random.default_rng() if self.odd else self.np_random
+        return {"action_mask": drawn.integers(0, 2, 3, np.int8)}
 
     def _other(self):
         if not self.odd:
@@ -59,6 +67,8 @@ class Walk(gymnasium.Env):
                 return time.time_ns() % 1000
             case "sets":
                 return ord(next(iter({"ant", "bee", "cat", "dog", "eel", "fox"}))[0])
+            case "pair":  # in the same order under the hash seeds 0 and 77
+                return ord(next(iter({"ant", "bee"}))[0])
             case "counter":
                 return self.number
             case "module":
@@ -77,9 +87,9 @@ class Walk(gymnasium.Env):
     def step(self, action):
         self.steps += 1
         self.place += action + self.np_random.integers(3)
-        if self.reason in ("python", "numpy", "clock", "sets", "late"):
+        if self.reason in ("python", "numpy", "clock", "sets", "pair", "late"):
             self.place += self._other()
-        return np.array([self.place]), 0.0, False, False, {}
+        return np.array([self.place]), 0.0, False, False, self._info()
 
     def render(self):
         picture = np.full((4, 6, 3), int(self.place) % 256, np.uint8)

@@ -90,8 +90,8 @@ def doctor(
 ) -> int:
     """Play ENV, whatever `humanplay play` takes, in fresh processes, and compare its episodes step by step.
 
-    They are played again with another hash seed, in another folder and time zone, after other episodes, without rendering and
-    in a used environment. Exit code 0 says that no difference was found, 1 that there was one, 2 that ENV cannot be played.
+    They are played again with four other hash seeds, in another folder and time zone, after other episodes, without rendering
+    and in a used environment. Exit code 0 says that no difference was found, 1 that there was one, 2 that ENV cannot be played.
 
     \b
     Examples:

@@ -16,6 +16,8 @@ EXPECTED = {
     "numpy": ("fresh process", "observation", "random numbers"),
     "clock": ("fresh process", "observation", "clock"),
     "sets": ("hash seed", "observation", "sets"),
+    "pair": ("hash seed", "observation", "sets"),
+    "mask": ("fresh process", "allowed actions", "random numbers"),
     "module": ("after other episodes", "observation", "module"),
     "counter": ("after other episodes", "observation", "counter"),
     "file": ("fresh process", "observation", "files"),
@@ -24,8 +26,19 @@ EXPECTED = {
     "late": ("fresh process", "observation", "clock"),
 }
 """Reason -> the variant that is named first, the part that differs, a word of the cause."""
-REPEATS = {"python", "numpy", "clock", "module", "file", "late", "counter", "sets", "picture"}
-"""Reasons that are found by the same variant as another one, or by a test below: each examination starts seven processes."""
+REPEATS = {
+    "python",
+    "numpy",
+    "clock",
+    "module",
+    "file",
+    "late",
+    "counter",
+    "sets",
+    "mask",
+    "picture",
+}
+"""Reasons that are found by the same variant as another one, or by a test below: each examination starts ten processes."""
 
 
 def examined(kind, reason):
@@ -51,7 +64,7 @@ def test_what_is_odd_is_named(reason):
 def test_an_even_twin_passes(reason):
     even = examined("Even", reason)
     assert (even.differences, even.used) == ((), None)
-    assert f"no difference in {even.steps} steps" in even.verdict
+    assert f"no difference in {even.steps:,} steps" in even.verdict
 
 
 @pytest.mark.long
