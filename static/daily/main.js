@@ -1,7 +1,8 @@
 // The daily page: today's board, one attempt, and what it came to. The only module of this page that knows all the others.
 import { api, ApiError, request, withTask } from "../common/api.js";
-import { boardColours, by, copied, create, createRepaint, createSizes, paintLink, paintNotices, partsOf, put } from "../common/page.js";
+import { boardColours, by, create, createRepaint, createSizes, paintLink, paintNotices, partsOf, put } from "../common/page.js";
 import { paintDistribution } from "../common/distribution.js";
+import { startEndCard } from "../common/end_card.js";
 import { apply, initialState, isDriven } from "../common/game_state.js";
 import { startBoards } from "../common/socket.js";
 import { loadTask, paintNumbers, promptText } from "../common/task.js";
@@ -18,6 +19,7 @@ Object.defineProperty(window, "playground", { value: Object.freeze({ get state()
 const task = await loadTask(null);
 const modules = await task.play?.();
 const root = by("board");
+const card = startEndCard();
 const part = partsOf(root);
 const viewer = /** @type {HTMLIFrameElement} */ (part.viewer);
 const panel = { role: /** @type {const} */ ("player"), root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer };
@@ -182,16 +184,18 @@ let days = 0;
 /** @param {Answers.Results} results */
 function paintResults({ day, attempt, people, policies }) {
   if (!attempt) return;
-  put(by("end-title"), capital(resultText(task, attempt)));
   const rows = policyRows(task, policies, people.you?.moves ?? null);
-  put(by("end-rank"), rankText(attempt, people, rows));
-  area.value = shareText(task, day, attempt, policies, new URL("daily", document.baseURI).href, state.player?.progress, days);
-  by("replay").setAttribute("href", `watch/${encodeURIComponent(attempt.episode)}`);
+  const page = new URL("daily", document.baseURI).href;
+  card.show(state.player?.frame, {
+    title: capital(resultText(task, attempt)), note: rankText(attempt, people, rows),
+    share: shareText(task, day, attempt, policies, page, state.player?.progress, days),
+    watch: `watch/${encodeURIComponent(attempt.episode)}`, play: "./", episodes: "me",
+  });
   const marks = policies.flatMap(({ name, moves }) => (moves === null || name === "lookahead" ? [] : [{ name: task.nameOf(name), moves }]));
   paintDistribution(by("distribution"), { target: task.target, counts: people.moves, you: attempt.outcome === "explored" ? attempt.moves : null, marks });
   put(by("people-note"), peopleText(task, people));
   by("policies").replaceChildren(...policyItems(rows));
-  by("end").hidden = by("results").hidden = false;
+  by("results").hidden = false;
 }
 
 /** Show what a player's attempt came to, and the policies as soon as they are ready.
@@ -227,10 +231,4 @@ async function showYesterday({ day, commitment, key }) {
   if (first ?? own) await paintRoutes(/** @type {string} */ (first ?? own), own);
 }
 
-const area = by("share-text", HTMLTextAreaElement);
-by("copy").addEventListener("click", async () => {
-  area.select();
-  put(by("copy"), (await copied(area.value)) || document.execCommand("copy") ? "Copied" : "Press Ctrl+C");
-  setTimeout(() => put(by("copy"), "Copy"), 2500);
-});
 begin();

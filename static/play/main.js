@@ -1,15 +1,16 @@
 // Wires everything: messages -> apply -> one scheduled repaint. The only module that knows all the others.
 import { api, ApiError } from "../common/api.js";
 import { paintLegend, paintProgress } from "../common/chart.js";
+import { startEndCard } from "../common/end_card.js";
 import { apply, ghostOf, initialState, isDriven, isPractice } from "../common/game_state.js";
-import { all, boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, createSlow, paintLink, paintNotices, put } from "../common/page.js";
+import { all, boardColours, by, chartColours, createRepaint, createSizes, createSlow, paintLink, paintNotices, put } from "../common/page.js";
 import { startBoards } from "../common/socket.js";
 import { loadTask, promptText, showTask } from "../common/task.js";
 import { many, notCounted } from "../common/words.js";
 import { personalText } from "../me/words.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
-import { createPanel, hasTwoBoards, offerPolicies, paintBar, paintEndCard, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
+import { createPanel, endOf, hasTwoBoards, offerPolicies, paintBar, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
 import { createLeaving, createSessions, findBoard, modeOn, patiently, showInstead } from "./sessions.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
@@ -41,8 +42,11 @@ const isFirstVisit = () => document.body.dataset.visit === "first";
 
 const template = by("board-template", HTMLTemplateElement);
 const rootOf = (/** @type {string} */ role) => /** @type {HTMLElement} */ (document.querySelector(`[data-role=${role}]`));
-const panels = { player: createPanel(rootOf("player"), template, [by("end-card")]), rival: createPanel(rootOf("rival"), template) };
+const panels = { player: createPanel(rootOf("player"), template), rival: createPanel(rootOf("rival"), template) };
 const { part } = panels.player;
+const card = startEndCard();
+/** How the episode that ended stands among the player's own. */
+let own = { episode: "", text: "" };
 const sizes = createSizes(() => repaint(true));
 const announce = (/** @type {string} */ text) => { by("announcer").textContent = text; };
 const dismiss = (/** @type {number} */ id) => dispatch({ kind: "dismiss", id });
@@ -75,7 +79,7 @@ showTask(task);
 /** @type {Play.Parts} */
 const parts = {
   views: modules?.createViews({ panels: ROLES.map((role) => panels[role]), onChange: () => repaint(true) }) ?? null,
-  costs: modules?.createCosts({ part, canvas: panels.player.canvas, chart: by("chart"), state: () => state, load: api.costs,
+  costs: modules?.createCosts({ part: card.part, canvas: panels.player.canvas, chart: by("chart"), state: () => state, load: api.costs,
     tryFrom: (...how) => sessions.tryFrom(...how), storage: sessionStorage, onChange: () => repaint(true) }) ?? null,
 };
 const terrainDialog = modules?.createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
@@ -132,7 +136,6 @@ function dispatch(event) {
     const said = task.announcement(before.player?.frame ?? null, frame);
     if (said) announce(said);
     if (state.mode === "ranked" && frame.outcome && wish()) sessions.replay(state);
-    if (frame.episode !== before.player?.frame.episode) part["end-own"].hidden = true;
     if (frame.outcome && !before.player?.frame.outcome) {
       if (state.mode !== "watch") localStorage.setItem(PLAYED, String(Number(localStorage.getItem(PLAYED)) + 1));
       sayOwn(frame.episode);
@@ -205,9 +208,15 @@ function paint() {
   clock.paint();
   paintVisit();
   paintBar(state, wish()?.rival ?? "");
-  const hasJustEnded = paintEndCard(panels.player.part, task, state, parts.costs?.triedText() ?? "");
-  if (hasJustEnded && !document.querySelector("dialog[open]")) panels.player.part.next.focus({ preventScroll: true });
+  paintEnd();
   if (state.notices !== before?.notices) paintNotices(by("notices"), state.notices, dismiss);
+}
+
+function paintEnd() {
+  const frame = state.player?.frame;
+  const said = { tried: parts.costs?.triedText() ?? "", own: own.episode === frame?.episode ? own.text : "" };
+  const hasJustEnded = card.show(frame, frame?.outcome ? endOf(frame, task, state, said) : {});
+  if (hasJustEnded && !document.querySelector("dialog[open]")) card.part.next.focus({ preventScroll: true });
 }
 
 function paintVisit() {
@@ -249,9 +258,8 @@ async function countedEnded() {
  * @param {string} episode */
 async function sayOwn(episode) {
   const history = state.mode === "watch" ? null : await api.history().catch(() => null);
-  const text = history && state.player?.frame.episode === episode ? personalText(history, episode) : "";
-  put(part["end-own"], text);
-  part["end-own"].hidden = !text;
+  own = { episode, text: history ? personalText(history, episode) : "" };
+  repaint();
 }
 
 function goNext() {
@@ -262,7 +270,7 @@ function goNext() {
 /** Go to the next terrain with Enter once the episode is over, unless Enter belongs to another button. */
 function onEnter() {
   const focused = document.activeElement;
-  if (!state.player?.frame.outcome || (focused?.matches("button, a, summary") && focused !== part.next)) return false;
+  if (!state.player?.frame.outcome || (focused?.matches("button, a, summary") && focused !== card.part.next)) return false;
   goNext();
   return true;
 }
@@ -277,10 +285,10 @@ const help = startDialog("help");
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || document.querySelector("dialog[open]")) return;
   if (/** @type {Element} */ (event.target).closest("input, select, textarea")) return;
-  const isAgain = event.code === "KeyR" && !event.shiftKey && state.player?.frame.outcome && !part.again.hidden;
+  const isAgain = event.code === "KeyR" && !event.shiftKey && state.player?.frame.outcome && !card.part.again.hidden;
   if (event.key !== "?" && !isAgain) return;
   event.preventDefault();
-  if (isAgain) part.again.click();
+  if (isAgain) card.part.again.click();
   else help.showModal();
 });
 const pad = /** @type {HTMLInputElement} */ (document.querySelector("#display-dialog [name=pad]"));
@@ -289,10 +297,9 @@ pad.addEventListener("change", () => {
   localStorage.setItem("humanplay.pad", String(pad.checked));
   document.body.dataset.pad = String(pad.checked);
 });
-keepFocusOnBoard({ board: panels.player.root, next: () => (state.player?.frame.outcome ? part.next : null) });
-part.next.addEventListener("click", goNext);
-copyOnClick(part["copy-replay"], () => /** @type {HTMLAnchorElement} */ (part["replay-link"]).href, announce);
-part.again.addEventListener("click", () => {
+keepFocusOnBoard({ board: panels.player.root, next: () => (state.player?.frame.outcome ? card.part.next : null) });
+card.part.next.addEventListener("click", goNext);
+card.part.again.addEventListener("click", () => {
   if (state.challenges) sessions.challenge(state.challenges);
   else if (state.player) sessions.again(state.player.session, state.player.frame.episode);
 });

@@ -1,54 +1,36 @@
-// What the page of the playground is filled with, touched only where it changed: boards' words and numbers, the top bar, the end card.
+// What the page of the playground is filled with, touched only where it changed: boards' words and numbers, the top bar; and what stands on the end card.
 import { all, by, paintLink, put } from "../common/page.js";
 import { paintNumbers } from "../common/task.js";
-import { score, within } from "../common/words.js";
+import { within } from "../common/words.js";
 import { challengeHash } from "./challenge.js";
 
-/** Paint the end card of the player's board; return whether it has just appeared.
- * @param {Record<string, HTMLElement>} part of the player's panel @param {Task} task @param {GameState} state
- * @param {string} tried how it compares with the episode that was tried again, if any */
-export function paintEndCard(part, task, { mode, player, rival }, tried) {
-  const frame = player?.frame;
-  const wasHidden = part.end.hidden;
-  part.end.hidden = !frame?.outcome;
-  if (!frame || part.end.hidden) return false;
-  const { title, line } = task.ending(frame);
-  put(part["end-title"], title);
-  put(part["end-line"], line);
-  put(part["end-score"], score(frame.score));
-  part["end-score-line"].hidden = frame.score === null;
-  const compared = task.compare(frame, rival?.frame ?? null, task.nameOf(rival?.name ?? ""), mode === "watch" ? task.nameOf(player?.name ?? "") : "You");
-  put(part["end-compare"], [tried, compared].filter(Boolean).join(" "));
-  part["end-compare"].hidden = !tried && !compared;
-  part.again.hidden = mode === "ranked"; // a terrain counts once
-  /** @type {HTMLAnchorElement} */ (part.beat).href = challengeHash(frame.episode);
-  /** @type {HTMLAnchorElement} */ (part["replay-link"]).href = `replay/${encodeURIComponent(frame.episode)}`;
-  return wasHidden;
+/** Return what stands on the end card of the player's board.
+ * @param {Frame} frame of its end @param {Task} task @param {GameState} state
+ * @param {{tried: string, own: string}} compared with the episode that was tried again, and with the player's others
+ * @returns {import("../common/end_card.js").Content} */
+export function endOf(frame, task, { mode, player, rival }, { tried, own }) {
+  const who = mode === "watch" ? task.nameOf(player?.name ?? "") : "You";
+  const compared = task.compare(frame, rival?.frame ?? null, task.nameOf(rival?.name ?? ""), who);
+  return {
+    ...task.ending(frame), score: frame.score, compare: [tried, compared].filter(Boolean).join(" "), own,
+    next: `Next ${task.round}`, again: mode !== "ranked", // a terrain counts once
+    replay: `replay/${encodeURIComponent(frame.episode)}`, copy: true, beat: task.assets === "mars" ? challengeHash(frame.episode) : "",
+  };
 }
 
 /** Make the panel of a board, its parts named and marked for tests.
- * @param {HTMLElement} root @param {HTMLTemplateElement} template
- * @param {HTMLElement[]} [elsewhere] what belongs to the board and stands outside of it @returns {Play.Panel} */
-export function createPanel(root, template, elsewhere = []) {
+ * @param {HTMLElement} root @param {HTMLTemplateElement} template @returns {Play.Panel} */
+export function createPanel(root, template) {
   root.append(template.content.cloneNode(true));
   const role = /** @type {Role} */ (root.dataset.role);
   /** @type {Record<string, HTMLElement>} */
   const part = {};
-  const found = [root, ...elsewhere].flatMap((place) => [place, ...all("[data-part]", place)]);
-  for (const element of found.filter((each) => each.hasAttribute("data-part"))) {
+  for (const element of all("[data-part]", root)) {
     const name = element.dataset.part ?? "";
     part[name] = element;
     element.dataset.testid = `${name}-${role}`;
   }
   for (const button of all("[data-pace]", root)) button.dataset.testid = `pace-${button.dataset.pace}-${role}`;
-  if (role === "player") {
-    part.end.dataset.testid = "end-card";
-    part.next.dataset.testid = "next-terrain";
-    part.again.dataset.testid = "same-again";
-    part["replay-link"].dataset.testid = "watch-replay";
-    part["copy-replay"].dataset.testid = "copy-replay";
-    part.beat.dataset.testid = "beat-this";
-  }
   return { role, root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer: /** @type {HTMLIFrameElement} */ (part.viewer) };
 }
 

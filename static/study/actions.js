@@ -64,7 +64,7 @@ const clicks = {
   retry: () => location.reload(),
   agree: () => go(() => study.consent(state.participant?.consent.version ?? "", true), "consent"),
   "to-tutorial": () => go(async () => { await study.advance("instructions"); return study.next(); }, "instructions"),
-  begin: goNext, "end-break": goNext, next: passEnd, again: goNext, skip: leaveTutorial, resume: () => pause(false),
+  begin: goNext, "end-break": goNext, next: passEnd, practise: goNext, skip: leaveTutorial, resume: () => pause(false),
   finish: () => (stage() === "complete" ? dispatch({ kind: "looked-back", looksBack: false }) : go(() => study.advance("debrief"), "debrief")),
   "look-back": () => dispatch({ kind: "looked-back", looksBack: true }),
   "give-up-now": giveUp, "leave-now": () => leave(false), "leave-erase": () => leave(true), copy: copyCode,

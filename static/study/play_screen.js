@@ -1,6 +1,7 @@
 // The screen on which one drives: the board first, since a key press waits for it, then numbers, curve, coach, pause and end card.
 import { paintProgress } from "../common/chart.js";
-import { create, createSlow, by, put } from "../common/page.js";
+import { startEndCard } from "../common/end_card.js";
+import { createSlow, by, put } from "../common/page.js";
 import { lengthOf } from "../common/task.js";
 import { score } from "../common/words.js";
 import { knowsTheEnd, screenOf } from "./state.js";
@@ -29,24 +30,16 @@ function paintNumbers(frame, { phase, rules, task }, keyOf) {
 }
 /** Where time runs, the curve is painted four times a second. */
 const slowly = createSlow((/** @type {() => void} */ paintCurve) => paintCurve());
+const card = startEndCard();
 /** @returns {boolean} whether the card has just come up */
 function paintEnd() {
   const frame = state.game.player?.frame;
   const { participant } = state;
-  const card = by("end");
-  const wasHidden = card.hidden;
-  card.hidden = !participant || !frame?.outcome;
-  if (!participant || !frame?.outcome) return false;
-  const { title, line, figures, note, go } = words.endCard(frame, participant);
-  put(by("end-title"), title);
-  put(by("end-line"), line);
-  by("end-figures").replaceChildren(...figures.map(([name, value]) => create("div", [create("dt", name), create("dd", value)])));
+  if (!participant || !frame?.outcome) return card.show(null, {});
   const isKnown = knowsTheEnd(state);
-  put(by("end-note"), isKnown ? note : "");
-  put(by("next-text"), isKnown ? go : "One moment");
-  by("next").setAttribute("aria-disabled", String(!isKnown));
-  by("again").hidden = participant.phase !== "tutorial" || !isKnown;
-  return wasHidden;
+  const content = words.endCard(frame, participant);
+  card.part.next.setAttribute("aria-disabled", String(!isKnown));
+  return card.show(frame, isKnown ? { ...content, practise: participant.phase === "tutorial" } : { ...content, note: "", next: "One moment" });
 }
 
 /** @param {Study.State | null} before @param {Study.Look} look

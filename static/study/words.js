@@ -60,7 +60,7 @@ export const breakLine = ({ ranked, task }) =>
  * @param {Frame} frame @param {Study.Participant} participant */
 export function endCard(frame, participant) {
   const { title, line, figures, advice } = participant.task.trialEnding(frame, participant.rules.coverage);
-  return { title, line, figures, note: endNote(frame, advice, participant), go: endGo(participant, participant.phase) };
+  return { title, line, figures, note: endNote(frame, advice, participant), next: endNext(participant, participant.phase) };
 }
 
 /** @param {Frame} frame @param {string} advice of the task after a practice drive @param {Study.Participant} participant */
@@ -71,7 +71,7 @@ function endNote({ score: scored }, advice, { phase, stage, rules, task }) {
 }
 
 /** @param {Study.Participant} participant @param {Study.Participant["phase"]} phase */
-function endGo(participant, phase) {
+function endNext(participant, phase) {
   const { length } = participant.questions;
   if (phase === "tutorial") return length ? `Go on to ${questionsTitle(length).toLowerCase()}` : "Go on";
   return participant.stage === participant.phase && !participant.break_due ? `Next ${participant.task.round}` : "Go on";

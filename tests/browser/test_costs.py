@@ -53,7 +53,7 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
     )  # it comes when it is let through
     ask.click()
     me.page.locator("[data-part=costs] progress").wait_for()
-    whole(me.page, "next-terrain", "watch-replay", "copy-replay")  # while the moves are judged
+    whole(me.page, "next", "watch-replay", "copy-replay")  # while the moves are judged
     answers[0].continue_()
     first = me.page.get_by_test_id("mistake-1")
     first.wait_for()
@@ -82,7 +82,7 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
     me.page.wait_for_timeout(500)  # a press sooner than anybody sees the edge stops before it
     me.press("north")
     said = "Not finished before, not finished now, from move 3."
-    assert said in me.page.get_by_test_id("end-compare-player").inner_text()
+    assert said in me.page.get_by_test_id("end-compare").inner_text()
     assert me.errors == []
 
 

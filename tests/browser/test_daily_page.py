@@ -60,10 +60,10 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     moves = frame["step"]
     title = f"{moves} moves, {page.get_by_test_id('coverage').inner_text()} % mapped"
     assert page.get_by_test_id("end-title").inner_text() == title
-    assert "first person today" in page.get_by_test_id("end-rank").inner_text()
+    assert "first person today" in page.get_by_test_id("end-note").inner_text()
     eventually(lambda: "Expert needed" in page.get_by_test_id("share-text").input_value())
-    page.get_by_test_id("copy").click()
-    me.shows("copy", "Copied")
+    page.get_by_test_id("copy-text").click()
+    me.shows("copy-text", "Copied")
     shared = page.evaluate("() => navigator.clipboard.readText()")
     assert shared.startswith("MarsExplorer daily 20")
     assert shared.endswith(f"{server.url}/daily")
@@ -73,7 +73,7 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     beaten = sum("stopped" in text or int(text.split()[0]) > moves for text in took)
     counted = {0: "none of", len(took): "all"}.get(beaten, f"{beaten} of")
     said = f"better than {counted} {len(took)} policies."
-    eventually(lambda: page.get_by_test_id("end-rank").inner_text().endswith(said))
+    eventually(lambda: page.get_by_test_id("end-note").inner_text().endswith(said))
     line = shared.splitlines()[1]
     assert len(line) == 8, "how much was mapped when, and nothing of where"
     assert set(line) <= set("▁▂▃▄▅▆▇█")

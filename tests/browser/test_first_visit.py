@@ -77,7 +77,7 @@ def test_a_first_time_visitor_plays_an_episode_by_the_prompts_on_the_screen_alon
     visitor.sees("end-card", "What it is")
     visitor.sees("board-rival", "Expert")
     assert visitor.reads("coach-player") == ""
-    visitor.sees("end-compare-player", "Expert")
+    visitor.sees("end-compare", "Expert")
     # it goes on by itself
     me.wait("window.playground.state.rival.frame.step > window.playground.state.player.frame.step")
 

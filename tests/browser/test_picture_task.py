@@ -51,8 +51,8 @@ def test_an_environment_is_played_by_its_keys_on_its_picture_and_watched_again(l
         me.hand.press(page.keyboard, ("ArrowRight", "ArrowDown")[frame["step"] % 2])
         me.wait(f"window.playground.state.player.frame.step > {frame['step']}")
     page.get_by_test_id("end-card").wait_for()
-    title = page.get_by_test_id("end-title-player").inner_text()
-    assert page.get_by_test_id("next-terrain").inner_text().startswith("Next round")
+    title = page.get_by_test_id("end-title").inner_text()
+    assert page.get_by_test_id("next").inner_text().startswith("Next round")
     assert title == f"{frame['outcome'].capitalize()} after {frame['step']} moves"
     assert page.get_by_test_id("coverage-player").inner_text() == f"{frame['headline']:g}"
     stored = fetched(page, f"{lake.url}/api/episodes/{frame['episode']}").json()

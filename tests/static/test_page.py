@@ -61,6 +61,12 @@ def page_of(module):
     return page if page.is_file() else STATIC / "play" / "index.html"
 
 
+def text_of(page):
+    """A page with the files that it includes."""
+    included = r'{% include "([^"]+)" %}'
+    return re.sub(included, lambda match: (STATIC / match[1]).read_text(), page.read_text())
+
+
 def part(pattern, text):
     """What a pattern's group matches first in a text."""
     return re.search(pattern, text, re.S | re.M)[1]
@@ -152,7 +158,7 @@ def test_the_words_of_a_world_are_found_where_they_stand():
 
 def test_every_id_the_page_looks_up_is_there():
     for path in MODULES:
-        ids = set(re.findall(r'\bid="([^"]+)"', page_of(path).read_text()))
+        ids = set(re.findall(r'\bid="([^"]+)"', text_of(page_of(path))))
         asked = set(re.findall(r'(?:\bby|getElementById)\("([^"]+)"[,)]', path.read_text()))
         assert asked <= ids, f"{path.name} looks for {asked - ids}"
 

@@ -141,6 +141,7 @@ export function createCosts({ part, canvas, chart, state, load, tryFrom, storage
       if (index !== null) pin(index);
     });
   }
+  put(part.ask, ASK);
   part.ask.addEventListener("click", () => (analysis ? close() : ask()));
   return {
     /** Show the question where a person's episode has ended, and nothing of another episode. */

@@ -13,11 +13,11 @@ const participant = (changes = {}) => ({ task, study: "demo", title: "Demo", par
   phase: null, settings: {}, debrief: null, ...changes });
 
 test("no sentence of a ranked terrain contains a score", () => {
-  const { figures, go } = words.endCard(frame({ outcome: "explored", step: 30 }), participant({ phase: "ranked" }));
+  const { figures, next } = words.endCard(frame({ outcome: "explored", step: 30 }), participant({ phase: "ranked" }));
   assert.deepEqual(figures.map(([name]) => name), ["Moves", "Mapped"]);
-  assert.equal(go, "Next terrain");
+  assert.equal(next, "Next terrain");
   assert.deepEqual(words.endCard(frame({ outcome: "explored", score: 0.9 }), participant({ phase: "warm_up", stage: "warm_up" })).figures.at(-1), ["Score", "0.900"]);
-  assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "ranked", break_due: true })).go, "Go on");
+  assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "ranked", break_due: true })).next, "Go on");
 });
 
 test("no announcement of a ranked terrain contains a score", () => {
@@ -38,6 +38,6 @@ test("the page's own sentences name the numbers of the protocol", () => {
   assert.deepEqual([explored.line, explored.note], ["96.5 % of the terrain is on the map.", "Fewer moves to 96.5 % are better. This one does not count."]);
   const two = { questions: [{ question: "?", choices: [] }, { question: "?", choices: [] }] };
   assert.equal(words.progress(participant({ stage: "questions", ...two }), false), "Two questions");
-  assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "tutorial", stage: "tutorial", ...two })).go, "Go on to two questions");
-  assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "tutorial", stage: "tutorial" })).go, "Go on");
+  assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "tutorial", stage: "tutorial", ...two })).next, "Go on to two questions");
+  assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "tutorial", stage: "tutorial" })).next, "Go on");
 });
