@@ -90,7 +90,7 @@ def test_reloads_a_second_tab_a_lost_connection_and_a_return_leave_the_columns_a
     spawn, open_browser, tmp_path
 ):
     freeze(
-        tmp_path / "studies", "tiny", size=(13, 14), warm_up=0, ranked=2, break_every=9, questions=(),
+        tmp_path / "playground.db-studies", "tiny", size=(13, 14), warm_up=0, ranked=2, break_every=9, questions=(),
         pause_after_s=900,
     )  # fmt: skip
     server = spawn()
@@ -122,7 +122,7 @@ def test_reloads_a_second_tab_a_lost_connection_and_a_return_leave_the_columns_a
     boards = [me.state("participant.session") for me in (quiet, busy)]
     server.kill()
 
-    studies = Folder(tmp_path / "studies")
+    studies = Folder(tmp_path / "playground.db-studies")
     studies.close("tiny")
     with closing(Store(tmp_path / "playground.db")) as store:
         note_closed(store, studies.study("tiny"))
