@@ -14,12 +14,11 @@ export function outsideIds(search) {
 /** @param {string} search @returns the invitation's token in the page's address; null without one */
 export const invitationIn = (search) => new URLSearchParams(search).get("invitation") || null;
 
-/** Return the page's address without the invitation's token: whoever copies it afterwards hands on nothing.
+/** Return the page's address without the invitation and the ids of a platform: whoever copies it hands on nothing.
  * @param {string} href */
-export function withoutInvitation(href) {
+export function bareAddress(href) {
   const url = new URL(href);
-  if (!url.searchParams.has("invitation")) return href;
-  url.searchParams.delete("invitation");
+  url.search = "";
   return url.href;
 }
 

@@ -7,7 +7,7 @@ import { createRepaint, by, paintLink, paintNotices, reader } from "../common/pa
 import { createMoveSender } from "../common/pending_moves.js";
 import { keyName, showTask } from "../common/task.js";
 import { announce, idle, isDialogOpen, keep, onEnter, pause, recordPauses } from "./actions.js";
-import { withoutInvitation } from "./api.js";
+import { bareAddress } from "./api.js";
 import { load, paintDebrief } from "./debrief.js";
 import { paintKeys as paintKeyLines, paintPages } from "./pages.js";
 import { paintPlayScreen } from "./play_screen.js";
@@ -132,7 +132,7 @@ if (passed) dispatch({ kind: "passed", episode: passed });
 paintKeys();
 repaint();
 join((participant) => {
-  history.replaceState(history.state, "", withoutInvitation(location.href));
+  history.replaceState(history.state, "", bareAddress(location.href));
   settings.begin(participant.task.keys);
   showTask(participant.task);
   if (participant.settings.keys) settings.adopt(participant.settings);

@@ -56,6 +56,21 @@ def invited(serve, tmp_path):
     return serve(admin_password=PASSWORD), study, issued
 
 
+def test_a_platforms_id_leaves_the_address_and_a_reload_goes_on_with_it(serve, visitor, tmp_path):
+    freeze(tmp_path / "playground.db-studies", "tiny", recruitment="panel")
+    server = serve()
+    me = visitor(f"{server.url}/study/tiny?PROLIFIC_PID=p-77&SESSION_ID=s", server)
+    me.stands("consent")
+    assert me.page.url == f"{server.url}/study/tiny"
+    me.page.reload()
+    me.stands("consent")
+    me.choose("agree")
+    me.stands("instructions")
+    with closing(sqlite3.connect(tmp_path / "playground.db")) as database:
+        found = database.execute("SELECT name, value FROM identities ORDER BY name").fetchall()
+    assert found == [("PROLIFIC_PID", "p-77"), ("SESSION_ID", "s")]
+
+
 def test_a_link_lets_one_browser_in_and_a_copied_address_none(invited, visitor):
     server, study, (invitation, _) = invited
     link = link_of(study, invitation.id, server.url)
