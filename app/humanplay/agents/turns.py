@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Coroutine
-from typing import Any, TypeVar
+from typing import TypeVar
 
 T = TypeVar("T")
 
@@ -18,7 +18,7 @@ class Turns:
     def __init__(self) -> None:
         self._turn = asyncio.Lock()
 
-    async def take(self, doing: Coroutine[Any, Any, T]) -> T:
+    async def take(self, doing: Coroutine[object, object, T]) -> T:
         """Return what comes of something once it has had its turn, which ends after TURN_S whether or not it is done."""
         try:
             await self._turn.acquire()

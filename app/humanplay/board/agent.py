@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 from humanplay.board.messages import Pace
 from humanplay.board.participation import RefusedError
@@ -39,7 +38,7 @@ class SlowDecisionError(Exception):
 @dataclass(frozen=True)
 class _Request:
     policy: Policy
-    observation: Any
+    observation: object
     owner: str
     answer: asyncio.Future[int]
 
@@ -69,7 +68,7 @@ class DecisionQueue:
         """Return how many boards wait for a decision that nobody is working on."""
         return len(self._waiting)
 
-    async def act(self, policy: Policy, observation: Any, owner: str = "") -> int:
+    async def act(self, policy: Policy, observation: object, owner: str = "") -> int:
         """Return the policy's action for an observation, or raise what the policy raised.
 
         SlowDecisionError when it took too long. A board whose asker was cancelled may still be decided; its answer is dropped.
@@ -132,7 +131,7 @@ class DecisionQueue:
                 request.answer.set_result(answer)
 
     async def _decide(
-        self, policies: list[Policy], observations: list[Any]
+        self, policies: list[Policy], observations: list[object]
     ) -> list[int | Exception]:
         """Return the actions; SlowDecisionError after `decision_s`, while the thread goes on until its decision is made."""
         deciding = asyncio.get_running_loop().run_in_executor(

@@ -13,7 +13,7 @@ import json
 from collections.abc import AsyncGenerator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 from humanplay.board.lobby import Lobby, Locks
 from humanplay.board.session import Session
@@ -32,7 +32,7 @@ class Replayer:
     def __init__(self) -> None:
         self._turns, self._thread = Locks(), ThreadPoolExecutor(1, "replays")
 
-    async def run(self, owner: str, function: Callable[..., T], *arguments: Any) -> T:
+    async def run(self, owner: str, function: Callable[..., T], *arguments: object) -> T:
         """Return what a function comes to, once nothing else of the owner's runs or waits and its turn has come."""
         async with self._turns.of(owner):
             loop = asyncio.get_running_loop()
@@ -84,7 +84,7 @@ class Spectators:
 
         return await store.read(read)
 
-    async def describe(self, link: str, owner: str, viewer: str | None = None) -> dict[str, Any]:
+    async def describe(self, link: str, owner: str, viewer: str | None = None) -> dict[str, object]:
         """Return the episode that a link shows as it stands, with every frame once it has ended.
 
         `owner` is whose turn it is where moves are made again; UnwatchableError and `viewer` as for `shown`.
@@ -170,7 +170,7 @@ class Spectators:
         except ValueError as error:
             raise UnwatchableError(link) from error
 
-    async def _again(self, owner: str, function: Callable[..., T], *arguments: Any) -> T:
+    async def _again(self, owner: str, function: Callable[..., T], *arguments: object) -> T:
         """Return what comes of moves that are made again: on the threads of a task that has some for waiting."""
         task = self._lobby.task
         if task.steps_on is not None:

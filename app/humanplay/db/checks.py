@@ -261,6 +261,10 @@ class EarlierHead:
     forgotten: Mapping[str, int]
 
 
+ChainRow = tuple[int, int, str, int, int | None, str, str | None, str]
+"""number, day_ms, kind, is_sound, replaces, hash, note, head"""
+
+
 @dataclass
 class _Walk:
     """The entries that nothing has replaced or forgotten so far: number -> kind; `forgotten` counts the latter."""
@@ -268,7 +272,7 @@ class _Walk:
     live: dict[int, str] = field(default_factory=dict)
     forgotten: int = 0
 
-    def take(self, row: tuple[Any, ...]) -> Iterator[str]:
+    def take(self, row: ChainRow) -> Iterator[str]:
         """Take the next entry, and yield what does not fit those before it."""
         number, _, kind, _, replaces, hash_, note, _ = row
         if note is not None and hashlib.sha256(note.encode()).hexdigest() != hash_:

@@ -30,6 +30,7 @@ from humanplay.db.database import (
     BUSY_MS,
     COUNT_COMMIT,
     RUNS,
+    SqlValue,
     StoreError,
     check_commits,
     check_writable,
@@ -42,7 +43,7 @@ from humanplay.db.file import DatabaseLock, FilePlace, LostDatabaseError, WriteR
 from humanplay.db.metrics import Metrics
 from humanplay.db.read_threads import ReadThreads
 from humanplay.db.reader import JOINED, TRIAL, Reader
-from humanplay.db.rows import Input, MoveRow
+from humanplay.db.rows import EpisodeRow, Input, MoveRow
 from humanplay.db.trial import Trial
 from humanplay.task import Record, counted
 
@@ -219,7 +220,7 @@ _NEWEST_EVENT = (
 class _Write:
     """A write that waits: what makes it, what follows its commit, and who waits for it until when (monotonic seconds)."""
 
-    work: Callable[[], Any]
+    work: Callable[[], object]
     then: Callable[[Any], None] | None
     undone: Callable[[], None] | None
     done: asyncio.Future[Any]
@@ -227,7 +228,7 @@ class _Write:
     deadline: float
     claim: threading.Lock = field(default_factory=threading.Lock)
     """Whoever acquires it decides: the thread makes the write, or the event loop refuses it."""
-    result: Any = None
+    result: object = None
     error: BaseException | None = None
 
 
@@ -563,12 +564,12 @@ class Store(Reader):
         """
         return await self.writes.put(work, notice, then)
 
-    async def change(self, work: Callable[..., T], *given: Any) -> T:
-        """Return the result of `work(connection, *given)`, called in a transaction as `write` calls its work."""
+    async def change(self, work: Callable[..., T], *arguments: object) -> T:
+        """Return the result of `work(connection, *arguments)`, called in a transaction as `write` calls its work."""
 
         def write() -> T:
             with self.transaction():
-                return work(self.connection, *given)
+                return work(self.connection, *arguments)
 
         return await self.write(write)
 
@@ -787,7 +788,7 @@ class Store(Reader):
             if closing is not None:
                 self._close(Closing(row.episode_id, closing, row.server_ms))
 
-    def _add_step_alone(self, values: tuple[Any, ...]) -> bool:
+    def _add_step_alone(self, values: tuple[SqlValue, ...]) -> bool:
         """Add a step by one statement, as most can be; return False when nothing was added."""
         with self.transaction(is_one_statement=True):
             if self._conn.execute(_ADD_STEP, values).rowcount != 1:
@@ -833,7 +834,7 @@ class Store(Reader):
         found = self.query(sql, [episode_id])
         return self._resumable(found[0]) if found else None
 
-    def _resumable(self, row: dict[str, Any]) -> Resumable:
+    def _resumable(self, row: EpisodeRow) -> Resumable:
         (session,) = self.query("SELECT * FROM sessions WHERE id = ?", [row["session_id"]])
         del session["owner_id"]
         steps = self.steps(row["id"])

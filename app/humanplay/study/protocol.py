@@ -273,7 +273,9 @@ class Protocol(_Part):
 
     @field_validator("config")
     @classmethod
-    def _config_is_one(cls, values: dict[str, object], info: ValidationInfo) -> dict[str, object]:
+    def _config_is_one(
+        cls, values: dict[str, object], info: ValidationInfo[None]
+    ) -> dict[str, object]:
         if "task" not in info.data:
             return values  # what is wrong with the task has been said
         rules = rules_of(info.data["task"])

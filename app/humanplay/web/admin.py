@@ -11,7 +11,7 @@ import time
 from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import aclosing, closing
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, HTTPException, Request, Response, WebSocket
 from fastapi.responses import FileResponse
@@ -117,7 +117,7 @@ Operator = Annotated[AdminServices, Depends(check_operator)]
 class StudyRoute(APIRoute):
     """A route that tells what is wrong with a study as it is."""
 
-    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+    def get_route_handler(self) -> Callable[[Request], Coroutine[object, object, Response]]:
         """Return the handler with its errors turned into answers."""
         handle = super().get_route_handler()
 
@@ -144,7 +144,7 @@ router = APIRouter(include_in_schema=False, route_class=StudyRoute)
 
 
 @router.post("/api/admin/login", dependencies=[Depends(check_page)])
-async def login(request: Request, response: Response, given: Login) -> dict[str, Any]:
+async def login(request: Request, response: Response, given: Login) -> dict[str, object]:
     """Log in: set the operator's cookie for the right password."""
     try:
         token = _admin_of(request).login.issue(client_address(request), given.password)
@@ -157,7 +157,7 @@ async def login(request: Request, response: Response, given: Login) -> dict[str,
 
 
 @router.post("/api/admin/logout", dependencies=[Depends(check_page)])
-async def logout(request: Request, response: Response) -> dict[str, Any]:
+async def logout(request: Request, response: Response) -> dict[str, object]:
     """Log out: revoke the token and delete the cookie."""
     _admin_of(request).login.revoke(ADMIN.token(request))
     ADMIN.set(response, request, "")
@@ -165,7 +165,7 @@ async def logout(request: Request, response: Response) -> dict[str, Any]:
 
 
 @router.get("/api/admin/overview")
-async def overview(request: Request, admin: Operator) -> dict[str, Any]:
+async def overview(request: Request, admin: Operator) -> dict[str, object]:
     """Return the studies, the boards being played and the server's health."""
     health = await asyncio.to_thread(admin.health.state)
     lobby = admin.progress.lobby
@@ -188,12 +188,12 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
 
 
 @router.get("/api/admin/studies/{name}")
-async def show_study(admin: Operator, name: str) -> dict[str, Any]:
+async def show_study(admin: Operator, name: str) -> dict[str, object]:
     """Return a study as it stands: participants, figure, labels, exports."""
     found = admin.progress.folder.study(name)
     store, now = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
 
-    def read() -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    def read() -> tuple[list[dict[str, object]], dict[str, object]]:
         with closing(Reader.open(store.path)) as reader:
             how = recruiting(reader, admin.progress.recruitment.invitations, found, now)
             return participants.list_participants(reader, name, now, found.is_open), how
@@ -221,7 +221,7 @@ async def show_study(admin: Operator, name: str) -> dict[str, Any]:
 
 
 @router.post("/api/admin/studies/{name}/close")
-async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str, Any]:
+async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str, object]:
     """Close the study for good; 422 unless its name was typed, 409 while somebody has moved within ten minutes unless `now`."""
     if given.name != name:
         why = f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}"
@@ -236,7 +236,9 @@ async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str
 
 
 @router.post("/api/admin/studies/{name}/invitations", status_code=201)
-async def issue_invitations(admin: Operator, name: str, wanted: NewInvitations) -> dict[str, Any]:
+async def issue_invitations(
+    admin: Operator, name: str, wanted: NewInvitations
+) -> dict[str, object]:
     """Issue invitations and return their tokens."""
     found = admin.progress.folder.study(name)
     issue = admin.progress.recruitment.invitations.issue
@@ -247,7 +249,7 @@ async def issue_invitations(admin: Operator, name: str, wanted: NewInvitations) 
 @router.post("/api/admin/studies/{name}/invitations/revoke")
 async def revoke_invitations(
     admin: Operator, name: str, given: RevokedInvitations
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Take invitations back; whoever has agreed with one goes on."""
     admin.progress.folder.study(name)
     revoke = admin.progress.recruitment.invitations.revoke
@@ -258,7 +260,7 @@ async def revoke_invitations(
 @router.post("/api/admin/studies/{name}/exports/{what}", status_code=202)
 async def begin_export(
     admin: Operator, name: str, what: ExportKind, wanted: ReleaseOptions | None = None
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Begin to make the report or the release; a release needs a closed study."""
     found = admin.progress.folder.study(name)
     if found.keeps_secret:
@@ -287,7 +289,7 @@ async def hide_name(admin: Operator, chosen: ShownName) -> None:
 
 
 @router.post("/api/admin/check")
-async def check_database(admin: Operator) -> dict[str, Any]:
+async def check_database(admin: Operator) -> dict[str, object]:
     """Check the database now and return the health."""
     await asyncio.to_thread(admin.health.check)
     return await asyncio.to_thread(admin.health.state)
@@ -320,7 +322,7 @@ async def _send(websocket: WebSocket, session: Session) -> None:
             await websocket.send_text(message)
 
 
-async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, Any]]:
+async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, object]]:
     """Return the boards that may be watched and that somebody plays now, those of participants first; no player's id."""
     live = [each for each in lobby.sessions() if each.is_human and each.channel.subscribers]
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 import unicodedata
 from functools import partial
-from typing import Any
 
 from fastapi import APIRouter, HTTPException, Request
 from pydantic import Field
@@ -76,7 +75,7 @@ def cleaned(text: str) -> str:
 
 
 @router.get("/people", response_model=People, summary="People by their distance from Expert")
-async def get_people(request: Request) -> dict[str, Any]:
+async def get_people(request: Request) -> dict[str, object]:
     """Return who chose a name, the nearest to Expert first; and you, None without a cookie.
 
     `gap` is how many moves more than Expert they need on terrains of the same configurations, over their `episodes`: the ranked
@@ -98,7 +97,7 @@ async def get_people(request: Request) -> dict[str, Any]:
 
 
 @router.put("/me/name", response_model=OwnName, summary="Choose the name by which you are shown")
-async def set_name(request: Request, wanted: NewName) -> dict[str, Any]:
+async def set_name(request: Request, wanted: NewName) -> dict[str, object]:
     """Choose a name, or another one; 422 for one that cannot be shown, 409 for a taken one, and before the first terrain."""
     player_id, services = _own_player(request), services_of(request)
     try:
@@ -115,7 +114,7 @@ async def set_name(request: Request, wanted: NewName) -> dict[str, Any]:
 
 
 @router.delete("/me/name", response_model=OwnName, summary="Be shown no more")
-async def remove_name(request: Request) -> dict[str, Any]:
+async def remove_name(request: Request) -> dict[str, object]:
     """Remove your name; what was played stays, without one."""
     player_id, store = _own_player(request), services_of(request).store
     await store.change(names.remove_name, player_id)

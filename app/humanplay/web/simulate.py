@@ -12,7 +12,7 @@ import secrets
 import ssl
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -89,10 +89,10 @@ class Socket:
 
     def __init__(self, connection: Connection, clock: Clock, tempo: random.Random) -> None:
         self.connection, self.clock, self._tempo = connection, clock, tempo
-        self._released: list[dict[str, Any]] = []
+        self._released: list[dict[str, object]] = []
         self._load = {"page_load": secrets.token_hex(16), "tab": secrets.token_hex(16)}
 
-    def send(self, message: dict[str, Any] | str | bytes) -> None:
+    def send(self, message: dict[str, object] | str | bytes) -> None:
         """Send a message."""
         is_text = isinstance(message, str | bytes)
         self.connection.send(message if is_text else json.dumps(message))
@@ -105,7 +105,11 @@ class Socket:
                 return message
 
     def act(
-        self, frame: Frame, action: str, input: Literal["key", "touch"] | None = None, **rest: Any
+        self,
+        frame: Frame,
+        action: str,
+        input: Literal["key", "touch"] | None = None,
+        **rest: object,
     ) -> None:
         """Send a move; with `input` it is one of a person, whose press is sent before it."""
         if input is not None:
@@ -114,8 +118,8 @@ class Socket:
         self.send({**answered, "action": action, **rest})
 
     def press(
-        self, frame: Frame, action: str, input: Literal["key", "touch"] = "key", **changes: Any
-    ) -> dict[str, Any]:
+        self, frame: Frame, action: str, input: Literal["key", "touch"] = "key", **changes: object
+    ) -> dict[str, object]:
         """Take a person's time to press, send the press, and return what its move says of it.
 
         The release is sent with the next press. `changes` are fields of the press's event.
@@ -163,7 +167,7 @@ class NoisyPolicy:
         self._policy.reset(self._dice.getrandbits(31))
         self._random.reset(self._dice.getrandbits(31))
 
-    def choose(self, frame: Mapping[str, Any]) -> str:
+    def choose(self, frame: Frame) -> str:
         """The action that answers a frame."""
         policy = self._random if self._dice.random() < self._noise else self._policy
         return self._rules.actions[policy.act(self._rules.policies.observation_in(frame))]
@@ -189,7 +193,7 @@ class Participant:
         self.progressed = time.perf_counter()
         """When the last move was answered, or the last step was taken, in seconds."""
 
-    def call(self, verb: str, body: Any = None) -> dict[str, Any]:
+    def call(self, verb: str, body: object = None) -> dict[str, Any]:
         """Return the answer to a POST; RefusedError when it is declined."""
         return self._keep(self.client.post(f"{self.url}/{verb}", json=body))
 
@@ -321,8 +325,13 @@ def open_client(plan: Plan) -> httpx.Client:
     headers = {"Origin": f"{base.scheme}://{base.netloc.decode()}"}
     if plan.token is not None:
         headers["X-Humanplay-Token"] = plan.token
-    options: dict[str, Any] = {"trust_env": False, "verify": _certificates(), "headers": headers}
-    return httpx.Client(base_url=base, timeout=ANSWER_TIMEOUT_S, **options)
+    return httpx.Client(
+        base_url=base,
+        timeout=ANSWER_TIMEOUT_S,
+        trust_env=False,
+        verify=_certificates(),
+        headers=headers,
+    )
 
 
 def fetch_study(plan: Plan) -> dict[str, Any]:

@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 from collections.abc import Awaitable, Callable, Coroutine
 from functools import partial
-from typing import Any
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
@@ -64,7 +63,7 @@ async def ignore_all(websocket: WebSocket) -> None:
         pass
 
 
-async def send_while(receiving: Awaitable[None], sending: Coroutine[Any, Any, None]) -> None:
+async def send_while(receiving: Awaitable[None], sending: Coroutine[object, object, None]) -> None:
     """Send for as long as messages are received."""
     sender = asyncio.create_task(sending)
     try:

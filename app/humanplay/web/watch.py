@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import AsyncGenerator
-from typing import Any
 
 from fastapi import APIRouter, Request, WebSocket
 from fastapi.responses import RedirectResponse, Response
@@ -25,7 +24,7 @@ router = APIRouter()
     tags=["play"],
     summary="Watch a board of the playground",
 )
-async def get_watched(request: Request, watch_id: str) -> dict[str, Any]:
+async def get_watched(request: Request, watch_id: str) -> dict[str, object]:
     """Return the episode on a board: the newest frame, the path so far, and once it has ended every frame.
 
     `watch_id` is the board's `watch` in the answer of POST /api/sessions. The id of an episode shows that episode alone.

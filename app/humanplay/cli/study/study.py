@@ -13,7 +13,7 @@ from contextlib import ExitStack, closing, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from click import ClickException, UsageError, argument, echo, option
@@ -107,7 +107,7 @@ def new(
     size: int | tuple[int, int] | None,
     declared: Path | None,
     folder: Folder,
-    **given: Any,
+    **options: object,
 ) -> None:
     """Write a study's protocol.json, a draft to read and edit before it is frozen.
 
@@ -134,7 +134,7 @@ def new(
 
     name_of_task = DEFAULT_TASK if task is None else task_name(task)
     config = config_of(name_of_task, level, size)
-    rest = {field: value for field, value in given.items() if value is not None and value != ()}
+    rest = {field: value for field, value in options.items() if value is not None and value != ()}
     with study_errors():
         folder.path(name)
         if declared is not None:

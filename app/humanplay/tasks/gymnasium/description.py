@@ -225,15 +225,16 @@ def _absent(env_id: str, module_name: str, error: ModuleNotFoundError) -> str:
     )
 
 
-def _creator_of(spec: EnvSpec) -> Callable[..., Any]:
+def _creator_of(spec: EnvSpec) -> Callable[..., object]:
     """Return the class or function that makes an environment."""
     entry = spec.entry_point
-    if isinstance(entry, str):
-        return cast("Callable[..., Any]", load_env_creator(entry))
-    return cast("Callable[..., Any]", entry)
+    creator = load_env_creator(entry) if isinstance(entry, str) else entry
+    if not callable(creator):
+        raise ValueError(f"{spec.id} must be made by a class or a function, got {creator!r}")
+    return creator
 
 
-def _takes(creator: Callable[..., Any], name: str) -> bool:
+def _takes(creator: Callable[..., object], name: str) -> bool:
     """Whether something that is called takes an argument of a name."""
     try:
         parameters = inspect.signature(creator).parameters.values()

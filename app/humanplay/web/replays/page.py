@@ -12,7 +12,6 @@ import re
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from markupsafe import Markup
 
@@ -30,11 +29,11 @@ _TASK_IMPORT = "import(`../task/"
 
 
 def render(
-    data: dict[str, Any],
+    data: dict[str, object],
     course: Course,
     formats: Sequence[str] = (),
     address: str | None = None,
-    inlined: dict[str, Any] | None = None,
+    inlined: dict[str, object] | None = None,
 ) -> str:
     """Return the HTML of a replay; `data` is what the page draws, `course` that of the episode itself.
 
@@ -55,7 +54,7 @@ def render(
 
 def document(
     episode_id: str, course: Course, ghosts: Sequence[str], preferred: str | None
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return what the page of a replay reads; no seed, no player and no session is in it."""
     told = {"run": course.to_dict(), "ghosts": list(ghosts), "preferred": preferred}
     return {"episode": episode_id, **course.about(), **told}
@@ -69,7 +68,7 @@ def single_file(episode_id: str, course: Course, ghost: Course | None) -> str:
 
 
 @lru_cache(maxsize=1)
-def _inlined() -> dict[str, Any]:
+def _inlined() -> dict[str, object]:
     """Return styles and the script that chooses their theme; modules by name and the icon, as data URLs."""
     style = "\n".join((STATIC / name).read_text() for name in STYLES)
     icon = base64.b64encode((STATIC / "common" / "icon.svg").read_bytes()).decode()
