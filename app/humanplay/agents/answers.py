@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from humanplay.agents.evaluation import PlayedStudy, Protocol
 from humanplay.web.answers.base import Answer, Configuration, absent, described
 from humanplay.web.answers.leaderboard import StudyFigure
 
-JsonSchema = dict[str, Any]
+JsonSchema = dict[str, object]
 """A JSON schema, or an OpenAPI description, which has a form of its own."""
 Sees = Literal["picture", "observation", "both"]
 
@@ -259,5 +259,5 @@ class RpcAnswer(Answer):
 
     jsonrpc: Literal["2.0"]
     id: str | int | None
-    result: dict[str, Any] | None = absent("as the Model Context Protocol has it")
+    result: dict[str, object] | None = absent("as the Model Context Protocol has it")
     error: RpcError | None = absent("instead of a result")

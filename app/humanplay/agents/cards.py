@@ -14,7 +14,7 @@ from collections import OrderedDict, defaultdict
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypedDict, TypeVar
 
 from humanplay.agents.evaluation import (
     Attempt,
@@ -92,6 +92,28 @@ class Seen:
     text: str | None
 
 
+class AboutCard(TypedDict):
+    """What is played with a card and under which rules, the same for every instance.
+
+    seen     what is seen, in words
+    minutes  from the first attempt on; None without a limit
+    calls    that its agent may make in all
+    """
+
+    evaluation: str
+    title: str
+    instructions: str
+    actions: list[str]
+    sees: str
+    seen: str
+    config: dict[str, object]
+    limit: int
+    instances: int
+    hours: float
+    minutes: float | None
+    calls: int
+
+
 class Cards:
     """The cards of one server's evaluations.
 
@@ -129,7 +151,7 @@ class Cards:
         package, _, rest = rules.name.partition(":")
         return package if not rest else rules.about.title.replace("/", "-").replace(" ", "-")
 
-    def about(self, card: Card) -> dict[str, Any]:
+    def about(self, card: Card) -> AboutCard:
         """Return what is played and under which rules, ready for JSON; the same for every instance."""
         self._count(card)
         protocol = card.protocol

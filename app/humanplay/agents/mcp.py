@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Literal
 
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, Response
@@ -11,7 +12,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from humanplay.agents import wire
 from humanplay.agents.answers import RpcAnswer
-from humanplay.agents.cards import CardError
+from humanplay.agents.cards import AboutCard, CardError
 from humanplay.agents.wire import Agent, AgentOf, NameOf, read, told_of
 from humanplay.board.messages import Message, describe_errors
 from humanplay.task import counted
@@ -29,7 +30,7 @@ class Call(BaseModel):
 
     jsonrpc: Literal["2.0"]
     method: str
-    params: dict[str, Any] = {}
+    params: dict[str, object] = {}
     id: str | int | None = None
 
 
@@ -89,22 +90,22 @@ async def mcp(request: Request, agent: AgentOf, name: NameOf) -> Response:
 
 
 def _told(
-    ident: str | int | None, result: Any = None, error: tuple[int, str] | None = None
+    ident: str | int | None, result: object = None, error: tuple[int, str] | None = None
 ) -> Response:
-    answer: dict[str, Any] = {"result": result}
+    answer: dict[str, object] = {"result": result}
     if error is not None:
         answer = {"error": {"code": error[0], "message": error[1]}}
     return JSONResponse({"jsonrpc": "2.0", "id": ident, **answer})
 
 
-def _instructions(about: dict[str, Any]) -> str:
+def _instructions(about: AboutCard) -> str:
     return (
         f"{about['instructions']} Instances are named by an index, 0 to {about['instances'] - 1}. One attempt at each, "
         f"of at most {counted(about['limit'], 'move')}: begin it, then move until it is finished."
     )
 
 
-def _tools(actions: list[str]) -> list[dict[str, Any]]:
+def _tools(actions: list[str]) -> list[dict[str, object]]:
     schemas = {name: kind.model_json_schema() for name, kind in TOOLS.items()}
     schemas["move"]["properties"]["action"] = {"enum": actions}
     return [
@@ -113,7 +114,7 @@ def _tools(actions: list[str]) -> list[dict[str, Any]]:
     ]
 
 
-async def _use(agent: Agent, params: dict[str, Any]) -> dict[str, Any]:
+async def _use(agent: Agent, params: dict[str, object]) -> dict[str, object]:
     """Return what a tool tells, as text, picture and object; what is refused is the tool's own error."""
     try:
         if (kind := TOOLS.get(str(params.get("name")))) is None:
@@ -125,8 +126,7 @@ async def _use(agent: Agent, params: dict[str, Any]) -> dict[str, Any]:
             seen = await agent.begin(wanted.index)
     except CardError as error:
         return {"content": [{"type": "text", "text": str(error)}], "isError": True}
-    told = told_of(seen)
-    picture: str = told["observation"].pop("picture", "")
+    told, picture = told_of(replace(seen, picture=None)), seen.picture or ""
     stands = "finished" if seen.done else "running"
     text = f"instance {seen.index}, step {seen.step}, {stands}\n{seen.text or json.dumps(seen.observation)}"
     mime, _, data = picture.removeprefix("data:").partition(";base64,")

@@ -40,7 +40,7 @@ NONE_HERE = "there is no such evaluation here: check the link"
     response_model=list[ListedEvaluation],
     summary="The evaluations of agents of this server",
 )
-async def list_evaluations(request: Request) -> list[dict[str, Any]]:
+async def list_evaluations(request: Request) -> list[dict[str, object]]:
     """List the evaluations of agents; `status` is "open" or "closed"."""
     services = services_of(request)
     store, folder = services.store, services.progress.folder
@@ -57,7 +57,7 @@ async def list_evaluations(request: Request) -> list[dict[str, Any]]:
     response_model_exclude_unset=True,
     summary="What an evaluation has published",
 )
-async def get_evaluation(request: Request, name: Name) -> dict[str, Any]:
+async def get_evaluation(request: Request, name: Name) -> dict[str, object]:
     """What was fixed before any agent played, and the comparison once the evaluation is closed.
 
     `cards` is how many were issued; `secret` and `comparison` are null while it is open.
@@ -118,7 +118,7 @@ async def _found(request: Request, name: str) -> tuple[Evaluation, int]:
         raise HTTPException(503, "the evaluation cannot be shown now") from error
 
 
-def _about(evaluation: Evaluation) -> dict[str, Any]:
+def _about(evaluation: Evaluation) -> dict[str, object]:
     protocol = evaluation.protocol
     return {
         "name": evaluation.name,
@@ -151,7 +151,7 @@ def _read(path: FilePath) -> Any:
     return json.loads(path.read_bytes())
 
 
-def _rows(comparison: dict[str, Any] | None) -> list[dict[str, Any]]:
+def _rows(comparison: Any) -> list[dict[str, object]]:
     """The rows of the table, the best first, with where each stands on the common scale, in percent of its width."""
     if comparison is None:
         return []

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Literal, TypedDict, TypeVar
 
 from fastapi import APIRouter, Depends, WebSocket, WebSocketDisconnect
 from fastapi.openapi.utils import get_openapi
@@ -51,7 +51,7 @@ class Reset(Message):
 
     @model_validator(mode="before")
     @classmethod
-    def _names_no_seed(cls, data: Any) -> Any:
+    def _names_no_seed(cls, data: object) -> object:
         if isinstance(data, dict) and ("seed" in data or not {"index", "task"} & data.keys()):
             raise ValueError(NO_SEED)
         return data
@@ -62,7 +62,9 @@ class Step(Message):
 
     action: str | int = Field(description="the name of an action, or its code")
     step: int | None = Field(default=None, description="moves made before it, lest it be repeated")
-    metadata: dict[str, Any] | None = Field(default=None, description="OpenEnv's; it is not read")
+    metadata: dict[str, object] | None = Field(
+        default=None, description="OpenEnv's; it is not read"
+    )
 
 
 class InSplit(Message):
@@ -72,6 +74,13 @@ class InSplit(Message):
     index: int = 0
     start: int | None = None
     stop: int | None = None
+
+
+class At(TypedDict):
+    """The instance that was reset last, and its moves."""
+
+    episode_id: str | None
+    step_count: int
 
 
 @dataclass(frozen=True)
@@ -140,7 +149,7 @@ async def metadata(agent: AgentOf, name: NameOf) -> dict[str, str]:
 
 
 @router.get("/schema", response_model=Schemas)
-async def schema(agent: AgentOf) -> dict[str, Any]:
+async def schema(agent: AgentOf) -> dict[str, object]:
     """Return the JSON schemas of moves, of what is seen, and of the state."""
     action, whole, text = Step.model_json_schema(), {"type": "integer"}, {"type": "string"}
     action["properties"]["action"] = {"enum": agent.cards.about(agent.card)["actions"]}
@@ -155,7 +164,7 @@ async def schema(agent: AgentOf) -> dict[str, Any]:
 
 
 @router.get("/openapi.json")
-async def openapi(agent: AgentOf) -> dict[str, Any]:
+async def openapi(agent: AgentOf) -> dict[str, object]:
     """Return these calls, by their paths under the card's address."""
     routes, title = agent.connection.app.routes, "An evaluation of agents"
     own = [each for each in routes if getattr(each, "path", "").startswith(router.prefix)]
@@ -182,7 +191,7 @@ async def instances(
     name: NameInPath,
     what: Literal["tasks", "num_tasks", "task", "task_range"],
     wanted: InSplit,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the instances of a split, their number, the one with `index`, or those from `start` to before `stop`."""
     check_split(wanted.split)
     found = agent.cards.instances(agent.card)
@@ -196,7 +205,7 @@ async def instances(
 
 
 @router.get("", response_model=CardAnswer, response_model_exclude_unset=True)
-async def get_card(agent: AgentOf) -> dict[str, Any]:
+async def get_card(agent: AgentOf) -> dict[str, object]:
     """Return what the author says of the agent, what is played, and which attempts were begun and finished; no score."""
     card, state = agent.card, await agent.cards.state(agent.card)
     told = {"author": card.row.author, "number": card.row.number, "agent": card.description}
@@ -204,7 +213,7 @@ async def get_card(agent: AgentOf) -> dict[str, Any]:
 
 
 @router.post("", response_model=Described, response_model_exclude_unset=True)
-async def describe(agent: AgentOf, given: dict[str, Any]) -> dict[str, Any]:
+async def describe(agent: AgentOf, given: dict[str, object]) -> dict[str, object]:
     """Keep `agent`, `version`, `model`, `prompts_sha256` and `cost`; all but the cost before the first attempt."""
     return {"agent": await agent.cards.describe(agent.card, given)}
 
@@ -227,7 +236,7 @@ async def play(websocket: WebSocket, token: str) -> None:
             await websocket.send_json(failed(error, "SESSION_ERROR"))
             await close(websocket, UNKNOWN_SESSION, "no open card")
             return
-        at: dict[str, Any] = {"episode_id": None, "step_count": 0}
+        at: At = {"episode_id": None, "step_count": 0}
         while (message := await websocket.receive())["type"] != "websocket.disconnect":
             try:
                 kind, data = _read(message.get("text"))
@@ -240,7 +249,7 @@ async def play(websocket: WebSocket, token: str) -> None:
             await websocket.send_json(answer)
 
 
-def _read(text: str | None) -> tuple[str, Any]:
+def _read(text: str | None) -> tuple[str, object]:
     try:
         asked = json.loads(text or "")
         return asked["type"], asked.get("data", {})
@@ -248,7 +257,7 @@ def _read(text: str | None) -> tuple[str, Any]:
         raise CardError(400, 'expected a JSON object with a "type" in a text frame') from None
 
 
-async def _answer(agent: Agent, kind: str, data: Any, at: dict[str, Any]) -> dict[str, Any]:
+async def _answer(agent: Agent, kind: str, data: object, at: At) -> dict[str, object]:
     """Return the answer to a message; `at` holds the instance that was reset last, and its moves."""
     if kind == "state":
         return {"type": "state", "data": {**at, **await agent.cards.state(agent.card)}}
@@ -266,11 +275,11 @@ async def _answer(agent: Agent, kind: str, data: Any, at: dict[str, Any]) -> dic
         seen = await agent.move(int(at["episode_id"]), move.action, move.step)
     else:
         raise CardError(404, f"expected reset, step, state or close, got {str(kind)[:40]!r}")
-    at.update(episode_id=str(seen.index), step_count=seen.step)
+    at["episode_id"], at["step_count"] = str(seen.index), seen.step
     return {"type": "observation", "data": told_of(seen)}
 
 
-def told_of(seen: Seen) -> dict[str, Any]:
+def told_of(seen: Seen) -> dict[str, object]:
     """Return what was seen as OpenEnv's clients read it."""
     shown = {"observation": seen.observation, "text": seen.text, "picture": seen.picture}
     told = {name: value for name, value in shown.items() if value is not None}
@@ -278,7 +287,7 @@ def told_of(seen: Seen) -> dict[str, Any]:
     return {"observation": shown, "reward": None, "done": seen.done}
 
 
-def read(kind: type[M], given: Any) -> M:
+def read(kind: type[M], given: object) -> M:
     """Return what was sent as a message of a kind; CardError 422 that says what is wrong with it."""
     try:
         return kind.model_validate(given)
@@ -286,6 +295,6 @@ def read(kind: type[M], given: Any) -> M:
         raise CardError(422, describe_errors(error.errors(include_url=False))) from None
 
 
-def failed(error: Exception, code: str = "EXECUTION_ERROR") -> dict[str, Any]:
+def failed(error: Exception, code: str = "EXECUTION_ERROR") -> dict[str, object]:
     code = "VALIDATION_ERROR" if getattr(error, "status", 0) in (400, 422) else code
     return {"type": "error", "data": {"message": str(error), "code": code}}

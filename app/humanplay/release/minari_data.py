@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -106,7 +107,7 @@ class MinariWriter:
             ).storage
 
 
-def _buffer(minari: Any, row: TableRow, episode: Run) -> Any:
+def _buffer(minari: ModuleType, row: TableRow, episode: Run) -> Any:
     record: Record = episode.record()
     moves = len(record.actions)
     terminated = row["outcome"] not in ("timed_out", "abandoned", "environment_failed")
@@ -121,7 +122,7 @@ def _buffer(minari: Any, row: TableRow, episode: Run) -> Any:
     )
 
 
-def _stacked(observations: Sequence[Any]) -> Any:
+def _stacked(observations: Sequence[Any]) -> object:
     """Return observations as Minari takes them: arrays over the moves, in the dictionaries and tuples of their space."""
     first = observations[0]
     if isinstance(first, Mapping):
@@ -147,7 +148,7 @@ def _kept(space: Any) -> Any:
     return space
 
 
-def _metadata(row: TableRow) -> dict[str, Any]:
+def _metadata(row: TableRow) -> dict[str, object]:
     return {name: row[name] for name in _METADATA if row[name] is not None}
 
 

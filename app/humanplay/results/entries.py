@@ -10,7 +10,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -19,9 +19,16 @@ from humanplay.db.series import closed_studies, count_participants
 from humanplay.db.trial import Trial
 from humanplay.jobs import Jobs, Progress
 from humanplay.report.statistics.exclusion_sets import members, people_of
-from humanplay.report.statistics.human_level import VolunteerFigures
-from humanplay.report.statistics.study_figures import live_figure
-from humanplay.report.statistics.summaries import EpisodeSummary, summarize_groups, trial_summaries
+from humanplay.report.statistics.human_level import VolunteerFigure, VolunteerFigures
+from humanplay.report.statistics.study_figures import ShownFigure, live_figure
+from humanplay.report.statistics.summaries import (
+    Curve,
+    EpisodeSummary,
+    Pictures,
+    TrialSummary,
+    summarize_groups,
+    trial_summaries,
+)
 from humanplay.results.evaluations import (
     Evaluation,
     ShippedFigure,
@@ -42,7 +49,8 @@ class LeaderboardEntry:
     """A configuration and the terrains on which policies are compared with people.
 
     id        in the page's address
-    human     the figure of `statistics.human_level`, or of a study with its pictures; None while nobody has played
+    people    the figure of a study's people with their pictures; None for none
+    volunteers  the figure of the playground's; None while nobody has played
     seeds     of the policies' terrains
     study     its name; None for an entry of the playground
     policies  names (or paths); None means everything on offer
@@ -53,7 +61,8 @@ class LeaderboardEntry:
     id: str
     title: str
     config: Configuration
-    human: dict[str, Any] | None
+    people: StudyPeople | None
+    volunteers: VolunteerFigure | None
     seeds: tuple[int, ...]
     study: str | None = None
     policies: tuple[str, ...] | None = None
@@ -85,13 +94,32 @@ class LeaderboardEntry:
 
     def to_dict(self) -> dict[str, object]:
         """Return the entry as the list of the leaderboard shows it."""
-        human, config = self.human or {"players": 0, "episodes": 0}, self.config
+        figure, config = self.people or self.volunteers, self.config
         return {
             "id": self.id, "title": self.title, "study": self.study, "level": config.level,
             "rows": config.rows, "cols": config.cols, "max_steps": config.limit,
             "config_hash": config.hash, "terrains": len(self.seeds),
-            "players": human["players"], "episodes": human["episodes"], "missing": human.get("missing"),
+            "players": 0 if figure is None else figure["players"],
+            "episodes": 0 if figure is None else figure["episodes"],
+            "missing": None if self.volunteers is None else self.volunteers["missing"],
         }  # fmt: skip
+
+
+class BoardPictures(TypedDict):
+    """The curve and the visits of the people of a board, and how their trials went; None for nobody."""
+
+    curve: Curve | None
+    visits: list[list[float]] | None
+    trials: list[TrialSummary]
+
+
+class StudyPeople(ShownFigure, BoardPictures):
+    """The figure of a closed study's people, with their pictures."""
+
+    claim: str
+    set: str
+    everybody: ShownFigure
+    completed: float
 
 
 class ClosedStudies:
@@ -102,9 +130,9 @@ class ClosedStudies:
 
     def __init__(self, studies: Path) -> None:
         self._folder = studies
-        self._known: dict[tuple[str, int | None, int], tuple[StudyData, dict[str, Any] | None]] = {}
+        self._known: dict[tuple[str, int | None, int], tuple[StudyData, StudyPeople | None]] = {}
 
-    def closed(self, reader: Reader) -> list[tuple[StudyData, dict[str, Any] | None]]:
+    def closed(self, reader: Reader) -> list[tuple[StudyData, StudyPeople | None]]:
         """Return each closed study with its people's figure and pictures, None for nobody; seconds the first time.
 
         One of a task without boards is left out: there is nothing to compare by.
@@ -122,7 +150,7 @@ class ClosedStudies:
         return found
 
 
-def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
+def _people(reader: Reader, data: StudyData) -> StudyPeople | None:
     figure = live_figure(data)
     if not figure["everybody"]["players"]:
         return None
@@ -131,12 +159,19 @@ def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
     if not people:  # nothing that may be drawn is attested
         return None
     groups = [[_totals_of(trial) for trial in cohort.ranked[person]] for person in people]
-    shares = [np.mean([each.outcome == "explored" for each in own]) for own in groups]
-    shown = ("claim", "set", "players", "episodes", "score", "steps", "everybody")
+    shares = [np.mean([trial.outcome == "explored" for trial in group]) for group in groups]
+    pictures = summarize_groups(reader, data, synthetic=False).get("people", Pictures())
     return {
-        **{name: value for name, value in figure.items() if name in shown},
-        **{"completed": float(np.mean(shares)), "curve": None, "visits": None},
-        **summarize_groups(reader, data, synthetic=False).get("people", {}),
+        "claim": figure["claim"],
+        "set": figure["set"],
+        "players": figure["players"],
+        "episodes": figure["episodes"],
+        "score": figure["score"],
+        "steps": figure["steps"],
+        "everybody": figure["everybody"],
+        "completed": float(np.mean(shares)),
+        "curve": pictures.get("curve"),
+        "visits": pictures.get("visits"),
         "trials": trial_summaries(groups),
     }
 
@@ -156,10 +191,10 @@ def list_entries(
 
     So nobody puts a board first by leaving it. Of a `task` without boards there are studies alone.
     """
-    found = [_of_study(data, human) for data, human in studies.closed(reader)]
+    of_studies = [_of_study(data, people) for data, people in studies.closed(reader)]
     rules = rules_of(task)
     if rules.boards is None:
-        return found
+        return of_studies
     played = {config.hash: (0, entry_of(config, task=task)) for config in rules.boards.offered}
     for figure in volunteers.human_level(reader)["figures"]:
         if figure["task"] != task:
@@ -167,25 +202,25 @@ def list_entries(
         config = rules.configuration(figure["config"])
         ended = figure["episodes"] - figure["abandoned"]
         played[config.hash] = ended, entry_of(config, figure, task)
-    in_order = sorted(played.values(), key=lambda each: -each[0])
-    return [*found, *(entry for _, entry in in_order)]
+    in_order = sorted(played.values(), key=lambda pair: -pair[0])
+    return [*of_studies, *(entry for _, entry in in_order)]
 
 
-def _of_study(data: StudyData, human: dict[str, Any] | None) -> LeaderboardEntry:
+def _of_study(data: StudyData, people: StudyPeople | None) -> LeaderboardEntry:
     protocol, seeds = data.protocol, tuple(closed_seeds(data).values())
     return LeaderboardEntry(
-        f"study-{protocol.name}", protocol.title, protocol.env_config, human, seeds,
+        f"study-{protocol.name}", protocol.title, protocol.env_config, people, None, seeds,
         protocol.name, protocol.policies, data.policy_files, protocol.task,
     )  # fmt: skip
 
 
 def entry_of(
-    config: Configuration, human: dict[str, Any] | None = None, task: str = DEFAULT_TASK
+    config: Configuration, volunteers: VolunteerFigure | None = None, task: str = DEFAULT_TASK
 ) -> LeaderboardEntry:
-    """The entry of a configuration of the playground; `human` is None while nobody has played it."""
+    """The entry of a configuration of the playground; no volunteers while nobody has played it."""
     boards = boards_of(task)
     name, title = boards.name_of(config)
-    return LeaderboardEntry(name, title, config, human, boards.seeds(config), task=task)
+    return LeaderboardEntry(name, title, config, None, volunteers, boards.seeds(config), task=task)
 
 
 def offered_boards(task: str = DEFAULT_TASK) -> dict[str, LeaderboardEntry]:

@@ -8,25 +8,30 @@ import threading
 from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any, TypedDict
 
 from humanplay.db.file import studies_beside
 from humanplay.db.reader import Reader
 from humanplay.db.trial import Trial
 from humanplay.jobs import Jobs
-from humanplay.report.statistics.human_level import LEAST_EPISODES, VolunteerFigures
+from humanplay.report.statistics.human_level import (
+    LEAST_EPISODES,
+    Counts,
+    VolunteerFigure,
+    VolunteerFigures,
+)
+from humanplay.report.statistics.study_figures import MeanInterval
 from humanplay.report.statistics.summaries import (
-    Curve,
     EpisodeSummary,
-    TrialSummary,
     coverage_curve,
     summary_of_record,
     trial_summaries,
     visit_counts,
 )
 from humanplay.results.entries import (
+    BoardPictures,
     ClosedStudies,
     LeaderboardEntry,
+    StudyPeople,
     expert_steps,
     list_entries,
 )
@@ -70,10 +75,10 @@ class Leaderboard:
     def entries(self) -> list[LeaderboardEntry]:
         """Return every entry; one thread at a time reads what has not been read before."""
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
-            found = list_entries(reader, self._studies, self.volunteers, self._task)
-            played = [each for each in found if each.study is None]
-            self._people.drop_all_but((each.config.hash, each.human) for each in played)
-        return found
+            entries = list_entries(reader, self._studies, self.volunteers, self._task)
+            played = [entry for entry in entries if entry.study is None]
+            self._people.drop_all_but((entry.config.hash, entry.volunteers) for entry in played)
+        return entries
 
     async def newest_entries(self) -> list[LeaderboardEntry]:
         """Return every entry as the database has it now, whoever else asks."""
@@ -109,15 +114,19 @@ class Leaderboard:
         ]
         return {"board": entry.to_dict(), "people": people, "policies": policies}
 
-    def _people_of(self, entry: LeaderboardEntry) -> dict[str, Any] | None:
-        if entry.human is None or entry.study is not None:
-            return entry.human
-        if entry.human["missing"]:
-            return None
+    def _people_of(self, entry: LeaderboardEntry) -> StudyPeople | VolunteerPeople | None:
+        volunteers = entry.volunteers
+        if volunteers is None or volunteers["missing"]:
+            return entry.people
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
-            pictures = self._people.pictures(reader, entry.config, entry.human)
-        means = {name: entry.human[name] for name in ("score", "steps", "completed")}
-        return {**entry.human["entering"], **means, **pictures}
+            pictures = self._people.pictures(reader, entry.config, volunteers)
+        return {
+            **volunteers["entering"],
+            "score": volunteers["score"],
+            "steps": volunteers["steps"],
+            "completed": volunteers["completed"],
+            **pictures,
+        }
 
 
 MAX_EPISODES = 1000
@@ -133,12 +142,12 @@ Replays = dict[Course, EpisodeSummary | None]
 """Replayed episodes; None where another version of the rules made one."""
 
 
-class BoardPictures(TypedDict):
-    """The curve and the visits of the people of a board, and how their trials went; None for nobody."""
+class VolunteerPeople(Counts, BoardPictures):
+    """The playground's people on a board: who enters their figure, its means, their pictures."""
 
-    curve: Curve | None
-    visits: list[list[float]] | None
-    trials: list[TrialSummary]
+    score: MeanInterval | None
+    steps: MeanInterval | None
+    completed: float | None
 
 
 class HumanSummaries:
@@ -153,10 +162,10 @@ class HumanSummaries:
         self._replays: dict[str, Replays] = {}
 
     def pictures(
-        self, reader: Reader, config: Configuration, human: dict[str, Any]
+        self, reader: Reader, config: Configuration, figure: VolunteerFigure
     ) -> BoardPictures:
         """The pictures of the people behind a figure of `human_level`; seconds, so in a thread."""
-        state = json.dumps(human)
+        state = json.dumps(figure)
         if self._made.get(config.hash, ("",))[0] != state:
             now: Replays = {}
             made = _pictures(reader, config, self._replays.pop(config.hash, {}), now)
@@ -164,12 +173,12 @@ class HumanSummaries:
             self._keep(config.hash, now)
         return self._made[config.hash][1]
 
-    def drop_all_but(self, figures: Iterable[tuple[str, dict[str, Any] | None]]) -> None:
+    def drop_all_but(self, figures: Iterable[tuple[str, VolunteerFigure | None]]) -> None:
         """Drop the pictures of figures that are none any longer, and all replays of configurations without a figure.
 
         figures  (hash of the configuration, figure or None) of every board
         """
-        states = {config: json.dumps(human) for config, human in figures if human is not None}
+        states = {config: json.dumps(figure) for config, figure in figures if figure is not None}
         made = self._made.items()
         self._made = {each: figure for each, figure in made if states.get(each) == figure[0]}
         self._replays = {each: kept for each, kept in self._replays.items() if each in states}

@@ -46,7 +46,7 @@ def _check_no_study(session: Session, what: str, instead: str) -> None:
         raise HTTPException(409, f"this board is a participant's of a study: {what}; {instead}")
 
 
-async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
+async def session_summary(lobby: Lobby, session: Session) -> dict[str, object]:
     """Return what a page needs to show a session: its driver, its configuration, its frame and its rival's."""
     rival, current, store = lobby.rival_of(session), session.current, lobby.store
     pace = None if rival is None or rival.pace is None else rival.pace.model_dump()
@@ -79,7 +79,7 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
     tags=["server"],
     summary="Is the server well?",
 )
-async def health(request: Request) -> dict[str, Any]:
+async def health(request: Request) -> dict[str, object]:
     """Report the core version, which fixes what a recorded episode replays to, and how many sessions are in memory.
 
     `getting_ready` says why a board that was asked for takes longer than a moment on a fresh machine; null otherwise.
@@ -121,13 +121,13 @@ async def readyz(request: Request) -> dict[str, str]:
 
 
 @router.get("/task", response_model=Task, tags=["server"], summary="What is played here")
-async def task(request: Request) -> dict[str, Any]:
+async def task(request: Request) -> dict[str, object]:
     """Return how it is called, drawn and measured, its actions by their codes, and the keys that pages begin with."""
     return describe(_lobby(request).task)
 
 
 @router.get("/levels", response_model=list[Level], tags=["server"], summary="What can be played")
-async def levels(request: Request) -> list[dict[str, Any]]:
+async def levels(request: Request) -> list[dict[str, object]]:
     """List the levels; MarsExplorer has them: `random` is the paper's section 3.2, `t-m-b` the twelve of its section 3.3."""
     return _lobby(request).task.levels()
 
@@ -135,7 +135,7 @@ async def levels(request: Request) -> list[dict[str, Any]]:
 @router.get(
     "/maps", response_model=list[Map], tags=["server"], summary="The maps that can be played"
 )
-async def maps(request: Request) -> list[dict[str, Any]]:
+async def maps(request: Request) -> list[dict[str, object]]:
     """List the maps that the server was started with (`serve --map`); each name can be given as `map`, instead of a level."""
     return _lobby(request).task.maps()
 
@@ -160,7 +160,7 @@ async def policies(request: Request) -> list[dict[str, str]]:
 )
 async def get_my_session(
     request: Request, watch: Id = None, episode: Id = None
-) -> dict[str, Any] | None:
+) -> dict[str, object] | None:
     """Return what POST /api/sessions returned for your open ranked board, else for your newest: by your cookie alone.
 
     `watch` asks for the board of that id for watching, `episode` for the one on which that episode is the current one. Null
@@ -180,7 +180,7 @@ async def get_my_session(
     tags=["play"],
     summary="The session as it stands now",
 )
-async def get_about(request: Request, session_id: str) -> dict[str, Any]:
+async def get_about(request: Request, session_id: str) -> dict[str, object]:
     """Return what POST /api/sessions returned, as it stands now; a page that was reloaded begins here."""
     session = await session_of(request, session_id)
     return await session_summary(_lobby(request), session)
@@ -216,7 +216,7 @@ def board_router(messages: Messages) -> APIRouter:
         request: Request,
         response: Response,
         wanted: messages.board | None = None,  # type: ignore[name-defined]
-    ) -> dict[str, Any]:
+    ) -> dict[str, object]:
         """Begin a board. All fields are optional; an empty body begins a 21x21 `random` board for you, without a rival.
 
         `session` in the answer cannot be guessed: whoever knows it can watch and drive. `frame.episode` and `frame.step` go
@@ -287,7 +287,7 @@ def board_router(messages: Messages) -> APIRouter:
         request: Request,
         session_id: str,
         wanted: messages.episode | None = None,  # type: ignore[name-defined]
-    ) -> dict[str, Any]:
+    ) -> dict[str, object]:
         """Begin the next episode, the rival's too. One still running is abandoned: its return so far minus `r_invalid` counts.
 
         On a board of the page, a ranked terrain that waits for its first move is not exchanged: the answer is then the board on

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import closing
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 
@@ -34,7 +34,7 @@ Day = Annotated[str, _DAY]
 
 
 @router.get("", response_model=Today, summary="Today's terrain, and my attempt at it")
-async def get_today(request: Request) -> dict[str, Any]:
+async def get_today(request: Request) -> dict[str, object]:
     """Return the commitment to today's key, when the next day begins, and yesterday's key; by your cookie your attempt.
 
     `commitment` is SHA-256 of the day's key. The key is told when the day (UTC) is over, and the terrain follows from it.
@@ -63,7 +63,7 @@ async def get_today(request: Request) -> dict[str, Any]:
     responses=GONE_ON_WITH,
     summary="Play today's terrain, once",
 )
-async def begin_today(request: Request, response: Response) -> dict[str, Any]:
+async def begin_today(request: Request, response: Response) -> dict[str, object]:
     """Begin your attempt, or go on with it (200); the answer is that of POST /api/sessions. 409 once it is over.
 
     Only a page of this server may: the board belongs to the player's cookie.
@@ -86,7 +86,7 @@ async def begin_today(request: Request, response: Response) -> dict[str, Any]:
 
 
 @router.get("/{day}", response_model=DayAnswer, summary="The terrain of a day")
-async def get_day(request: Request, day: Day) -> dict[str, Any]:
+async def get_day(request: Request, day: Day) -> dict[str, object]:
     """Return level, size and commitment, and once the day is over the key and the seed, from which anybody can draw it."""
     services = services_of(request)
     return describe_terrain(services, await _terrain_on(services, day))
@@ -98,7 +98,7 @@ async def get_day(request: Request, day: Day) -> dict[str, Any]:
     response_model_exclude_unset=True,
     summary="People and policies on the terrain of a day",
 )
-async def get_results(request: Request, day: Day) -> dict[str, Any]:
+async def get_results(request: Request, day: Day) -> dict[str, object]:
     """Return ranks and the distribution of moves. Those of today are for whoever has finished today's attempt: else 403.
 
     People are named nowhere, and episodes once the day is over. Results of policies come when they are ready.
@@ -115,7 +115,7 @@ async def get_results(request: Request, day: Day) -> dict[str, Any]:
     return {"day": day, "attempt": attempt, "people": people, "policies": policies}
 
 
-def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, Any]:
+def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, object]:
     """Return what anybody may know of a day's terrain now; `key` and `seed` are None before the day is over.
 
     `protocol` is the canonical JSON that the seed is drawn for, beside the key.
@@ -132,7 +132,7 @@ def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, Any
     }
 
 
-async def _earlier(services: Services, day: str) -> dict[str, Any] | None:
+async def _earlier(services: Services, day: str) -> dict[str, object] | None:
     terrain = await services.daily_boards.on(day)
     return None if terrain is None else describe_terrain(services, terrain)
 
@@ -148,6 +148,6 @@ async def _terrain_on(services: Services, day: str) -> DailyTerrain:
 
 def _people(
     services: Services, terrain: DailyTerrain, player_id: str | None, is_over: bool
-) -> dict[str, Any]:
+) -> dict[str, object]:
     with closing(Reader.open(services.store.path)) as reader:
         return people_on(reader, terrain, player_id, is_over)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 from urllib.parse import quote
 
 from fastapi import APIRouter, HTTPException, Query, Request
@@ -33,7 +33,7 @@ NO_GHOST = "none"
     tags=["results"],
     summary="The course of a finished episode",
 )
-async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
+async def get_replay(request: Request, episode_id: str) -> dict[str, object]:
     """Return where the rover was after each move and since when each cell was known, for a replay; 404 as for the episode."""
     with bad_input():
         replays, owner = services_of(request).replays, owner_of(request)
@@ -48,7 +48,7 @@ async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
 )
 async def get_ghost(
     request: Request, episode_id: str, policy: PolicyName | None = None
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the course of a policy, the usual one by default, from the same start on the same terrain; 404 as before."""
     asker, owner, replays = asker_of(request), owner_of(request), services_of(request).replays
     with bad_input():

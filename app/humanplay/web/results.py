@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import Response
@@ -18,6 +18,7 @@ from humanplay.db.trial import Trial
 from humanplay.db.volunteers import Sums, player_sums, players_of
 from humanplay.report.costs import cost_cache
 from humanplay.report.statistics.human_level import LEAST_EPISODES
+from humanplay.report.statistics.human_level import HumanLevel as Figures
 from humanplay.results.leaderboard import UnknownEntryError
 from humanplay.study.policy_files import PolicyFiles
 from humanplay.task import Configuration, PolicyError, Record
@@ -58,7 +59,7 @@ def _database_now(request: Request) -> tuple[Path, int]:
     tags=["results"],
     summary="How well this playground's volunteers play",
 )
-def get_human_level(request: Request) -> dict[str, Any]:
+def get_human_level(request: Request) -> Figures:
     """Return one figure per configuration, from ranked episodes: alone, on terrains that were neither chosen nor met before.
 
     Volunteers select themselves: this is no human level, which is a closed study's figure. The means are over the players in
@@ -81,7 +82,7 @@ def get_episodes(
     limit: Annotated[int, Query(ge=1, le=200)] = 100,
     after: Annotated[str | None, Query(max_length=128)] = None,
     who: Who = "all",
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """List finished episodes, the newest first; `who=human` lists those that count.
 
     `after` is the id of the last episode of the page before; 404 where there is no such finished episode any more.
@@ -100,7 +101,7 @@ def get_episodes(
     tags=["results"],
     summary="One finished episode: seed, actions, times",
 )
-def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
+def get_episode(request: Request, episode_id: str) -> dict[str, object]:
     """Return a finished episode; 404 while it runs, because its seed gives the terrain away.
 
     404 as well for one of an open study, and for one of a daily terrain before its day is over, whoever asks.
@@ -118,7 +119,7 @@ def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
     tags=["results"],
     summary="What the moves of a finished episode cost",
 )
-async def get_costs(request: Request, episode_id: str) -> dict[str, Any]:
+async def get_costs(request: Request, episode_id: str) -> dict[str, object]:
     """Return the episode beside Expert's, its greatest mistakes, and for each move what Expert would have done.
 
     docs/evaluation.md says what a cost is.
@@ -133,7 +134,7 @@ async def get_costs(request: Request, episode_id: str) -> dict[str, Any]:
 
 async def costs_of(
     request: Request, record: Record, files: PolicyFiles | None = None
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return what the moves of an episode cost that the asker may see; HTTPException when that cannot be said.
 
     files  of the study that the episode is of; None: the shipped ones
@@ -148,8 +149,15 @@ async def costs_of(
         except PolicyError as error:
             return {"policy": courses.expert, **courses.unjudged(record, str(error))}
         cause = (record.config.hash, record.terrain, record.trajectory_hash, record.outcome)
-        asked: Any = {"owner": owner, "key": ("costs", source, *cause), "limit_s": COSTS_S}
-        costs = await services.jobs.run(courses.explain, cache, record, source, **asked)
+        costs = await services.jobs.run(
+            courses.explain,
+            cache,
+            record,
+            source,
+            owner=owner,
+            key=("costs", source, *cause),
+            limit_s=COSTS_S,
+        )
         return {"policy": courses.expert, **costs}
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
@@ -193,7 +201,7 @@ async def export_human_scores(request: Request) -> Response:
     return await downloads.answer(owner_of(request), *asked)
 
 
-def describe_own(trial: Trial) -> dict[str, Any]:
+def describe_own(trial: Trial) -> dict[str, object]:
     """Return an episode of a player's own list; `kind` is "daily", "ranked" or "practice".
 
     `counts` says whether a ranked one enters the volunteers' figures.
@@ -218,16 +226,13 @@ def describe_own(trial: Trial) -> dict[str, Any]:
     }
 
 
-def personal_bests(reader: Reader, player: str) -> list[dict[str, Any]]:
-    """Return a figure for each configuration of a player's episodes, the most played first.
-
-    `best` is the explored episode with the fewest moves on a terrain that was new to the player, by their own hand; None
-    without one. `people` places their ranked episodes among the volunteers'.
-    """
+def personal_bests(reader: Reader, player: str) -> list[dict[str, object]]:
+    """Describe what a player has played by configuration, the most played first."""
     return [_figure(reader, player, best) for best in reader.bests_of(player)]
 
 
-def _figure(reader: Reader, player: str, played: Best) -> dict[str, Any]:
+def _figure(reader: Reader, player: str, played: Best) -> dict[str, object]:
+    """Describe one configuration; `people` places the player's ranked episodes among the volunteers'."""
     config = played.config
     return {
         "level": config.level,
@@ -241,7 +246,7 @@ def _figure(reader: Reader, player: str, played: Best) -> dict[str, Any]:
     }
 
 
-def _standing(reader: Reader, config: Configuration, player: str) -> dict[str, Any]:
+def _standing(reader: Reader, config: Configuration, player: str) -> dict[str, object]:
     """Return volunteers' mean moves to 99 %, sorted and without names, and the player's own.
 
     A mean is of LEAST_EPISODES ranked episodes that count, or more; `you` is None while `missing` are missing.
@@ -267,7 +272,7 @@ def get_own_history(
     request: Request,
     limit: Annotated[int, Query(ge=1, le=1000)] = 50,
     after: Annotated[str | None, Query(max_length=128)] = None,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return what you have driven, the newest first, and per configuration your best and your place among the volunteers.
 
     By your cookie alone; without one everything is empty. Episodes of open studies are left out. `after` is the id of the
@@ -282,9 +287,12 @@ def get_own_history(
         except LookupError as error:
             why = f"no episode {after!r} of yours to go on after; begin without one"
             raise HTTPException(404, why) from error
-        bests = personal_bests(reader, player_id)
-    total = sum(each["episodes"] for each in bests)
-    return {"total": total, "episodes": list(map(describe_own, shown)), "bests": bests}
+        played = reader.bests_of(player_id)
+        return {
+            "total": sum(best.episodes for best in played),
+            "episodes": list(map(describe_own, shown)),
+            "bests": [_figure(reader, player_id, best) for best in played],
+        }
 
 
 @mine.get(
@@ -313,7 +321,7 @@ async def _sent(
 @leaderboard.get(
     "", response_model=list[LeaderboardEntry], summary="What people and policies are compared on"
 )
-async def get_boards(request: Request) -> list[dict[str, Any]]:
+async def get_boards(request: Request) -> list[dict[str, object]]:
     """List one entry per closed study and per configuration; what people have played stands first."""
     services = services_of(request)
     await services.progress.note_all_closed()
@@ -326,7 +334,7 @@ async def get_boards(request: Request) -> list[dict[str, Any]]:
     response_model_exclude_unset=True,
     summary="People, policies and rules on one scale",
 )
-async def get_board(request: Request, board: str, evaluate: bool = False) -> dict[str, Any]:
+async def get_board(request: Request, board: str, evaluate: bool = False) -> dict[str, object]:
     """Return means with 95 % intervals: people's over players, policies' over held-out terrains.
 
     A policy without a figure here has the `state` missing; `evaluate=true` has it evaluated in the background, and its `state`

@@ -22,7 +22,6 @@ from contextlib import (
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
@@ -193,7 +192,7 @@ def _app_of(
     return app
 
 
-def _log_failure(sweeper: asyncio.Task[Any]) -> None:
+def _log_failure(sweeper: asyncio.Task[None]) -> None:
     """Log the error that has ended something beside play, since nobody waits for it."""
     if not sweeper.cancelled() and (error := sweeper.exception()) is not None:
         what = "a task beside play has failed, and begins again when the server is started again"

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 from pydantic import Field, field_validator
@@ -32,7 +32,7 @@ from humanplay.web.results import costs_of
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])
 Name = Annotated[str, Path(max_length=100, description="of the study")]
-State = dict[str, Any]
+State = dict[str, object]
 T = TypeVar("T")
 Index = Annotated[int, Path(ge=0, le=10_000)]
 
@@ -162,11 +162,11 @@ class Asking:
     player: str | None
     name: str
 
-    def write(self, work: Callable[..., T], *given: Any) -> Awaitable[T]:
-        """Return what comes of `work(name, player, *given)` on the thread of the writes."""
-        return self.progress.lobby.store.write(partial(work, self.name, self.player, *given))
+    def write(self, work: Callable[..., T], *arguments: object) -> Awaitable[T]:
+        """Return what comes of `work(name, player, *arguments)` on the thread of the writes."""
+        return self.progress.lobby.store.write(partial(work, self.name, self.player, *arguments))
 
-    async def after(self, doing: Awaitable[Any]) -> State:
+    async def after(self, doing: Awaitable[object]) -> State:
         """Return where the participant stands once something is done."""
         with answering_study_errors():
             await doing
@@ -290,7 +290,7 @@ async def list_studies(progress: ProgressOf) -> list[dict[str, str | int]]:
     response_model_exclude_unset=True,
     summary="What a study has published",
 )
-async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
+async def get_study(progress: ProgressOf, name: Name) -> dict[str, object]:
     """Return what fixes protocol and terrains before anybody has played; `secret` is null until the study is closed."""
     with answering_study_errors():
         study = progress.study(name)
@@ -418,7 +418,7 @@ async def withdraw(asks: AskingOf, chosen: Withdrawal | None = None) -> State:
     response_model=DebriefRuns,
     summary="A terrain again, with a policy",
 )
-async def debrief(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dict[str, Any]:
+async def debrief(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dict[str, object]:
     """Return your own episode and the policy's on the same terrain, frame by frame, once you are at the debrief.
 
     Ranked terrains, in the order in which you played them, are shown once the study is closed.
@@ -433,7 +433,9 @@ async def debrief(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dic
     response_model=Costs,
     summary="What your moves on a terrain cost",
 )
-async def debrief_costs(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dict[str, Any]:
+async def debrief_costs(
+    asks: AskingOf, index: Index, phase: Shown = "warm_up"
+) -> dict[str, object]:
     """Return what the moves of your own episode cost, once you are at the debrief; of a ranked one once the study is closed."""
     study, trials = await asks.trials_at_debrief()
     with answering_study_errors():

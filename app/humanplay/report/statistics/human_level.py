@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
-from typing import Any
+from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
 
@@ -30,8 +30,61 @@ from marsexplorer.intervals import Floats, t_interval
 LEAST_PLAYERS, LEAST_EPISODES = 5, 5
 """A mean needs so many players with so many ranked episodes each; who has fewer episodes is not in it."""
 
-MEANS = ("as_played", "score", "steps", "completed")
-"""What a figure has only once it has enough players."""
+
+class Counts(TypedDict):
+    """How many players, and of their episodes how many in all, abandoned and spoilt."""
+
+    players: int
+    episodes: int
+    abandoned: int
+    spoilt: int
+
+
+class Missing(TypedDict):
+    """Players that lack, of how many with so many episodes each."""
+
+    players: int
+    of: int
+    episodes: int
+
+
+class AsPlayed(TypedDict):
+    """The means as if no episode was spoilt."""
+
+    score: float
+    steps: float
+
+
+class Means(TypedDict):
+    """The means over players; None while players are missing, and `as_played` if no episode is spoilt."""
+
+    as_played: AsPlayed | None
+    score: MeanInterval | None
+    steps: MeanInterval | None
+    completed: float | None
+
+
+class VolunteerFigure(Counts, Means):
+    """The volunteers' figure on a configuration: all counts, and those and the means of who enters."""
+
+    task: str
+    level: str
+    where: str
+    rows: NotRequired[int]
+    cols: NotRequired[int]
+    config_hash: str
+    config: dict[str, object]
+    population: Literal["volunteers"]
+    entering: Counts
+    missing: Missing | None
+
+
+class HumanLevel(TypedDict):
+    """A figure for each configuration, and the same in words."""
+
+    figures: list[VolunteerFigure]
+    sentence: str
+
 
 NOBODY_PLAYED = "Volunteers on this playground: nobody has played a ranked episode yet."
 
@@ -43,10 +96,10 @@ class VolunteerFigures:
     """
 
     def __init__(self) -> None:
-        self._made: dict[str, tuple[str, dict[str, Any]]] = {}
+        self._made: dict[str, tuple[str, VolunteerFigure]] = {}
         self._making = threading.Lock()
 
-    def human_level(self, store: Reader) -> dict[str, Any]:
+    def human_level(self, store: Reader) -> HumanLevel:
         """Return what the function `human_level` returns; the figures are shared, so do not change them."""
         with self._making:
             self._made = {
@@ -59,7 +112,7 @@ class VolunteerFigures:
 
     def _made_from(
         self, store: Reader, config_hash: str, task: str, config: str, state: str
-    ) -> tuple[str, dict[str, Any]]:
+    ) -> tuple[str, VolunteerFigure]:
         """Return the state of a configuration's sums with the figure that they give."""
         made = self._made.get(config_hash)
         if made is not None and made[0] == state:
@@ -67,8 +120,8 @@ class VolunteerFigures:
         return state, _figure(task, config, players_of(store, config_hash))
 
 
-def human_level(store: Reader) -> dict[str, Any]:
-    """Return the volunteers' `{"figures": [one per configuration], "sentence": the same in words}`; none for nobody."""
+def human_level(store: Reader) -> HumanLevel:
+    """Return the volunteers' figures; none for nobody."""
     return VolunteerFigures().human_level(store)
 
 
@@ -81,48 +134,60 @@ def mean_interval(values: Sequence[float]) -> MeanInterval:
     return {"mean": mean, "low": float(low), "high": float(high)}
 
 
-def _figure(task: str, config_json: str, players: Sequence[Sums]) -> dict[str, Any]:
+def _figure(task: str, config_json: str, players: Sequence[Sums]) -> VolunteerFigure:
     rules, config = rules_of(task), parse_config(task, config_json)
     values = config.to_dict()
-    entering = [each for each in players if each.episodes >= LEAST_EPISODES]
+    entering = [sums for sums in players if sums.episodes >= LEAST_EPISODES]
     missing = max(0, LEAST_PLAYERS - len(entering))
-    return {
+    means: Means = {"as_played": None, "score": None, "steps": None, "completed": None}
+    if not missing:
+        means = _means(rules, config, entering)
+    figure: VolunteerFigure = {
         "task": task,
         "level": config.level,
         "where": rules.texts(config).setting,
-        **{side: values[side] for side in ("rows", "cols") if side in values},
         "config_hash": config.hash,
         "config": values,
         "population": "volunteers",
-        **_counts(players),
+        "players": len(players),
+        "episodes": sum(sums.episodes for sums in players),
+        "abandoned": sum(sums.abandoned for sums in players),
+        "spoilt": sum(sums.spoilt for sums in players),
         "entering": _counts(entering),
         "missing": {"players": missing, "of": LEAST_PLAYERS, "episodes": LEAST_EPISODES}
         if missing
         else None,
-        **(dict.fromkeys(MEANS) if missing else _means(rules, config, entering)),
+        "as_played": means["as_played"],
+        "score": means["score"],
+        "steps": means["steps"],
+        "completed": means["completed"],
     }
+    if "rows" in values and "cols" in values:
+        figure["rows"], figure["cols"] = values["rows"], values["cols"]
+    return figure
 
 
-def _counts(players: Sequence[Sums]) -> dict[str, int]:
-    """How many players, and of their episodes how many in all, abandoned and spoilt."""
-    names = ("episodes", "abandoned", "spoilt")
-    sums = {name: sum(getattr(each, name) for each in players) for name in names}
-    return {"players": len(players), **sums}
-
-
-def _means(rules: Rules, config: Configuration, players: Sequence[Sums]) -> dict[str, Any]:
-    """The means over players, by the names in MEANS."""
-    as_played = {
-        "score": _mean([each.played_score / each.episodes for each in players]),
-        "steps": _mean([each.played_steps / each.episodes for each in players]),
-    }
-    scores = np.array([each.score / each.episodes for each in players])
-    steps = np.array([each.steps / each.episodes for each in players])
+def _counts(players: Sequence[Sums]) -> Counts:
     return {
-        "as_played": as_played if any(each.spoilt for each in players) else None,
+        "players": len(players),
+        "episodes": sum(sums.episodes for sums in players),
+        "abandoned": sum(sums.abandoned for sums in players),
+        "spoilt": sum(sums.spoilt for sums in players),
+    }
+
+
+def _means(rules: Rules, config: Configuration, players: Sequence[Sums]) -> Means:
+    as_played: AsPlayed = {
+        "score": _mean([sums.played_score / sums.episodes for sums in players]),
+        "steps": _mean([sums.played_steps / sums.episodes for sums in players]),
+    }
+    scores = np.array([sums.score / sums.episodes for sums in players])
+    steps = np.array([sums.steps / sums.episodes for sums in players])
+    return {
+        "as_played": as_played if any(sums.spoilt for sums in players) else None,
         "score": _interval_of(rules, config, "score", scores),
         "steps": _interval_of(rules, config, "steps", steps),
-        "completed": _mean([1 - each.failed / each.episodes for each in players]),
+        "completed": _mean([1 - sums.failed / sums.episodes for sums in players]),
     }
 
 
@@ -140,7 +205,7 @@ def _mean(values: Sequence[float]) -> float:
     return math.fsum(values) / len(values)
 
 
-def _sentence(figure: dict[str, Any]) -> str:
+def _sentence(figure: VolunteerFigure) -> str:
     """A figure in plain words."""
     who = f"{counted(figure['players'], 'player')} and {counted(figure['episodes'], 'episode')}"
     left = f", {figure['abandoned']} of them abandoned" if figure["abandoned"] else ""
@@ -162,7 +227,9 @@ def _sentence(figure: dict[str, Any]) -> str:
     return f"{place}: {means}. Each of {entering} weighs the same; {who} in all{left}."
 
 
-def _with_interval(value: dict[str, float | None], form: str, unit: str = "") -> str:
+def _with_interval(value: MeanInterval | None, form: str, unit: str = "") -> str:
+    if value is None:
+        return "none"
     ends = "no interval"
     if value["low"] is not None:
         ends = f"95 % interval {value['low']:{form}} to {value['high']:{form}}"

@@ -31,15 +31,15 @@ class OfEnvironment:
         return {OWN: self.name}
 
 
-Frame = Annotated[dict[str, Any], OfEnvironment("frame")]
+Frame = Annotated[dict[str, object], OfEnvironment("frame")]
 """What a board shows after a move."""
-History = Annotated[dict[str, Any], OfEnvironment("history")]
+History = Annotated[dict[str, object], OfEnvironment("history")]
 """The path so far."""
-Course = Annotated[dict[str, Any], OfEnvironment("course")]
+Course = Annotated[dict[str, object], OfEnvironment("course")]
 """What a replay draws of an episode."""
-Mistake = Annotated[dict[str, Any], OfEnvironment("mistake")]
+Mistake = Annotated[dict[str, object], OfEnvironment("mistake")]
 """Moves that together cost something."""
-Configuration = dict[str, Any]
+Configuration = dict[str, object]
 """The configuration of an environment, whose settings are its own."""
 
 
