@@ -17,7 +17,6 @@ from humanplay.tasks.mars.run import occupancy_codes
 from humanplay.web.simulate import Clock, Socket
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
-from tests.support.answers import check_answer
 
 PACE = random.Random(7)
 PATIENCE_S = 60.0
@@ -109,15 +108,15 @@ class Running:
 
     def __init__(self, port, clock=None):
         self.port, self.url, self.clock = port, f"http://127.0.0.1:{port}", clock
-        self.app = None
+        self.app = self.check = None
         self._clients = []
 
     def client(self, **rest):
         # nothing here speaks TLS, and reading the certificates takes 20 ms
         rest = {"verify": False, **rest}
         client = httpx.Client(base_url=self.url, timeout=PATIENCE_S, trust_env=False, **rest)
-        if self.app is not None:
-            client.event_hooks["response"].append(partial(check_answer, self.app))
+        if self.check is not None:
+            client.event_hooks["response"].append(partial(self.check, self.app))
         self._clients.append(client)
         return client
 
@@ -249,15 +248,19 @@ def running_server(policies, /, sources=None, **settings):
 def serve(tmp_path, limits, shipped_policies):
     """`serve(...)` starts a server as `running_server` does, with the test's own folder and limits where none are given.
 
-    `offered` are sources of policies that it loads itself, besides those of `policies`.
+    `offered` are sources of policies that it loads itself, besides those of `policies`. Every answer must be as described.
     """
+    from tests.support.answers import check_answer
+
     with ExitStack() as running:
 
         def start(sources=None, policies=None, offered=(), **settings):
             paths = {"database": tmp_path / "playground.db"}
             settings = {**paths, "limits": limits, "policies": offered, **settings}
             one = running_server(policies or shipped_policies, sources, **settings)
-            return running.enter_context(one)
+            server = running.enter_context(one)
+            server.check = check_answer
+            return server
 
         yield start
 
