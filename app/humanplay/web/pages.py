@@ -164,8 +164,8 @@ async def offers_page(request: Request) -> Response:
     first, *others = request.app.state.offers.items()
     root = root_of(request) + "../../" * bool(request.scope.get("root_path"))
     offers = [
-        (root or "./", first[1].rules),
-        *((f"{root}play/{name}/", played.rules) for name, played in others),
+        (root or "./", first[1].rules.about),
+        *((f"{root}play/{name}/", played.rules.about) for name, played in others),
     ]
     text = environment.get_template("offers/index.html").render(
         root=root_of(request), offers=offers
