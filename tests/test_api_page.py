@@ -1,4 +1,4 @@
-"""docs/api.md: its two episodes run against a server, and it names every call there is."""
+"""docs/api.md: its two episodes run against a server."""
 
 import re
 import shutil
@@ -41,15 +41,3 @@ def test_ten_lines_of_curl_drive_a_whole_episode(server):
     found = ended(server)
     assert found["outcome"] in ("collided", "out_of_bounds")
     assert f'"outcome":"{found["outcome"]}"' in done.stdout.replace(" ", "")
-
-
-def test_the_page_names_every_call(server):
-    page = re.sub(r"\{[^}`]*\}", "{}", PAGE)
-    for path, verbs in server.app.openapi()["paths"].items():
-        if path.startswith("/agents/{token}"):
-            assert "`/agents/{}/...`" in page  # a card's own openapi.json lists them
-            continue
-        plain, end = re.sub(r"\{.*?\}", "{}", path), path.rpartition("/")[2]
-        for verb in verbs:
-            is_named = re.search(rf"`{verb.upper()} {re.escape(plain)}[`?]", page)
-            assert is_named or f"`.../{end}`" in page, (verb, path)

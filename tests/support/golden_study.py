@@ -23,6 +23,7 @@ from tests.support.stored_studies import StudyRecorder
 
 STUDIES = Path(__file__).parents[1] / "fixtures" / "studies"
 NAME = "golden"
+AGAIN = "after a change on purpose `python -m tests.support.golden_study` writes it again"
 SLIPS = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4)
 REPORTS = {"report.json": (), "report-synthetic.json": ("--synthetic",)}
 

@@ -165,7 +165,7 @@ def test_an_export_of_the_golden_study_is_what_it_always_was(tmp_path):
             read_under_one_pseudonym(place / f"{name}.csv")
             for place in (golden_study.STUDIES / "export", tmp_path / "out")
         )
-        assert now == was
+        assert now == was, golden_study.AGAIN
 
 
 def read_under_one_pseudonym(path):
