@@ -22,13 +22,14 @@ from humanplay.command.group import Commands
 from humanplay.db.columns import TABLES, bundle_table, markdown, markdown_tables
 from humanplay.task.registration import DEFAULT_TASK
 from humanplay.tasks.mars.cli import cli as marsexplorer
-from humanplay.web.answers.openapi import definitions
+from humanplay.web.answers.openapi import answered_models, definitions
+from humanplay.web.api_docs import answers_in_words, inputs_of
 from humanplay.web.server import create_app
 from humanplay.web.settings import DEFAULT_DATABASE, PREFIX, Limits, Settings
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER.parent / "static"
-PAGES = ("data.md", "release.md", "settings.md", "commands.md")
+PAGES = ("api.md", "data.md", "release.md", "settings.md", "commands.md")
 TYPES_HEAD = "// What the API answers and sockets carry, drawn from their own description: `make tables` draws it again."
 OF_ENVIRONMENT = {
     "Frame": "Frame", "History": "MoveHistory", "Course": "Course", "FrameCourse": "Course", "Mistake": "Mars.Mistake",
@@ -106,6 +107,7 @@ def commands(group: Commands, program: str) -> str:
 
 
 DRAWN: Mapping[str, Callable[[], str]] = {
+    "calls of the API": lambda: calls(),
     "tables of the database": markdown_tables,
     "columns of episodes": lambda: markdown(TABLES["episodes"].columns("export")),
     "columns of steps": lambda: markdown(TABLES["steps"].columns("export")),
@@ -133,34 +135,22 @@ def described_app(task: str) -> dict[str, Any]:
         return create_app(Settings(database=Path(folder) / "a.db", task=task)).openapi()
 
 
-def references(schema: Any) -> Iterator[str]:
-    """Yield the names of the models that a schema refers to."""
-    if isinstance(schema, dict):
-        if "$ref" in schema:
-            yield schema["$ref"].rpartition("/")[2]
-        for part in schema.values():
-            yield from references(part)
-    elif isinstance(schema, list):
-        for part in schema:
-            yield from references(part)
-
-
-def answered(description: dict[str, Any]) -> list[str]:
-    """The models of what pages are answered, and of all that they are made of, by name."""
-    waiting = [
-        name
-        for operations in description["paths"].values()
-        for operation in operations.values()
-        if operation["tags"] != ["agents"]
-        for name in references(operation["responses"])
+def calls() -> str:
+    """What each call takes and answers, as the API's own description says; a card's calls are listed under its address."""
+    description = described_app(DEFAULT_TASK)
+    models = description["components"]["schemas"]
+    rows = [
+        (
+            f"`{method.upper()} {path}`",
+            " ".join(f"`{name}`" for fields in inputs_of(operation, models) for name, _ in fields),
+            answers_in_words(operation),
+            operation["summary"],
+        )
+        for path, operations in description["paths"].items()
+        if not path.startswith("/agents/{token}")
+        for method, operation in operations.items()
     ]
-    found: set[str] = set()
-    while waiting:
-        name = waiting.pop()
-        if name not in found and name not in OF_ENVIRONMENT:
-            found.add(name)
-            waiting.extend(references(description["components"]["schemas"][name]))
-    return sorted(found)
+    return table(("call", "takes", "answers", "what it is"), rows)
 
 
 def type_of(schema: Mapping[str, Any], names: Mapping[str, str]) -> str:
@@ -209,7 +199,11 @@ def api_types() -> dict[str, str]:
     }
     schemas = apps["mars"]["components"]["schemas"]
     sockets = definitions(list(OVER_SOCKETS))
-    answers = [typed(name, schemas[name], OF_ENVIRONMENT) for name in answered(apps["mars"])]
+    answers = [
+        typed(name, schemas[name], OF_ENVIRONMENT)
+        for name in answered_models(apps["mars"])
+        if name not in OF_ENVIRONMENT
+    ]
     carried = [typed(name, sockets[name], {}) for name in sorted(sockets)]
     common = [TYPES_HEAD, namespace("Answers", answers), namespace("Socket", carried)]
     files = {"common/answers.d.ts": "\n\n".join(common) + "\n"}

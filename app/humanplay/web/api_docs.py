@@ -6,6 +6,7 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
+from humanplay.web.answers.openapi import answered_models
 from humanplay.web.templates import environment
 
 DESCRIPTION = """Drive the MarsExplorer rover, watch policies do it, and read what was played. `POST /api/sessions` begins a
@@ -35,14 +36,11 @@ SOCKET = """ws(s)://.../ws/sessions/{session}       a board begun by a page need
 
 ws(s)://.../ws/watch/{watch}            for spectators of a board: frames and histories alone, one episode after the other"""
 
-SHOWN_MODELS = ("Frame", "History", "Pace")
-"""The answers whose fields are listed."""
-
 
 def render_docs(schema: dict[str, Any]) -> str:
     """Return the HTML document of an OpenAPI schema."""
     models = schema["components"]["schemas"]
-    shown = {name: models[name] for name in SHOWN_MODELS}
+    shown = {name: models[name] for name in answered_models(schema)}
     page: str = _TEMPLATE.render(
         root="", info=schema["info"], example=EXAMPLE, socket=SOCKET, groups=_groups(schema["paths"], models),
         models=[(name, each.get("description", ""), _fields(each)) for name, each in shown.items()],
@@ -58,12 +56,15 @@ def _groups(
     for path, verbs in paths.items():
         for verb, call in verbs.items():
             said = {name: call.get(name, "") for name in ("summary", "description")}
-            shown = {"verb": verb.upper(), "path": path, **said, "tables": _tables(call, models)}
-            groups.setdefault(call["tags"][0].capitalize(), []).append(shown)
+            tables, answers = inputs_of(call, models), answers_in_words(call)
+            about = {"verb": verb.upper(), "path": path, "tables": tables, "answers": answers}
+            groups.setdefault(call["tags"][0].capitalize(), []).append({**said, **about})
     return list(groups.items())
 
 
-def _tables(call: dict[str, Any], models: dict[str, Any]) -> list[list[tuple[str, dict[str, Any]]]]:
+def inputs_of(
+    call: dict[str, Any], models: dict[str, Any]
+) -> list[list[tuple[str, dict[str, Any]]]]:
     """Return the tables of a call's inputs: its query parameters, then the fields of its body."""
     given = [each for each in call.get("parameters", []) if each["in"] == "query"]
     content = call.get("requestBody", {}).get("content", {})
@@ -72,6 +73,17 @@ def _tables(call: dict[str, Any], models: dict[str, Any]) -> list[list[tuple[str
     fields = _fields(models[named[0].rsplit("/", 1)[1]]) if named else []
     asked = [(each["name"], each["schema"]) for each in given]
     return [table for table in (asked, fields) if table]
+
+
+def answers_in_words(call: dict[str, Any]) -> str:
+    """What a call answers where it is granted: models between backquotes, files by their media types."""
+    answers = []
+    for status, response in call["responses"].items():
+        for media_type, media in response.get("content", {}).items():
+            if status[0] == "2":
+                is_file = media["schema"].get("format") == "binary"
+                answers.append(media_type if is_file else type_in_words(media["schema"]))
+    return " or ".join(dict.fromkeys(answers))
 
 
 def _fields(model: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
@@ -87,10 +99,16 @@ def _with_code(text: str) -> Markup:
     )
 
 
-def _type_of(field: dict[str, Any]) -> str:
-    """Return the type of a field in words, values between backquotes."""
+def type_in_words(field: dict[str, Any]) -> str:
+    """The type of a field in words, models and values between backquotes."""
+    if "$ref" in field:
+        return f"`{field['$ref'].rpartition('/')[2]}`"
     if "anyOf" in field:
-        return " or ".join(dict.fromkeys(_type_of(each) for each in field["anyOf"]))
+        return " or ".join(dict.fromkeys(type_in_words(part) for part in field["anyOf"]))
+    if "prefixItems" in field:
+        return f"[{', '.join(type_in_words(part) for part in field['prefixItems'])}]"
+    if "items" in field:
+        return f"list of {type_in_words(field['items'])}"
     if "enum" in field:
         return " | ".join(f"`{each}`" for each in field["enum"])
     if "const" in field:
@@ -102,5 +120,5 @@ def _type_of(field: dict[str, Any]) -> str:
     return " ".join([str(field.get("type", "")), *filter(None, bounds)])
 
 
-environment.filters.update(with_code=_with_code, type_of=_type_of)
+environment.filters.update(with_code=_with_code, type_of=type_in_words)
 _TEMPLATE = environment.get_template("api_docs.html")

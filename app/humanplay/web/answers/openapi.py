@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from fastapi import FastAPI
@@ -83,3 +84,32 @@ def with_models(schema: Any, models: dict[str, type[BaseModel]]) -> Any:
     if OWN in schema:
         parts["$ref"] = REFERENCE.format(model=models[schema[OWN]].__name__)
     return parts
+
+
+def references(schema: Any) -> Iterator[str]:
+    """Yield the names of the models that a schema refers to."""
+    if isinstance(schema, dict):
+        if "$ref" in schema:
+            yield schema["$ref"].rpartition("/")[2]
+        for part in schema.values():
+            yield from references(part)
+    elif isinstance(schema, list):
+        for part in schema:
+            yield from references(part)
+
+
+def answered_models(description: dict[str, Any]) -> list[str]:
+    """The names of the models of all answers, those of agents aside, and of what they are made of."""
+    waiting = [
+        name
+        for operations in description["paths"].values()
+        for operation in operations.values()
+        if operation["tags"] != ["agents"]
+        for name in references(operation["responses"])
+    ]
+    found: set[str] = set()
+    while waiting:
+        if (name := waiting.pop()) not in found:
+            found.add(name)
+            waiting.extend(references(description["components"]["schemas"][name]))
+    return sorted(found)
