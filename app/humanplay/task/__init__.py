@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
     from PIL.Image import Image
+    from starlette.websockets import WebSocket
 
 T = TypeVar("T")
 
@@ -803,6 +804,44 @@ class Boards(Protocol):
         """Those of the instances that policies play on a board."""
 
 
+class ViewPage(Protocol):
+    """The page of a 3-D view."""
+
+    @property
+    def version(self) -> str:
+        """Its version, in its address."""
+
+    @property
+    def etag(self) -> str:
+        """The version as an ETag."""
+
+    @property
+    def html(self) -> bytes:
+        """The content."""
+
+    @property
+    def zipped(self) -> bytes:
+        """The content, gzipped."""
+
+    @property
+    def script_hashes(self) -> tuple[str, ...]:
+        """Those of its scripts, as a Content-Security-Policy has them."""
+
+
+class View3D(Protocol):
+    """A 3-D view of a server's boards."""
+
+    @property
+    def page(self) -> ViewPage:
+        """What a browser opens."""
+
+    async def serve(self, websocket: WebSocket, session: Any) -> None:
+        """Serve one browser's socket of a board until it leaves."""
+
+    def close(self) -> None:
+        """End what runs for it."""
+
+
 class Task(Rules, Protocol):
     """An environment on the playground. What is wanted of it (`wanted`) is in its own words: a message of its own."""
 
@@ -837,8 +876,8 @@ class Task(Rules, Protocol):
         TaskFullError where no further run can begin at the moment. NotReadyError: see `on_threads`.
         """
 
-    def viewer(self) -> Any:
-        """Return the 3-D view of a server's boards (`Services.viewer`); None where there is none."""
+    def viewer(self) -> View3D | None:
+        """A new 3-D view of a server's boards; None if there is none."""
 
     def is_getting_ready(self) -> bool:
         """Return whether something that a board waits for is being made ready beside the server (`NotReadyError`)."""

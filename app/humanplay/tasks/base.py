@@ -1,12 +1,246 @@
-"""What a task has unless it says otherwise."""
+"""What a task has unless it says otherwise.
+
+A task is two classes: one of `BaseRules` that has `run` and what else `humanplay.task.Rules` asks for, and one of that
+and `BaseTask`.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from humanplay.task import Configuration, Policy, PolicyError, PolicyOffer, Record
+from humanplay.board.messages import NewBoard
+from humanplay.task import (
+    Boards,
+    Cause,
+    Choice,
+    Configuration,
+    Courses,
+    Policy,
+    PolicyError,
+    PolicyOffer,
+    Record,
+    Rules,
+    Run,
+    View3D,
+)
+
+FAILED = "environment_failed"
+"""The outcome of an episode whose environment failed twice at the same move; it counts as one that was left there."""
+MOST_FRAMES = 3000
+"""Frames of a replay, at most."""
+
+
+@dataclass(frozen=True)
+class EpisodeRecord:
+    """The cause of an episode that follows from its seed, with what it came to (`humanplay.task.Record`)."""
+
+    config: Configuration
+    seed: int
+    actions: bytes
+    outcome: str
+    total: float
+    score: float
+    steps: int
+    discovered: int
+    trajectory_hash: str
+    core_version: str
+    terrain: bytes = b""
+    start: tuple[int, int] = (0, 0)
+
+
+class BaseRules:
+    """Rules of an environment whose episodes follow from their seed and their actions (`humanplay.task.Rules`)."""
+
+    @property
+    def clock(self) -> int | None:
+        """None: boards wait for each move."""
+        return None
+
+    @property
+    def noop(self) -> int | None:
+        """None: no clock ticks."""
+        return None
+
+    @property
+    def courses(self) -> Courses | None:
+        """None: replays are frames, and moves are not priced."""
+        return None
+
+    @property
+    def boards(self) -> Boards | None:
+        """None: no leaderboard, and no daily terrain."""
+        return None
+
+    def returns(self, config: Configuration) -> tuple[float, float] | None:
+        """None: the bounds of the return are not known."""
+        return None
+
+    def bounds(self: Rules, config: Configuration) -> tuple[float, float]:
+        """The bounds of the headline metric, infinite if they are not known."""
+        low, high = self.metrics[0].lowest, self.metrics[0].highest
+        return (-math.inf if low is None else low, math.inf if high is None else high)
+
+    def assumed(self: Rules, config: Configuration, metric: str) -> Mapping[str, float]:
+        """Half, a tenth, a tenth and a fifth of the range, for want of anything better; nothing without a range."""
+        low, high = (0.0, float(config.limit)) if metric == "steps" else self.bounds(config)
+        if not math.isfinite(high - low):
+            return {}
+        return {
+            "assumed_mean": (low + high) / 2,
+            "assumed_player_sd": (high - low) / 10,
+            "assumed_terrain_sd": (high - low) / 10,
+            "assumed_episode_sd": (high - low) / 5,
+        }
+
+    def given_up_score(
+        self: Rules, cause: Cause, outcome: str, total: float, score: float
+    ) -> float:
+        """The lowest score, if that is known; else the episode's own: giving up costs nothing more."""
+        lowest, _ = self.bounds(cause.config)
+        return min(score, lowest) if math.isfinite(lowest) else score
+
+    def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
+        """None: what no effort looks like is not known."""
+        return ()
+
+    def check_study(self, config: Configuration) -> None:
+        """Do nothing: a study can be played on every configuration."""
+
+    def prepare(self) -> None:
+        """Do nothing: a first run waits for nothing."""
+
+    def instance(self, config: Configuration, seed: int) -> tuple[bytes, tuple[int, int]]:
+        """No bytes: the instance is whatever a run makes of the seed."""
+        return b"", (0, 0)
+
+    def instance_hash(self, was: Cause) -> str:
+        """SHA-256 (hex) of configuration and seed."""
+        return hashlib.sha256(f"{was.config.hash}:{was.seed}".encode()).hexdigest()
+
+    def cells(self, was: Cause) -> int:
+        """0: nothing is discovered."""
+        return 0
+
+    def observations(self: Rules, record: Record) -> Sequence[Any]:
+        """What was seen before each move and after the last."""
+        run = self.run(record.config, record.seed)
+        seen = [run.observation()]
+        for action in record.actions:
+            run.step(action)
+            seen.append(run.observation())
+        return seen
+
+    def record(self: Rules, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> Record:
+        """The cause of a finished episode, ready to be replayed; ValueError for one without a seed."""
+        return EpisodeRecord(was.config, seed_of(was), actions, **came_to)
+
+    def replay(self: Rules, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
+        """The run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
+        run = self.run(was.config, seed_of(was), actions)
+        if ended:
+            give_up(was, run)
+        return run
+
+    def replay_record(self: Rules, record: Record) -> Run:
+        """The run of a record; ValueError if the version is another one."""
+        if record.core_version != self.version:
+            raise ValueError(
+                f"the episode was played under {record.core_version}, this is {self.version}"
+            )
+        return self.replay(record, record.actions, True)
+
+    def frames(self: Rules, record: Record, episode_id: str) -> list[dict[str, Any]]:
+        """The frames of a finished episode from its start to its end; of a long one only every so many."""
+        run = self.run(record.config, record.seed)
+        views, every = [run.view()], 1 + len(record.actions) // MOST_FRAMES
+        for step, action in enumerate(record.actions, 1):
+            run.step(action)
+            if step % every == 0 or step == len(record.actions):
+                views.append(run.view())
+        if not run.ended:
+            give_up(record, run)
+            views.append(run.view())
+        return [json.loads(view.frame(episode_id)) for view in views]
+
+
+class BaseTask:
+    """A task with one configuration, whose boards begin on seeds (`humanplay.task.Task`).
+
+    steps_on  threads on which its runs step; None if a step takes microseconds
+    """
+
+    steps_on: Executor | None = None
+
+    def levels(self) -> list[dict[str, Any]]:
+        """None: the environment is one."""
+        return []
+
+    def maps(self) -> list[dict[str, Any]]:
+        """None: instances are drawn."""
+        return []
+
+    def first(self: Rules, wanted: Any) -> Choice:
+        """What a new board is to begin on."""
+        return Choice(self.configuration({}), wanted.seed)
+
+    def next(self, was: Cause, wanted: Any) -> Choice:
+        """What a board's next episode is to begin on."""
+        return Choice(was.config, wanted.seed)
+
+    def again(self, was: Cause) -> Choice:
+        """What an episode began on, to be played once more."""
+        return Choice(was.config, was.seed)
+
+    def wanted_again(self, config: Configuration, wanted: Any, **rest: Any) -> NewBoard:
+        """What begins an episode that is wanted on a board of its own."""
+        return NewBoard(seed=wanted.seed, **rest)
+
+    def describe(self, was: Cause) -> dict[str, Any]:
+        """Level, map and size as a page knows them of every task: the level alone."""
+        return {"level": was.config.level, "map": None, "size": None}
+
+    def begin(self: Rules, choice: Choice) -> Run:
+        """A run at its start; ValueError before a seed is drawn."""
+        if choice.seed is None:
+            raise ValueError("an episode begins on a seed")
+        return self.run(choice.config, choice.seed)
+
+    def viewer(self) -> View3D | None:
+        """None: pages draw the frames."""
+        return None
+
+    def is_getting_ready(self) -> bool:
+        """False: nothing is compiled."""
+        return False
+
+    def guards(self) -> str:
+        """Nothing: its runs are the server's own."""
+        return ""
+
+    def close(self) -> None:
+        """Do nothing: all runs in the server."""
+
+
+def give_up(was: object, run: Any) -> None:
+    """End the run of an episode that is over as the episode was, if no move ended it."""
+    if not run.ended:
+        run.abandon()
+        if getattr(was, "outcome", None) == FAILED:
+            run.outcome = FAILED
+
+
+def seed_of(was: Cause) -> int:
+    """The seed of an episode; ValueError if its instance was given."""
+    if was.seed is None:
+        raise ValueError("the episode follows from its seed, and has none")
+    return was.seed
 
 
 class ExactLock:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
-from typing import Any
 
 from humanplay.board.lobby import Lobby
 from humanplay.board.ranked import PageBoards
@@ -17,6 +16,7 @@ from humanplay.results.daily_table import DailyPolicies
 from humanplay.results.leaderboard import Leaderboard
 from humanplay.study.debrief import Debriefs
 from humanplay.study.progress import ParticipantProgress
+from humanplay.task import View3D
 from humanplay.web.downloads import Downloads
 from humanplay.web.operator.health import Health
 from humanplay.web.operator.services import AdminServices
@@ -36,7 +36,7 @@ class Services:
     spectators     what anybody may watch
     daily_boards   today's terrain, and the boards on which players attempt it
     daily_policies the shipped policies on daily terrains
-    viewer         the 3-D view of the sessions: its `page`, `serve(websocket, session)` and `close()`; None where there is none
+    viewer         the 3-D view of the sessions; None if there is none
     player_tokens  signs and reads players' ids
     progress       the participants of the studies
     debriefs       what participants are shown at the end
@@ -55,7 +55,7 @@ class Services:
     spectators: Spectators
     daily_boards: DailyBoards
     daily_policies: DailyPolicies
-    viewer: Any
+    viewer: View3D | None
     player_tokens: PlayerTokens
     progress: ParticipantProgress
     debriefs: Debriefs

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from fastapi import APIRouter, HTTPException, Request, WebSocket
 from fastapi.responses import RedirectResponse, Response
 
 from humanplay.board.lobby import UnknownSessionError
+from humanplay.task import View3D, ViewPage
 from humanplay.web.access import close, services_of, session_of
 from humanplay.web.protection import viewer_policy
 from humanplay.web.sockets import UNKNOWN_SESSION
@@ -40,14 +39,14 @@ async def viewer_page(request: Request, session_id: str) -> Response:
     return client_response(request, _viewer(request).page, "private, no-cache")
 
 
-def _viewer(request: Request) -> Any:
+def _viewer(request: Request) -> View3D:
     """Return the 3-D view; HTTPException 404 on a server of another task."""
     if (viewer := services_of(request).viewer) is None:
         raise HTTPException(404, NO_VIEW)
     return viewer
 
 
-def client_response(request: Request, page: Any, cache_control: str) -> Response:
+def client_response(request: Request, page: ViewPage, cache_control: str) -> Response:
     """Return the page, gzipped where the browser reads that, or 304 where it has this version."""
     headers = {
         "ETag": page.etag,

@@ -13,8 +13,9 @@ from weakref import WeakSet
 
 from humanplay.task import RunEndedError, TaskFullError
 from humanplay.task.registration import rules_of
+from humanplay.tasks.base import FAILED
 from humanplay.tasks.gymnasium.description import described
-from humanplay.tasks.gymnasium.run import FAILED, GymnasiumConfig, GymnasiumRun, GymnasiumView
+from humanplay.tasks.gymnasium.run import GymnasiumConfig, GymnasiumRun, GymnasiumView
 from humanplay.tasks.processes import LostError, Preparer, Work, Worker
 
 _log = logging.getLogger(__name__)

@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from humanplay.task import counted
+from humanplay.tasks.base import EpisodeRecord, give_up
 from humanplay.tasks.gymnasium.description import Description, canonical, spec_of
 from humanplay.tasks.gymnasium.doctor import examine
 from humanplay.tasks.gymnasium.run import (
     GymnasiumConfig,
-    GymnasiumRecord,
     GymnasiumRun,
-    given_up,
 )
 from humanplay.tasks.lock import differences, lock_of
 
@@ -47,7 +46,7 @@ class GymnasiumLock:
             way = "mend the environment or name a wrapper that does; `humanplay doctor` says more"
             raise ValueError(f"{found.verdict}; {way}")
 
-    def why_not_replayable(self, record: GymnasiumRecord, rewards: Sequence[float]) -> str:
+    def why_not_replayable(self, record: EpisodeRecord, rewards: Sequence[float]) -> str:
         """Say how another version's episode, with its rewards, differs when it is played with what is here."""
         played = dict(package.rsplit(" ", 1) for package in record.core_version.split(", "))
         here = dict(package.rsplit(" ", 1) for package in self._description.versions.split(", "))
@@ -56,6 +55,6 @@ class GymnasiumLock:
         for step, (action, reward) in enumerate(zip(record.actions, rewards, strict=True), 1):
             if run.ended or run.step(action) != reward:
                 return f"{said}; first difference at step {step}"
-        run = given_up(record, run)
+        give_up(record, run)
         is_same = (run.outcome, run.digest) == (record.outcome, record.trajectory_hash)
         return f"{said}; {'no difference' if is_same else 'other observations'} in {counted(len(rewards), 'step')}"

@@ -5,10 +5,7 @@ The environment is made by its id. It must have discrete actions, draw `rgb_arra
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing
 from functools import cached_property
 from typing import Any, ClassVar, Literal
@@ -17,7 +14,8 @@ import gymnasium
 from pydantic import Field
 
 from humanplay.board.messages import NewBoard, NewEpisode, Sent
-from humanplay.task import About, Cause, Messages, Metric, Policies, Texts
+from humanplay.task import About, Messages, Metric, Policies, Texts
+from humanplay.tasks.base import BaseRules
 from humanplay.tasks.gymnasium.about import about, texts_of
 from humanplay.tasks.gymnasium.description import (
     DEFAULT_LIMIT,
@@ -32,14 +30,10 @@ from humanplay.tasks.gymnasium.description import (
 from humanplay.tasks.gymnasium.lock import GymnasiumLock
 from humanplay.tasks.gymnasium.run import (
     GymnasiumConfig,
-    GymnasiumRecord,
     GymnasiumRun,
-    given_up,
 )
 from humanplay.tasks.policies import ProcessPolicies
 
-MOST_FRAMES = 3000
-"""Pictures of a replay, at most."""
 POLICIES = "humanplay.tasks.gymnasium.policies"
 """The module that plays them."""
 
@@ -72,7 +66,7 @@ class History(Sent):
     headlines: list[float | None]
 
 
-class GymnasiumRules:
+class GymnasiumRules(BaseRules):
     """The rules of the environment that a description tells of (`humanplay.task.Rules`)."""
 
     assets: ClassVar[str] = "picture"
@@ -153,21 +147,10 @@ class GymnasiumRules:
         """Return a new environment."""
         return config.make()
 
-    def observations(self, record: GymnasiumRecord) -> list[Any]:
-        """Return what was seen before each move and after the last."""
-        run = GymnasiumRun(record.config, record.seed)
-        found = [run.observation()]
-        for action in record.actions:
-            run.step(action)
-            found.append(run.observation())
-        return found
-
     def returns(self, config: GymnasiumConfig) -> tuple[float, float] | None:
         """Return the bounds of the score, where both are known and it is the return; else None."""
         (low, high), score = self.description.bounds, self.description.score
         return None if low is None or high is None or score != "return" else (low, high)
-
-    boards: ClassVar[None] = None
 
     @property
     def requirements(self) -> tuple[str, ...]:
@@ -178,8 +161,6 @@ class GymnasiumRules:
     def policies(self) -> Policies:
         """Random actions, and policies of functions and files, each in a process of its own."""
         return ProcessPolicies(self.name, POLICIES)
-
-    courses: ClassVar[None] = None
 
     @cached_property
     def about(self) -> About:
@@ -195,32 +176,6 @@ class GymnasiumRules:
         """What computes it: packages, Python, system, processor."""
         return GymnasiumLock(self.name, self.description)
 
-    def assumed(self, config: GymnasiumConfig, metric: str) -> Mapping[str, float]:
-        """Half, a tenth, a tenth and a fifth of the range, for want of anything better; nothing without a range."""
-        low, high = (0.0, float(config.limit)) if metric == "steps" else self.bounds(config)
-        if not math.isfinite(high - low):
-            return {}
-        return {
-            "assumed_mean": (low + high) / 2,
-            "assumed_player_sd": (high - low) / 10,
-            "assumed_terrain_sd": (high - low) / 10,
-            "assumed_episode_sd": (high - low) / 5,
-        }
-
-    def bounds(self, config: GymnasiumConfig) -> tuple[float, float]:
-        """Return the bounds of a mean score, infinite where none are known."""
-        low, high = self.description.bounds
-        return (-math.inf if low is None else low, math.inf if high is None else high)
-
-    def given_up_score(self, cause: Cause, outcome: str, total: float, score: float) -> float:
-        """The lowest score, if that is known; else the episode's own: giving up costs nothing more."""
-        lowest, _ = self.bounds(cause.config)
-        return min(score, lowest) if math.isfinite(lowest) else score
-
-    def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
-        """Return nothing: what no effort looks like is not known."""
-        return ()
-
     def check_study(self, config: GymnasiumConfig) -> None:
         """Raise ValueError where the environment cannot be made."""
         config.make().close()
@@ -234,56 +189,12 @@ class GymnasiumRules:
             # the error names the line that suits the installed Gymnasium
             raise ValueError(f"{self.level} cannot be drawn: {error}") from error
 
-    def instance(self, config: GymnasiumConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
-        """Return no bytes: the instance is whatever the environment makes of the seed."""
-        return b"", (0, 0)
-
-    def instance_hash(self, was: Cause) -> str:
-        """Return SHA-256 (hex) of configuration and seed."""
-        return hashlib.sha256(f"{was.config.hash}:{was.seed}".encode()).hexdigest()
-
-    def cells(self, was: Cause) -> int:
-        """Return 0: nothing is discovered."""
-        return 0
-
-    def record(self, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> GymnasiumRecord:
-        """Return the cause of a finished episode, ready to be replayed; ValueError for one without a seed."""
-        return GymnasiumRecord(was.config, self._seed_of(was), actions, **came_to)
-
-    def _seed_of(self, was: Cause) -> int:
-        if was.seed is None:
-            raise ValueError(f"an episode of {self.name} follows from its seed, and this has none")
-        return was.seed
-
-    def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> GymnasiumRun:
-        """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
-        run = self.run(was.config, self._seed_of(was), actions)
-        return given_up(was, run) if ended else run
-
     def run(self, config: GymnasiumConfig, seed: int, actions: bytes = b"") -> GymnasiumRun:
         """Return a run after some actions."""
         run = GymnasiumRun(config, seed)
         for action in actions:
             run.step(action)
         return run
-
-    def replay_record(self, record: GymnasiumRecord) -> GymnasiumRun:
-        """Return the run of a record; ValueError where the version is another one."""
-        if (then := record.core_version) != self.version:
-            raise ValueError(f"the episode was played under {then}, this is {self.version}")
-        return self.replay(record, record.actions, True)
-
-    def frames(self, record: GymnasiumRecord, episode_id: str) -> list[dict[str, Any]]:
-        """Return the frames of a finished episode from its start to its end; of a long one only every so many."""
-        run = self.run(record.config, record.seed)
-        views, every = [run.view()], 1 + len(record.actions) // MOST_FRAMES
-        for step, action in enumerate(record.actions, 1):
-            run.step(action)
-            if step % every == 0 or step == len(record.actions):
-                views.append(run.view())
-        if run.outcome == "running":
-            views.append(given_up(record, run).view())
-        return [json.loads(view.frame(episode_id)) for view in views]
 
 
 def rules(told: str) -> GymnasiumRules:

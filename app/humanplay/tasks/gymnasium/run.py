@@ -15,6 +15,7 @@ import gymnasium
 import numpy as np
 
 from humanplay.board.pictures import jpeg, png
+from humanplay.tasks.base import EpisodeRecord
 from humanplay.tasks.gymnasium.description import (
     Description,
     canonical,
@@ -23,9 +24,6 @@ from humanplay.tasks.gymnasium.description import (
 )
 from humanplay.tasks.gymnasium.pictures import pixels_of
 from humanplay.tasks.gymnasium.values import bytes_of, finite, plain
-
-FAILED = "environment_failed"
-"""The outcome of an episode whose environment failed twice at the same move; it counts as one that was left there."""
 
 
 @dataclass(frozen=True)
@@ -66,24 +64,6 @@ class GymnasiumConfig:
         given = json.loads(self.arguments)
         made: gymnasium.Env[Any, Any] = self.description.make(given, self.limit, seed)
         return made
-
-
-@dataclass(frozen=True)
-class GymnasiumRecord:
-    """The cause of an episode with what it came to (`humanplay.task.Record`)."""
-
-    config: GymnasiumConfig
-    seed: int
-    actions: bytes
-    outcome: str
-    total: float
-    score: float
-    steps: int
-    discovered: int
-    trajectory_hash: str
-    core_version: str
-    terrain: bytes = b""
-    start: tuple[int, int] = (0, 0)
 
 
 class GymnasiumRun:
@@ -198,9 +178,9 @@ class GymnasiumRun:
         """SHA-256 (hex) over configuration, seed, moves, rewards and observations."""
         return self._hash.hexdigest()
 
-    def record(self) -> GymnasiumRecord:
+    def record(self) -> EpisodeRecord:
         """Return the cause, with what it came to."""
-        return GymnasiumRecord(
+        return EpisodeRecord(
             self.config, self.seed, bytes(self.actions), self.outcome, self.total, self._scores[-1], len(self.actions),
             0, self.digest, self._described.versions,
         )  # fmt: skip
@@ -260,12 +240,3 @@ class GymnasiumView:
         told = [None] * count if hides_scores else self._scores[:count]
         history = {"kind": "history", "episode": episode_id, "headlines": told}
         return json.dumps(history, separators=(",", ":"))
-
-
-def given_up(was: object, run: GymnasiumRun) -> GymnasiumRun:
-    """The run of an episode that is over, ended as the episode was if no move ended it."""
-    if run.outcome == "running":
-        run.abandon()
-        if getattr(was, "outcome", None) == FAILED:
-            run.outcome = FAILED
-    return run

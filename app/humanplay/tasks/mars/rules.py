@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import marsexplorer  # noqa: F401  # registers the environment
 from humanplay.task import About, Cause, Courses, Messages, Metric, Policies, Texts
-from humanplay.tasks.base import ExactLock
+from humanplay.tasks.base import BaseRules, ExactLock
 from humanplay.tasks.mars.about import ABOUT, texts_of
 from humanplay.tasks.mars.boards import MarsBoards
 from humanplay.tasks.mars.messages import (
@@ -53,7 +53,7 @@ MAX_REPLAY_CELLS = 2_000_000
 """Most cells in the frames of one replay: beyond it some frames are left out."""
 
 
-class MarsRules:
+class MarsRules(BaseRules):
     """MarsExplorer's part in reading what is stored (`humanplay.task.Rules`)."""
 
     name: ClassVar[str] = "mars"
@@ -64,8 +64,6 @@ class MarsRules:
     messages: ClassVar[Messages] = Messages(NewSession, NewEpisode, Frame, History, Course, Mistake)
     actions: ClassVar[tuple[str, ...]] = tuple(ACTIONS)
     keys: ClassVar[Mapping[str, tuple[str, ...]]] = KEYS
-    clock: ClassVar[None] = None
-    noop: ClassVar[None] = None
     metrics: ClassVar[tuple[Metric, ...]] = METRICS
     successes: ClassVar[frozenset[str]] = frozenset({"explored"})
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from humanplay.task import Cause, Choice, Policies
 from humanplay.task.registration import Start
+from humanplay.tasks.base import BaseTask
 from humanplay.tasks.mars.compilation import Compilation
 from humanplay.tasks.mars.messages import DRAWN_LEVELS, NewEpisode, NewSession
 from humanplay.tasks.mars.policies import PolicyCatalogue, check_file
@@ -18,16 +19,17 @@ from humanplay.tasks.mars.terrains import GivenTerrain, MapCatalogue
 from marsexplorer.config import ALL_LEVELS, MAP, EnvConfig
 from marsexplorer.episode import Episode, unpack_terrain
 
+if TYPE_CHECKING:
+    from humanplay.tasks.mars.viewer3d.viewer import Viewer
+
 SIDE = 21
 """Cells along a side of a terrain, unless another size is asked for."""
 EXAMPLES = Path(__file__).with_name("levels.json")
 """A terrain of each level by its name: rocks as bits of rows. `python -m tests.support.level_examples` draws them."""
 
 
-class Mars(MarsRules):
+class Mars(BaseTask, MarsRules):
     """MarsExplorer (`humanplay.task.Task`) with the policies and the maps that a server offers."""
-
-    steps_on: ClassVar[None] = None
 
     def __init__(
         self,
@@ -39,15 +41,11 @@ class Mars(MarsRules):
         self.catalogue = catalogue or MapCatalogue()
         self.compilation = compilation
 
-    def viewer(self) -> Any:
+    def viewer(self) -> Viewer:
         """Return a 3-D view (`humanplay.tasks.mars.viewer3d.viewer.Viewer`)."""
         from humanplay.tasks.mars.viewer3d.viewer import Viewer
 
         return Viewer()
-
-    def guards(self) -> str:
-        """Return "": its runs are the server's own."""
-        return ""
 
     def is_getting_ready(self) -> bool:
         """Return whether kernels are being compiled that a board waits for."""
