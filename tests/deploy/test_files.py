@@ -143,6 +143,48 @@ def test_the_unit_lets_pass_every_system_call_of_a_server_and_its_boards(tmp_pat
     assert calls - AS_ROOT <= calls_allowed()
 
 
+AS_THE_UNITS_USER = ["unshare", "--user", "--map-user=10001", "--map-group=10001"]
+
+
+def guards_printed(folder, *before):
+    """What a server prints of its guards that another user than root starts."""
+    serve = [
+        sys.executable,
+        "-m",
+        "humanplay.cli",
+        "serve",
+        "--env",
+        "FrozenLake-v1",
+        "--port",
+        "0",
+    ]
+    command = [*AS_THE_UNITS_USER, *before, *serve, "--database", folder / "a.db"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen(command, start_new_session=True, **pipes) as process:
+        lines = []
+        for line in process.stdout:
+            lines.append(line)
+            if "is open at" in line:
+                break
+        os.killpg(process.pid, signal.SIGTERM)
+        assert process.wait(PATIENCE_S) == 0
+    return lines[:-1]
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")
+@pytest.mark.skipif(shutil.which("strace") is None, reason="NO STRACE: install it to refuse calls")
+@pytest.mark.skipif(
+    subprocess.run([*AS_THE_UNITS_USER, "true"], capture_output=True).returncode != 0,
+    reason="NO USER NAMESPACE: the server is not root's",
+)
+def test_boards_are_guarded_as_well_behind_the_filter_of_the_unit(tmp_path):
+    others = "!" + ",".join(f"?{name}" for name in sorted(calls_allowed()))
+    refused = ["-e", f"trace={others}", "-e", f"inject={others}:error=EPERM"]
+    behind = guards_printed(tmp_path, "strace", "-f", "-qq", "-o", os.devnull, *refused)
+    assert behind == guards_printed(tmp_path)
+    assert "no network, no other files;" in behind[0]
+
+
 def test_the_certificates_of_the_documents_are_taken_up_when_they_are_renewed():
     commands = re.findall(
         r"^certbot certonly .*$", (DEPLOY.parent / "docs/deploy.md").read_text(), re.M
@@ -166,6 +208,37 @@ def test_the_compose_file_gives_settings_and_opens_the_ports_of_caddy_alone(monk
     assert playground["build"]["dockerfile"] == "deploy/docker/Dockerfile"
     assert playground["read_only"] is True
     assert {"mem_limit", "pids_limit", "cpus"} <= set(playground)
+
+
+def of_compose(folder, **settings):
+    """Start what compose runs, in a folder and with settings of the test's own."""
+    compose = yaml.safe_load((DEPLOY / "docker" / "compose.yaml").read_text())
+    shell, option, script = compose["services"]["playground"]["command"]
+    command = f"{sys.executable} -m humanplay.cli serve --env FrozenLake-v1"
+    script = script.replace("$$", "$").replace("humanplay serve", command, 1)
+    own = {f"HUMANPLAY_{name}": str(value) for name, value in settings.items()}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    return subprocess.Popen([shell, option, script], cwd=folder, env=os.environ | own, **pipes)
+
+
+@pytest.mark.parametrize("port", ["0", "no number"])
+def test_a_container_whose_start_is_refused_waits_and_says_why(tmp_path, port):
+    """It ends when it is told to, with a server or without."""
+    with of_compose(tmp_path, PORT=port, DATABASE=tmp_path / "a.db") as process:
+        lines = []
+        for line in process.stdout:
+            lines.append(line)
+            if "is open at" in line or "docker compose restart playground" in line:
+                break
+        assert process.poll() is None
+        process.terminate()
+        code = process.wait(PATIENCE_S)
+    if port == "0":
+        assert code == 0, "the server has ended by itself"
+    else:
+        assert code == -signal.SIGTERM, "it has waited"
+        assert "HUMANPLAY_PORT" in "".join(lines)
+        assert "did not start" in lines[-1]
 
 
 def test_the_image_runs_as_nobody_in_particular_and_copies_files_that_exist():
