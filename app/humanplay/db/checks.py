@@ -14,14 +14,13 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from humanplay.db.chain import (
     OWNERS,
     Head,
     Kind,
     Played,
-    Rows,
     Thing,
     combine,
     compute,
@@ -31,7 +30,6 @@ from humanplay.db.chain import (
     read_played,
     select,
 )
-from humanplay.db.columns import TABLES
 from humanplay.db.database import StoreError, reading, rows, writing
 from humanplay.db.reader import now_ms
 from humanplay.db.resimulation import Finding, simulate
@@ -137,16 +135,9 @@ def check_episode(conn: sqlite3.Connection, ident: str) -> CheckedEpisode:
     sql = "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?"
     (row,) = rows(conn, sql, ident)
     played = read_played(conn, ident)
-    steps: list[MoveRow] = _by_column("steps", played.steps)
-    events: list[EventRow] = _by_column("input_events", played.events)
-    findings = [*simulate(row, steps)[1], *check_thing(conn, "episode", ident, played)]
-    received = [event for event in events if event["server_ms"] <= row["ended_ms"]]
-    return CheckedEpisode(row, steps, received, findings)
-
-
-def _by_column(table: str, chained: Rows) -> list[Any]:
-    names = TABLES[table].names("chain")
-    return [dict(zip(names, row, strict=True)) for row in chained]
+    findings = [*simulate(row, played.steps)[1], *check_thing(conn, "episode", ident, played)]
+    received = [event for event in played.events if event["server_ms"] <= row["ended_ms"]]
+    return CheckedEpisode(row, played.steps, received, findings)
 
 
 def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:

@@ -64,15 +64,28 @@ def test_a_session_enters_with_its_first_move_and_an_episode_when_it_ends(store)
     assert verify_database(store.path).findings == ()
 
 
-@pytest.mark.parametrize("code", ["KeyW", "],[", ']\n["'])
+@pytest.mark.parametrize(
+    ("code", "ms"),
+    [
+        ("KeyW", 0.1),
+        ("],[", 0.1),
+        (']\n["', 0.1),
+        ('"\\/\x7f', 0.1),
+        ("é\u2028", 0.1),
+        ("KeyW", 1e-5),
+        ("KeyW", 1.5e-7),
+        ("KeyW", 1e16),
+        ("KeyW", 1.7e22),
+    ],
+)
 @pytest.mark.parametrize("before", [0, 1, 4])
 def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_the_end_makes(
-    store, before, code
+    store, before, code, ms
 ):
     """Of four events some are hashed before the end, the others come later."""
     row, episode = open_episode(store, add_session(store), seed=1)
     events = [
-        InputEventRow("keydown", code, False, True, 0.1 * number, 0, 2.5) for number in range(4)
+        InputEventRow("keydown", code, False, True, ms * number, 0, 2.5) for number in range(4)
     ]
     add_input_events(store, row.id, events[:before], 5, "first-batch", STORED_LOAD)
     begun = chain.begin_hash(store.connection, row.id)
@@ -88,8 +101,7 @@ def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_t
     )
     lines = [["input_events", columns]]
     lines += [
-        [row.id, number, 0, 0, "keydown", code, 0, 1, 0.1 * number, 0, 2.5, 5]
-        for number in range(4)
+        [row.id, number, 0, 0, "keydown", code, 0, 1, ms * number, 0, 2.5, 5] for number in range(4)
     ]
     said = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
     assert table == hashlib.sha256(salt + said.encode()).hexdigest()
