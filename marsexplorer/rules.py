@@ -293,6 +293,31 @@ def step_all(actions, state, record, codes, sight, rules, masks, rewards, outcom
 
 
 @kernel
+def step_through(
+    moves, cells, discovered, gained, action, state, record, codes, sight, rules, masks, rewards,
+    outcomes, listed,
+):  # fmt: skip
+    """Make moves in the first world, one after the other until it ends; return how many were made.
+
+    moves                      uint8[moves], 0..3
+    cells, discovered, gained  int32[moves], int32[moves] and float64[moves], written: the rover's cell, the
+                               cells discovered and the reward after each move
+    action                     int64[1], scratch; the others are those of `step_all`
+    """
+    for i in range(moves.shape[0]):
+        if state[OUTCOME] != np.uint64(RUNNING):
+            return i
+        action[0] = moves[i]
+        step_all(action, state, record, codes, sight, rules, masks, rewards, outcomes, listed)
+        where = state[POSITION]
+        row, col = np.int64(where >> np.uint64(32)), np.int64(where & np.uint64(0xFFFFFFFF))
+        cells[i] = row * rules[COLS] + col
+        discovered[i] = np.int64(state[DISCOVERED])
+        gained[i] = rewards[0]
+    return moves.shape[0]
+
+
+@kernel
 def step_autoreset(
     actions, state, record, codes, sight, rules, masks, rewards, outcomes, listed, last, last_codes
 ):

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from marsexplorer.config import MAP, OTHER_LEVELS, EnvConfig
-from marsexplorer.episode import Episode
+from marsexplorer.episode import Episode, replay
 from marsexplorer.policies import load, names
 from marsexplorer.terrain import generate, next_seed
 from marsexplorer.vector import MarsExplorerVector
@@ -21,8 +21,10 @@ SMALL = EnvConfig.of("random", (6, 8))
 
 
 def step_once() -> None:
-    """Begin an episode on the paper's terrain and make a move."""
-    Episode.begin(EnvConfig.of("random", 5), seed=0).step(0)
+    """Begin an episode on the paper's terrain, make a move, and replay it."""
+    episode = Episode.begin(EnvConfig.of("random", 5), seed=0)
+    episode.step(0)
+    replay(episode.record())
 
 
 def begin(level: str) -> None:

@@ -43,6 +43,7 @@ from marsexplorer.rules import (
     start_given,
     step_all,
     step_autoreset,
+    step_through,
 )
 
 
@@ -154,6 +155,24 @@ class Worlds:
             actions, self._state, self._record, self._codes, *self._tables, self.rewards, self.outcomes, self._listed
         )  # fmt: skip
         return self.rewards
+
+    def step_through(
+        self, moves: bytes
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
+        """Make moves, codes 0..3, in the only world of the stack, one after the other until it ends.
+
+        Returns:
+            After each move that was made: the rover's cell, row * cols + col; the cells discovered; the reward.
+        """
+        self._check_terrains()
+        codes = np.frombuffer(moves, np.uint8)
+        cells, discovered = np.zeros((2, len(moves)), np.int32)
+        rewards = np.zeros(len(moves))
+        made = step_through(
+            codes, cells, discovered, rewards, self._which, self._state, self._record, self._codes,
+            *self._tables, self.rewards, self.outcomes, self._listed,
+        )  # fmt: skip
+        return cells[:made], discovered[:made], rewards[:made]
 
     def step_autoreset(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
         """Do `step`, and start each world that ended on the seed that follows its own.

@@ -131,6 +131,7 @@ def test_a_replayed_record_is_the_record(config, seed, actions, gives_up):
     assert again.record() == episode.record()
     assert again.path == episode.path
     assert again.discoveries == episode.discoveries
+    assert again.rewards == episode.rewards
 
 
 def test_the_garbage_collector_has_no_more_to_look_at_however_many_moves_an_episode_has():
