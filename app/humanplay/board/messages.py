@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from string import ascii_uppercase
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import (
     AfterValidator,
@@ -20,6 +20,7 @@ from pydantic import (
     ValidationError,
     model_validator,
 )
+from pydantic_core import ErrorDetails
 
 from humanplay.task import MAX_SEED
 
@@ -50,11 +51,6 @@ UNIDENTIFIED = "Unidentified"
 """The standard's code of a key that is none of these."""
 PaceMode = Literal["follow", "timed", "paused"]
 Milliseconds = Annotated[float, Field(allow_inf_nan=False)]
-
-
-def maybe(meaning: str) -> Any:
-    """Return a field that may be left out, and what it means."""
-    return Field(default=None, description=meaning)
 
 
 def _check_printable(text: str) -> str:
@@ -99,10 +95,18 @@ class Act(Message):
     episode: str = Field(max_length=64, description="`episode` of the frame the move answers")
     step: int = Field(ge=0, description="`step` of that frame: the number of moves made so far")
     action: str = Field(max_length=64, description="the name of an action")
-    input: Literal["key", "touch"] | None = maybe("the page's trusted event, if any")
-    key_down_ms: Milliseconds | None = maybe("when the key went down, client clock")
-    key_up_ms: Milliseconds | None = maybe("when the last key came up, client clock")
-    client_ms: Milliseconds | None = maybe("when the move was sent, client clock")
+    input: Literal["key", "touch"] | None = Field(
+        default=None, description="the page's trusted event, if any"
+    )
+    key_down_ms: Milliseconds | None = Field(
+        default=None, description="when the key went down, client clock"
+    )
+    key_up_ms: Milliseconds | None = Field(
+        default=None, description="when the last key came up, client clock"
+    )
+    client_ms: Milliseconds | None = Field(
+        default=None, description="when the move was sent, client clock"
+    )
 
 
 class NewEpisode(Message):
@@ -172,10 +176,12 @@ class InputEvent(Message):
     ]  # fmt: skip
     code: str | None = Field(default=None, max_length=64, description="`event.code` of a key")
     repeat: bool | None = None
-    trusted: bool | None = maybe("`event.isTrusted`")
+    trusted: bool | None = Field(default=None, description="`event.isTrusted`")
     client_ms: Milliseconds = Field(description="monotonic client clock")
     step: int | None = Field(default=None, ge=0, description="`step` of the frame on screen")
-    round_trip_ms: Milliseconds | None = maybe("from the last move to its frame")
+    round_trip_ms: Milliseconds | None = Field(
+        default=None, description="from the last move to its frame"
+    )
 
 
 class Events(Message):
@@ -199,8 +205,10 @@ class ChangePace(Message):
         default=None, gt=0, le=60, allow_inf_nan=False, examples=[8]
     )
     pause: Literal[True] | None = None
-    step: Literal[True] | None = maybe("pause and make one move")
-    follow: Literal[True] | None = maybe("a move after each of a player's")
+    step: Literal[True] | None = Field(default=None, description="pause and make one move")
+    follow: Literal[True] | None = Field(
+        default=None, description="a move after each of a player's"
+    )
 
     @model_validator(mode="after")
     def _exactly_one(self) -> ChangePace:
@@ -244,7 +252,9 @@ class ClockState(Sent):
     episode: str
     state: Literal["standing", "countdown", "running"]
     ms: int = Field(default=0, description="of the countdown")
-    reason: str | None = maybe("why it stands, where that is not the page's doing")
+    reason: str | None = Field(
+        default=None, description="why it stands, where that is not the page's doing"
+    )
 
 
 class Remade(Sent):
@@ -299,12 +309,12 @@ _TYPES = {
 _TAGS = ("body", "query", "path", "act", "history", "events")
 
 
-def describe_errors(errors: Sequence[Any]) -> str:
+def describe_errors(errors: Sequence[ErrorDetails]) -> str:
     """Return pydantic's errors as one sentence, the first three at most."""
     return "; ".join(dict.fromkeys(_clause(error) for error in errors[:3]))
 
 
-def _clause(error: dict[str, Any]) -> str:
+def _clause(error: ErrorDetails) -> str:
     kind, context = str(error["type"]), error.get("ctx", {})
     loc = error["loc"][1:] if error["loc"] and error["loc"][0] in _TAGS else error["loc"]
     names = [str(part) for part in loc]

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
-from typing import Any, Literal, Self, cast
+from typing import Literal, Self, cast
 from weakref import WeakSet
 
 from humanplay.board.attestation import Attested, Ending, level_reaches
@@ -30,7 +30,7 @@ from humanplay.board.messages import Events, Pace, Remade
 from humanplay.board.participation import HUMAN, SCRIPT, Participation, RefusedError
 from humanplay.db.input_events import EVENT_BYTES, TOO_MANY_EVENTS, batch_bytes
 from humanplay.db.store import Notice, SessionRow, StepRow, Store, StoreError, Trial
-from humanplay.task import Run, RunElsewhere, RunEndedError, Task, View, on_threads
+from humanplay.task import Run, RunElsewhere, RunEndedError, SeenByAgent, Task, View, on_threads
 
 SessionKind = Literal["ranked", "practice", "challenge", "watch", "daily", "study"]
 """What an episode on a board is.
@@ -322,7 +322,7 @@ class Session:
                 raise RefusedError(TAKES_KEYS)
             await self._make(move, self.now_ms(), notice)
 
-    async def seen(self, picture: bool, observation: bool) -> tuple[View, dict[str, Any]]:
+    async def seen(self, picture: bool, observation: bool) -> tuple[View, SeenByAgent]:
         """Return the newest frame's view, and what an agent may see of it (`humanplay.task.Run.seen`)."""
         async with self.changing:
             run = await self._take_run()

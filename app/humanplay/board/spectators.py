@@ -13,7 +13,8 @@ import json
 from collections.abc import AsyncGenerator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
-from typing import NamedTuple, TypeVar
+from functools import partial
+from typing import NamedTuple, ParamSpec, TypeVar
 
 from humanplay.board.lobby import Lobby, Locks
 from humanplay.board.session import Session
@@ -23,6 +24,7 @@ from humanplay.task import Run, describe, on_threads
 
 LOOK_S = 2.0
 """Seconds between two looks for a board that is not in memory."""
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
@@ -32,11 +34,14 @@ class Replayer:
     def __init__(self) -> None:
         self._turns, self._thread = Locks(), ThreadPoolExecutor(1, "replays")
 
-    async def run(self, owner: str, function: Callable[..., T], *arguments: object) -> T:
+    async def run(
+        self, owner: str, function: Callable[P, T], *arguments: P.args, **named: P.kwargs
+    ) -> T:
         """Return what a function comes to, once nothing else of the owner's runs or waits and its turn has come."""
         async with self._turns.of(owner):
             loop = asyncio.get_running_loop()
-            return await loop.run_in_executor(self._thread, function, *arguments)
+            call = partial(function, *arguments, **named)
+            return await loop.run_in_executor(self._thread, call)
 
     def close(self) -> None:
         """Begin nothing more."""
@@ -170,9 +175,11 @@ class Spectators:
         except ValueError as error:
             raise UnwatchableError(link) from error
 
-    async def _again(self, owner: str, function: Callable[..., T], *arguments: object) -> T:
+    async def _again(
+        self, owner: str, function: Callable[P, T], *arguments: P.args, **named: P.kwargs
+    ) -> T:
         """Return what comes of moves that are made again: on the threads of a task that has some for waiting."""
         task = self._lobby.task
         if task.steps_on is not None:
-            return await on_threads(task, function, *arguments)
-        return await self._replayer.run(owner, function, *arguments)
+            return await on_threads(task, partial(function, *arguments, **named))
+        return await self._replayer.run(owner, function, *arguments, **named)

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypedDict, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -202,6 +202,19 @@ class View(Protocol):
         """Return the path so far as JSON text, without what scores it would tell where they are hidden."""
 
 
+class SeenByAgent(TypedDict):
+    """What an agent may see of a run, ready for JSON; None for what is not there.
+
+    picture      what people see, as a data URL
+    text         what people see where that is a text, or the observation in words
+    observation  what policies are given
+    """
+
+    picture: str | None
+    text: str | None
+    observation: object
+
+
 class Run(Protocol):
     """One running episode."""
 
@@ -224,12 +237,8 @@ class Run(Protocol):
     def view(self) -> View:
         """Return what may be seen of the run as it stands."""
 
-    def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
-        """Return what an agent may see of the run as it stands, ready for JSON; None for what is not asked for or not there.
-
-        `picture` (a data URL) is what people see, `observation` what policies are given; `text` says in words what
-        people see where that is a text, or what is in the observation.
-        """
+    def seen(self, picture: bool, observation: bool) -> SeenByAgent:
+        """Return what an agent may see of the run as it stands; what is not asked for is None."""
 
     def record(self) -> Record:
         """Return the cause, with what it came to: outcome, return and digest among it."""

@@ -11,7 +11,7 @@ from threading import Lock
 from typing import Any
 from weakref import WeakSet
 
-from humanplay.task import RunEndedError, TaskFullError
+from humanplay.task import RunEndedError, SeenByAgent, TaskFullError
 from humanplay.task.registration import rules_of
 from humanplay.tasks.base import FAILED
 from humanplay.tasks.gymnasium.description import described
@@ -169,7 +169,7 @@ class BoardRun(GymnasiumRun):
         """Return what may be seen of the run as it stands."""
         return GymnasiumView(self, self._picture, self._text)
 
-    def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
+    def seen(self, picture: bool, observation: bool) -> SeenByAgent:
         """Return picture or text, and the observation, which is asked of the process; ValueError where it is lost twice."""
         given = self._last if observation else None
         if observation and self.outcome == "running":

@@ -15,6 +15,7 @@ import gymnasium
 import numpy as np
 
 from humanplay.board.pictures import jpeg, png
+from humanplay.task import SeenByAgent
 from humanplay.tasks.base import EpisodeRecord
 from humanplay.tasks.gymnasium.description import (
     Description,
@@ -163,13 +164,13 @@ class GymnasiumRun:
         packed = jpeg(pixels) if self._described.codec == "jpeg" else png(pixels, self.is_live)
         return GymnasiumView(self, packed, None)
 
-    def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
+    def seen(self, picture: bool, observation: bool) -> SeenByAgent:
         """Return picture or text, and the observation as numbers, texts, lists and objects."""
         shown = self.view() if picture else None
         given = plain(self._observation) if observation else None
         return {
-            "picture": shown and shown.picture,
-            "text": shown and shown.text,
+            "picture": None if shown is None else shown.picture,
+            "text": None if shown is None else shown.text,
             "observation": given,
         }
 

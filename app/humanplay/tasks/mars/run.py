@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from humanplay.task import counted
+from humanplay.task import SeenByAgent, counted
 from humanplay.tasks.mars.colours import data_url
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
@@ -53,7 +53,7 @@ class MarsRun:
         """Return a copy of what is known: uint8[rows, cols]."""
         return self._episode.codes.copy()
 
-    def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
+    def seen(self, picture: bool, observation: bool) -> SeenByAgent:
         """Return the known map as a picture and as what a frame holds of it: no reward, return, score or outcome."""
         view = self.view()
         names = ("rows", "cols", "grid", "position", "discovered", "cells", "coverage", "heading")
