@@ -48,7 +48,7 @@ test-long: $(DEV) browser ## the slow campaigns
 cards: $(DEV) ## play every episode that the cards of shipped policies list, move for move (`make test` plays ten of each)
 	$(BIN)/python -m pytest -m long --timeout 3600 tests/marsexplorer/policies/test_cards.py
 
-tables: $(DEV) ## draw the documents' tables, and the page's types of what the API answers, again from the code
+tables: $(DEV) ## draw the documents' tables, and the page's types of what is answered, again from the code
 	$(BIN)/python docs/draw_tables.py
 
 paper: $(RESEARCH)/.done ## what the paper's four algorithms need, in an environment of its own; then draw docs/paper.md again
