@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @several(
     "--env",
     "envs",
-    "Play another environment: Gymnasium's id, your MODULE:CLASS or FILE.py, or a TOML file; repeatable.  "
+    "Play another environment: Gymnasium's id, your MODULE:CLASS or FILE.py, a TOML file, or a world's folder; repeatable.  "
     "[default: MarsExplorer]",
     metavar="ENV",
 )

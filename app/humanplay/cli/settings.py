@@ -90,11 +90,16 @@ def pins_file() -> Path:
 
 def task_name(given: str) -> str:
     """Return the name of a task as it is recorded, of what `told_of` takes; BadParameter where it is none."""
-    from humanplay.task.registration import is_registered
+    from humanplay.task.registration import is_registered, register
     from humanplay.tasks.gymnasium.description import told_of
 
     if is_registered(given):
         return given
+    if Path(given).is_dir():
+        try:
+            return register(Path(given))
+        except ValueError as error:
+            raise BadParameter(str(error)) from error
     try:
         return f"gymnasium:{told_of(given)}"
     except OSError as error:

@@ -1,10 +1,19 @@
-"""The tasks that are registered by name, and the one that is played where none is named."""
+"""The tasks that are registered by name, and the one that is played where none is named.
+
+A world of one's own is a package with the modules `rules` and `task`, and a folder `static` of what draws it. An entry
+point of the group `humanplay.tasks` registers it, or its folder (`serve --env FOLDER`, the variable HUMANPLAY_WORLDS).
+"""
 
 from __future__ import annotations
 
+import os
+import re
+import sys
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import import_module
+from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, cast
@@ -33,6 +42,8 @@ REGISTERED = {
     "gymnasium": Registration("humanplay.tasks.gymnasium"),
 }
 """By the part of a task's name before its colon; what follows it is the variant."""
+WORLDS = "HUMANPLAY_WORLDS"
+"""The variable that holds the folders of further worlds, which processes beside this one read as well."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +68,51 @@ class Start:
 def is_registered(task: str) -> bool:
     """Whether a name is that of a task rather than an environment's id."""
     name, colon, variant = task.partition(":")
-    return name in REGISTERED and (bool(variant) if colon else name == DEFAULT_TASK)
+    if name in REGISTERED:
+        return bool(variant) if colon else name == DEFAULT_TASK
+    return not colon and _world(name) is not None
+
+
+def register(folder: Path) -> str:
+    """Register the world of a folder for this process and those that it starts, and return its name.
+
+    ValueError if it holds none, or its name is taken.
+    """
+    folder = folder.resolve()
+    if absent := [name for name in ("rules.py", "task.py") if not (folder / name).is_file()]:
+        raise ValueError(f"expected a world's rules.py and task.py in {folder}, got no {absent[0]}")
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", folder.name):
+        raise ValueError(f"a world is called by small letters, digits and _, got {folder.name!r}")
+    others = [other for other in _folders() if other != folder]
+    if folder.name in {*REGISTERED, *(other.name for other in others)}:
+        raise ValueError(f"the name {folder.name!r} is taken: give {folder} another one")
+    os.environ[WORLDS] = os.pathsep.join(map(str, (*others, folder)))
+    return folder.name
+
+
+def static_of(task: str) -> Path | None:
+    """The folder of what draws a task, if its package has one of its own."""
+    spec = find_spec(registration_of(task).package)
+    places = spec.submodule_search_locations if spec else None
+    folders = [Path(place) / "static" for place in places or ()]
+    return next((folder for folder in folders if folder.is_dir()), None)
+
+
+def _folders() -> list[Path]:
+    return [Path(folder) for folder in os.environ.get(WORLDS, "").split(os.pathsep) if folder]
+
+
+def _world(name: str) -> Registration | None:
+    """The registration of a world by its folder or its entry point."""
+    for folder in _folders():
+        if folder.name == name:
+            if str(folder.parent) not in sys.path:
+                sys.path.append(str(folder.parent))
+            return Registration(name)
+    for entry in entry_points(group="humanplay.tasks", name=name):
+        if not entry.attr:  # else it describes an environment of Gymnasium
+            return Registration(entry.module)
+    return None
 
 
 @lru_cache(maxsize=64)
@@ -76,9 +131,10 @@ def serve(task: str, start: Start) -> Task:
 def registration_of(task: str) -> Registration:
     """The registration of a task by its name; ValueError if there is none."""
     name = task.partition(":")[0]
-    if name not in REGISTERED:
+    found = REGISTERED.get(name) or _world(name)
+    if found is None:
         raise ValueError(f"expected a task of {', '.join(REGISTERED)}, got {task!r}")
-    return REGISTERED[name]
+    return found
 
 
 def _module(task: str, name: str) -> tuple[ModuleType, str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -291,7 +291,7 @@ class BasePolicies:
         policy.reset(seed)
 
     def act_many(
-        self, policies: Sequence[Any], observations: Sequence[Any]
+        self, policies: Sequence[Policy], observations: Sequence[object]
     ) -> Sequence[int | Exception]:
         """Each one's action, or why it has none."""
         actions: list[int | Exception] = []
@@ -302,11 +302,11 @@ class BasePolicies:
                 actions.append(error)
         return actions
 
-    def shared_net(self, policy: Any) -> object | None:
+    def shared_net(self, policy: object) -> object | None:
         """None: each decides by itself."""
         return None
 
-    def observation_in(self, frame: Mapping[str, Any]) -> Any:
+    def observation_in(self, frame: Mapping[str, object]) -> object:
         """Raise PolicyError: a frame is a picture, and no observation."""
         raise PolicyError("a frame does not hold what a policy is given")
 
@@ -329,3 +329,66 @@ class BasePolicies:
     def title(self, name: str) -> str:
         """The policy's name."""
         return name
+
+
+class CodePolicies(BasePolicies):
+    """Policies that are classes, each with a `name`, and told of by its docstring.
+
+    run          begins a run (`Rules.run`)
+    classes      of them, made anew for each board
+    observation  what they are given of a public frame
+    """
+
+    sees_frames = True
+
+    def __init__(
+        self,
+        run: Callable[[Configuration, int], Run],
+        classes: Sequence[Callable[[], Policy]],
+        observation: Callable[[Mapping[str, object]], object],
+    ) -> None:
+        self._run, self._observation = run, observation
+        self._classes = {made().name: made for made in classes}
+
+    def offers(self) -> list[PolicyOffer]:
+        """Each, with its docstring's first line."""
+        return [
+            PolicyOffer(name, (made.__doc__ or "").partition("\n")[0], name, None, True)
+            for name, made in self._classes.items()
+        ]
+
+    def load(self, source: str, config: Configuration | None = None) -> Policy:
+        """A new policy; PolicyError if none has this name."""
+        if source not in self._classes:
+            names = ", ".join(self._classes)
+            raise PolicyError(f"no policy {source!r}; choose one of: {names}")
+        return self._classes[source]()
+
+    def observation_in(self, frame: Mapping[str, object]) -> object:
+        """What a policy is given of a public frame."""
+        return self._observation(frame)
+
+    def is_rule(self, source: str) -> bool:
+        """True: each is code."""
+        return True
+
+    def file_of(self, source: str) -> Path:
+        """Raise PolicyError: there are no files."""
+        raise PolicyError(f"the policy {source!r} is code, and has no file")
+
+    def play(self, policy: Policy, config: Configuration, seed: int, policy_seed: int) -> Run:
+        """The ended run of a policy, reset with `policy_seed`, on the instance of a seed."""
+        policy.reset(policy_seed)
+        run = self._run(config, seed)
+        while not run.ended:
+            run.step(policy.act(run.observation()))
+        return run
+
+    def play_all(
+        self, sources: Sequence[str], config: Configuration, seeds: Sequence[int]
+    ) -> Iterator[tuple[str, int, bytes, str]]:
+        """Yield source, seed, actions and hash of each policy's episode on each instance."""
+        for source, policy in [(source, self.load(source)) for source in sources]:
+            for seed in seeds:
+                record = self.play(policy, config, seed, seed).record()
+                yield source, seed, record.actions, record.trajectory_hash

@@ -48,7 +48,7 @@ from humanplay.study.folder import Folder
 from humanplay.study.participation import Participations
 from humanplay.study.progress import ParticipantProgress
 from humanplay.task import Policies, Rules, Task
-from humanplay.task.registration import Start, rules_of, serve
+from humanplay.task.registration import Start, rules_of, serve, static_of
 from humanplay.web import (
     access,
     admin,
@@ -178,6 +178,9 @@ def _app_of(
     app.state.offers = {offer_name(rules): played}
     add_error_handlers(app)
     # first what is asked for most: routes are tried in turn
+    if (drawn_by := static_of(settings.task)) is not None:
+        files = pages.PageFiles(directory=drawn_by)
+        app.mount(f"/static/task/{rules.assets}", files, name="world")
     app.mount("/static", pages.static_files, name="static")
     boards = api.board_router(rules.messages)
     modules = [pages, sockets, api, watch, results, people, replay, daily, study]

@@ -23,7 +23,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
 from humanplay import IS_CHECKOUT, ROOT
 from humanplay.db.file import studies_beside
-from humanplay.task.registration import DEFAULT_TASK
+from humanplay.task.registration import DEFAULT_TASK, WORLDS
 
 PREFIX = "HUMANPLAY_"
 """With which the names of variables begin that hold a setting."""
@@ -255,7 +255,7 @@ def fault_of(error: ValidationError | SettingsError, flags: Mapping[str, JsonVal
 
 def unknown_variables(names: Iterable[str]) -> Iterator[str]:
     """Yield a note on each variable that is named like a setting and is none."""
-    known = [PREFIX + name.upper() for name in Settings.model_fields]
+    known = [WORLDS, *(PREFIX + name.upper() for name in Settings.model_fields)]
     for name in sorted(names):
         # a wrong name of a limit is an error of `Settings`
         if name.startswith(f"{PREFIX}LIMITS__") or not name.startswith(PREFIX):
