@@ -75,9 +75,10 @@ def test_a_frozen_study_plays_its_own_file_when_the_path_holds_another_one_or_no
     mine.unlink()
     assert moves(study, mine, study.policy_files) == before
     assert [len(run.actions) for run in _play(study, "warm_up")], "the debrief goes on, too"
-    job = LeaderboardEntry(
-        "d", "d", CONFIG, None, (4, 5), "dunes", (str(mine),), study.policy_files
-    ).evaluations({})[str(mine)]
+    entry = LeaderboardEntry(
+        "d", "d", CONFIG, None, None, (4, 5), "dunes", (str(mine),), study.policy_files
+    )
+    job = entry.evaluations({})[str(mine)]
     assert job.policy == str(study.policy_files.place(str(mine)))
 
 
