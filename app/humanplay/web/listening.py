@@ -17,11 +17,9 @@ from h11 import LocalProtocolError
 from starlette.types import ASGIApp
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from uvicorn.server import ServerState
-from websockets.exceptions import ProtocolError
-from websockets.frames import Frame, Opcode
 
 from humanplay.board.messages import MAX_MESSAGE_BYTES
-from humanplay.web.protection.limits import POLICY_VIOLATION, TokenBucket
+from humanplay.web.protection.limits import POLICY_VIOLATION, LimitedFrames
 
 BACKLOG = 1024
 """Connections that may wait to be accepted."""
@@ -34,18 +32,6 @@ READ_BYTES = 2**13
 
 More would keep everybody else waiting while what came over one connection is looked at.
 """
-
-MOST_OTHER_FRAMES, OTHER_FRAMES_PER_SECOND = 100, 10.0
-"""Pings, pongs and parts of messages of one websocket that are read at once, and a second after that.
-
-Browsers send no pings of their own, and programs one in many seconds.
-"""
-
-TOO_MANY_FRAMES = (
-    f"too many pings, pongs or parts of messages: {MOST_OTHER_FRAMES} at once and "
-    f"{OTHER_FRAMES_PER_SECOND:g} a second are read"
-)
-"""Why a websocket is closed that sends more of them."""
 
 FIRST_INHERITED_FD = 3
 """The descriptor of the first socket that systemd passes on (sd_listen_fds(3))."""
@@ -132,10 +118,6 @@ def raise_file_limit() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
-class TooManyFramesError(ProtocolError):
-    """A client has sent too many frames that are no message."""
-
-
 def websocket_protocol(
     config: uvicorn.Config, server_state: ServerState, app_state: dict[str, Any]
 ) -> WebSocketsSansIOProtocol:
@@ -146,8 +128,7 @@ def websocket_protocol(
     and parts of messages however many come, of which the app, which counts messages, hears nothing.
     """
     protocol = WebSocketsSansIOProtocol(config, server_state, app_state)
-    read, take_frame = protocol.data_received, protocol.conn.recv_frame
-    bucket = TokenBucket(MOST_OTHER_FRAMES, OTHER_FRAMES_PER_SECOND)
+    read, limited = protocol.data_received, LimitedFrames(protocol.conn)
 
     def read_handshake(data: bytes) -> None:
         del protocol.data_received  # the rest is uvicorn's alone
@@ -156,15 +137,8 @@ def websocket_protocol(
             protocol.transport.write(_NOT_TAKEN)
             protocol.transport.close()
 
-    def count_frame(frame: Frame) -> None:
-        is_message = frame.fin and frame.opcode in (Opcode.TEXT, Opcode.BINARY)
-        if not is_message and frame.opcode is not Opcode.CLOSE and bucket.take():
-            protocol.conn.fail(POLICY_VIOLATION, TOO_MANY_FRAMES)
-            raise TooManyFramesError  # what came with it is discarded unread
-        take_frame(frame)
-
     def end_unreadable() -> None:
-        if isinstance(protocol.conn.parser_exc, TooManyFramesError):
+        if limited.is_exceeded:
             # the app counts it against the address
             protocol.queue.put_nowait({"type": "websocket.disconnect", "code": POLICY_VIOLATION})
         protocol.close_sent = protocol.disconnected = True
@@ -172,7 +146,7 @@ def websocket_protocol(
         protocol.transport.close()
 
     protocol.data_received = read_handshake  # type: ignore[method-assign]
-    protocol.conn.recv_frame = count_frame  # type: ignore[method-assign]
+    protocol.conn.recv_frame = limited.take  # type: ignore[method-assign]
     protocol.handle_parser_exception = end_unreadable  # type: ignore[method-assign]
     return protocol
 

@@ -27,6 +27,9 @@ from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from websockets.exceptions import ProtocolError
+from websockets.frames import Frame, Opcode
+from websockets.server import ServerProtocol
 
 from humanplay.board.charges import DAY_S, Charges, Owner
 from humanplay.web.protection.gate import RefusedRequestError
@@ -36,6 +39,18 @@ from humanplay.web.settings import Limits, read_bucket
 T = TypeVar("T")
 TOKEN_HEADER = "x-humanplay-token"
 """The header that holds the operator's token, `limits.token`."""
+
+MOST_OTHER_FRAMES, OTHER_FRAMES_PER_SECOND = 100, 10.0
+"""Pings, pongs and parts of messages of one websocket that are read at once, and a second after that.
+
+Browsers send no pings of their own, and programs one in many seconds.
+"""
+
+TOO_MANY_FRAMES = (
+    f"too many pings, pongs or parts of messages: {MOST_OTHER_FRAMES} at once and "
+    f"{OTHER_FRAMES_PER_SECOND:g} a second are read"
+)
+"""Why a websocket is closed that sends more of them."""
 
 PROBES = frozenset({"/healthz", "/readyz"})
 """What watches over the server: these requests have a bucket of their own."""
@@ -330,6 +345,32 @@ def _player_of(scope: Scope, name: str) -> str | None:
 
 class _SlowReaderError(Exception):
     """A client did not take what was sent to it."""
+
+
+class LimitedFrames:
+    """Reads a websocket's frames, but not more than a few that are no message: the app hears nothing of those.
+
+    Args:
+        connection: Its `recv_frame` is called for each frame.
+    """
+
+    def __init__(self, connection: ServerProtocol) -> None:
+        self.is_exceeded = False
+        self._connection, self._read = connection, connection.recv_frame
+        self._bucket = TokenBucket(MOST_OTHER_FRAMES, OTHER_FRAMES_PER_SECOND)
+
+    def take(self, frame: Frame) -> None:
+        """Read a frame.
+
+        Raises:
+            ProtocolError: There were too many; the socket is being closed, and what came with it is discarded.
+        """
+        is_message = frame.fin and frame.opcode in (Opcode.TEXT, Opcode.BINARY)
+        if not is_message and frame.opcode is not Opcode.CLOSE and self._bucket.take():
+            self.is_exceeded = True
+            self._connection.fail(POLICY_VIOLATION, TOO_MANY_FRAMES)
+            raise ProtocolError(TOO_MANY_FRAMES)
+        self._read(frame)
 
 
 class LimitedClients:
