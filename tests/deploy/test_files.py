@@ -18,6 +18,7 @@ import yaml
 
 from humanplay.web.settings import Settings
 from tests.support.browser import free_port
+from tests.support.command_server import command_server
 from tests.support.servers import PATIENCE_S, eventually
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -317,3 +318,21 @@ def test_every_file_of_the_folder_is_named_in_the_document():
     files = [path for path in DEPLOY.rglob("*") if path.is_file()]
     names = [path.relative_to(DEPLOY.parent).as_posix() for path in files]
     assert [name for name in names if name not in said] == []
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="NO STRACE: install it to see calls")
+def test_a_server_connects_to_nobody(tmp_path):
+    """Neither for a page nor for a board."""
+    calls = tmp_path / "calls"
+    # with -D the process is the server, and strace is its child
+    traced = ["strace", "-D", "-f", "-qq", "--seccomp-bpf", "-e", "trace=connect", "-o", calls]
+    serve = [sys.executable, "-m", "humanplay.cli", "serve", "--port", "0"]
+    with command_server([*traced, *serve, "--database", tmp_path / "a.db"]) as (process, address):
+        with httpx.Client(base_url=address, timeout=PATIENCE_S) as client:
+            assert client.get("/").status_code == 200
+            begun = client.post("/api/sessions", json={"size": [9, 11], "rival": "ppo"})
+            assert begun.status_code == 201
+        process.terminate()
+        assert process.wait(PATIENCE_S) == 0
+    to = re.findall(r'sin6?_addr.*?"([^"]+)"', calls.read_text())
+    assert set(to) <= {"127.0.0.1", "::1"}
