@@ -74,6 +74,13 @@ def test_systemd_finds_little_that_the_unit_may_do(tmp_path):
         assert re.search(rf"^{ceiling}=\S", UNIT, re.M), ceiling
 
 
+def test_the_unit_does_not_try_again_with_a_wrong_setting():
+    (code,) = re.findall(r"^RestartPreventExitStatus=(\d+)$", UNIT, re.M)
+    serve = [sys.executable, "-m", "humanplay.cli", "serve"]
+    wrong = {"env": os.environ | {"HUMANPLAY_PORT": "no number"}, "capture_output": True}
+    assert subprocess.run(serve, **wrong).returncode == int(code)
+
+
 def system_call_groups():
     """The groups of system calls that systemd knows, by name."""
     command = ["systemd-analyze", "syscall-filter", "--no-pager"]
@@ -326,12 +333,20 @@ def test_a_server_connects_to_nobody(tmp_path):
     calls = tmp_path / "calls"
     # with -D the process is the server, and strace is its child
     traced = ["strace", "-D", "-f", "-qq", "--seccomp-bpf", "-e", "trace=connect", "-o", calls]
-    serve = [sys.executable, "-m", "humanplay.cli", "serve", "--port", "0"]
+    serve = [
+        sys.executable,
+        "-m",
+        "humanplay.cli",
+        "serve",
+        "--env",
+        "FrozenLake-v1",
+        "--port",
+        "0",
+    ]
     with command_server([*traced, *serve, "--database", tmp_path / "a.db"]) as (process, address):
         with httpx.Client(base_url=address, timeout=PATIENCE_S) as client:
             assert client.get("/").status_code == 200
-            begun = client.post("/api/sessions", json={"size": [9, 11], "rival": "ppo"})
-            assert begun.status_code == 201
+            assert client.post("/api/sessions", json={}).status_code == 201
         process.terminate()
         assert process.wait(PATIENCE_S) == 0
     to = re.findall(r'sin6?_addr.*?"([^"]+)"', calls.read_text())

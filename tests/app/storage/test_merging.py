@@ -1,7 +1,10 @@
 """`merge`: several servers' files as one, or a sentence on why not."""
 
+import json
 import shutil
 import sqlite3
+import subprocess
+import sys
 from contextlib import closing
 
 import pytest
@@ -9,10 +12,14 @@ import pytest
 from humanplay.db.merging import MergeError, merge
 from humanplay.release.build import ReleaseRequest, build_release
 from humanplay.release.bundle import verify_bundle
+from humanplay.study.folder import Folder
+from humanplay.study.invitations import Invitations, token_of
 from humanplay.study.verification import verify_database
 from tests.support.command import command
 from tests.support.recorded import alter, ask
 from tests.support.stored_studies import StudyRecorder, freeze, play_study
+from tests.support.study import Person
+from tests.support.study import freeze as freeze_small
 
 
 @pytest.fixture(scope="module")
@@ -161,3 +168,34 @@ def test_nothing_is_written_over(servers, tmp_path, capsys):
     code, _, said = command(capsys, "merge", *sources, "--out", tmp_path / "c.db")
     assert (code, "is there already" in said) == (1, True)
     assert (tmp_path / "c.db").read_text() == "mine"
+
+
+def done(*words):
+    """What a command prints that succeeds, in a process of its own."""
+    command = [sys.executable, "-m", "humanplay.cli", *words]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def test_a_study_that_is_spread_over_servers_by_its_links_is_put_together(serve, tmp_path):
+    """As deploy.md says: issued once, copied, played on each by other people, closed, merged, reported."""
+    labs = [tmp_path / "lab-a.db", tmp_path / "lab-b.db"]
+    folders = [Folder(path.with_name(f"{path.name}-studies")) for path in labs]
+    study = freeze_small(folders[0].root, recruitment="invitation")
+    issued = Invitations(folders[0]).issue("small", 2)
+    shutil.copytree(folders[0].root, folders[1].root)
+    for path, invitation in zip(labs, issued, strict=True):
+        server = serve(database=path)
+        person = Person(server, client=server.page(), invitation=token_of(study, invitation.id))
+        person.to_warm_up()
+        person.play_on()
+        server.stop()
+    for folder in folders:
+        folder.close("small")
+    joined = tmp_path / "all.db"
+    assert "2 participants and " in done("merge", *labs, "--out", joined)
+    shutil.copytree(folders[0].root, tmp_path / "all.db-studies")
+    files = ["--html", tmp_path / "report.html", "--json", tmp_path / "report.json"]
+    done("report", "--study", "small", "--no-policies", *files, "--database", joined)
+    (people,) = json.loads((tmp_path / "report.json").read_text())["groups"]
+    assert (people["kind"], people["joined"], people["outcomes"]) == ("human", 2, {"explored": 6})
+    assert "all as recorded" in done("verify", "--database", joined)
