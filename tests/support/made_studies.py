@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from humanplay.db.rows import StageEvent
 from humanplay.db.trial import Trial
 from humanplay.report.model import PolicyRun
 from humanplay.study.data import Person, StudyData
@@ -42,7 +43,7 @@ def person(number, kind="human", script=None, stage="complete", completed=True, 
         consent_version="1",
         completed_ms=done,
         settings={},
-        events=tuple(events),
+        events=tuple(StageEvent(*event) for event in events),
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from humanplay.db.rows import StageEvent
 from humanplay.report.build import build
 from humanplay.report.page import render
 from humanplay.study import policy_episodes
@@ -41,8 +42,9 @@ def first(number):
 
 LEFT = {"completed_ms": None, "stage": "ranked"}
 WITHDREW = {"completed_ms": None, "stage": "withdrawn"}
-INTERRUPTED = {**LEFT, "events": ((CLOSED_MS, "interrupted", {}),)}
+INTERRUPTED = {**LEFT, "events": (StageEvent(CLOSED_MS, "interrupted", {}),)}
 STOPPED_ID = f"{3:032x}-0"
+STOPPED = {**LEFT, "events": (StageEvent(1, "stopped", {"episode": STOPPED_ID}),)}
 UNATTESTED = {"attestation": "unattested", "attestation_reason": "step 0: no press of its own"}
 PROGRAM = {
     "attestation": "unattested",
@@ -65,8 +67,8 @@ ENDS = {
     "withdrew": (lambda n: {}, first, WITHDREW, "withdrew", 1, {"not_ended": 5}),
     "interrupted": (lambda n: {}, first, INTERRUPTED, "interrupted", 1, {"not_ended": 5}),
     "a failure": (lambda n: {"outcome": "environment_failed"}, first, LEFT, "failed", 0, {"failed": 1, "not_ended": 5}),
-    "stopped": (lambda n: {"outcome": "abandoned"}, first, {**LEFT, "events": ((1, "stopped", {"episode": STOPPED_ID}),)},
-                "stopped_by_rule", 0, {"not_ended": 5, "stopped_by_rule": 1}),
+    "stopped": (lambda n: {"outcome": "abandoned"}, first, STOPPED, "stopped_by_rule", 0,
+                {"not_ended": 5, "stopped_by_rule": 1}),
 }  # fmt: skip
 
 
