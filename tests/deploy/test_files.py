@@ -151,22 +151,16 @@ def test_the_unit_lets_pass_every_system_call_of_a_server_and_its_boards(tmp_pat
     assert calls - AS_ROOT <= calls_allowed()
 
 
+SERVE_LAKE = [
+    *(sys.executable, "-m", "humanplay.cli", "serve"),
+    *("--env", "FrozenLake-v1", "--port", "0"),
+]
 AS_THE_UNITS_USER = ["unshare", "--user", "--map-user=10001", "--map-group=10001"]
 
 
 def guards_printed(folder, *before):
     """What a server prints of its guards that another user than root starts."""
-    serve = [
-        sys.executable,
-        "-m",
-        "humanplay.cli",
-        "serve",
-        "--env",
-        "FrozenLake-v1",
-        "--port",
-        "0",
-    ]
-    command = [*AS_THE_UNITS_USER, *before, *serve, "--database", folder / "a.db"]
+    command = [*AS_THE_UNITS_USER, *before, *SERVE_LAKE, "--database", folder / "a.db"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen(command, start_new_session=True, **pipes) as process:
         lines = []
@@ -333,17 +327,10 @@ def test_a_server_connects_to_nobody(tmp_path):
     calls = tmp_path / "calls"
     # with -D the process is the server, and strace is its child
     traced = ["strace", "-D", "-f", "-qq", "--seccomp-bpf", "-e", "trace=connect", "-o", calls]
-    serve = [
-        sys.executable,
-        "-m",
-        "humanplay.cli",
-        "serve",
-        "--env",
-        "FrozenLake-v1",
-        "--port",
-        "0",
-    ]
-    with command_server([*traced, *serve, "--database", tmp_path / "a.db"]) as (process, address):
+    with command_server([*traced, *SERVE_LAKE, "--database", tmp_path / "a.db"]) as (
+        process,
+        address,
+    ):
         with httpx.Client(base_url=address, timeout=PATIENCE_S) as client:
             assert client.get("/").status_code == 200
             assert client.post("/api/sessions", json={}).status_code == 201

@@ -131,10 +131,10 @@ def serve(task: str, start: Start) -> Task:
 def registration_of(task: str) -> Registration:
     """The registration of a task by its name; ValueError if there is none."""
     name = task.partition(":")[0]
-    found = REGISTERED.get(name) or _world(name)
-    if found is None:
+    registration = REGISTERED.get(name) or _world(name)
+    if registration is None:
         raise ValueError(f"expected a task of {', '.join(REGISTERED)}, got {task!r}")
-    return found
+    return registration
 
 
 def _module(task: str, name: str) -> tuple[ModuleType, str]:

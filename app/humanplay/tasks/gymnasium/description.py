@@ -144,8 +144,8 @@ class Description(BaseModel):
     @property
     def versions(self) -> str:
         """What an episode replays with: the versions of its packages, the hashes of modules of one's own."""
-        own = [f"{name} {hash[:12]}" for name, hash in self.sources.items()]
-        return ", ".join([*(f"{name} {version_of(name)}" for name in self.packages), *own])
+        sources = [f"{name} {hash[:12]}" for name, hash in self.sources.items()]
+        return ", ".join([*(f"{name} {version_of(name)}" for name in self.packages), *sources])
 
     @property
     def packages(self) -> list[str]:
@@ -202,8 +202,10 @@ def spec_of(env_id: str) -> EnvSpec:
         raise ValueError(f"{module_name} cannot be imported: {error}") from error
     if name in gymnasium.registry:
         return gymnasium.spec(name)
-    own = getattr(module, name, None)
-    if (isinstance(own, type) and issubclass(own, gymnasium.Env)) or inspect.isfunction(own):
+    member = getattr(module, name, None)
+    if (isinstance(member, type) and issubclass(member, gymnasium.Env)) or inspect.isfunction(
+        member
+    ):
         return EnvSpec(name, f"{module_name}:{name}")
     try:
         return gymnasium.spec(name)  # it may be there under another version, which its error names

@@ -144,13 +144,13 @@ def examine(
             for done, difference in enumerate(threads.map(compare, runs), 2):
                 differences.append(difference)
                 advance(done, total)
-    found = {it.variant: it for it in reversed(differences) if it is not None}
+    first_of = {it.variant: it for it in reversed(differences) if it is not None}
     costs = [episode["costs"] for episode in first]
     rows, columns = first[0]["picture"]
     return Examination(
         task, sum(len(episode["hashes"]) - 1 for episode in first),
-        tuple(found[variant] for variant in CAUSES if variant in found and variant != TOLERATED),
-        found.get(TOLERATED),
+        tuple(first_of[name] for name in CAUSES if name in first_of and name != TOLERATED),
+        first_of.get(TOLERATED),
         _median(ms for each in costs for ms in each["step"]),
         _median(ms for each in costs for ms in each["picture"]),
         (rows, columns), int(_median(size for each in costs for size in each["bytes"])), rules.keys,
