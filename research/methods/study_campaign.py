@@ -36,7 +36,7 @@ from humanplay.study.invitations import Invitations, token_of
 from humanplay.study.protocol import default_protocol
 from humanplay.study.seeds import seed as seed_of
 from humanplay.study.verification import verify_database
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.web.simulate import Clock, NoisyPolicy, Participant, RefusedError
 from marsexplorer.config import EnvConfig
@@ -272,7 +272,7 @@ def _rules_steps(seed: int) -> int:
 
 def _take_part(server: Any, study: Study, player: Player, links: Sequence[str]) -> str | None:
     """Let one person take part, and return their label; None where the server lets them in no second time."""
-    policy = NoisyPolicy(rules_of("mars"), RULE, player.slip, CONFIG)
+    policy = NoisyPolicy(environment_of("mars"), RULE, player.slip, CONFIG)
     person = Participant(server.page(), study.name, policy, server.clock, player.seed)
     join = {"invitation": {"invitation": links[player.link]}, "open": {}}
     panel = {"outside_ids": {PANEL_ID: f"panel-{player.link}"}}
@@ -310,7 +310,7 @@ def _play(person: Participant, player: Player, at: int, is_last: bool) -> bool:
     """Play a ranked episode, the first of them number 1; return False for whoever does not come back."""
     is_delegated = is_last and player.how == "delegates"
     slip = 0.0 if is_delegated else player.slip
-    policy = NoisyPolicy(rules_of("mars"), RULE, slip, CONFIG, 100 * player.seed + at)
+    policy = NoisyPolicy(environment_of("mars"), RULE, slip, CONFIG, 100 * player.seed + at)
     policy.reset()
     with person.socket() as socket:
         hurried = _Hurried(socket.clock)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from humanplay.report.statistics.crossed import crossed_components
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from marsexplorer.config import RUNNING, EnvConfig
 from marsexplorer.world import Worlds, positions
 from research.methods.assumed_spread import steps_of_players
@@ -55,7 +55,7 @@ def test_what_a_new_study_assumes_is_what_synthetic_players_show():
     steps = steps_of_players(EnvConfig(), "mixed", 150, 30, seed=0)
     spread = crossed_components(steps)
     sds = [float(part) ** 0.5 for part in (spread.player, spread.terrain, spread.rest)]
-    assumed = rules_of("mars").assumed(EnvConfig(), "steps")
+    assumed = environment_of("mars").assumed(EnvConfig(), "steps")
     assert [np.nanmean(steps), *sds] == pytest.approx(list(assumed.values()), rel=0.05)
 
 

@@ -8,7 +8,7 @@ import pytest
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import default_protocol
 from humanplay.study.verification import verify_database
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.description import Description
 from tests.support.browser import AS_A_PERSON, NO_3D, fetched, violations
 from tests.support.declared import DECLARATIONS
@@ -90,7 +90,7 @@ def test_a_study_of_it_is_played_from_consent_to_code(spawn, tmp_path, player, b
     server = spawn(task="gymnasium:CliffWalking-v1", more=(LAKE,))
     folder = Folder(tmp_path / "playground-frozenlake-v1.db-studies")
     rest = {"warm_up": 1, "ranked": 2, "players": 2, "break_every": 1, "declarations": DECLARATIONS}
-    folder.create(default_protocol("lake", rules_of(LAKE).configuration({}), LAKE, **rest))
+    folder.create(default_protocol("lake", environment_of(LAKE).configuration({}), LAKE, **rest))
     folder.freeze("lake")
     me = player(server, [*NO_3D, *AS_A_PERSON])
     page = me.page

@@ -13,7 +13,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from marsexplorer.config import EnvConfig
 from tests.support.agents import own, rows_of, token_of
 from tests.support.scripted_model import scripted_model
@@ -55,7 +55,7 @@ def begun(tmp_path_factory):
             config = (
                 EnvConfig("random", 7, 9, sensor_radius=4)
                 if task == MARS
-                else rules_of(task).configuration({"max_steps": 12})
+                else environment_of(task).configuration({"max_steps": 12})
             )
             own(database, task=task, config=config, instances=2)
             done.add(task)

@@ -7,7 +7,7 @@ import pytest
 
 from humanplay import ROOT
 from humanplay.study.verification import verify_database
-from humanplay.task.registration import WORLDS, register, rules_of, static_of
+from humanplay.task.registration import WORLDS, environment_of, register, static_of
 from humanplay.web.simulate import NoisyPolicy, Plan, simulate
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
@@ -30,11 +30,16 @@ def test_a_world_is_served_and_drawn_from_its_own_folder(serve, maze, tmp_path):
     script = client.get("/static/task/maze/index.js")
     assert script.text == (MAZE / "static/index.js").read_text()
     assert "script-src 'self'" in script.headers["content-security-policy"]
-    for path in ("../rules.py", "%2e%2e/rules.py", "..%2Frules.py", "rules.py"):
+    for path in (
+        "../environment.py",
+        "%2e%2e/environment.py",
+        "..%2Fenvironment.py",
+        "environment.py",
+    ):
         assert client.get(f"/static/task/maze/{path}").status_code == 404, path
     assert client.get("/static/task/picture/index.js").status_code == 200
     assert client.get("/api/daily").status_code == 404
-    policy = NoisyPolicy(rules_of(maze), "far-wall", 0.0, None)
+    policy = NoisyPolicy(environment_of(maze), "far-wall", 0.0, None)
     policy.reset()
     with server.socket(about["session"], client) as socket:
         frame = socket.receive("frame")
@@ -49,23 +54,23 @@ def test_a_world_is_served_and_drawn_from_its_own_folder(serve, maze, tmp_path):
 
 
 def test_its_episodes_follow_from_seed_and_moves(maze):
-    rules = rules_of(maze)
-    config = rules.configuration({})
-    policies = rules.policies
+    environment = environment_of(maze)
+    config = environment.configuration({})
+    policies = environment.policies
     for source, seed, moves, digest in policies.play_all(["far-wall", "random"], config, [1, 2]):
-        record = rules.run(config, seed, moves).record()
+        record = environment.run(config, seed, moves).record()
         assert record.trajectory_hash == digest, source
-        assert rules.replay_record(record).record() == record
+        assert environment.replay_record(record).record() == record
     assert static_of(maze) == MAZE / "static"
 
 
 @pytest.mark.parametrize(
     ("name", "files", "message"),
     [
-        ("empty", (), "expected a world's rules.py and task.py"),
-        ("half", ("rules.py",), "got no task.py"),
-        ("Capital", ("rules.py", "task.py"), "small letters"),
-        ("mars", ("rules.py", "task.py"), "the name 'mars' is taken"),
+        ("empty", (), "expected a world's environment.py and task.py"),
+        ("half", ("environment.py",), "got no task.py"),
+        ("Capital", ("environment.py", "task.py"), "small letters"),
+        ("mars", ("environment.py", "task.py"), "the name 'mars' is taken"),
     ],
 )
 def test_a_folder_that_is_no_world_is_refused(tmp_path, maze, name, files, message):
@@ -88,8 +93,8 @@ def test_a_package_registers_its_world(tmp_path, monkeypatch):
     (tmp_path / "mazes-1.dist-info/entry_points.txt").write_text(offered)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.syspath_prepend(MAZE.parent)
-    rules_of.cache_clear()
-    assert json.loads(json.dumps(rules_of("maze").configuration({}).to_dict())) == {
+    environment_of.cache_clear()
+    assert json.loads(json.dumps(environment_of("maze").configuration({}).to_dict())) == {
         "side": 9,
         "limit": 120,
     }

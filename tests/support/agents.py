@@ -34,9 +34,9 @@ def begun(database, name="agents", of="small", **rest):
 
 def own(database, name="agents", task="gymnasium:FrozenLake-v1", instances=3, config=None, **rest):
     """Return a new evaluation of a task on instances of its own."""
-    from humanplay.task.registration import rules_of
+    from humanplay.task.registration import environment_of
 
-    config = rules_of(task).configuration({}) if config is None else config
+    config = environment_of(task).configuration({}) if config is None else config
     wanted = {"name": name, "task": task, "instances": instances, "config": config.to_dict()}
     return begin_evaluation(database, Folder.beside(database), {**wanted, **rest}, now_ms())
 

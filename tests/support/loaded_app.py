@@ -6,7 +6,7 @@ What a server does at its start it still does; what it would read from the disk,
 import gc
 
 from humanplay import jobs
-from humanplay.task.registration import DEFAULT_TASK, rules_of
+from humanplay.task.registration import DEFAULT_TASK, environment_of
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.tasks.mars.viewer3d import viewer
 from humanplay.web.server import run
@@ -15,7 +15,7 @@ from tests.support.forked_server import Worker
 __all__ = ["run"]
 
 jobs._Process = Worker
-rules_of(DEFAULT_TASK).prepare()
+environment_of(DEFAULT_TASK).prepare()
 PolicyCatalogue().offers()
 viewer.ClientPage.load()
 gc.collect()

@@ -4,7 +4,7 @@ import pytest
 
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import default_protocol
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.web.simulate import NoisyPolicy, Participant, RefusedError
 from marsexplorer.config import EnvConfig
 from tests.support.declared import DECLARATIONS
@@ -34,7 +34,7 @@ class Person(Participant):
     """A participant with a cookie of their own, who plays by the rules' best moves and by key."""
 
     def __init__(self, server, study="small", client=None, **join):
-        policy = NoisyPolicy(rules_of("mars"), "frontier-cost", 0.0, None)
+        policy = NoisyPolicy(environment_of("mars"), "frontier-cost", 0.0, None)
         super().__init__(client or server.client(), study, policy, server.clock)
         self.server = server
         if join.pop("joins", True):

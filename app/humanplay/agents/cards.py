@@ -147,22 +147,22 @@ class Cards:
 
     def task_name(self, card: Card) -> str:
         """Return the short name of what is played, without a slash: `mars`, or the environment's id."""
-        rules = card.protocol.rules
-        package, _, rest = rules.name.partition(":")
-        return package if not rest else rules.about.title.replace("/", "-").replace(" ", "-")
+        environment = card.protocol.environment
+        package, _, rest = environment.name.partition(":")
+        return package if not rest else environment.about.title.replace("/", "-").replace(" ", "-")
 
     def about(self, card: Card) -> AboutCard:
         """Return what is played and under which rules, ready for JSON; the same for every instance."""
         self._count(card)
         protocol = card.protocol
-        rules, config = protocol.rules, protocol.env_config
+        environment, config = protocol.environment, protocol.env_config
         return {
             "evaluation": protocol.name,
-            "title": rules.about.title,
-            "instructions": rules.texts(config).briefing,
-            "actions": list(rules.actions),
+            "title": environment.about.title,
+            "instructions": environment.texts(config).briefing,
+            "actions": list(environment.actions),
             "sees": protocol.sees,
-            "seen": rules.texts(config).observations,
+            "seen": environment.texts(config).observations,
             "config": config.to_dict(),
             "limit": int(config.limit),
             "instances": protocol.instances,
@@ -202,7 +202,7 @@ class Cards:
         step  the moves made so far, for a client that must not move twice; None: whatever they are
         """
         self._count(card)
-        actions = card.protocol.rules.actions
+        actions = card.protocol.environment.actions
         code = actions.index(action) if action in actions else action
         if isinstance(code, bool) or not isinstance(code, int) or not 0 <= code < len(actions):
             named = f"0 to {len(actions) - 1}, or one of {', '.join(actions)}"
@@ -271,7 +271,7 @@ class Cards:
         if protocol.task != task.name:
             raise CardError(
                 409,
-                f"the evaluation is of {protocol.rules.about.title}, and this server plays {task.about.title}: "
+                f"the evaluation is of {protocol.environment.about.title}, and this server plays {task.about.title}: "
                 "whoever gave you the card must start it with --env",
             )
         if protocol.core_version != task.version or task.lock.differences(protocol.lock):

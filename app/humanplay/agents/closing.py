@@ -35,7 +35,9 @@ def check_closable(database: Path, evaluation: Evaluation, now: bool) -> None:
     signing_key(database)
     protocol = evaluation.protocol
     for policy in compared_policies(protocol):
-        protocol.rules.policies.load(evaluation.policy_files.source(policy), protocol.env_config)
+        protocol.environment.policies.load(
+            evaluation.policy_files.source(policy), protocol.env_config
+        )
     if evaluation.closed_ms is not None:
         return
     study = evaluation.study

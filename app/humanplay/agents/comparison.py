@@ -89,7 +89,7 @@ class _Played:
     @classmethod
     def of(cls, name: str, protocol: Protocol, episodes: Mapping[int, CameTo]) -> _Played:
         """Take episodes by instance; what was left has the score that it has for people (`Trial.as_left`)."""
-        rules, config = protocol.rules, protocol.env_config
+        environment, config = protocol.environment, protocol.env_config
         cause = Drawn(config, seed=0, terrain=b"", start=(0, 0))
         score, steps = np.full((2, protocol.instances), np.nan)
         outcomes = [""] * protocol.instances
@@ -97,10 +97,10 @@ class _Played:
             outcome = outcomes[index] = episode["outcome"]
             score[index] = episode["score"]
             if outcome in LEFT:
-                score[index] = rules.given_up_score(
+                score[index] = environment.given_up_score(
                     cause, outcome, episode["total"], episode["score"]
                 )
-            steps[index] = episode["steps"] if outcome in rules.successes else config.limit
+            steps[index] = episode["steps"] if outcome in environment.successes else config.limit
         return cls(name, score, steps, tuple(outcomes))
 
 
@@ -123,7 +123,7 @@ def compare(
     policies = _policies(protocol, episodes)
     random = next((policy for policy in policies if policy.name == "random"), None)
     rows: list[dict[str, object]] = []
-    better, words = protocol.rules.metrics[0].is_better, protocol.rules.about.words
+    better, words = protocol.environment.metrics[0].is_better, protocol.environment.about.words
     sign = 1 if better == "higher" else -1
     ranked: list[tuple[dict[str, object], float]] = []
     for policy in policies:
@@ -153,7 +153,7 @@ def compare(
     if data is not None:
         people = {
             **live_figure(data),
-            "sees": protocol.rules.texts(protocol.env_config).observations,
+            "sees": protocol.environment.texts(protocol.env_config).observations,
         }
     return {
         "words": {"score": words.score, "steps": words.steps, "definition": words.definition},
@@ -168,10 +168,10 @@ def compare(
 
 def _policies(protocol: Protocol, episodes: Sequence[PolicyEpisode]) -> list[_Played]:
     """What each policy came to, its episodes replayed."""
-    rules, config = protocol.rules, protocol.env_config
+    environment, config = protocol.environment, protocol.env_config
     by_policy: dict[str, dict[int, CameTo]] = {}
     for episode in episodes:
-        came_to = came_to_of(episode.replay(rules, config))
+        came_to = came_to_of(episode.replay(environment, config))
         by_policy.setdefault(episode.policy, {})[episode.terrain] = came_to
     return [_Played.of(name, protocol, endings) for name, endings in by_policy.items()]
 
@@ -211,7 +211,7 @@ def _figures(
             shared = ~np.isnan(tables[metric]).all(axis=0)
             zero = None if random is None else getattr(random, metric)[shared]
             people = tables[metric][:, shared]
-            worst = worst_value(protocol.rules, protocol.env_config, metric)
+            worst = worst_value(protocol.environment, protocol.env_config, metric)
             compared = compare_policy(
                 played.name, metric, values[shared], people, zero, worst, is_drawn
             )

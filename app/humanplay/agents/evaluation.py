@@ -29,8 +29,8 @@ from humanplay.study.invitations import ID_LENGTH, new_id, signature
 from humanplay.study.policy_files import PolicyFiles
 from humanplay.study.protocol import NAME, StudyError, canonical_json
 from humanplay.study.seeds import commitment, seed
-from humanplay.task import Configuration, Drawn, Rules, Run, drawn
-from humanplay.task.registration import rules_of
+from humanplay.task import Configuration, Drawn, Environment, Run, drawn
+from humanplay.task.registration import environment_of
 
 TABLES = (
     """CREATE TABLE IF NOT EXISTS agents_evaluations (
@@ -116,14 +116,14 @@ class Protocol(BaseModel):
     study: PlayedStudy | None = None
 
     @property
-    def rules(self) -> Rules:
+    def environment(self) -> Environment:
         """The rules of the task."""
-        return rules_of(self.task)
+        return environment_of(self.task)
 
     @property
     def env_config(self) -> Configuration:
         """The configuration of the task."""
-        return self.rules.configuration(self.config)
+        return self.environment.configuration(self.config)
 
     @property
     def hash(self) -> str:
@@ -303,17 +303,17 @@ def begin_evaluation(
                 name=name, protocol_hash=study.protocol_hash, commitment=study.commitment
             ),
         }
-    rules = rules_of(wanted["task"])
-    config = rules.configuration(wanted["config"])
+    environment = environment_of(wanted["task"])
+    config = environment.configuration(wanted["config"])
     try:
-        rules.lock.check_exact(config)
+        environment.lock.check_exact(config)
         protocol = Protocol(
-            **{**wanted, "config": config.to_dict(), "core_version": rules.version},
-            lock=rules.lock.current(),
+            **{**wanted, "config": config.to_dict(), "core_version": environment.version},
+            lock=environment.lock.current(),
         )
         made = Evaluation(protocol, draw(32), now_ms, None, study)
         for index in range(protocol.instances):
-            rules.instance(config, made.seed(index))
+            environment.instance(config, made.seed(index))
     except ValidationError as error:
         raise EvaluationError(describe_errors(error.errors(include_url=False))) from error
     except ValueError as error:
@@ -425,12 +425,12 @@ def forget_card(conn: sqlite3.Connection, card: str) -> None:
 
 def cause_of(protocol: Protocol, number: int) -> Drawn:
     """What fixes an episode on the instance of a seed."""
-    return drawn(protocol.rules, protocol.env_config, number)
+    return drawn(protocol.environment, protocol.env_config, number)
 
 
 def simulated(protocol: Protocol, number: int, actions: bytes) -> CameTo:
     """What an episode on a seed comes to; ValueError or RuntimeError where its actions do not fit."""
-    return came_to_of(protocol.rules.replay(cause_of(protocol, number), actions, True))
+    return came_to_of(protocol.environment.replay(cause_of(protocol, number), actions, True))
 
 
 def came_to_of(run: Run) -> CameTo:

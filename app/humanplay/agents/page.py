@@ -123,8 +123,8 @@ def _about(evaluation: Evaluation) -> dict[str, object]:
     return {
         "name": evaluation.name,
         "status": "open" if evaluation.closed_ms is None else "closed",
-        "task": protocol.rules.about.title,
-        "where": protocol.rules.texts(protocol.env_config).setting,
+        "task": protocol.environment.about.title,
+        "where": protocol.environment.texts(protocol.env_config).setting,
         "instances": protocol.instances,
         "protocol_hash": protocol.hash,
         "commitment": evaluation.commitment,

@@ -95,7 +95,7 @@ def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar
     with bar("policies on the same instances") as advance:
         episodes = play_policies(
             compared_policies(protocol),
-            protocol.rules,
+            protocol.environment,
             protocol.env_config,
             seeds,
             advance,
@@ -311,9 +311,9 @@ def _check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Ite
     if chain != receipt["chain"]:
         yield Finding("receipt", "chain", receipt["chain"], chain)
     yield from check_opening(opening)
-    if protocol.core_version != protocol.rules.version:
+    if protocol.core_version != protocol.environment.version:
         install = "install the release that has the other"
-        version_here = f"version {protocol.rules.version} of the rules: {install}"
+        version_here = f"version {protocol.environment.version} of the rules: {install}"
         yield Finding("receipt", "core version", protocol.core_version, version_here)
         return
     for each in receipt["episodes"]:

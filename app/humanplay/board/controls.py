@@ -15,7 +15,7 @@ from functools import cached_property
 from itertools import pairwise
 
 from humanplay.db.rows import EventRow, Input, PlayerSettings
-from humanplay.task import Rules
+from humanplay.task import Environment
 
 COUNTDOWN_S = 3.0
 """Between the wish to go on and the first tick."""
@@ -122,11 +122,14 @@ class Controls:
         return (before if self.noop is None else self.noop), None
 
 
-def controls_of(rules: Rules, settings: Iterable[PlayerSettings] = ()) -> tuple[Controls, ...]:
+def controls_of(
+    environment: Environment, settings: Iterable[PlayerSettings] = ()
+) -> tuple[Controls, ...]:
     """Return the controls of a task's own keys, and those of each version of a participant's settings, the newest last."""
     versions = [PlayerSettings(), *settings]
     return tuple(
-        Controls({**rules.keys, **(version.get("keys") or {})}, rules.noop) for version in versions
+        Controls({**environment.keys, **(version.get("keys") or {})}, environment.noop)
+        for version in versions
     )
 
 

@@ -31,19 +31,21 @@ MOST_KEYS = 9
 
 def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
     """Print an environment's row of the table and return its exit code."""
-    from humanplay.task.registration import rules_of
+    from humanplay.task.registration import environment_of
     from humanplay.tasks.gymnasium.doctor import examine
-    from humanplay.tasks.gymnasium.rules import GymnasiumRules
+    from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 
     shown = env
     try:
-        rules = rules_of(task_name(env))
-        if not isinstance(rules, GymnasiumRules):
+        environment = environment_of(task_name(env))
+        if not isinstance(environment, GymnasiumEnvironment):
             raise ValueError("expected an id of Gymnasium's; mars follows from seed and moves")
-        told = rules.description
-        shown = " in ".join((rules.level, *(name.partition(":")[2] for name in told.wrappers)))
+        told = environment.description
+        shown = " in ".join(
+            (environment.level, *(name.partition(":")[2] for name in told.wrappers))
+        )
         with progress(shown) as advance:
-            found = examine(rules.name, seeds, steps, advance, rule=rule)
+            found = examine(environment.name, seeds, steps, advance, rule=rule)
     except (BadParameter, ValueError) as error:
         why = " ".join(str(error).replace("|", "/").split())
         echo(f"| {shown} | cannot be played: {why} |{' |' * (len(COLUMNS) - 2)}")
@@ -140,14 +142,14 @@ def doctor(
 def _description_file(task: str) -> str:
     """Return all that is known of an environment as a TOML file, with what is derived where nothing is said; ValueError."""
     from humanplay.tasks.gymnasium.description import Description
-    from humanplay.tasks.gymnasium.rules import GymnasiumRules
+    from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 
-    rules = GymnasiumRules(task.partition(":")[2])
-    fields = rules.description.model_dump(mode="json") | {
-        "title": rules.about.title,
-        "actions": rules.actions,
-        "keys": {code: name for name, codes in rules.keys.items() for code in codes},
-        "max_steps": rules.limit,
+    environment = GymnasiumEnvironment(task.partition(":")[2])
+    fields = environment.description.model_dump(mode="json") | {
+        "title": environment.about.title,
+        "actions": environment.actions,
+        "keys": {code: name for name, codes in environment.keys.items() for code in codes},
+        "max_steps": environment.limit,
     }
     lines = []
     for name, field in Description.model_fields.items():

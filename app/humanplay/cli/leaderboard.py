@@ -33,12 +33,12 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
     from humanplay.jobs import Jobs
     from humanplay.results.entries import make_board, offered_boards
     from humanplay.results.evaluations import ShippedFigures, file_name
-    from humanplay.task.registration import DEFAULT_TASK, rules_of
+    from humanplay.task.registration import DEFAULT_TASK, environment_of
 
     known = offered_boards()
     if unknown := [name for name in boards if name not in known]:
         raise UsageError(f"no board {unknown[0]!r}; choose one of: {', '.join(known)}")
-    names = [offer.name for offer in rules_of(DEFAULT_TASK).policies.offers()]
+    names = [offer.name for offer in environment_of(DEFAULT_TASK).policies.offers()]
     if unknown := [name for name in again if name not in names]:
         raise UsageError(f"no policy {unknown[0]!r} is shipped; there are {', '.join(names)}")
     kept = ShippedFigures(out) if again else None

@@ -13,7 +13,7 @@ from click import ClickException, UsageError, argument, option
 from humanplay.cli.settings import settings_of, task_name
 from humanplay.command.extras import EXTRAS
 from humanplay.command.options import PATH, PORT, check_more, flag, path_option, several
-from humanplay.task.registration import DEFAULT_TASK, registration_of, rules_of
+from humanplay.task.registration import DEFAULT_TASK, environment_of, registration_of
 
 if TYPE_CHECKING:
     from humanplay.web.settings import Settings
@@ -170,7 +170,7 @@ def _run(settings: Settings, *opened: Callable[[str], object]) -> None:
 
 def _policies_of_the_paper() -> Iterable[Path]:
     """The files of the paper's agents; UsageError if they are not here."""
-    if not (files := rules_of(DEFAULT_TASK).policies.unlisted()):
+    if not (files := environment_of(DEFAULT_TASK).policies.unlisted()):
         raise UsageError(
             "the agents of the paper are not installed: they are files of the repository, in data/policies/paper. "
             "Run `humanplay serve --paper` in a checkout, or give a copy of a file with --policy"

@@ -112,21 +112,23 @@ def config_of(
     task: str, level: str | None = None, size: int | tuple[int, int] | None = None
 ) -> Configuration:
     """What a task plays: its default, or a level at a size; UsageError if there is no such one."""
-    from humanplay.task.registration import rules_of
+    from humanplay.task.registration import environment_of
 
     try:
-        rules = rules_of(task)
-        default = rules.configuration({})
+        environment = environment_of(task)
+        default = environment.configuration({})
     except ValueError as error:
         raise BadParameter(str(error)) from error
     if level is None and size is None:
         return default
-    if rules.boards is None:
+    if environment.boards is None:
         raise UsageError(
-            f"{rules.about.title} has no levels and sizes: leave --level and --size out"
+            f"{environment.about.title} has no levels and sizes: leave --level and --size out"
         )
     try:
         own = (default.rows, default.cols)
-        return rules.boards.configuration(level or default.level, own if size is None else size)
+        return environment.boards.configuration(
+            level or default.level, own if size is None else size
+        )
     except ValueError as error:
         raise UsageError(str(error)) from error

@@ -207,7 +207,7 @@ def _rows_of(
     """Return what the export says of an episode, by column: one row, or one a step."""
     episode, findings = simulate(row, steps)
     trial = Trial.of(row)
-    actions = trial.rules.actions
+    actions = trial.environment.actions
     player = _pseudonym(trial.owner_id, key)
     common = {"episode": trial.id, "player": player, "verified": not findings}
     if table == "episodes":

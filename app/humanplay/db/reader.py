@@ -224,7 +224,7 @@ class Reader:
         if (trial := self.trial(episode_id)) is None:
             return None
         steps = self.steps(episode_id)
-        moves = [_move(step, trial.rules.actions) for step in steps]
+        moves = [_move(step, trial.environment.actions) for step in steps]
         actions = [step["action"] for step in steps]
         return {**_described(trial, actions), "moves": moves}
 
@@ -275,5 +275,5 @@ def _described(trial: Trial, actions: list[int]) -> dict[str, object]:
         "start": list(trial.start),
         **{name: getattr(trial, name) for name in plain},
         "return": trial.total,
-        "actions": [trial.rules.actions[action] for action in actions],
+        "actions": [trial.environment.actions[action] for action in actions],
     }

@@ -53,11 +53,11 @@ def _simulated(row: EpisodeRow, steps: list[MoveRow], found: list[Found]) -> Run
     except (ValueError, TypeError) as error:
         found.append(("config", row["config"], f"no configuration: {error}"))
         return None
-    version = trial.rules.version
+    version = trial.environment.version
     found += _of_config(row, trial)
     if row["core_version"] != version:
         try:
-            here = trial.rules.lock.why_not_replayable(
+            here = trial.environment.lock.why_not_replayable(
                 trial.record(steps), [step["reward"] for step in steps]
             )
         except (ValueError, TypeError, RuntimeError) as error:
@@ -70,7 +70,7 @@ def _simulated(row: EpisodeRow, steps: list[MoveRow], found: list[Found]) -> Run
     try:
         record = trial.record(steps)
         found += _of_seed(row, trial)
-        episode = trial.rules.replay_record(record)
+        episode = trial.environment.replay_record(record)
     except (ValueError, TypeError, RuntimeError) as error:
         found.append(("cause", "something that cannot be played", str(error)))
         return None
@@ -95,7 +95,7 @@ def _of_config(row: EpisodeRow, trial: Trial) -> Iterator[Found]:
 def _of_seed(row: EpisodeRow, trial: Trial) -> Iterator[Found]:
     if trial.seed is None:
         return
-    terrain, start = trial.rules.instance(trial.config, trial.seed)
+    terrain, start = trial.environment.instance(trial.config, trial.seed)
     if row["terrain"] != terrain:
         yield "terrain", row["terrain"].hex(), f"{terrain.hex()} from seed {row['seed']}"
     if trial.start != start:

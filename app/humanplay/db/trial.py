@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 from humanplay.db.columns import TABLES
 from humanplay.db.rows import Attestation, MoveRow, Phase
-from humanplay.task import Configuration, Record, Rules
-from humanplay.task.registration import rules_of
+from humanplay.task import Configuration, Environment, Record
+from humanplay.task.registration import environment_of
 
 ParticipantKind = Literal["human", "script"]
 Required = Literal["unattested", "attested", "supervised"]
@@ -124,19 +124,19 @@ class Trial:
         return str(self.config.hash)
 
     @property
-    def rules(self) -> Rules:
+    def environment(self) -> Environment:
         """The rules of its task."""
-        return rules_of(self.task)
+        return environment_of(self.task)
 
     @property
     def terrain_hash(self) -> str:
         """SHA-256 (hex) of the instance: the same for two seeds that draw the same one."""
-        return self.rules.instance_hash(self)
+        return self.environment.instance_hash(self)
 
     @property
     def cells(self) -> int:
         """How many cells coverage refers to; 0 where discovering is not what the task is about."""
-        return self.rules.cells(self)
+        return self.environment.cells(self)
 
     @property
     def coverage(self) -> float | None:
@@ -146,7 +146,7 @@ class Trial:
     @property
     def succeeded(self) -> bool:
         """Whether it ended in an outcome that is a success."""
-        return self.outcome in self.rules.successes
+        return self.outcome in self.environment.successes
 
     @property
     def steps_to_target(self) -> int | None:
@@ -159,7 +159,7 @@ class Trial:
         """Return it as it counts where it is spoilt: given up at its last move, so that spoiling is worth what leaving is."""
         if self.outcome is None or self.total is None or self.score is None:
             return self
-        score = self.rules.given_up_score(self, self.outcome, self.total, self.score)
+        score = self.environment.given_up_score(self, self.outcome, self.total, self.score)
         return replace(self, outcome="abandoned", score=score)
 
     def as_left(self) -> Trial:
@@ -172,7 +172,7 @@ class Trial:
         names = ["outcome", "total", "score", "steps", "discovered", "trajectory_hash"]
         names.append("core_version")
         actions = bytes(step["action"] for step in steps)
-        return self.rules.record(self, actions, {name: getattr(self, name) for name in names})
+        return self.environment.record(self, actions, {name: getattr(self, name) for name in names})
 
 
 _FIELDS = {column.name for column in fields(Trial)}
@@ -182,4 +182,4 @@ _COLUMNS = TABLES["episodes"].names()
 @lru_cache(maxsize=256)
 def parse_config(task: str, text: str) -> Configuration:
     """Return the configuration that a column holds as JSON; ValueError or TypeError where it is none of the task's."""
-    return rules_of(task).configuration(json.loads(text))
+    return environment_of(task).configuration(json.loads(text))

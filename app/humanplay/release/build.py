@@ -170,7 +170,7 @@ def _write_report(
     with closing(Reader.open(folder / BUNDLE_DATABASE)) as reader:
         data = load(reader, header.study).with_policies_in(folder / FOLDER)
         played = [synthetic for synthetic in REPORT_STEMS if has_played(data, synthetic)]
-        courses = data.protocol.rules.courses
+        courses = data.protocol.environment.courses
         compared, without = compared_policies(data.protocol), request.without_policies
         names = [name for name in compared if name not in without]
         episodes: tuple[PolicyEpisode, ...] = ()
@@ -365,8 +365,8 @@ def _lowest(data: StudyData, person: Person | None, trial: Trial) -> str | None:
 
 
 def _policy_row(each: PolicyEpisode, protocol: Protocol) -> tuple[str | int | float | None, ...]:
-    rules, config = protocol.rules, protocol.env_config
-    episode, letters = each.replay(rules, config).record(), initials(rules)
+    environment, config = protocol.environment, protocol.env_config
+    episode, letters = each.replay(environment, config).record(), initials(environment)
     return (
         each.policy,
         each.policy_hash,
@@ -374,7 +374,7 @@ def _policy_row(each: PolicyEpisode, protocol: Protocol) -> tuple[str | int | fl
         each.seed,
         episode.outcome,
         episode.steps,
-        episode.steps if episode.outcome in rules.successes else config.limit,
+        episode.steps if episode.outcome in environment.successes else config.limit,
         episode.score,
         "".join(letters[action] for action in each.actions),
         each.trajectory_hash,

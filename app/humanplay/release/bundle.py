@@ -27,12 +27,12 @@ from humanplay.study.folder import Advance
 from humanplay.study.policy_episodes import PolicyEpisode
 from humanplay.study.policy_files import FOLDER
 from humanplay.study.verification import Verification, verify_database
-from humanplay.task import Rules
+from humanplay.task import Environment
 
 
-def initials(rules: Rules) -> str:
+def initials(environment: Environment) -> str:
     """Return what stands for each action in the moves of policies: its initial, or a sign for its code where two share one."""
-    letters = "".join(name[0].upper() for name in rules.actions)
+    letters = "".join(name[0].upper() for name in environment.actions)
     signs = string.digits + string.ascii_letters + "-_"
     return letters if len(set(letters)) == len(letters) else signs[: len(letters)]
 
@@ -51,13 +51,13 @@ class Bundle:
         self.reader = Reader.open(folder / BUNDLE_DATABASE)
         try:
             data = load(self.reader, str(self.manifest["study"]))
-            self.policy_episodes = self._policy_episodes(initials(data.protocol.rules))
+            self.policy_episodes = self._policy_episodes(initials(data.protocol.environment))
         except BaseException:
             self.reader.close()
             raise
         played = {each.policy: each.policy_hash for each in self.policy_episodes}
         recorded = dict(played)
-        if (courses := data.protocol.rules.courses) is not None:
+        if (courses := data.protocol.environment.courses) is not None:
             recorded[courses.expert] = self.expert_hash
         known = {name: digest for name, digest in recorded.items() if digest}
         hashes = {**data.policy_files.hashes, **known}

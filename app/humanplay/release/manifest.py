@@ -97,11 +97,11 @@ class ReleaseHeader:
         recorded = ", ".join(
             counted(self.rows.get(table, 0), words) for table, words in COUNTED_TABLES.items()
         )
-        rules = self.protocol.rules
-        texts = rules.texts(config)
+        environment = self.protocol.environment
+        texts = environment.texts(config)
         ranked = counted(self.protocol.ranked, "ranked terrain")
         return (
-            f"Recordings of the {rules.about.title} study {self.study}: {recorded}, on {texts.setting}. "
+            f"Recordings of the {environment.about.title} study {self.study}: {recorded}, on {texts.setting}. "
             f"Every participant met the same {ranked}. Each episode replays exactly from its cause."
             f"{texts.observations and f' {texts.observations}'}"
         )

@@ -22,7 +22,7 @@ from humanplay.release.errors import library
 from humanplay.release.manifest import ReleaseHeader
 from humanplay.release.tables import TableRow
 from humanplay.task import Configuration, Record, Run
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 
 EPISODES_PER_WRITE, MOVES_PER_WRITE = 64, 4000
 """So many are held in memory, and an episode more: of Breakout a minute's observations take 360 MB."""
@@ -84,12 +84,12 @@ class MinariWriter:
         waiting.clear()
 
     def _create(self, driver: str, row: TableRow, config: Configuration, buffers: list[Any]) -> Any:
-        rules = rules_of(row["task"])
-        low, high = rules.returns(config) or (None, None)
+        environment = environment_of(row["task"])
+        low, high = environment.returns(config) or (None, None)
         licence = self._header.protocol.data_licence
-        needs = list(rules.requirements)
+        needs = list(environment.requirements)
         comes_with = f"Its environment comes with: pip install {shlex.join(needs)}"
-        env = rules.environment(config)
+        env = environment.gymnasium_env(config)
         with _datasets_in(self._root):
             return self._minari.create_dataset_from_buffers(
                 dataset_id=dataset_id(self._header, driver),
@@ -113,7 +113,7 @@ def _buffer(minari: ModuleType, row: TableRow, episode: Run) -> Any:
     terminated = row["outcome"] not in ("timed_out", "abandoned", "environment_failed")
     return minari.data_collector.EpisodeBuffer(
         seed=row["seed"],
-        observations=_stacked(rules_of(row["task"]).observations(record)),
+        observations=_stacked(environment_of(row["task"]).observations(record)),
         actions=np.frombuffer(record.actions, np.uint8).astype(np.int64),
         rewards=np.array(episode.rewards(), np.float64),
         terminations=np.array([False] * (moves - 1) + [terminated]),

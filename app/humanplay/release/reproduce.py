@@ -213,14 +213,16 @@ class _Derivation:
         for each in self._episodes:
             where = f"{each.policy}, terrain {each.terrain}"
             self._made.compare(section, f"{where}: seed", each.seed, seeds.get(each.terrain))
-            found = each.replayed_hash(self._data.protocol.rules, self._data.protocol.env_config)
+            found = each.replayed_hash(
+                self._data.protocol.environment, self._data.protocol.env_config
+            )
             self._made.compare(section, f"{where}: trajectory hash", each.trajectory_hash, found)
 
     def _play_again(self) -> None:
         """Play each policy again whose file is at hand and the same, and compare the moves."""
         recorded = {(each.policy, each.terrain): each for each in self._episodes}
         names = [each for each in dict(recorded.keys()) if self._is_at_hand(each)]
-        if not names or self._data.protocol.core_version != self._data.protocol.rules.version:
+        if not names or self._data.protocol.core_version != self._data.protocol.environment.version:
             return
         seeds = {each.terrain: each.seed for each in self._episodes}
         for each in play_compared(self._data, seeds, names, self._bar):
@@ -248,7 +250,7 @@ class _Derivation:
             why = None
             try:
                 source = self._load(name)
-                if self._data.protocol.rules.policies.hash_of(source) != recorded:
+                if self._data.protocol.environment.policies.hash_of(source) != recorded:
                     why = f"its file here has another SHA-256 than {recorded}"
             except PolicyError as error:
                 why = str(error)
@@ -261,7 +263,7 @@ class _Derivation:
     def _load(self, name: str) -> str:
         """Return what `Policies.load` takes for a policy, which it did take; PolicyError otherwise."""
         source = self._data.policy_files.source(name)
-        self._data.protocol.rules.policies.load(source, self._data.protocol.env_config)
+        self._data.protocol.environment.policies.load(source, self._data.protocol.env_config)
         return source
 
 

@@ -18,7 +18,7 @@ from humanplay.db.export import csv_cell
 from humanplay.db.trial import Trial
 from humanplay.release.errors import library
 from humanplay.task import Run
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 
 QUERIES = Path(__file__).with_name("queries.sql")
 TableRow = dict[str, Any]
@@ -53,7 +53,7 @@ def select(conn: sqlite3.Connection, table: str) -> Iterator[TableRow]:
 def _actions(conn: sqlite3.Connection) -> Sequence[str]:
     """Return the names of the actions of the task that a bundle's episodes are all of, by code."""
     found = rows(conn, "SELECT task FROM episodes LIMIT 1")
-    return rules_of(found[0]["task"]).actions if found else ()
+    return environment_of(found[0]["task"]).actions if found else ()
 
 
 def released_episodes(conn: sqlite3.Connection) -> Iterator[tuple[TableRow, Run]]:
@@ -63,7 +63,7 @@ def released_episodes(conn: sqlite3.Connection) -> Iterator[tuple[TableRow, Run]
         of_episode = "SELECT * FROM steps WHERE episode_id = ? ORDER BY step"
         steps = rows(conn, of_episode, header["episode"])
         trial = Trial.of(row)
-        yield header, trial.rules.replay_record(trial.record(steps))
+        yield header, trial.environment.replay_record(trial.record(steps))
 
 
 def write_tables(folder: Path, conn: sqlite3.Connection) -> dict[str, int]:

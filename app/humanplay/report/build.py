@@ -87,7 +87,7 @@ def build(
     for cohort in cohorts:
         group = _group(data, cohort, runs, (pictures or {}).get(cohort.name, Pictures()))
         groups.append(_with_costs(data, cohort, group, costs or {}))
-    policies = data.protocol.rules.policies
+    policies = data.protocol.environment.policies
     names = [policies.title(run.name) for run in runs]
     return Report(
         study=data.protocol.name,
@@ -96,7 +96,7 @@ def build(
         status="open" if data.closed_ms is None else "closed",
         made_at=utc(time.time_ns() // 1_000_000),
         software_version=version("humanplay"),
-        core_version=data.protocol.rules.version,
+        core_version=data.protocol.environment.version,
         protocol_hash=data.protocol_hash,
         commitment=data.commitment,
         frozen_at=utc(data.frozen_ms),
@@ -107,7 +107,7 @@ def build(
         interval_for=interval_for(data.protocol),
         sentence=_sentence(data, groups, synthetic),
         groups=tuple(groups),
-        policies=tuple(_policy_row(run, data.protocol.rules.successes) for run in runs),
+        policies=tuple(_policy_row(run, data.protocol.environment.successes) for run in runs),
         deviations=study_deviations(data),
         scripts=_script_counts(data),
         checklist=() if synthetic else checklist(data, groups[0], names),
@@ -132,11 +132,11 @@ def _group(
     is_human = cohort.kind == "human"
     protocol = data.protocol
     worst: dict[str, float | None] = {
-        metric: worst_value(protocol.rules, protocol.env_config, metric) for metric in METRICS
+        metric: worst_value(protocol.environment, protocol.env_config, metric) for metric in METRICS
     }
     return GroupReport(
         name=cohort.name,
-        words=data.protocol.rules.about.words,
+        words=data.protocol.environment.about.words,
         kind=cohort.kind,
         joined=len(cohort.people),
         started=len(began & set(cohort.ranked)),
@@ -175,7 +175,7 @@ def _with_costs(
     names = {person: f"P{number:02d}" for number, person in enumerate(people, 1)}
     found = costs.get(cohort.name)
     own = None if found is None else renamed(found, names)
-    reason = None if data.protocol.rules.courses is None else why_not_judged(data)
+    reason = None if data.protocol.environment.courses is None else why_not_judged(data)
     named = replace(group, costs=own, no_costs=reason)
     return replace(named, cautions=cautions(data, named))
 
@@ -223,7 +223,7 @@ def _comparisons(
     began = members(everybody.cohort, {})
     rows: list[PolicyComparison] = []
     for metric in METRICS:
-        worst = worst_value(protocol.rules, protocol.env_config, metric)
+        worst = worst_value(protocol.environment, protocol.env_config, metric)
         second = None if worst is None else everybody.cohort.table(began, metric)
         rows += _comparisons_in(protocol, metric, cohort.table(finished, metric), second, runs)
     return tuple(rows)
@@ -249,7 +249,10 @@ def _comparisons_in(
     players, random = played[~np.isnan(played).all(axis=1)], values.get("random")
     if not len(players):
         return []
-    worst, drawn = worst_value(protocol.rules, protocol.env_config, metric), protocol.terrains_drawn
+    worst, drawn = (
+        worst_value(protocol.environment, protocol.env_config, metric),
+        protocol.terrains_drawn,
+    )
     rows = {
         name: compare_policy(name, metric, own, players, random, worst, drawn)
         for name, own in values.items()

@@ -180,7 +180,7 @@ def _about_flagged(data: StudyData, group: GroupReport) -> Iterable[str]:
 
 def _about_bounds(data: StudyData) -> Iterable[str]:
     """Yield that scores lie outside the bounds that their environment was said to have."""
-    low, high = data.protocol.rules.bounds(data.protocol.env_config)
+    low, high = data.protocol.environment.bounds(data.protocol.env_config)
     scores = [each.score for each in ended_ranked(data, data.people) if each.score is not None]
     if outside := sum(not low <= each <= high for each in scores):
         yield (
@@ -274,7 +274,7 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
         found.append("The protocol in the database is not the one whose hash was frozen.")
     if data.secret and commitment(bytes.fromhex(data.secret)) != data.commitment:
         found.append("The revealed secret is not the one that was committed to.")
-    version = data.protocol.rules.version
+    version = data.protocol.environment.version
     if data.protocol.core_version != version:
         found.append(
             f"The protocol is for core version {data.protocol.core_version}; this report was made by version {version}."

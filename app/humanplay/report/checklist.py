@@ -84,9 +84,9 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
     return {
         "protocol": protocol,
         "people": people,
-        "title": protocol.rules.about.title,
-        "where": protocol.rules.texts(protocol.env_config).setting,
-        "seen": protocol.rules.texts(protocol.env_config).observations or UNSAID,
+        "title": protocol.environment.about.title,
+        "where": protocol.environment.texts(protocol.env_config).setting,
+        "seen": protocol.environment.texts(protocol.env_config).observations or UNSAID,
         "played": counted(len(ranked), "episode"),
         "terrains": counted(protocol.ranked, "terrain"),
         "limit": counted(protocol.env_config.limit, "move"),

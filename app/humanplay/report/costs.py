@@ -119,9 +119,9 @@ def forget_costs(database: Path) -> None:
 
 def why_not_judged(data: StudyData) -> str | None:
     """Return the sentence that says why no move of a study is judged; None where moves are."""
-    courses = data.protocol.rules.courses
+    courses = data.protocol.environment.courses
     if courses is None:
-        return f"the moves of {data.protocol.rules.about.title} are not judged"
+        return f"the moves of {data.protocol.environment.about.title} are not judged"
     try:
         courses.check_judged(data.protocol.env_config)
         data.policy_files.expert(courses.expert)
@@ -156,7 +156,7 @@ def trial_costs(
             "close it first, or ask for the warm-up"
         )
     ended = [trial for trial in trials if trial.ended_ms is not None]
-    own = [trial for trial in ended if trial.core_version == trial.rules.version]
+    own = [trial for trial in ended if trial.core_version == trial.environment.version]
     for done, (trial, record) in enumerate(trial_records(reader, own), 1):
         yield trial, record, estimator.costs(record)
         if progress:
@@ -171,7 +171,7 @@ def cost_rows(
     progress: Progress | None = None,
 ) -> Iterator[CostRow]:
     """Yield every move of the trials with its cost, as tables of it have them; see `trial_costs`."""
-    names = data.protocol.rules.actions
+    names = data.protocol.environment.actions
     for trial, _, costs in trial_costs(reader, data, trials, estimator, progress):
         moves = zip(costs.actions, costs.costs, costs.advice.actions, costs.kinds, strict=False)
         for step, (action, cost, expert_action, kind) in enumerate(moves):
@@ -277,9 +277,9 @@ def _part(table: Floats, terrains_drawn: bool) -> CostPart:
 
 def _courses(data: StudyData) -> Courses:
     """What prices the moves of a study; ValueError if they are not judged."""
-    courses = data.protocol.rules.courses
+    courses = data.protocol.environment.courses
     if courses is None:
-        raise ValueError(f"the moves of {data.protocol.rules.about.title} are not judged")
+        raise ValueError(f"the moves of {data.protocol.environment.about.title} are not judged")
     return courses
 
 

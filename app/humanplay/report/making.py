@@ -114,8 +114,8 @@ def play_compared(
 ) -> tuple[PolicyEpisode, ...]:
     """Return the policies' episodes on the terrains of these seeds, played now; errors as `play_policies`."""
     with bar("policies on the same terrains") as advance:
-        rules, config = data.protocol.rules, data.protocol.env_config
-        return play_policies(names, rules, config, seeds, advance, data.policy_files)
+        environment, config = data.protocol.environment, data.protocol.env_config
+        return play_policies(names, environment, config, seeds, advance, data.policy_files)
 
 
 def runs_of(episodes: Sequence[PolicyEpisode], protocol: Protocol) -> tuple[PolicyRun, ...]:
@@ -127,19 +127,19 @@ def runs_of(episodes: Sequence[PolicyEpisode], protocol: Protocol) -> tuple[Poli
 
 
 def _run(name: str, episodes: Mapping[int, PolicyEpisode], protocol: Protocol) -> PolicyRun:
-    rules, config, terrains = protocol.rules, protocol.env_config, protocol.ranked
+    environment, config, terrains = protocol.environment, protocol.env_config, protocol.ranked
     score, steps = np.full(terrains, np.nan), np.full(terrains, np.nan)
     outcomes, groups = [""] * terrains, []
-    lowest, _ = rules.bounds(config)
+    lowest, _ = environment.bounds(config)
     for index, each in sorted(episodes.items()):
-        run = each.replay(rules, config)
+        run = each.replay(environment, config)
         record = run.record()
         outcomes[index], score[index] = record.outcome, record.score
         if record.outcome in LEFT and np.isfinite(lowest):
             score[index] = lowest
-        steps[index] = record.steps if record.outcome in rules.successes else config.limit
-        if rules.courses is not None:
-            groups.append([summary_of(rules, run)])
+        steps[index] = record.steps if record.outcome in environment.successes else config.limit
+        if environment.courses is not None:
+            groups.append([summary_of(environment, run)])
     return PolicyRun(name, score, steps, tuple(outcomes), curve_and_visits(config, groups))
 
 

@@ -18,7 +18,7 @@ from humanplay.report.statistics.study_figures import StatusRow, StudyFigure
 from humanplay.report.statistics.summaries import Pictures
 from humanplay.study.flow import ParticipantFlow
 from humanplay.task import Words
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from marsexplorer.intervals import Floats
 
 FORMAT = "humanplay-report-1"
@@ -201,14 +201,14 @@ class Report:
     def title_of(self, policy: str) -> str:
         """Return what the report calls a policy: code, or the file that played, by the hash that the protocol has."""
         digest = self.protocol["policy_hashes"].get(policy)
-        if digest is None and rules_of(self.protocol["task"]).policies.is_rule(policy):
+        if digest is None and environment_of(self.protocol["task"]).policies.is_rule(policy):
             return f"{self.called(policy)} (code)"
         known = f"SHA-256 {digest[:12]}…" if digest else "whose SHA-256 was not recorded"
         return f"{policy} (this file, {known})"
 
     def called(self, policy: str) -> str:
         """Return what people read in place of a policy's name."""
-        return rules_of(self.protocol["task"]).policies.title(policy)
+        return environment_of(self.protocol["task"]).policies.title(policy)
 
     def to_dict(self) -> dict[str, object]:
         """Return everything as plain values, the watermark first in a synthetic report; NaN and infinities become None."""

@@ -25,16 +25,16 @@ from humanplay.report.tables import (
     declarations_table,
     group_tables,
 )
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 
 FOLDER = Path(__file__).parent
 
 
 def _where(protocol: Mapping[str, Any]) -> tuple[str, str]:
     """Return what was played, beginning a sentence, and what was seen of it."""
-    rules = rules_of(protocol["task"])
-    config = rules.configuration(protocol["config"])
-    texts = rules.texts(config)
+    environment = environment_of(protocol["task"])
+    config = environment.configuration(protocol["config"])
+    texts = environment.texts(config)
     return texts.setting[0].upper() + texts.setting[1:], texts.observations
 
 
@@ -68,7 +68,7 @@ def _page(report: Report, part: str, names: Mapping[str, str]) -> str:
             links=names,
             where=where,
             sees=sees,
-            words=rules_of(report.protocol["task"]).about.words,
+            words=environment_of(report.protocol["task"]).about.words,
             level=LEVELS_IN_WORDS[report.protocol["required_attestation"]],
             recruitment=report.protocol.get("recruitment", "open"),
             watermark=SYNTHETIC,

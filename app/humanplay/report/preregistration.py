@@ -37,7 +37,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
     protocol  with its texts filled in
     study     the frozen study; None for a draft, of which a preview is made
     """
-    words, is_score = protocol.rules.about.words, protocol.primary_metric == "score"
+    words, is_score = protocol.environment.about.words, protocol.primary_metric == "score"
     environment = templates(Path(__file__).parent / "templates", is_html=False)
     environment.filters["utc"] = utc
     return environment.get_template("preregistration.md.j2").render(
@@ -46,7 +46,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
         config=protocol.env_config,
         study=study,
         words=words,
-        design=protocol.rules.texts(protocol.env_config).design,
+        design=protocol.environment.texts(protocol.env_config).design,
         estimand=ESTIMAND,
         recruitment=RECRUITMENT[protocol.recruitment],
         attestation=ATTESTATION[protocol.required_attestation],
@@ -57,7 +57,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
             for name, rules in protocol.exclusion.items()
             if name != PER_PROTOCOL
         },
-        labels={**labels_of(protocol), **protocol.rules.about.labels},
+        labels={**labels_of(protocol), **protocol.environment.about.labels},
         rule=INTERVAL_IN_WORDS,
         policies=tested_policies(protocol),
         metric=words.score if is_score else words.steps,

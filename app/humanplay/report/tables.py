@@ -15,7 +15,7 @@ from humanplay.report.statistics.formatting import NONE, counted, interval, numb
 from humanplay.report.statistics.intervals import Estimate, Interval
 from humanplay.report.statistics.study_figures import StudyFigure
 from humanplay.study.flow import STATUS_IN_WORDS, Status
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 
 
 @dataclass(frozen=True)
@@ -292,7 +292,7 @@ def _policies(report: Report) -> PageTable:
         counts = f"{policy.completed}/{policy.episodes}", str(policy.failed)
         means = number(policy.score, 4), number(policy.steps, 1)
         rows.append((report.title_of(policy.name), *means, *counts))
-    words = rules_of(report.protocol["task"]).about.words
+    words = environment_of(report.protocol["task"]).about.words
     heads = ("policy", "score", words.steps, words.reached, "failures")
     return PageTable("Policies on this study's ranked terrains", heads, rows)
 

@@ -20,7 +20,7 @@ from humanplay.jobs import Jobs
 from humanplay.results.evaluations import Evaluation, FigureState, PolicyEvaluations, State
 from humanplay.study.days import DailyTerrain, day_before
 from humanplay.task import PolicyOffer, drawn
-from humanplay.task.registration import DEFAULT_TASK, rules_of
+from humanplay.task.registration import DEFAULT_TASK, environment_of
 
 SHOWN = 10
 """Rows of the table of results."""
@@ -149,8 +149,8 @@ def _why_unranked(attempt: Trial, terrain: DailyTerrain) -> str | None:
 
 def _cells(terrain: DailyTerrain) -> int:
     """How many cells coverage refers to."""
-    rules = rules_of(terrain.task)
-    return rules.cells(drawn(rules, terrain.config, terrain.seed))
+    environment = environment_of(terrain.task)
+    return environment.cells(drawn(environment, terrain.config, terrain.seed))
 
 
 def _row(result: DayResult, cells: int, player_id: str | None) -> DayRow:

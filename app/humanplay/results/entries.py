@@ -41,7 +41,7 @@ from humanplay.study.data import StudyData, load
 from humanplay.study.policy_episodes import closed_seeds
 from humanplay.study.policy_files import FOLDER, PolicyFiles
 from humanplay.task import Configuration, PolicyError
-from humanplay.task.registration import DEFAULT_TASK, rules_of
+from humanplay.task.registration import DEFAULT_TASK, environment_of
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class ClosedStudies:
         """
         found = []
         for study in closed_studies(reader):
-            if rules_of(json.loads(study.protocol).get("task", DEFAULT_TASK)).boards is None:
+            if environment_of(json.loads(study.protocol).get("task", DEFAULT_TASK)).boards is None:
                 continue
             # one who is forgotten afterwards is gone from here as well
             key = (study.name, study.closed_ms, count_participants(reader, study.name))
@@ -192,14 +192,16 @@ def list_entries(
     So nobody puts a board first by leaving it. Of a `task` without boards there are studies alone.
     """
     of_studies = [_of_study(data, people) for data, people in studies.closed(reader)]
-    rules = rules_of(task)
-    if rules.boards is None:
+    environment = environment_of(task)
+    if environment.boards is None:
         return of_studies
-    played = {config.hash: (0, entry_of(config, task=task)) for config in rules.boards.offered}
+    played = {
+        config.hash: (0, entry_of(config, task=task)) for config in environment.boards.offered
+    }
     for figure in volunteers.human_level(reader)["figures"]:
         if figure["task"] != task:
             continue
-        config = rules.configuration(figure["config"])
+        config = environment.configuration(figure["config"])
         ended = figure["episodes"] - figure["abandoned"]
         played[config.hash] = ended, entry_of(config, figure, task)
     in_order = sorted(played.values(), key=lambda pair: -pair[0])
@@ -231,11 +233,13 @@ def offered_boards(task: str = DEFAULT_TASK) -> dict[str, LeaderboardEntry]:
 
 def expert_steps(shipped: ShippedFigures, task: str = DEFAULT_TASK) -> dict[str, float]:
     """The expert's mean moves, by the hash of each configuration on offer that has its shipped figure."""
-    rules, means = rules_of(task), dict[str, float]()
-    if rules.boards is None or rules.courses is None:
+    environment, means = environment_of(task), dict[str, float]()
+    if environment.boards is None or environment.courses is None:
         return means
-    for config in rules.boards.offered:
-        wanted = Evaluation(rules.courses.expert, config, rules.boards.seeds(config), task)
+    for config in environment.boards.offered:
+        wanted = Evaluation(
+            environment.courses.expert, config, environment.boards.seeds(config), task
+        )
         if (figure := shipped.find(wanted)) is not None:
             means[config.hash] = float(figure.figure["steps"]["mean"])
     return means
@@ -255,7 +259,7 @@ def make_board(
     `advance` is called with the number of policies that are done and their number.
     """
     command = f"humanplay leaderboard --board {entry.id} --out data/leaderboard"
-    every = rules_of(entry.task).policies.offers()
+    every = environment_of(entry.task).policies.offers()
     offers = [offer for offer in every if offer.plays(entry.config)]
     wanted = list(entry.evaluations({each.name: each.source for each in offers}).values())
     waiting = []

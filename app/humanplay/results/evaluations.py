@@ -26,7 +26,7 @@ from humanplay.report.statistics.summaries import (
     summary_of,
 )
 from humanplay.task import Boards, Configuration, PolicyError
-from humanplay.task.registration import DEFAULT_TASK, rules_of
+from humanplay.task.registration import DEFAULT_TASK, environment_of
 from marsexplorer.files import write_whole
 
 OWNER = "policies"
@@ -53,16 +53,16 @@ class Evaluation:
         """Everything that the figure depends on, as one string."""
         digest = policy_hash(self.policy, self.task)
         parts = (self.policy, digest, self.config.hash, _digest(self.seeds))
-        return "|".join((rules_of(self.task).version, *parts))
+        return "|".join((environment_of(self.task).version, *parts))
 
     def play(self, progress: Progress | None = None) -> tuple[EpisodesFigure, list[int]]:
         """Return the figure and the steps to 99 % on each terrain; `progress` is called with (episodes played, in all)."""
-        rules = rules_of(self.task)
-        policy = rules.policies.load(self.policy, self.config)
+        environment = environment_of(self.task)
+        policy = environment.policies.load(self.policy, self.config)
         played: list[EpisodeSummary] = []
         for seed in self.seeds:
-            run = rules.policies.play(policy, self.config, seed, seed)
-            played.append(summary_of(rules, run))
+            run = environment.policies.play(policy, self.config, seed, seed)
+            played.append(summary_of(environment, run))
             if progress:
                 progress(len(played), len(self.seeds))
         figure = summarize_episodes(self.config, [[each] for each in played])
@@ -71,15 +71,15 @@ class Evaluation:
 
 def boards_of(task: str) -> Boards:
     """The boards of a task; ValueError if it has none."""
-    if (boards := rules_of(task).boards) is None:
-        raise ValueError(f"{rules_of(task).about.title} has no leaderboard")
+    if (boards := environment_of(task).boards) is None:
+        raise ValueError(f"{environment_of(task).about.title} has no leaderboard")
     return boards
 
 
 @lru_cache(64)
 def policy_hash(source: str, task: str = DEFAULT_TASK) -> str:
     """SHA-256 (hex) of all that decides; "" for code that may change unseen."""
-    return rules_of(task).policies.hash_with_code(source) or ""
+    return environment_of(task).policies.hash_with_code(source) or ""
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def file_name(config: Configuration, task: str = DEFAULT_TASK) -> str:
 def file_sha256(policy: str, task: str = DEFAULT_TASK) -> str | None:
     """SHA-256 (hex) of a policy's file; None for a policy that is code, or whose file is lost."""
     try:
-        return rules_of(task).policies.hash_of(policy)
+        return environment_of(task).policies.hash_of(policy)
     except PolicyError:
         return None
 
@@ -144,7 +144,7 @@ def to_document(
 ) -> str:
     """Return the text of a configuration's file of shipped figures: JSON, a line for each policy."""
     head = {
-        "format": FORMAT, "core_version": rules_of(task).version, "command": command, "config": config.to_dict(),
+        "format": FORMAT, "core_version": environment_of(task).version, "command": command, "config": config.to_dict(),
         "depends_on": f"{config.hash}|{_digest(seeds)}",
     }  # fmt: skip
     rows = [{**vars(figure)} for figure in figures]
@@ -254,7 +254,7 @@ class PolicyEvaluations:
 def _read_kept(path: Path, task: str) -> dict[str, EpisodesFigure]:
     """Return the figures of this core version in a file; none when it is absent or not whole."""
     try:
-        figures, own = json.loads(path.read_bytes()), f"{rules_of(task).version}|"
+        figures, own = json.loads(path.read_bytes()), f"{environment_of(task).version}|"
         return {
             key: figure
             for key, figure in figures.items()
@@ -271,7 +271,7 @@ def _read_shipped(path: Path, key: str, task: str) -> list[ShippedFigure]:
     except OSError:
         return []
     names = ("format", "core_version", "depends_on")
-    if [found[name] for name in names] != [FORMAT, rules_of(task).version, key]:
+    if [found[name] for name in names] != [FORMAT, environment_of(task).version, key]:
         return []
     return [
         ShippedFigure(row["policy"], row["file_sha256"], tuple(row["steps"]), row["figure"], found["command"])

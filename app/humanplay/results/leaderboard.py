@@ -217,6 +217,6 @@ def _pictures(reader: Reader, config: Configuration, known: Replays, now: Replay
 def _replayed(reader: Reader, trial: Trial) -> EpisodeSummary | None:
     """Return an episode's summary; None for one of another core version: its totals count, its path cannot be drawn."""
     try:
-        return summary_of_record(trial.rules, trial.record(reader.steps(trial.id)))
+        return summary_of_record(trial.environment, trial.record(reader.steps(trial.id)))
     except ValueError:
         return None

@@ -16,7 +16,7 @@ from humanplay.db.trial import Trial
 from humanplay.study.flow import INTERRUPTED
 from humanplay.study.folder import Folder, Study
 from humanplay.study.protocol import StudyError
-from humanplay.task import Record, Rules, counted
+from humanplay.task import Environment, Record, counted
 
 _log = logging.getLogger(__name__)
 UNNOTED = (
@@ -75,7 +75,9 @@ def note_closed(store: Store, study: Study, left: Mapping[str, Record] | None = 
             known.add_stage_event(participant_id, ended_ms, INTERRUPTED, {})
         opened = left_open(store, study)
         for trial, steps in opened:
-            record = left_record(trial, steps, trial.rules) if left is None else left.get(trial.id)
+            record = (
+                left_record(trial, steps, trial.environment) if left is None else left.get(trial.id)
+            )
             if record is None:
                 raise StoreError(f"an episode of {study.name!r} has begun just now: try again")
             store.next_episode([_abandoned(store, known, trial, steps, record, ended_ms)], ())
@@ -99,24 +101,24 @@ def left_open(reader: Reader, study: Study) -> list[tuple[Trial, list[MoveRow]]]
     return [(trial, reader.steps(trial.id)) for trial in running]
 
 
-def left_record(trial: Trial, steps: Sequence[MoveRow], rules: Rules) -> Record:
+def left_record(trial: Trial, steps: Sequence[MoveRow], environment: Environment) -> Record:
     """Return what an open episode comes to, given up after its moves: by these alone where it cannot be replayed."""
     actions = bytes(step["action"] for step in steps)
     try:
-        return rules.replay(trial, actions, True).record()
+        return environment.replay(trial, actions, True).record()
     except Exception as error:  # an environment may raise anything
         _log.warning("episode %s cannot be replayed and is closed as stored: %r", trial.id, error)
     total = sum(step["reward"] for step in steps)
     came_to = {
         "outcome": "abandoned",
         "total": total,
-        "score": trial.rules.given_up_score(trial, "timed_out", total, total),
+        "score": trial.environment.given_up_score(trial, "timed_out", total, total),
         "steps": len(steps),
         "discovered": steps[-1]["discovered"] if steps else 0,
         "trajectory_hash": "",
         "core_version": trial.core_version,
     }
-    return trial.rules.record(trial, actions, came_to)
+    return trial.environment.record(trial, actions, came_to)
 
 
 def _active(reader: Reader, name: str, now_ms: int) -> list[str]:
@@ -147,8 +149,8 @@ def _abandoned(
         return Closing(trial.id, record, at_ms)
     settings = known.settings(trial.participant)
     supervised_ms = known.supervised_ms(trial.participant)
-    keys = key_map_of(trial.rules.keys, settings)
-    controls = controls_of(trial.rules, settings) if trial.rules.clock else ()
+    keys = key_map_of(trial.environment.keys, settings)
+    controls = controls_of(trial.environment, settings) if trial.environment.clock else ()
     conditions = Conditions(trial.started_ms, keys, supervised_ms, controls=controls)
     attested = attest_stored(store, trial.id, conditions)
     return Closing(trial.id, record, at_ms, attested.level, attested.reason)

@@ -223,10 +223,10 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
 def _with_input(reader: Reader, trial: Trial, protocol: Protocol) -> Trial:
     """Return an episode with what its input says, which is read and dropped: a study's may be larger than memory."""
     moves, inputs = move_inputs(reader, trial.id), input_events(reader, trial.id)
-    clock = trial.rules.clock
+    clock = trial.environment.clock
     labels = plausibility_labels(moves, inputs, clock, protocol.max_late, trial.outcome)
     if trial.ended_ms is not None:
-        labels += trial.rules.labels(trial, [row["discovered"] for row in moves])
+        labels += trial.environment.labels(trial, [row["discovered"] for row in moves])
     quiet_ms = 1000 * protocol.pause_after_s
     return replace(
         trial,

@@ -42,7 +42,7 @@ class Debriefs:
         runs = await self._policy_runs(study, "warm_up")
         ranked = [each for each in trials if each.phase == "ranked" and each.ended_ms is not None]
         own = [trial.steps_to_target or 0 for trial in trials if trial.phase == "warm_up"]
-        successes = study.protocol.rules.successes
+        successes = study.protocol.environment.successes
         its = [run.steps if run.outcome in successes else run.config.limit for run in runs]
         url, code = study.protocol.return_url, participant.completion_code or ""
         return {
@@ -81,11 +81,13 @@ class Debriefs:
                 f"the policy {study.protocol.debrief_policy!r} is not there any more, so no run of its can be shown"
             )
         record = await self._store.read(lambda: self._store.load_record(own.id))
-        rules = self._task if study.protocol.task == self._task.name else study.protocol.rules
+        environment = (
+            self._task if study.protocol.task == self._task.name else study.protocol.environment
+        )
         index = own.terrain_index
         try:
-            mine = await on_threads(self._task, rules.frames, record, own.id)
-            its = await on_threads(self._task, rules.frames, runs[index], f"policy-{index}")
+            mine = await on_threads(self._task, environment.frames, record, own.id)
+            its = await on_threads(self._task, environment.frames, runs[index], f"policy-{index}")
         except RunEndedError as error:
             raise NoTerrainError(str(error)) from error
         return {"own": mine, "policy": {"name": study.protocol.debrief_policy, "frames": its}}
@@ -118,7 +120,7 @@ def own_trial(study: Study, trials: Sequence[Trial], phase: Shown, index: int) -
 def _play(study: Study, phase: Shown) -> list[Record]:
     """Return what the debrief policy does on the terrains of a phase; nothing when it cannot be loaded any more."""
     config, name = study.protocol.env_config, study.protocol.debrief_policy
-    policies = study.protocol.rules.policies
+    policies = study.protocol.environment.policies
     if name is None:
         return []
     count = study.protocol.warm_up if phase == "warm_up" else study.protocol.ranked

@@ -142,12 +142,12 @@ BEGINNINGS = 20
 
 def beginnings(protocol: Protocol) -> int:
     """Return how many different first frames BEGINNINGS seeds have: few, where who knows one instance knows others."""
-    rules, config = protocol.rules, protocol.env_config
+    environment, config = protocol.environment, protocol.env_config
     found = set()
     for drawn in range(BEGINNINGS):
-        terrain, start = rules.instance(config, drawn)
+        terrain, start = environment.instance(config, drawn)
         cause = SimpleNamespace(config=config, seed=drawn, terrain=terrain, start=start)
-        found.add(rules.replay(cause).view().frame(""))
+        found.add(environment.replay(cause).view().frame(""))
     return len(found)
 
 
@@ -234,14 +234,14 @@ class Folder:
         path, template = self.path(name), self._template(name)
         protocol = self.filled(name).model_copy(update=dict(planned))
         protocol = parse_protocol(protocol.model_dump(mode="json"))  # every field set
-        rules = protocol.rules
+        environment = protocol.environment
         try:
-            rules.lock.check_exact(protocol.env_config)
+            environment.lock.check_exact(protocol.env_config)
         except ValueError as error:
             raise StudyError(f"the study {name!r} cannot be frozen: {error}") from error
         hashes = _record_policies(protocol, path / FOLDER)
         protocol = protocol.model_copy(
-            update={"policy_hashes": hashes, "lock": rules.lock.current()}
+            update={"policy_hashes": hashes, "lock": environment.lock.current()}
         )
         secret, now = draw(32), now_ms()
         fixed = protocol_hash(protocol), commitment(secret), now, None, secret
@@ -252,7 +252,7 @@ class Folder:
         write_object(path / "protocol.json", protocol.model_dump(mode="json"))
         frozen = {
             "protocol_hash": study.protocol_hash, "commitment": study.commitment, "frozen_at": iso(now),
-            "core_version": rules.version, "software_version": version("humanplay"),
+            "core_version": environment.version, "software_version": version("humanplay"),
         }  # fmt: skip
         write_object(path / "frozen.json", frozen)
         return self.study(name)
@@ -275,10 +275,10 @@ class Folder:
                 f"the consent of the study {name!r} promises that what was played is erased on request, but "
                 "keep_episodes_when_forgotten is true: let the consent say what is kept, or set it to false"
             )
-        rules = protocol.rules
-        if protocol.core_version != rules.version:
+        environment = protocol.environment
+        if protocol.core_version != environment.version:
             raise StudyError(
-                f"the protocol is for core version {protocol.core_version}, this is version {rules.version}: "
+                f"the protocol is for core version {protocol.core_version}, this is version {environment.version}: "
                 "write the new one into protocol.json, or install the release that has the old one"
             )
         return protocol
@@ -388,15 +388,15 @@ def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
 
     A hash that the draft gives already must be that of the file.
     """
-    shown, rules = protocol.debrief_policy, protocol.rules
+    shown, environment = protocol.debrief_policy, protocol.environment
     named = {*protocol.policies, *([shown] if shown is not None else [])}
     for policy in named:
         try:
-            rules.policies.load(policy, protocol.env_config)
+            environment.policies.load(policy, protocol.env_config)
         except PolicyError as error:
             raise StudyError(f"the policy {policy!r} cannot be loaded: {error}") from error
-    kept = named if rules.courses is None else {*named, rules.courses.expert}
-    found = record_files(kept, folder, rules.policies)
+    kept = named if environment.courses is None else {*named, environment.courses.expert}
+    found = record_files(kept, folder, environment.policies)
     for policy, given in protocol.policy_hashes.items():
         if found.get(policy) != given:
             raise StudyError(
@@ -411,7 +411,7 @@ def _check_terrains(study: Study, advance: Advance) -> None:
     seeds = [TUTORIAL_SEED, *study.seeds()]
     for number, each in enumerate(seeds, 1):
         try:
-            study.protocol.rules.instance(study.protocol.env_config, each)
+            study.protocol.environment.instance(study.protocol.env_config, each)
         except ValueError as error:
             raise StudyError(
                 "the level and size have terrains that cannot be solved: choose another level or size"

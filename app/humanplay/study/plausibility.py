@@ -35,7 +35,7 @@ LABELS = {
     "no telemetry": f"at least {FEWEST_PRESSES} moves by key or touch and not one input event of a press",
     "no attempt": f"abandoned after fewer than {FEWEST_PRESSES} moves",
 }
-"""Every label with what it means; a task has labels of its own (`Rules.own_labels`)."""
+"""Every label with what it means; a task has labels of its own (`Environment.own_labels`)."""
 
 LATE = "late frames"
 """The label of an episode of which more frames came late than its protocol allows (`max_late`), where time runs."""
@@ -45,7 +45,7 @@ RELEASES = ("keyup", "touchup")
 
 def labels_of(protocol: Protocol) -> dict[str, str]:
     """Return every label that a study's episodes can have from their input, with what it means."""
-    if not protocol.rules.clock:
+    if not protocol.environment.clock:
         return LABELS
     seeing = {name: what for name, what in LABELS.items() if name != "under 80 ms"}
     late = f"more than {protocol.max_late:.0%} of the frames came more than a frame late"

@@ -14,7 +14,7 @@ from humanplay.study.data import StudyData
 from humanplay.study.policy_files import PolicyFiles
 from humanplay.study.protocol import Protocol
 from humanplay.study.seeds import seed
-from humanplay.task import Configuration, Rules, Run
+from humanplay.task import Configuration, Environment, Run
 
 
 @dataclass(frozen=True)
@@ -35,20 +35,20 @@ class PolicyEpisode:
     actions: bytes
     trajectory_hash: str
 
-    def replay(self, rules: Rules, config: Configuration) -> Run:
+    def replay(self, environment: Environment, config: Configuration) -> Run:
         """Return the run that the seed and the moves give, to its end; `replayed_hash` says whether moves go on after it."""
-        run = rules.run(config, self.seed)
+        run = environment.run(config, self.seed)
         for action in self.actions:
             if run.ended:
                 break
             run.step(action)
         return run
 
-    def replayed_hash(self, rules: Rules, config: Configuration) -> str:
+    def replayed_hash(self, environment: Environment, config: Configuration) -> str:
         """Return the hash of the trajectory that the seed and the moves give, or that moves go on after the end."""
-        if replace(self, actions=self.actions[:-1]).replay(rules, config).ended:
+        if replace(self, actions=self.actions[:-1]).replay(environment, config).ended:
             return "the recorded moves go on after the end"
-        return str(self.replay(rules, config).record().trajectory_hash)
+        return str(self.replay(environment, config).record().trajectory_hash)
 
 
 def closed_seeds(data: StudyData) -> dict[int, int]:
@@ -69,7 +69,7 @@ def tested_policies(protocol: Protocol) -> list[str]:
 
     None in a score without a lowest value: those who leave have none, so only finishers could claim it.
     """
-    lowest, _ = protocol.rules.bounds(protocol.env_config)
+    lowest, _ = protocol.environment.bounds(protocol.env_config)
     if protocol.primary_metric == "score" and not math.isfinite(lowest):
         return []
     return [name for name in dict.fromkeys(protocol.policies) if name != "random"]
@@ -77,7 +77,7 @@ def tested_policies(protocol: Protocol) -> list[str]:
 
 def play_policies(
     names: Sequence[str],
-    rules: Rules,
+    environment: Environment,
     config: Configuration,
     seeds: Mapping[int, int],
     progress: Callable[[int, int], None] | None = None,
@@ -94,10 +94,10 @@ def play_policies(
         return ()
     sources = {name: (files or PolicyFiles()).source(name) for name in names}
     chosen = list(dict.fromkeys(sources.values()))
-    hashes = {source: rules.policies.hash_of(source) for source in chosen}
+    hashes = {source: environment.policies.hash_of(source) for source in chosen}
     index_of = {number: index for index, number in seeds.items()}
     found: dict[tuple[str, int], PolicyEpisode] = {}
-    for source, number, moves, trajectory in rules.policies.play_all(
+    for source, number, moves, trajectory in environment.policies.play_all(
         chosen, config, list(seeds.values())
     ):
         terrain = index_of[number]

@@ -16,7 +16,7 @@ from pathlib import Path
 from humanplay.study.files import write_bytes
 from humanplay.study.protocol import Protocol, StudyError
 from humanplay.task import Policies, PolicyError
-from humanplay.task.registration import DEFAULT_TASK, rules_of
+from humanplay.task.registration import DEFAULT_TASK, environment_of
 
 FOLDER = "policies"
 """The folder of the kept files, in a study's folder and in a release."""
@@ -91,7 +91,7 @@ class PolicyFiles:
 
     @property
     def _policies(self) -> Policies:
-        return rules_of(self.task).policies
+        return environment_of(self.task).policies
 
     def _hash_of(self, policy: str) -> str | None:
         """Return SHA-256 (hex) of the file that a name or path stands for; None where there is none that can be read."""

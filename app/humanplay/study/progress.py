@@ -87,8 +87,8 @@ class ParticipantProgress:
         if is_noted is not None and not (study.is_open and is_noted):
             task, left = self.lobby.task, {}
             for trial, steps in await store.read(partial(left_open, store, study)):
-                rules = task if trial.task == task.name else trial.rules
-                left[trial.id] = await on_threads(task, left_record, trial, steps, rules)
+                environment = task if trial.task == task.name else trial.environment
+                left[trial.id] = await on_threads(task, left_record, trial, steps, environment)
             await store.write(partial(note_closed, store, study, left), then=self.lobby.forget)
 
     async def note_all_closed(self) -> None:
@@ -124,18 +124,18 @@ class ParticipantProgress:
         name = study.name
         if not study.is_running or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))
-        rules = study.protocol.rules
+        environment = study.protocol.environment
         if study.protocol.task != self.lobby.task.name:
             other = self.lobby.task.about.title
             raise StageError(
-                f"the study {name!r} is of {rules.about.title}, and this server plays {other}: "
+                f"the study {name!r} is of {environment.about.title}, and this server plays {other}: "
                 "whoever invited you must start it with --env"
             )
-        unlike = rules.lock.differences(study.protocol.lock)
-        if study.protocol.core_version != rules.version or unlike:
+        unlike = environment.lock.differences(study.protocol.lock)
+        if study.protocol.core_version != environment.version or unlike:
             what = "study %s is for core version %s, this is %s; here is: %s"
             other = unlike or "nothing else that differs"
-            _log.warning(what, name, study.protocol.core_version, rules.version, other)
+            _log.warning(what, name, study.protocol.core_version, environment.version, other)
             raise StageError(NOT_HERE.format(name))
         return study
 

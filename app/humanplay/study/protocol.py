@@ -29,8 +29,8 @@ from humanplay.board.controls import ClockLimits
 from humanplay.board.messages import describe_errors
 from humanplay.db.trial import Required
 from humanplay.study.texts import consent
-from humanplay.task import Configuration, Rules
-from humanplay.task.registration import DEFAULT_TASK, rules_of
+from humanplay.task import Configuration, Environment
+from humanplay.task.registration import DEFAULT_TASK, environment_of
 from marsexplorer.intervals import FEWEST
 
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
@@ -223,7 +223,7 @@ class Protocol(_Part):
     title: Line
     task: str = DEFAULT_TASK
     config: dict[str, object]
-    core_version: str = Field(default_factory=lambda known: rules_of(known["task"]).version)
+    core_version: str = Field(default_factory=lambda known: environment_of(known["task"]).version)
     lock: dict[str, object] = Field(default_factory=dict)
     warm_up: int = Field(default=15, ge=0, le=500)
     ranked: int = Field(default=30, ge=1, le=500)
@@ -241,10 +241,10 @@ class Protocol(_Part):
     return_url: str | None = Field(default=None, max_length=2000, pattern=r"^https?://")
     completion_code: str | None = Field(default=None, min_length=1, max_length=100)
     policies: tuple[Line, ...] = Field(
-        default_factory=lambda known: rules_of(known["task"]).policies.compared
+        default_factory=lambda known: environment_of(known["task"]).policies.compared
     )
     debrief_policy: Line | None = Field(
-        default_factory=lambda known: rules_of(known["task"]).policies.shown
+        default_factory=lambda known: environment_of(known["task"]).policies.shown
     )
     policy_hashes: dict[str, str] = Field(default_factory=dict)
     exclusion: dict[str, ExclusionRules] = Field(default_factory=lambda: dict(EXCLUSION))
@@ -269,7 +269,7 @@ class Protocol(_Part):
     @field_validator("task")
     @classmethod
     def _task_is_ours(cls, given: str) -> str:
-        return rules_of(given).name
+        return environment_of(given).name
 
     @field_validator("config")
     @classmethod
@@ -278,12 +278,12 @@ class Protocol(_Part):
     ) -> dict[str, object]:
         if "task" not in info.data:
             return values  # what is wrong with the task has been said
-        rules = rules_of(info.data["task"])
+        environment = environment_of(info.data["task"])
         try:
-            config = rules.configuration(values)
+            config = environment.configuration(values)
         except TypeError as error:
             raise ValueError(f"config: {error}") from error
-        rules.check_study(config)
+        environment.check_study(config)
         full: dict[str, object] = config.to_dict()
         return full
 
@@ -338,9 +338,9 @@ class Protocol(_Part):
         return self.exclusion.get(PER_PROTOCOL, EXCLUSION[PER_PROTOCOL])
 
     @property
-    def rules(self) -> Rules:
+    def environment(self) -> Environment:
         """The rules of the task."""
-        return rules_of(self.task)
+        return environment_of(self.task)
 
     @property
     def terrains_drawn(self) -> bool:
@@ -355,7 +355,7 @@ class Protocol(_Part):
     @property
     def env_config(self) -> Configuration:
         """The configuration of every episode."""
-        return self.rules.configuration(self.config)
+        return self.environment.configuration(self.config)
 
 
 def default_protocol(
@@ -365,7 +365,7 @@ def default_protocol(
 
     Its texts are templates: `humanplay.study.templates.fill` gives what participants read.
     """
-    texts = rules_of(task).texts(config)
+    texts = environment_of(task).texts(config)
     keeps_episodes = bool(rest.get("keep_episodes_when_forgotten"))
     text = consent(texts.opening, bool(texts.questions), texts.things, keeps_episodes)
     parts = {

@@ -87,7 +87,7 @@ def filled(text: str, protocol: Protocol) -> str:
 def placeholder_values(protocol: Protocol) -> dict[str, str]:
     """Return what each placeholder becomes in this protocol."""
     config = protocol.env_config
-    minutes = protocol.rules.texts(config).minutes * (protocol.warm_up + protocol.ranked)
+    minutes = protocol.environment.texts(config).minutes * (protocol.warm_up + protocol.ranked)
     values: dict[str, object] = {
         "name": protocol.name,
         "warm_up": protocol.warm_up,
@@ -101,7 +101,7 @@ def placeholder_values(protocol: Protocol) -> dict[str, str]:
         "licence": protocol.data_licence,
         "contact": protocol.declarations.contact or "TODO",
         "retention": protocol.declarations.retention or "TODO",
-        **protocol.rules.texts(config).placeholders,
+        **protocol.environment.texts(config).placeholders,
         "max_steps": config.limit,
     }
     return {name: str(value) for name, value in values.items()}

@@ -54,11 +54,11 @@ def terrain_sd(protocol: Protocol, studies: Path, advance: Progress) -> float | 
 
 def _file_of(protocol: Protocol, policy: str, folder: Path) -> Path | None:
     """The file of what a policy has played; None for code of which nobody knows whether it changed."""
-    rules = protocol.rules
-    digest = rules.policies.hash_with_code(policy)
+    environment = protocol.environment
+    digest = environment.policies.hash_with_code(policy)
     if digest is None:
         return None
-    cause = canonical_json([digest, rules.version, protocol.task, protocol.config])
+    cause = canonical_json([digest, environment.version, protocol.task, protocol.config])
     return folder / f"{hashlib.sha256(cause).hexdigest()[:32]}.json"
 
 
@@ -66,12 +66,12 @@ def _played(
     protocol: Protocol, names: Sequence[str], advance: Progress
 ) -> dict[str, dict[str, list[float]]]:
     """Steps and score by policy, on terrains whose seeds are 0, 1, 2 ..."""
-    rules, config = protocol.rules, protocol.env_config
+    environment, config = protocol.environment, protocol.env_config
     seeds = {number: number for number in range(TERRAINS)}
     played: dict[str, dict[str, list[float]]] = {name: {"steps": [], "score": []} for name in names}
-    for episode in play_policies(names, rules, config, seeds, advance):
-        record = episode.replay(rules, config).record()
-        succeeded = record.outcome in rules.successes
+    for episode in play_policies(names, environment, config, seeds, advance):
+        record = episode.replay(environment, config).record()
+        succeeded = record.outcome in environment.successes
         played[episode.policy]["steps"].append(float(record.steps if succeeded else config.limit))
         played[episode.policy]["score"].append(float(record.score))
     return played

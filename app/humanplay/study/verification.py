@@ -46,7 +46,7 @@ from humanplay.study import seeds
 from humanplay.study.days import START_SLACK_MS, DailyTerrain
 from humanplay.study.folder import Advance, Folder
 from humanplay.study.protocol import Protocol, StudyError, canonical_json, parse_protocol
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 
 PARALLEL_FROM = 4_000
 """The number of episodes from which several processes are faster than one."""
@@ -113,7 +113,7 @@ def verify_moment(
     """Verify a database as the connection sees it; the other parameters are those of `verify_database`."""
     for task in checks.tasks(conn):
         with suppress(ValueError):  # found with the episodes that name it
-            rules_of(task).prepare()  # which is no part of the rate
+            environment_of(task).prepare()  # which is no part of the rate
     began = time.monotonic()
     findings: list[Finding] = []
     moves = done = 0
@@ -374,10 +374,10 @@ def _derive_level(episode: CheckedEpisode, given: InputOf, until_ms: int | None)
     try:
         known = (s for at_ms, s in given.settings if until_ms is None or at_ms <= until_ms)
         settings = [json.loads(detail) for detail in known]
-        rules = rules_of(episode.row["task"])
-        controls = controls_of(rules, settings) if rules.clock else ()
+        environment = environment_of(episode.row["task"])
+        controls = controls_of(environment, settings) if environment.clock else ()
         asked = tuple(given.supervised_ms), not given.is_studys, controls
-        key_map = key_map_of(rules.keys, settings)
+        key_map = key_map_of(environment.keys, settings)
         conditions = Conditions(episode.row["started_ms"], key_map, *asked)
         attested = attest(episode.steps, episode.events, conditions)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:

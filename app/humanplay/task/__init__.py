@@ -1,7 +1,7 @@
 """The seam between the playground and what is played on it: a `Task` begins runs, a `Run` steps, a `View` is what may be seen.
 
-`Rules` are what a stored episode of a task needs, wherever it is read: to be replayed, checked and measured. A `Task` is its
-rules with what a server offers of it.
+An `Environment` is what a stored episode of a task needs, wherever it is read: to be replayed, checked and measured. A `Task`
+is an environment with what a server offers of it.
 
 The playground knows environments by these interfaces alone; `humanplay.tasks` has one package for each. A run is a pure
 function of configuration, instance and actions, so that an episode is stored as its cause and replayed from it.
@@ -33,7 +33,7 @@ Configuration = Any
 level      its kind in a word or two
 limit      moves after which an episode times out
 hash       SHA-256 (hex) of its canonical JSON
-to_dict()  the values that `Rules.configuration` takes
+to_dict()  the values that `Environment.configuration` takes
 """
 
 Record = Any
@@ -117,7 +117,7 @@ class About:
     title         what a page calls it
     words         what reports call its figures
     instructions  what players are told to do, if the pages of `assets` do not say it
-    labels        what each data-quality label of `Rules.labels` means
+    labels        what each data-quality label of `Environment.labels` means
     """
 
     title: str
@@ -381,7 +381,7 @@ class Lock(Protocol):
         """Say why an episode of another version cannot be simulated here, and what differs."""
 
 
-class Rules(Protocol):
+class Environment(Protocol):
     """What a stored episode of a task is read, replayed, checked and measured with: without policies and without a server."""
 
     @property
@@ -438,7 +438,7 @@ class Rules(Protocol):
     def configuration(self, values: Mapping[str, Any]) -> Configuration:
         """Return the configuration of plain values; ValueError or TypeError where they are none."""
 
-    def environment(self, config: Configuration) -> Any:
+    def gymnasium_env(self, config: Configuration) -> Any:
         """Return the Gymnasium environment of a configuration, newly made."""
 
     def observations(self, record: Record) -> Sequence[Any]:
@@ -510,22 +510,22 @@ class Rules(Protocol):
         """Return the frames of a finished episode from its start to its end; of large ones only every so many."""
 
 
-def drawn(rules: Rules, config: Configuration, seed: int) -> Drawn:
+def drawn(environment: Environment, config: Configuration, seed: int) -> Drawn:
     """The cause of an episode on the instance of a seed."""
-    return Drawn(config, seed, *rules.instance(config, seed))
+    return Drawn(config, seed, *environment.instance(config, seed))
 
 
-def describe(rules: Rules) -> dict[str, Any]:
+def describe(environment: Environment) -> dict[str, Any]:
     """Return what a page is told of a task: how it is called, drawn, moved and measured."""
     return {
-        "name": rules.name.partition(":")[0],
-        "title": rules.about.title,
-        "instructions": rules.about.instructions,
-        "assets": rules.assets,
-        "actions": list(rules.actions),
-        "keys": {action: list(keys) for action, keys in rules.keys.items()},
-        "clock": rules.clock,
-        "metrics": [asdict(metric) for metric in rules.metrics],
+        "name": environment.name.partition(":")[0],
+        "title": environment.about.title,
+        "instructions": environment.about.instructions,
+        "assets": environment.assets,
+        "actions": list(environment.actions),
+        "keys": {action: list(keys) for action, keys in environment.keys.items()},
+        "clock": environment.clock,
+        "metrics": [asdict(metric) for metric in environment.metrics],
     }
 
 
@@ -851,7 +851,7 @@ class View3D(Protocol):
         """End what runs for it."""
 
 
-class Task(Rules, Protocol):
+class Task(Environment, Protocol):
     """An environment on the playground. What is wanted of it (`wanted`) is in its own words: a message of its own."""
 
     @property

@@ -1,6 +1,6 @@
 """The tasks that are registered by name, and the one that is played where none is named.
 
-A world of one's own is a package with the modules `rules` and `task`, and a folder `static` of what draws it. An entry
+A world of one's own is a package with the modules `environment` and `task`, and a folder `static` of what draws it. An entry
 point of the group `humanplay.tasks` registers it, or its folder (`serve --env FOLDER`, the variable HUMANPLAY_WORLDS).
 """
 
@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
-    from humanplay.task import Policies, Rules, Task
+    from humanplay.task import Environment, Policies, Task
 
 DEFAULT_TASK = "mars"
 """What is played where no task is named."""
@@ -29,7 +29,7 @@ DEFAULT_TASK = "mars"
 class Registration:
     """A task, or a family of tasks whose names begin alike.
 
-    package  has a module `rules` with a function `rules(variant)`, and a module `task` with `serve(variant, start)`
+    package  has a module `environment` with a function `environment(variant)`, and a module `task` with `serve(variant, start)`
     extras   of the package humanplay that must be installed to play it; the last one includes the others
     """
 
@@ -79,8 +79,10 @@ def register(folder: Path) -> str:
     ValueError if it holds none, or its name is taken.
     """
     folder = folder.resolve()
-    if absent := [name for name in ("rules.py", "task.py") if not (folder / name).is_file()]:
-        raise ValueError(f"expected a world's rules.py and task.py in {folder}, got no {absent[0]}")
+    if absent := [name for name in ("environment.py", "task.py") if not (folder / name).is_file()]:
+        raise ValueError(
+            f"expected a world's environment.py and task.py in {folder}, got no {absent[0]}"
+        )
     if not re.fullmatch(r"[a-z][a-z0-9_]*", folder.name):
         raise ValueError(f"a world is called by small letters, digits and _, got {folder.name!r}")
     others = [other for other in _folders() if other != folder]
@@ -116,10 +118,10 @@ def _world(name: str) -> Registration | None:
 
 
 @lru_cache(maxsize=64)
-def rules_of(task: str) -> Rules:
-    """The rules of a task by its name, like `mars` or `gymnasium:FrozenLake-v1`; ValueError if there is none."""
-    module, variant = _module(task, "rules")
-    return cast("Rules", module.rules(variant))
+def environment_of(task: str) -> Environment:
+    """The environment of a task by its name, like `mars` or `gymnasium:FrozenLake-v1`; ValueError if there is none."""
+    module, variant = _module(task, "environment")
+    return cast("Environment", module.environment(variant))
 
 
 def serve(task: str, start: Start) -> Task:

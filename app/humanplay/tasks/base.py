@@ -1,7 +1,7 @@
 """What a task has unless it says otherwise.
 
-A task is two classes: one of `BaseRules` that has `run` and what else `humanplay.task.Rules` asks for, and one of that
-and `BaseTask`.
+A task is two classes: one of `BaseEnvironment` that has `run` and what else `humanplay.task.Environment` asks
+for, and one of that and `BaseTask`.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from humanplay.task import (
     Choice,
     Configuration,
     Courses,
+    Environment,
     Policy,
     PolicyError,
     PolicyOffer,
     Record,
-    Rules,
     Run,
     View3D,
 )
@@ -55,8 +55,8 @@ class EpisodeRecord:
     start: tuple[int, int] = (0, 0)
 
 
-class BaseRules:
-    """Rules of an environment whose episodes follow from their seed and their actions (`humanplay.task.Rules`)."""
+class BaseEnvironment:
+    """Rules of an environment whose episodes follow from their seed and their actions (`humanplay.task.Environment`)."""
 
     @property
     def clock(self) -> int | None:
@@ -82,12 +82,12 @@ class BaseRules:
         """None: the bounds of the return are not known."""
         return None
 
-    def bounds(self: Rules, config: Configuration) -> tuple[float, float]:
+    def bounds(self: Environment, config: Configuration) -> tuple[float, float]:
         """The bounds of the headline metric, infinite if they are not known."""
         low, high = self.metrics[0].lowest, self.metrics[0].highest
         return (-math.inf if low is None else low, math.inf if high is None else high)
 
-    def assumed(self: Rules, config: Configuration, metric: str) -> Mapping[str, float]:
+    def assumed(self: Environment, config: Configuration, metric: str) -> Mapping[str, float]:
         """Half, a tenth, a tenth and a fifth of the range, for want of anything better; nothing without a range."""
         low, high = (0.0, float(config.limit)) if metric == "steps" else self.bounds(config)
         if not math.isfinite(high - low):
@@ -100,7 +100,7 @@ class BaseRules:
         }
 
     def given_up_score(
-        self: Rules, cause: Cause, outcome: str, total: float, score: float
+        self: Environment, cause: Cause, outcome: str, total: float, score: float
     ) -> float:
         """The lowest score, if that is known; else the episode's own: giving up costs nothing more."""
         lowest, _ = self.bounds(cause.config)
@@ -128,7 +128,7 @@ class BaseRules:
         """0: nothing is discovered."""
         return 0
 
-    def observations(self: Rules, record: Record) -> Sequence[Any]:
+    def observations(self: Environment, record: Record) -> Sequence[Any]:
         """What was seen before each move and after the last."""
         run = self.run(record.config, record.seed)
         seen = [run.observation()]
@@ -137,18 +137,18 @@ class BaseRules:
             seen.append(run.observation())
         return seen
 
-    def record(self: Rules, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> Record:
+    def record(self: Environment, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> Record:
         """The cause of a finished episode, ready to be replayed; ValueError for one without a seed."""
         return EpisodeRecord(was.config, seed_of(was), actions, **came_to)
 
-    def replay(self: Rules, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
+    def replay(self: Environment, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
         """The run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
         run = self.run(was.config, seed_of(was), actions)
         if ended:
             give_up(was, run)
         return run
 
-    def replay_record(self: Rules, record: Record) -> Run:
+    def replay_record(self: Environment, record: Record) -> Run:
         """The run of a record; ValueError if the version is another one."""
         if record.core_version != self.version:
             raise ValueError(
@@ -156,7 +156,7 @@ class BaseRules:
             )
         return self.replay(record, record.actions, True)
 
-    def frames(self: Rules, record: Record, episode_id: str) -> list[dict[str, Any]]:
+    def frames(self: Environment, record: Record, episode_id: str) -> list[dict[str, Any]]:
         """The frames of a finished episode from its start to its end; of a long one only every so many."""
         run = self.run(record.config, record.seed)
         views, every = [run.view()], 1 + len(record.actions) // MOST_FRAMES
@@ -186,7 +186,7 @@ class BaseTask:
         """None: instances are drawn."""
         return []
 
-    def first(self: Rules, wanted: Any) -> Choice:
+    def first(self: Environment, wanted: Any) -> Choice:
         """What a new board is to begin on."""
         return Choice(self.configuration({}), wanted.seed)
 
@@ -206,7 +206,7 @@ class BaseTask:
         """Level, map and size as a page knows them of every task: the level alone."""
         return {"level": was.config.level, "map": None, "size": None}
 
-    def begin(self: Rules, choice: Choice) -> Run:
+    def begin(self: Environment, choice: Choice) -> Run:
         """A run at its start; ValueError before a seed is drawn."""
         if choice.seed is None:
             raise ValueError("an episode begins on a seed")
@@ -334,7 +334,7 @@ class BasePolicies:
 class CodePolicies(BasePolicies):
     """Policies that are classes, each with a `name`, and told of by its docstring.
 
-    run          begins a run (`Rules.run`)
+    run          begins a run (`Environment.run`)
     classes      of them, made anew for each board
     observation  what they are given of a public frame
     """

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from humanplay.task import Configuration, PolicyError, PolicyOffer, Run
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.base import BasePolicies
 from humanplay.tasks.processes import LostError, Preparer, Worker
 
@@ -136,7 +136,7 @@ class ProcessPolicies(BasePolicies):
     def play(self, policy: ProcessPolicy, config: Configuration, seed: int, policy_seed: int) -> Run:  # fmt: skip
         """Return the ended run of a policy, reset with `policy_seed`, on the instance of a seed."""
         policy.reset(policy_seed)
-        return rules_of(self._task).run(config, seed, policy.play(config, seed)[0])
+        return environment_of(self._task).run(config, seed, policy.play(config, seed)[0])
 
     def play_all(
         self, sources: Sequence[str], config: Configuration, seeds: Sequence[int]

@@ -206,7 +206,7 @@ async def show_study(admin: Operator, name: str) -> dict[str, object]:
         "status": found.status,
         **{each: getattr(found, each) for each in shown},
         "level": protocol.env_config.level,
-        "where": protocol.rules.texts(protocol.env_config).setting,
+        "where": protocol.environment.texts(protocol.env_config).setting,
         "max_steps": protocol.env_config.limit,
         "planned": protocol.players,
         "warm_up": protocol.warm_up,

@@ -19,7 +19,7 @@ from starlette.types import Scope
 
 from humanplay import STATIC
 from humanplay.study.folder import Folder
-from humanplay.task import Rules
+from humanplay.task import Environment
 from humanplay.web import api_docs
 from humanplay.web.access import services_of
 from humanplay.web.protection import NO_CACHE, page_policy
@@ -154,7 +154,7 @@ _serve(admin_router, "/admin", "admin", {"Content-Security-Policy": page_policy(
 class PlayedTask(NamedTuple):
     """One of the environments that are played here, and the studies beside its database."""
 
-    rules: Rules
+    environment: Environment
     studies: Folder
 
 
@@ -164,8 +164,8 @@ async def offers_page(request: Request) -> Response:
     first, *others = request.app.state.offers.items()
     root = root_of(request) + "../../" * bool(request.scope.get("root_path"))
     offers = [
-        (root or "./", first[1].rules.about),
-        *((f"{root}play/{name}/", played.rules.about) for name, played in others),
+        (root or "./", first[1].environment.about),
+        *((f"{root}play/{name}/", played.environment.about) for name, played in others),
     ]
     text = environment.get_template("offers/index.html").render(
         root=root_of(request), offers=offers

@@ -47,8 +47,8 @@ from humanplay.study.debrief import Debriefs
 from humanplay.study.folder import Folder
 from humanplay.study.participation import Participations
 from humanplay.study.progress import ParticipantProgress
-from humanplay.task import Policies, Rules, Task
-from humanplay.task.registration import Start, rules_of, serve, static_of
+from humanplay.task import Environment, Policies, Task
+from humanplay.task.registration import Start, environment_of, serve, static_of
 from humanplay.web import (
     access,
     admin,
@@ -167,22 +167,22 @@ def _app_of(
                     for sweeper in sweepers:
                         sweeper.cancel()
 
-    rules = rules_of(settings.task)
+    environment = environment_of(settings.task)
     app = PlaygroundApp(
-        rules.messages,
-        title="MarsExplorer Playground", version=rules.version, description=api_docs.DESCRIPTION,
+        environment.messages,
+        title="MarsExplorer Playground", version=environment.version, description=api_docs.DESCRIPTION,
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
     _add_protection(app, settings, metrics, protection, name)
-    played = pages.PlayedTask(rules, Folder.beside(settings.database))
-    app.state.offers = {offer_name(rules): played}
+    played = pages.PlayedTask(environment, Folder.beside(settings.database))
+    app.state.offers = {offer_name(environment): played}
     add_error_handlers(app)
     # first what is asked for most: routes are tried in turn
     if (drawn_by := static_of(settings.task)) is not None:
         files = pages.PageFiles(directory=drawn_by)
-        app.mount(f"/static/task/{rules.assets}", files, name="world")
+        app.mount(f"/static/task/{environment.assets}", files, name="world")
     app.mount("/static", pages.static_files, name="static")
-    boards = api.board_router(rules.messages)
+    boards = api.board_router(environment.messages)
     modules = [pages, sockets, api, watch, results, people, replay, daily, study]
     modules += [viewer]
     further = (results.mine, results.leaderboard, api.probes)
@@ -333,14 +333,14 @@ class Offered:
             await self._first(scope, receive, send)
 
 
-def offer_name(rules: Rules) -> str:
+def offer_name(environment: Environment) -> str:
     """Return what an environment is called in addresses: its title in small letters."""
-    return re.sub(r"[^a-z0-9.]+", "-", rules.about.title.lower()).strip("-")
+    return re.sub(r"[^a-z0-9.]+", "-", environment.about.title.lower()).strip("-")
 
 
 def _of_another(settings: Settings, task: str) -> Settings:
     """Return the settings of a further environment: its database stands beside the first one's."""
-    name, database = offer_name(rules_of(task)), settings.database
+    name, database = offer_name(environment_of(task)), settings.database
     return settings.model_copy(
         update={
             "task": task, "more": (), "policies": (), "maps": (),
@@ -437,7 +437,7 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
         bound_connections(sock, settings.limits.answer_s)
         with _file_errors(), ExitStack() as stack:
             served = [settings, *(_of_another(settings, task) for task in settings.more)]
-            names = [offer_name(rules_of(each.task)) for each in served]
+            names = [offer_name(environment_of(each.task)) for each in served]
             if len(set(names)) < len(names):
                 said = f"two environments are called alike: {', '.join(names)}"
                 raise ValueError(f"{said}; give one another title in its file")

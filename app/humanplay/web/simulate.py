@@ -26,8 +26,8 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
 from humanplay.db.store import SLOW, WAITS
-from humanplay.task import Configuration, Rules
-from humanplay.task.registration import rules_of
+from humanplay.task import Configuration, Environment
+from humanplay.task.registration import environment_of
 
 Frame = dict[str, Any]
 
@@ -152,15 +152,20 @@ class NoisyPolicy:
     """A policy of which some moves are replaced by random valid ones."""
 
     def __init__(
-        self, rules: Rules, name: str, noise: float, config: Configuration | None, seed: int = 0
+        self,
+        environment: Environment,
+        name: str,
+        noise: float,
+        config: Configuration | None,
+        seed: int = 0,
     ) -> None:
         """Load a policy by name or path; PolicyError if there is none.
 
         noise  probability (0..1) that a move is the random policy's
         """
-        self._rules, self._noise, self._dice = rules, noise, random.Random(seed)
-        self._policy = rules.policies.load(name, config)
-        self._random = rules.policies.load("random", config)
+        self._environment, self._noise, self._dice = environment, noise, random.Random(seed)
+        self._policy = environment.policies.load(name, config)
+        self._random = environment.policies.load("random", config)
 
     def reset(self) -> None:
         """Begin another episode."""
@@ -170,7 +175,9 @@ class NoisyPolicy:
     def choose(self, frame: Frame) -> str:
         """The action that answers a frame."""
         policy = self._random if self._dice.random() < self._noise else self._policy
-        return self._rules.actions[policy.act(self._rules.policies.observation_in(frame))]
+        return self._environment.actions[
+            policy.act(self._environment.policies.observation_in(frame))
+        ]
 
 
 class Participant:
@@ -352,7 +359,7 @@ def fetch_study(plan: Plan) -> dict[str, Any]:
 def _is_simulated(task: str) -> bool:
     """Whether a task's frames hold what its policies are given."""
     try:
-        return rules_of(task).policies.sees_frames
+        return environment_of(task).policies.sees_frames
     except ValueError:
         return False
 
@@ -390,9 +397,9 @@ def _take_part(
 ) -> None:
     """Let one participant take part, to the completion code or until they leave."""
     dice = random.Random(f"{plan.seed} {outcome.number}")
-    clock, rules = Clock(plan.speed, stop), rules_of(study["task"]["name"])
-    config = rules.configuration(study["config"])
-    policy = NoisyPolicy(rules, plan.policy, plan.noise, config, dice.getrandbits(31))
+    clock, environment = Clock(plan.speed, stop), environment_of(study["task"]["name"])
+    config = environment.configuration(study["config"])
+    policy = NoisyPolicy(environment, plan.policy, plan.noise, config, dice.getrandbits(31))
     leaves_at = dice.randrange(study["ranked"]) if dice.random() < plan.leaving else None
     withdraws = dice.random() < 0.5
     script = f"{plan.policy}, {plan.noise:.0%} random moves"

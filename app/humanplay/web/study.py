@@ -221,7 +221,7 @@ async def participant_state(request: Request, study: Study, participant: Partici
     return {
         "study": study.name,
         "title": protocol.title,
-        "task": describe(protocol.rules),
+        "task": describe(protocol.environment),
         "participant": participant_label(participant.id),
         "stage": participant.stage,
         "consent": protocol.consent.model_dump(),
@@ -304,7 +304,7 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, object]:
         "protocol_hash": study.protocol_hash,
         "commitment": study.commitment,
         "secret": None if study.is_open else study.secret.hex(),
-        "task": describe(protocol.rules),
+        "task": describe(protocol.environment),
         "level": config.level,
         **{side: values[side] for side in ("rows", "cols") if side in values},
         "config": values,
@@ -390,7 +390,7 @@ async def abandon(asks: AskingOf, given: AbandonEpisode) -> State:
 async def settings(asks: AskingOf, chosen: ParticipantSettings) -> State:
     """Store keys, palette and modality with the participant: how somebody played is part of the data."""
     with answering_study_errors():
-        actions = asks.progress.study(asks.name).protocol.rules.actions
+        actions = asks.progress.study(asks.name).protocol.environment.actions
         if strange := [each for each in chosen.keys or {} if each not in actions]:
             raise ValueError(f"keys: expected keys of {', '.join(actions)}, got {strange[0]!r}")
     changed = chosen.model_dump(exclude_none=True)

@@ -2,19 +2,19 @@
 
 from humanplay.agents.comparison import compare
 from humanplay.agents.evaluation import Protocol
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.description import Description
 
 
 def test_what_an_agent_left_is_worth_what_people_get_for_leaving():
     """The environment's lowest score, however much was scored until then; what was played stands as played."""
     task = f"gymnasium:{Description(id='FrozenLake-v1', bounds=(1, 500)).told}"
-    rules = rules_of(task)
+    environment = environment_of(task)
     protocol = Protocol(
         name="lake",
         task=task,
-        config=rules.default.to_dict(),
-        core_version=rules.version,
+        config=environment.default.to_dict(),
+        core_version=environment.version,
         lock={},
         instances=3,
     )

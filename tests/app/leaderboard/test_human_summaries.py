@@ -8,7 +8,7 @@ from humanplay.jobs import Jobs
 from humanplay.report.statistics.human_level import human_level
 from humanplay.results import leaderboard
 from humanplay.results.leaderboard import HumanSummaries, Leaderboard
-from humanplay.tasks.mars import rules as replays
+from humanplay.tasks.mars import environment as replays
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, play
 

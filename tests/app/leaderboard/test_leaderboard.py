@@ -16,7 +16,7 @@ from humanplay.results import entries
 from humanplay.results.entries import ClosedStudies
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import canonical, default_protocol, protocol_hash
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.mars.boards import FIRST_SEED, MarsBoards
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
@@ -240,7 +240,7 @@ def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(ser
 
 
 def test_a_closed_study_of_another_environment_has_no_board_and_hides_no_others(serve, tmp_path):
-    lake = rules_of("gymnasium:FrozenLake-v1")
+    lake = environment_of("gymnasium:FrozenLake-v1")
     played = default_protocol("lake", lake.default, lake.name, declarations=DECLARATIONS)
     hashes = protocol_hash(played), "c" * 64
     row = SeriesRow("lake", canonical(played).decode(), *hashes, 1, closed_ms=2, secret="5" * 64)

@@ -22,7 +22,7 @@ from humanplay.board.attestation import (
 )
 from humanplay.db.input_events import InputEventRow, add_input_events
 from humanplay.db.store import StepRow, Store
-from humanplay.tasks.mars.rules import KEYS
+from humanplay.tasks.mars.environment import KEYS
 from tests.support.page_loads import STORED_LOAD
 from tests.support.recorded import add_session, open_episode
 

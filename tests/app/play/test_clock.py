@@ -12,7 +12,7 @@ from humanplay.study.plausibility import labels_of, plausibility_labels
 from humanplay.study.protocol import default_protocol
 from humanplay.study.verification import verify_database
 from humanplay.task import describe
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.description import Description, read_description
 from tests.support.keyboard import Keyboard
 from tests.support.page_loads import LOAD
@@ -114,9 +114,9 @@ def play(server, ticks=20):
 
 
 def test_a_page_is_told_that_time_runs():
-    assert describe(rules_of(TASK))["clock"] == 30
-    assert describe(rules_of("gymnasium:FrozenLake-v1"))["clock"] is None
-    assert describe(rules_of("mars"))["clock"] is None
+    assert describe(environment_of(TASK))["clock"] == 30
+    assert describe(environment_of("gymnasium:FrozenLake-v1"))["clock"] is None
+    assert describe(environment_of("mars"))["clock"] is None
 
 
 LAST = "(SELECT max(number) FROM input_events WHERE kind = 'keyup')"
@@ -337,26 +337,26 @@ def test_a_clock_and_keys_that_are_none_are_named_with_their_line(tmp_path, said
 
 def test_the_no_op_is_the_one_of_the_file_else_the_one_called_so():
     told = {"id": "FrozenLake-v1", "clock": 10}
-    assert rules_of(TASK).noop == 0
-    assert rules_of(f"gymnasium:{Description(**told).told}").noop is None
-    assert rules_of(f"gymnasium:{Description(**told, noop='up').told}").noop == 3
+    assert environment_of(TASK).noop == 0
+    assert environment_of(f"gymnasium:{Description(**told).told}").noop is None
+    assert environment_of(f"gymnasium:{Description(**told, noop='up').told}").noop == 3
 
 
 def test_a_path_whose_scores_are_hidden_tells_none():
-    rules = rules_of("gymnasium:FrozenLake-v1")
-    view = rules.run(rules.default, 7, bytes([1, 2])).view()
+    environment = environment_of("gymnasium:FrozenLake-v1")
+    view = environment.run(environment.default, 7, bytes([1, 2])).view()
     assert json.loads(view.history("e"))["headlines"] == [0.0, 0.0, 0.0]
     assert json.loads(view.history("e", True))["headlines"] == [None, None, None]
 
 
 def test_a_protocol_says_what_is_allowed_and_late_frames_are_labelled():
-    config = rules_of(TASK).default
+    config = environment_of(TASK).default
     limits = {"max_pauses": 2, "max_paused_s": 30, "max_late": 0.1}
     protocol = default_protocol("ticking", config, TASK, **limits)
     assert protocol.clock_limits == controls.ClockLimits(2, 30, 0.1)
     assert "late frames" in labels_of(protocol)
     assert "under 80 ms" not in labels_of(protocol)
-    assert "late frames" not in labels_of(default_protocol("mars", rules_of("mars").configuration({})))  # fmt: skip
+    assert "late frames" not in labels_of(default_protocol("mars", environment_of("mars").configuration({})))  # fmt: skip
     times = [33 * tick + 100 * (tick > 10) + 5000 * (tick > 20) for tick in range(30)]
     moves = [{"server_ms": at, "input": None} for at in times]
     assert plausibility_labels(moves, [], 30, 0.03) == ("late frames",)

@@ -14,7 +14,7 @@ from humanplay.study.data import load as load_study
 from humanplay.study.folder import Folder
 from humanplay.study.invitations import Invitations, token_of
 from humanplay.study.verification import verify_database
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.mars.run import occupancy_codes
 from humanplay.web.simulate import Clock, NoisyPolicy, Participant
 from marsexplorer.config import ACTIONS
@@ -206,7 +206,7 @@ def test_a_program_at_a_persons_speed_is_not_told_apart(server, tmp_path, speed,
     issued = Invitations(Folder(tmp_path / "playground.db-studies")).issue(study.name, 10)
 
     def take_part(number):
-        policy = NoisyPolicy(rules_of("mars"), "frontier-cost", 0.1, None, number)
+        policy = NoisyPolicy(environment_of("mars"), "frontier-cost", 0.1, None, number)
         forger = Participant(server.page(), study.name, policy, Clock(speed), number)
         forger.call("join", {"invitation": token_of(study, issued[number].id)})
         while forger.me()["stage"] != "complete":

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.web.simulate import NoisyPolicy
 from tests.support.command import run
 from tests.support.declared import DECLARATIONS_FILE
@@ -22,7 +22,7 @@ HOURS_MS = 3 * 3_600_000
 def take_part(server, number):
     """Let a person finish, withdraw or leave after two ranked terrains, or give every terrain up."""
     person = Person(server, "walk", client=server.page())
-    person._policy = NoisyPolicy(rules_of("mars"), "frontier-cost", number / 20, None, number)
+    person._policy = NoisyPolicy(environment_of("mars"), "frontier-cost", number / 20, None, number)
     person.to_warm_up()
     ended = 0
     while person.me()["stage"] in ("warm_up", "ranked"):

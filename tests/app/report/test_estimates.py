@@ -12,13 +12,13 @@ from humanplay.report.page import render
 from humanplay.study import policy_episodes
 from humanplay.study.flow import Arrivals
 from humanplay.study.protocol import default_protocol, protocol_hash
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.description import Description
 from tests.support.made_studies import CONFIG, FROZEN_MS, person, played, study, trial
 
 CLOSED_MS = FROZEN_MS + 10_000_000
 LIMIT = CONFIG.limit
-LOWEST = rules_of("mars").bounds(CONFIG)[0]
+LOWEST = environment_of("mars").bounds(CONFIG)[0]
 TERRAINS = 6
 HONEST = np.full((4, TERRAINS), 0.9)
 STEPS = np.arange(4)[:, None] * 10 + np.full((4, TERRAINS), 20)
@@ -188,7 +188,7 @@ def test_the_erased_move_no_mean_and_both_means_stand_as_they_could_be_with_them
 def lake(bounds, scores):
     """Return the study of an environment of negative scores: a person a row, None for an episode given up at -1."""
     task = f"gymnasium:{Description(id='FrozenLake-v1', bounds=bounds).told}"
-    config = rules_of(task).default
+    config = environment_of(task).default
     made = default_protocol("lake", config, task, ranked=3, players=len(scores))
     people, trials = [], []
     for number, row in enumerate(scores):

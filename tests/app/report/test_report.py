@@ -22,7 +22,7 @@ from humanplay.study.data import load
 from humanplay.study.folder import Folder
 from humanplay.study.participation import StudyParticipation
 from humanplay.study.protocol import default_protocol
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, score
 from tests.support.declared import DECLARATIONS
@@ -51,7 +51,7 @@ HUMAN_TIME = (
     "Geometric mean {} of the {} that succeeded, without pauses and time out of sight; arXiv 2503.14499 (C.1.4) rates tasks "
     "so. Failures are left out, so it is short where many failed."
 )
-LOWEST = rules_of("mars").bounds(CONFIG)[0]
+LOWEST = environment_of("mars").bounds(CONFIG)[0]
 CLAIM = "Figure of unverified participants (attested)"
 """What the people of an open link are called."""
 
@@ -473,7 +473,7 @@ def test_everything_is_json_without_a_number_that_is_none(data):
 
 def test_the_worst_and_the_best_episode_lie_within_the_bounds():
     config = EnvConfig("random", 7, 9, sensor_radius=3)
-    low, high = metric_bounds(rules_of("mars"), config, "score")
+    low, high = metric_bounds(environment_of("mars"), config, "score")
     episode = Episode.begin(config, terrain=np.zeros((7, 9), bool))
     for move in range(config.limit - 1):
         if not episode.ended:
@@ -482,7 +482,7 @@ def test_the_worst_and_the_best_episode_lie_within_the_bounds():
         episode.step(0)  # off the grid, after as many fruitless moves as there are
     assert low <= episode.score < 0.1
     assert high == 1
-    assert metric_bounds(rules_of("mars"), config, "steps") == (1, config.limit)
+    assert metric_bounds(environment_of("mars"), config, "steps") == (1, config.limit)
 
 
 def test_the_checklist_is_filled_and_says_what_is_missing(data):
@@ -658,15 +658,17 @@ def test_the_worst_score_of_a_small_building_lies_within_the_bounds():
     for _ in range(config.limit):
         if not episode.ended:
             episode.step(0)
-    low, _ = metric_bounds(rules_of("mars"), config, "score")
+    low, _ = metric_bounds(environment_of("mars"), config, "score")
     worst = score(config, -config.r_invalid - 0.5 * (config.limit - 1), episode.cells)
     assert (
-        low <= worst < metric_bounds(rules_of("mars"), EnvConfig.of("random", (7, 9)), "score")[0]
+        low
+        <= worst
+        < metric_bounds(environment_of("mars"), EnvConfig.of("random", (7, 9)), "score")[0]
     )
 
 
 def test_no_answer_of_the_checklist_is_another_environments():
-    config = rules_of("gymnasium:FrozenLake-v1").default
+    config = environment_of("gymnasium:FrozenLake-v1").default
     lake = default_protocol("lake", config, "gymnasium:FrozenLake-v1", policies=("random",))
     data = replace(study((), ()), protocol=lake)
     for item in build(data).checklist:

@@ -16,7 +16,7 @@ from humanplay.report.statistics.human_level import human_level
 from humanplay.study.data import load
 from humanplay.study.folder import Folder
 from humanplay.study.verification import verify_database
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.web.simulate import NoisyPolicy, Plan, RefusedError, ServerAwayError, simulate
 from tests.support.command import command
 from tests.support.recorded import ask
@@ -161,8 +161,8 @@ def test_the_noise_is_the_share_of_random_moves(noise):
     grid = ["@" + "." * 8, *["." * 9] * 5, "." * 8 + "?"]
     frame = {"grid": grid}
     quiet, noisy = (
-        NoisyPolicy(rules_of("mars"), "frontier-cost", 0.0, None),
-        NoisyPolicy(rules_of("mars"), "frontier-cost", noise, None, 1),
+        NoisyPolicy(environment_of("mars"), "frontier-cost", 0.0, None),
+        NoisyPolicy(environment_of("mars"), "frontier-cost", noise, None, 1),
     )
     quiet.reset()
     noisy.reset()

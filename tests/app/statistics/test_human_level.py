@@ -17,7 +17,7 @@ from humanplay.report.statistics.human_level import (
 )
 from humanplay.report.statistics.intervals import estimate
 from humanplay.report.statistics.study_figures import metric_bounds, worst_value
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, add_session, open_episode, play
 
@@ -79,7 +79,7 @@ def test_the_mean_is_that_of_players_with_enough_episodes_each_of_whom_weighs_th
             own.setdefault(session["player_id"], []).append(store.episode(row["id"])[value])
         means = np.array([math.fsum(each) / len(each) for each in own.values() if len(each) >= 5])
         bounds, worst = (
-            each(rules_of("mars"), SMALL, name) for each in (metric_bounds, worst_value)
+            each(environment_of("mars"), SMALL, name) for each in (metric_bounds, worst_value)
         )
         whole = estimate(means[:, None], bounds, worst, terrains_drawn=False)
         assert tuple(figure[name].values()) == pytest.approx((whole.mean, *whole.interval))

@@ -44,7 +44,7 @@ def test_a_study_publishes_hash_and_commitment_and_its_secret_when_closed(server
     assert described == {
         "name": "small", "title": study.protocol.title, "status": "open", "protocol_hash": study.protocol_hash,
         "commitment": study.commitment, "secret": None,
-        "task": describe(study.protocol.rules),
+        "task": describe(study.protocol.environment),
         "level": "random", "rows": 7, "cols": 9,
         "config": study.protocol.env_config.to_dict(),
         "warm_up": 2, "ranked": 3, "players": 2, "consent_version": "1",

@@ -23,7 +23,7 @@ from humanplay.study.data import load
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import StudyError
 from humanplay.study.verification import verify_database
-from humanplay.tasks.mars.rules import MarsRules
+from humanplay.tasks.mars.environment import MarsEnvironment
 from tests.support.command import command
 from tests.support.servers import eventually
 from tests.support.stored_studies import StudyRecorder, freeze
@@ -267,7 +267,7 @@ def test_an_open_episode_that_cannot_be_replayed_is_closed_by_its_stored_moves(
     person.play(moves=1)
     if is_restarted:
         server.stop()
-    monkeypatch.setattr(MarsRules, "replay", fail)
+    monkeypatch.setattr(MarsEnvironment, "replay", fail)
     Folder(tmp_path / "playground.db-studies").close("small")
     server = serve() if is_restarted else server
     eventually(lambda: None not in outcomes_of(server))

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from humanplay.db.reader import Reader
 from humanplay.study.data import load
-from humanplay.tasks.mars.rules import MarsRules
+from humanplay.tasks.mars.environment import MarsEnvironment
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.effort import SHORTEST, makes_no_effort, random_mean_known
@@ -54,7 +54,7 @@ def test_the_bound_is_the_same_each_time_and_rises():
 
 def test_a_random_movers_course_is_labelled():
     trial = SimpleNamespace(config=CONFIG, terrain=b"", start=(0, 0))
-    assert MarsRules().labels(trial, course_of("random", 7 * 10**12)) == ("no effort",)
+    assert MarsEnvironment().labels(trial, course_of("random", 7 * 10**12)) == ("no effort",)
 
 
 def test_a_studys_episodes_are_labelled(tmp_path):

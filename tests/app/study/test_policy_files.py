@@ -13,7 +13,7 @@ from humanplay.study.policy_episodes import play_policies
 from humanplay.study.protocol import StudyError, default_protocol
 from humanplay.study.verification import check_policy_files
 from humanplay.task import PolicyError
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card
@@ -53,7 +53,7 @@ def study(tmp_path, mine):
 def moves(study, mine, files=None):
     return [
         (each.policy_hash, each.actions)
-        for each in play_policies([str(mine)], rules_of("mars"), CONFIG, SEEDS, files=files)
+        for each in play_policies([str(mine)], environment_of("mars"), CONFIG, SEEDS, files=files)
     ]
 
 

@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.adapters import Fresh, OneAtATime
 from humanplay.tasks.gymnasium.doctor import examine
 
@@ -41,7 +41,7 @@ def test_an_action_moves_one_number_to_an_end():
     assert [env.action(each).tolist() for each in (0, 1, 8)] == [
         [0, 0, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1],
     ]  # fmt: skip
-    assert len(rules_of(f"gymnasium:{walker()}").actions) == 9
+    assert len(environment_of(f"gymnasium:{walker()}").actions) == 9
 
 
 def walker():
@@ -50,13 +50,17 @@ def walker():
 
 
 def test_crafter_has_names_keys_and_a_version():
-    rules = rules_of("gymnasium:humanplay.tasks.gymnasium.adapters:Crafter-v0")
-    assert (rules.about.title, rules.limit, len(rules.actions)) == ("Crafter", 10_000, 17)
-    assert rules.keys["do"] == ("Space",)
-    assert "crafter 1." in rules.version
-    run = rules.run(rules.default, 5, bytes([5, 5, 1]))
-    assert run.digest == rules.run(rules.default, 5, bytes([5, 5, 1])).digest
-    assert run.digest != rules.run(rules.default, 6, bytes([5, 5, 1])).digest
+    environment = environment_of("gymnasium:humanplay.tasks.gymnasium.adapters:Crafter-v0")
+    assert (environment.about.title, environment.limit, len(environment.actions)) == (
+        "Crafter",
+        10_000,
+        17,
+    )
+    assert environment.keys["do"] == ("Space",)
+    assert "crafter 1." in environment.version
+    run = environment.run(environment.default, 5, bytes([5, 5, 1]))
+    assert run.digest == environment.run(environment.default, 5, bytes([5, 5, 1])).digest
+    assert run.digest != environment.run(environment.default, 6, bytes([5, 5, 1])).digest
 
 
 @pytest.mark.long

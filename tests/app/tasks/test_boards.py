@@ -17,7 +17,7 @@ from humanplay.study.verification import verify_database
 from humanplay.task import Choice, RunEndedError
 from humanplay.tasks import processes
 from humanplay.tasks.gymnasium.description import Description
-from humanplay.tasks.gymnasium.rules import GymnasiumRules
+from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from humanplay.tasks.gymnasium.task import GymnasiumTask
 from humanplay.tasks.processes import NO_NETWORK, NO_OTHER_FILES
 from tests.support.servers import eventually
@@ -58,7 +58,7 @@ def begun(task, how, once=""):
 
 
 def test_a_run_elsewhere_comes_to_what_a_run_here_comes_to(lake):
-    here = GymnasiumRules("FrozenLake-v1").run(lake.default, 7)
+    here = GymnasiumEnvironment("FrozenLake-v1").run(lake.default, 7)
     here.is_live = True  # its pictures are packed as a board's are
     there = lake.begin(Choice(lake.default, 7))
     while here.outcome == "running":
@@ -93,7 +93,7 @@ def test_what_fails_twice_ends_the_episode(broken, how, monkeypatch):
 
 
 def test_the_process_of_a_board_that_has_ended_ends_also_when_it_is_resumed(lake):
-    run = GymnasiumRules("FrozenLake-v1").run(lake.default, 7)
+    run = GymnasiumEnvironment("FrozenLake-v1").run(lake.default, 7)
     while run.outcome == "running":
         run.step(len(run.actions) % 3)
     again = lake.run(lake.default, 7, bytes(run.actions))
@@ -155,7 +155,7 @@ def test_a_board_reads_no_database_and_reaches_no_port(serve, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as other:
         kwargs = {"path": str(tmp_path / "playground.db"), "port": other.getsockname()[1]}
         told = Description(id="tests.support.environments:Nosy-v0", kwargs=kwargs).told
-        here = GymnasiumRules(told)
+        here = GymnasiumEnvironment(told)
         task = serve(task=f"gymnasium:{told}").app.state.services.lobby.task
         confined = task._boards.preparer.confined()
         if confined[NO_NETWORK] or confined[NO_OTHER_FILES]:

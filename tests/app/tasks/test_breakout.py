@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from humanplay.study.verification import verify_database
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.description import Description
-from humanplay.tasks.gymnasium.rules import GymnasiumRules
+from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from tests.support.keyboard import Keyboard
 from tests.support.recorded import ask
 
@@ -16,20 +16,25 @@ FIRE, RIGHT, LEFT = 1, 2, 3
 
 
 def test_the_catalogue_knows_clock_keys_and_what_a_person_plays():
-    rules = rules_of(BREAKOUT)
-    assert (rules.about.title, rules.clock, rules.noop, rules.limit) == ("Breakout", 60, 0, 18_000)
-    assert rules.keys["noop"] == ()
-    assert rules.keys["fire"] == ("Space",)
+    environment = environment_of(BREAKOUT)
+    assert (environment.about.title, environment.clock, environment.noop, environment.limit) == (
+        "Breakout",
+        60,
+        0,
+        18_000,
+    )
+    assert environment.keys["noop"] == ()
+    assert environment.keys["fire"] == ("Space",)
     kwargs = {"frameskip": 1, "repeat_action_probability": 0.0}
-    assert rules.default.to_dict()["kwargs"] == kwargs
-    assert rules.successes == {"ended"}  # nothing is guessed
+    assert environment.default.to_dict()["kwargs"] == kwargs
+    assert environment.successes == {"ended"}  # nothing is guessed
 
 
 @pytest.mark.parametrize("sticky", [0.0, 0.25])
 def test_an_agents_action_is_four_ticks_of_a_person_bit_for_bit(sticky):
     def at(frameskip):
         kwargs = {"frameskip": frameskip, "repeat_action_probability": sticky}
-        return GymnasiumRules(Description(id="ale_py:ALE/Breakout-v5", kwargs=kwargs).told)
+        return GymnasiumEnvironment(Description(id="ale_py:ALE/Breakout-v5", kwargs=kwargs).told)
 
     fast, slow = at(1), at(4)
     person, agent = fast.run(fast.default, 7), slow.run(slow.default, 7)

@@ -16,9 +16,9 @@ from PIL import Image
 
 from humanplay.study.verification import verify_database
 from humanplay.task import Choice
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.description import Description, read_description
-from humanplay.tasks.gymnasium.rules import GymnasiumRules
+from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from humanplay.tasks.gymnasium.task import GymnasiumTask
 from tests.support.command import command
 from tests.support.servers import Running, eventually
@@ -57,9 +57,9 @@ def test_names_and_keys_are_derived(told, keys):
             "main_engine": "ArrowUp",
             "right_engine": "ArrowLeft",
         }
-    rules = rules_of(f"gymnasium:{told}")
-    assert {name: codes[0] for name, codes in rules.keys.items()} == keys
-    assert rules.actions == tuple(keys)
+    environment = environment_of(f"gymnasium:{told}")
+    assert {name: codes[0] for name, codes in environment.keys.items()} == keys
+    assert environment.actions == tuple(keys)
 
 
 @pytest.fixture
@@ -72,20 +72,20 @@ def home(tmp_path):
 
 def test_a_file_is_all_of_the_task_s_name(home):
     told = read_description(home).told
-    rules = rules_of(f"gymnasium:{told}")
+    environment = environment_of(f"gymnasium:{told}")
     assert Description(**json.loads(told)) == read_description(home)
-    assert rules.name == f"gymnasium:{told}"
-    assert (rules.about.title, rules.about.instructions) == ("Home", "Walk home.")
-    assert rules.keys == {"back": ("KeyB",), "forward": ("ArrowUp",), "wave": ()}
-    assert (rules.metrics[0].name, rules.successes) == ("coins", {"succeeded"})
-    assert rules.default.to_dict() == {"level": PATH, "kwargs": {"length": 3}, "max_steps": 6}
+    assert environment.name == f"gymnasium:{told}"
+    assert (environment.about.title, environment.about.instructions) == ("Home", "Walk home.")
+    assert environment.keys == {"back": ("KeyB",), "forward": ("ArrowUp",), "wave": ()}
+    assert (environment.metrics[0].name, environment.successes) == ("coins", {"succeeded"})
+    assert environment.default.to_dict() == {"level": PATH, "kwargs": {"length": 3}, "max_steps": 6}
     assert (
-        rules.default.hash
-        != rules_of(f"gymnasium:{PATH}").configuration(rules.default.to_dict()).hash
+        environment.default.hash
+        != environment_of(f"gymnasium:{PATH}").configuration(environment.default.to_dict()).hash
     )
     assert (
-        "`info.home`" in rules.texts(rules.default).design
-        or "info.home" in rules.about.words.definition
+        "`info.home`" in environment.texts(environment.default).design
+        or "info.home" in environment.about.words.definition
     )
 
 
@@ -199,26 +199,29 @@ def test_a_package_offers_an_environment_under_a_name_of_its_own(tmp_path, monke
 
 def test_what_is_seen_is_said_of_the_arguments_that_it_holds_for_alone():
     rooms = "minigrid:MiniGrid-FourRooms-v0"
-    plain = GymnasiumRules(rooms)
+    plain = GymnasiumEnvironment(rooms)
     assert "People see the whole grid from above" in plain.texts(plain.default).design
     pov = Description(id=rooms, kwargs={"agent_pov": True})
-    rules = GymnasiumRules(pov.told)
-    assert rules.texts(rules.default).observations == ""
+    environment = GymnasiumEnvironment(pov.told)
+    assert environment.texts(environment.default).observations == ""
     said = Description(
         id=rooms, kwargs={"agent_pov": True}, people_see="7x7 cells", agents_see="7x7 cells"
     )
-    rules = GymnasiumRules(said.told)
+    environment = GymnasiumEnvironment(said.told)
     assert (
-        rules.texts(rules.default).observations
+        environment.texts(environment.default).observations
         == "People see 7x7 cells; agents are given the same."
     )
-    assert rules.texts(rules.configuration({"kwargs": {"agent_pov": False}})).observations == ""
+    assert (
+        environment.texts(environment.configuration({"kwargs": {"agent_pov": False}})).observations
+        == ""
+    )
 
 
 def test_a_photograph_is_shown_as_jpeg_and_everything_else_as_it_is():
     shown = {}
     for codec in ("png", "jpeg"):
-        here = GymnasiumRules(Description(id="FrozenLake-v1", codec=codec).told)
+        here = GymnasiumEnvironment(Description(id="FrozenLake-v1", codec=codec).told)
         run = here.run(here.default, 1)
         mime, _, packed = run.view().picture.partition(";base64,")
         assert mime == f"data:image/{codec}"

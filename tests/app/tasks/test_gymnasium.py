@@ -13,9 +13,9 @@ from PIL import Image
 
 from humanplay.study.verification import verify_database
 from humanplay.task import Choice, describe
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.description import Description
-from humanplay.tasks.gymnasium.rules import GymnasiumRules
+from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from humanplay.tasks.gymnasium.task import GymnasiumTask
 from humanplay.web.replays import frames as of_frames
 from humanplay.web.replays.frames import FrameCourses
@@ -58,7 +58,7 @@ def pixels(frame):
 
 def test_a_page_is_told_how_it_is_called_drawn_moved_and_measured(lake):
     about = begin(lake, lake.page())["task"]
-    assert about == describe(rules_of(LAKE))
+    assert about == describe(environment_of(LAKE))
     called = (about["name"], about["title"], about["assets"])
     assert called == ("gymnasium", "FrozenLake-v1", "picture")
     assert about["actions"] == ["left", "down", "right", "up"] == list(about["keys"])
@@ -173,7 +173,7 @@ def test_its_replay_is_a_page_and_files_of_what_was_shown(lake, tmp_path, capsys
     assert (told["run"]["name"], told["ghosts"], told["task"]) == (
         "You",
         [],
-        describe(rules_of(LAKE)),
+        describe(environment_of(LAKE)),
     )
     assert [frame["picture"] for frame in told["run"]["frames"]] == shown
     assert told["run"]["sentence"].endswith(
@@ -201,7 +201,7 @@ def test_its_replay_is_a_page_and_files_of_what_was_shown(lake, tmp_path, capsys
 
 
 def test_a_replay_of_texts_is_drawn_and_one_of_many_pictures_leaves_some_out(monkeypatch):
-    here = GymnasiumRules(Description(id="tests.support.environments:Path-v0").told)
+    here = GymnasiumEnvironment(Description(id="tests.support.environments:Path-v0").told)
     run = here.run(here.default, 1, bytes([1, 0] * 20))
     run.abandon()
     course = FrameCourses(here).course_of("A person", run.record())

@@ -19,7 +19,7 @@ from humanplay.report.statistics.study_figures import study_figures
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import default_protocol
 from humanplay.study.verification import verify_database
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.description import Description
 from humanplay.web.simulate import KEY_CODES, Participant, RefusedError
 from tests.support import made_studies
@@ -43,7 +43,7 @@ class Wanderer:
 
     def choose(self, frame):
         return self._dice.choice(
-            [each for each in rules_of(self._task).actions if each in KEY_CODES]
+            [each for each in environment_of(self._task).actions if each in KEY_CODES]
         )
 
 
@@ -174,7 +174,7 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert {(each["row"], each["col"]) for each in steps} == {("", "")}, "no rover stands anywhere"
     path = tmp_path / "bundle/study.sqlite"
     (task,) = {task for (task,) in ask(path, "SELECT task FROM episodes")}
-    actions = rules_of(task).actions
+    actions = environment_of(task).actions
     stored = ask(path, "SELECT episode_id, action FROM steps")
     assert sorted(told) == sorted((episode, actions[code]) for episode, code in stored)
     assert run("verify", "--dataset", tmp_path / "bundle") == 0
@@ -200,7 +200,7 @@ def test_a_server_of_another_task_says_what_to_do_and_one_of_this_takes_its_keys
         answer = server.page().post(f"/api/studies/{name}/join")
         server.stop()
         assert answer.status_code == 409
-        titles = rules_of(of).about.title, rules_of(plays).about.title
+        titles = environment_of(of).about.title, environment_of(plays).about.title
         assert "is of {}, and this server plays {}".format(*titles) in answer.json()["detail"]
     server = serve(task=LAKE)
     person = Participant(server.page(), "lake", Wanderer(0), server.clock)
@@ -213,7 +213,7 @@ def test_a_server_of_another_task_says_what_to_do_and_one_of_this_takes_its_keys
 
 def test_what_was_left_is_worth_what_is_spoilt_and_a_score_beyond_its_bounds_stops_no_report():
     task = f"gymnasium:{Description(id='FrozenLake-v1', bounds=(1, 500)).told}"
-    config = rules_of(task).default
+    config = environment_of(task).default
     protocol = default_protocol("lake", config, task, ranked=3)
 
     def trial(person, number, outcome, score, attestation="attested"):

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from humanplay.study.verification import verify_database
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.lock import GymnasiumLock
 from humanplay.tasks.lock import differences
 from tests.support.command import command
@@ -16,7 +16,7 @@ LAKE = "gymnasium:FrozenLake-v1"
 
 
 def test_what_differs_is_said_in_a_few_words():
-    here = rules_of(LAKE).lock.current()
+    here = environment_of(LAKE).lock.current()
     assert [*differences(here, here)] == []
     other = json.loads(json.dumps(here))
     other["packages"]["numpy"]["version"] = "1.26.4"
@@ -36,20 +36,20 @@ def test_what_differs_is_said_in_a_few_words():
 
 
 def test_an_episode_of_another_version_is_named_with_its_first_difference(monkeypatch):
-    rules = rules_of(LAKE)
-    run = rules.run(rules.default, 3, bytes([0, 1, 0]))
+    environment = environment_of(LAKE)
+    run = environment.run(environment.default, 3, bytes([0, 1, 0]))
     run.abandon()
     record, was = run.record(), "gymnasium 0.29.1, numpy 1.26.4"
     object.__setattr__(record, "core_version", was)
-    said = rules.lock.why_not_replayable(record, [0.0, 0.0, 0.0])
+    said = environment.lock.why_not_replayable(record, [0.0, 0.0, 0.0])
     assert said.startswith("cannot be simulated here: gymnasium ")
     assert "instead of 0.29.1, numpy " in said
     assert said.endswith("; no difference in 3 steps")
-    assert rules.lock.why_not_replayable(record, [0.0, 1.0, 0.0]).endswith(
+    assert environment.lock.why_not_replayable(record, [0.0, 1.0, 0.0]).endswith(
         "; first difference at step 2"
     )
     object.__setattr__(record, "trajectory_hash", "0")
-    assert rules.lock.why_not_replayable(record, [0.0, 0.0, 0.0]).endswith(
+    assert environment.lock.why_not_replayable(record, [0.0, 0.0, 0.0]).endswith(
         "; other observations in 3 steps"
     )
 
@@ -83,7 +83,7 @@ def test_a_study_is_served_where_it_was_frozen_alone(
     assert command(capsys, *new, *sizes, *database)[0] == 0
     assert command(capsys, "study", "freeze", "lake", "--underpowered", *database)[0] == 0
     protocol = json.loads((tmp_path / "playground.db-studies/lake/protocol.json").read_text())
-    assert protocol["lock"] == json.loads(json.dumps(rules_of(LAKE).lock.current()))
+    assert protocol["lock"] == json.loads(json.dumps(environment_of(LAKE).lock.current()))
     server = serve(task=LAKE)
     assert server.page().post("/api/studies/lake/join").status_code < 300
     other = {**protocol["lock"], part: {} if part == "packages" else "3.9.1"}

@@ -10,8 +10,8 @@ from onnx import TensorProto, helper
 from humanplay.release.bundle import initials
 from humanplay.study.verification import verify_database
 from humanplay.task import Choice, PolicyError
-from humanplay.task.registration import rules_of
-from humanplay.tasks.gymnasium.rules import GymnasiumRules
+from humanplay.task.registration import environment_of
+from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from humanplay.tasks.gymnasium.task import GymnasiumTask
 from humanplay.tasks.policies import chooser, prepare_source
 
@@ -151,19 +151,21 @@ def test_it_plays_beside_a_person_and_by_itself_and_both_are_verified(serve, tmp
 
 
 def test_moves_of_actions_that_share_an_initial_are_told_apart_in_a_release():
-    assert initials(rules_of("mars")) == "NESW"
+    assert initials(environment_of("mars")) == "NESW"
     for name in ("gymnasium:minigrid:MiniGrid-FourRooms-v0", "gymnasium:Taxi-v4"):
-        letters = initials(rules_of(name))
-        assert len(set(letters)) == len(rules_of(name).actions)
+        letters = initials(environment_of(name))
+        assert len(set(letters)) == len(environment_of(name).actions)
 
 
 def test_a_study_measures_them_on_its_seeds(made, balancing):
-    rules = GymnasiumRules("CartPole-v1")
-    found = [*rules.policies.play_all(["random", str(balancing)], rules.default, [4, 5])]
-    rules.policies.close()
+    environment = GymnasiumEnvironment("CartPole-v1")
+    found = [
+        *environment.policies.play_all(["random", str(balancing)], environment.default, [4, 5])
+    ]
+    environment.policies.close()
     assert [(source, seed) for source, seed, _, _ in found] == [
         ("random", 4), ("random", 5), (str(balancing), 4), (str(balancing), 5),
     ]  # fmt: skip
     for _, seed, moves, digest in found:
-        assert rules.run(rules.default, seed, moves).digest == digest
-    assert rules.policies.compared == ("random",)
+        assert environment.run(environment.default, seed, moves).digest == digest
+    assert environment.policies.compared == ("random",)

@@ -219,7 +219,7 @@ def freeze(name: str, underpowered: bool, folder: Folder, database: Path) -> Non
             f"Caution: of {BEGINNINGS} seeds only {looks} look{'s' * (looks == 1)} different at the start, so that "
             "whoever has played some instances may know the others"
         )
-    if math.isinf(found.protocol.rules.bounds(found.protocol.env_config)[0]):
+    if math.isinf(found.protocol.environment.bounds(found.protocol.env_config)[0]):
         echo(
             "Caution: no lowest score is declared (`bounds` of the environment's file): there is no mean score of everybody "
             "who began, nobody who gives up is in the per-protocol estimate, and no difference in score is tested"
@@ -473,7 +473,7 @@ def _planned(protocol: Protocol, folder: Folder) -> dict[str, float | None]:
     from humanplay.study.policy_episodes import tested_policies
     from humanplay.study.terrain_spread import terrain_sd
 
-    assumed = dict(protocol.rules.assumed(protocol.env_config, protocol.primary_metric))
+    assumed = dict(protocol.environment.assumed(protocol.env_config, protocol.primary_metric))
     fields: dict[str, float | None] = {
         name: number for name, number in assumed.items() if getattr(protocol, name) is None
     }

@@ -133,7 +133,7 @@ def scripts_of(data: StudyData) -> list[Cohort]:
 def _cohort(data: StudyData, name: str, kind: str, people: list[Person]) -> Cohort:
     protocol = data.protocol
     ranked, warm_up = (_finished(data, people, kind, phase) for phase in ("ranked", "warm_up"))
-    lowest, _ = protocol.rules.bounds(protocol.env_config)
+    lowest, _ = protocol.environment.bounds(protocol.env_config)
     return Cohort(
         name, kind, tuple(people), ranked, warm_up, protocol.ranked, protocol.warm_up, lowest
     )

@@ -23,8 +23,8 @@ from humanplay.report.statistics.exclusion_sets import MetricName
 from humanplay.report.statistics.formatting import counted
 from humanplay.report.statistics.intervals import estimate
 from humanplay.report.statistics.study_figures import MeanInterval, metric_bounds, worst_value
-from humanplay.task import Configuration, Rules
-from humanplay.task.registration import rules_of
+from humanplay.task import Configuration, Environment
+from humanplay.task.registration import environment_of
 from marsexplorer.intervals import Floats, t_interval
 
 LEAST_PLAYERS, LEAST_EPISODES = 5, 5
@@ -135,17 +135,17 @@ def mean_interval(values: Sequence[float]) -> MeanInterval:
 
 
 def _figure(task: str, config_json: str, players: Sequence[Sums]) -> VolunteerFigure:
-    rules, config = rules_of(task), parse_config(task, config_json)
+    environment, config = environment_of(task), parse_config(task, config_json)
     values = config.to_dict()
     entering = [sums for sums in players if sums.episodes >= LEAST_EPISODES]
     missing = max(0, LEAST_PLAYERS - len(entering))
     means: Means = {"as_played": None, "score": None, "steps": None, "completed": None}
     if not missing:
-        means = _means(rules, config, entering)
+        means = _means(environment, config, entering)
     figure: VolunteerFigure = {
         "task": task,
         "level": config.level,
-        "where": rules.texts(config).setting,
+        "where": environment.texts(config).setting,
         "config_hash": config.hash,
         "config": values,
         "population": "volunteers",
@@ -176,7 +176,7 @@ def _counts(players: Sequence[Sums]) -> Counts:
     }
 
 
-def _means(rules: Rules, config: Configuration, players: Sequence[Sums]) -> Means:
+def _means(environment: Environment, config: Configuration, players: Sequence[Sums]) -> Means:
     as_played: AsPlayed = {
         "score": _mean([sums.played_score / sums.episodes for sums in players]),
         "steps": _mean([sums.played_steps / sums.episodes for sums in players]),
@@ -185,17 +185,20 @@ def _means(rules: Rules, config: Configuration, players: Sequence[Sums]) -> Mean
     steps = np.array([sums.steps / sums.episodes for sums in players])
     return {
         "as_played": as_played if any(sums.spoilt for sums in players) else None,
-        "score": _interval_of(rules, config, "score", scores),
-        "steps": _interval_of(rules, config, "steps", steps),
+        "score": _interval_of(environment, config, "score", scores),
+        "steps": _interval_of(environment, config, "steps", steps),
         "completed": _mean([1 - sums.failed / sums.episodes for sums in players]),
     }
 
 
 def _interval_of(
-    rules: Rules, config: Configuration, metric: MetricName, means: Floats
+    environment: Environment, config: Configuration, metric: MetricName, means: Floats
 ) -> MeanInterval:
     """Mean, low and high over players; each has terrains of their own, so these are no term of it."""
-    bounds, worst = metric_bounds(rules, config, metric), worst_value(rules, config, metric)
+    bounds, worst = (
+        metric_bounds(environment, config, metric),
+        worst_value(environment, config, metric),
+    )
     figure = estimate(means[:, np.newaxis], bounds, worst, terrains_drawn=False)
     low, high = figure.interval or (None, None)
     return {"mean": figure.mean, "low": low, "high": high}
@@ -216,7 +219,7 @@ def _sentence(figure: VolunteerFigure) -> str:
         least = f"{counted(missing['of'], 'player')} with {counted(missing['episodes'], 'ranked episode')} each"
         return f"{place}: {who} so far{left}, and no mean yet. It needs {least}: {lacks}."
     score = f"mean score {_with_interval(figure['score'], '.3f')}"
-    steps = f"{_with_interval(figure['steps'], '.1f', rules_of(figure['task']).about.words.steps)}"
+    steps = f"{_with_interval(figure['steps'], '.1f', environment_of(figure['task']).about.words.steps)}"
     means = f"{score}, {steps}, {figure['completed']:.0%} completed"
     if played := figure["as_played"]:
         means += f"; with spoilt episodes as they were played {played['steps']:.1f} steps"

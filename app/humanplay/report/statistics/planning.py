@@ -90,7 +90,7 @@ class StudyDesign:
 
 def design_of(protocol: Protocol) -> StudyDesign:
     """The design of a protocol that names each assumption."""
-    rules, config, metric = protocol.rules, protocol.env_config, protocol.primary_metric
+    environment, config, metric = protocol.environment, protocol.env_config, protocol.primary_metric
     mean, player_sd = protocol.assumed_mean, protocol.assumed_player_sd
     terrain_sd, episode_sd = protocol.assumed_terrain_sd, protocol.assumed_episode_sd
     if mean is None or player_sd is None or terrain_sd is None or episode_sd is None:
@@ -105,8 +105,8 @@ def design_of(protocol: Protocol) -> StudyDesign:
         episode_sd=episode_sd,
         failed_share=protocol.assumed_failed_share,
         leaver_share=protocol.assumed_leaver_share,
-        bounds=metric_bounds(rules, config, metric),
-        worst=worst_value(rules, config, metric),
+        bounds=metric_bounds(environment, config, metric),
+        worst=worst_value(environment, config, metric),
         policies=len(tested_policies(protocol)),
         higher_is_better=metric == "score",
         terrains_drawn=protocol.terrains_drawn,
@@ -278,7 +278,7 @@ def least_difference(design: StudyDesign, power: float = WANTED_POWER) -> float 
 
 def metric_in_words(protocol: Protocol) -> str:
     """The primary metric, as the task calls it."""
-    words = protocol.rules.about.words
+    words = protocol.environment.about.words
     return words.score if protocol.primary_metric == "score" else words.steps
 
 

@@ -26,7 +26,7 @@ from humanplay.report.statistics.intervals import Estimate, Interval, estimate, 
 from humanplay.study.data import StudyData
 from humanplay.study.flow import BEGAN, Status
 from humanplay.study.protocol import PER_PROTOCOL, Protocol
-from humanplay.task import Configuration, Rules
+from humanplay.task import Configuration, Environment
 from marsexplorer.intervals import FEWEST, Floats
 
 PER_PROTOCOL_NAME = "per protocol"
@@ -215,7 +215,7 @@ def interval_for(protocol: Protocol) -> str:
 
 def figure_sentence(figure: StudyFigure, protocol: Protocol) -> str:
     """Return a figure that has at least one player as a sentence."""
-    words = protocol.rules.about.words
+    words = protocol.environment.about.words
     who = f"{counted(figure.players, 'player')}, {counted(figure.episodes, 'ranked episode')}"
     kind = "95 % interval "  # said once
     if not protocol.terrains_drawn:
@@ -250,16 +250,18 @@ def why_no_interval(estimate: Estimate) -> str | None:
     return "Players who do not differ give no interval."
 
 
-def metric_bounds(rules: Rules, config: Configuration, metric: MetricName) -> Interval:
+def metric_bounds(environment: Environment, config: Configuration, metric: MetricName) -> Interval:
     """Return the lowest and the highest mean that a player can have; steps lie in 1..limit."""
-    return (1.0, float(config.limit)) if metric == "steps" else rules.bounds(config)
+    return (1.0, float(config.limit)) if metric == "steps" else environment.bounds(config)
 
 
-def worst_value(rules: Rules, config: Configuration, metric: MetricName) -> float | None:
+def worst_value(
+    environment: Environment, config: Configuration, metric: MetricName
+) -> float | None:
     """Return the worst value of an episode: the limit, the lowest score; None where no lowest score is declared."""
     if metric == "steps":
         return float(config.limit)
-    lowest, _ = rules.bounds(config)
+    lowest, _ = environment.bounds(config)
     return lowest if np.isfinite(lowest) else None
 
 
@@ -272,13 +274,13 @@ def _figure(
     """
     if not ids:
         return StudyFigure(name, rule, erased=erased)
-    rules, config = data.protocol.rules, data.protocol.env_config
+    environment, config = data.protocol.environment, data.protocol.env_config
     drawn = data.protocol.terrains_drawn
     estimates: dict[str, Estimate] = {}
     ranges: dict[str, Interval | None] = {}
     for metric in METRICS:
-        table, bounds = cohort.table(ids, metric), metric_bounds(rules, config, metric)
-        worst = worst_value(rules, config, metric)
+        table, bounds = cohort.table(ids, metric), metric_bounds(environment, config, metric)
+        worst = worst_value(environment, config, metric)
         if worst is None and name == EVERYBODY:
             continue
         estimates[metric] = estimate(table, bounds, worst, drawn)

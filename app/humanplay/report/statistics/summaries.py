@@ -25,7 +25,7 @@ from humanplay.report.statistics.exclusion_sets import (
 from humanplay.report.statistics.human_level import mean_interval
 from humanplay.report.statistics.study_figures import MeanInterval
 from humanplay.study.data import StudyData, trial_records
-from humanplay.task import Configuration, Record, Rules
+from humanplay.task import Configuration, Environment, Record
 from marsexplorer.intervals import Floats, t_interval
 
 POINTS = 120
@@ -86,22 +86,22 @@ class TrialSummary(TypedDict):
     steps: MeanInterval
 
 
-def summary_of(rules: Rules, run: Any) -> EpisodeSummary:
+def summary_of(environment: Environment, run: Any) -> EpisodeSummary:
     """Return what figures need of an ended run of a task with courses, in 8 bytes a move."""
     record = run.record()
     return EpisodeSummary(
         outcome=record.outcome,
         score=record.score,
-        steps=record.steps if record.outcome in rules.successes else record.config.limit,
+        steps=record.steps if record.outcome in environment.successes else record.config.limit,
         discoveries=np.array(run.counts(), np.int32),
         path=np.array(run.path, np.int16),
         cells=run.cells,
     )
 
 
-def summary_of_record(rules: Rules, record: Record) -> EpisodeSummary:
+def summary_of_record(environment: Environment, record: Record) -> EpisodeSummary:
     """Return what figures need of a record, replayed; ValueError where it is another version's."""
-    return summary_of(rules, rules.replay_record(record))
+    return summary_of(environment, environment.replay_record(record))
 
 
 EpisodeGroup = Sequence[EpisodeSummary]
@@ -188,7 +188,7 @@ def summarize_groups(
     player's: both are left out.
     progress: (episodes replayed, in all)
     """
-    if data.protocol.rules.courses is None:
+    if data.protocol.environment.courses is None:
         return {}
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
     total = sum(len(unspoilt(own)) for cohort in cohorts for own in cohort.ranked.values())
@@ -210,8 +210,8 @@ def _pictures(
     for person in members(cohort, {}):
         own = []
         for trial, record in trial_records(reader, unspoilt(cohort.ranked[person])):
-            if trial.core_version == trial.rules.version:
-                own.append(summary_of_record(trial.rules, record))
+            if trial.core_version == trial.environment.version:
+                own.append(summary_of_record(trial.environment, record))
             advance()
         if own:
             groups.append(own)

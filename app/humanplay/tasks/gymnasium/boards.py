@@ -12,7 +12,7 @@ from typing import Any
 from weakref import WeakSet
 
 from humanplay.task import RunEndedError, SeenByAgent, TaskFullError
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.base import FAILED
 from humanplay.tasks.gymnasium.description import described
 from humanplay.tasks.gymnasium.run import GymnasiumConfig, GymnasiumRun, GymnasiumView
@@ -120,7 +120,7 @@ class BoardRun(GymnasiumRun):
 
     def _log_failure(self, action: int | None, error: Exception, then: str = "") -> None:
         """Tell the author, in the server's log, what failed at which move of which episode."""
-        names = rules_of(self._boards.task).actions
+        names = environment_of(self._boards.task).actions
         _log.error(
             "%s failed%s, seed %d, step %d, action %s: %s",
             self.config.level,
@@ -133,7 +133,7 @@ class BoardRun(GymnasiumRun):
         )
 
     def _is_action(self, action: int) -> bool:
-        return 0 <= action < len(rules_of(self._boards.task).actions)
+        return 0 <= action < len(environment_of(self._boards.task).actions)
 
     def step(self, action: int) -> float:
         """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action.
@@ -192,12 +192,12 @@ class BoardRun(GymnasiumRun):
 
 def prepare(task: str) -> None:
     """Import the environment and draw it once (`humanplay.tasks.processes`)."""
-    rules_of(task).prepare()
+    environment_of(task).prepare()
 
 
 def work(task: str, request: Mapping[str, Any]) -> Work:
     """Play one board: yield what its moves so far came to, then what each action that is sent leads to."""
-    run = GymnasiumRun(rules_of(task).configuration(request["config"]), request["seed"])
+    run = GymnasiumRun(environment_of(task).configuration(request["config"]), request["seed"])
     run.is_live = True
     for step, action in enumerate(request["actions"], 1):
         run.step(action)

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from humanplay.task import counted
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.pictures import pixels_of
 from humanplay.tasks.gymnasium.values import bytes_of, finite
 
@@ -95,7 +95,7 @@ class Examination:
     @property
     def verdict(self) -> str:
         """Return the verdict in a sentence."""
-        title = rules_of(self.task).about.title
+        title = environment_of(self.task).about.title
         if self.differences:
             return f"{title} does not follow from seed and actions: {self.differences[0]}"
         return f"{title}: no difference in {counted(self.steps, 'step')}"
@@ -118,15 +118,15 @@ def examine(
 
     steps     moves for each seed; where an episode ends, another begins on the next seed
     progress  called with (processes done, of how many)
-    config    what `GymnasiumRules.configuration` takes
+    config    what `GymnasiumEnvironment.configuration` takes
     rule      module:function, which returns an action for an observation; uniform and sticky actions take turns with it
     """
-    rules = rules_of(task)
-    settings = rules.configuration(config or {}).to_dict()
+    environment = environment_of(task)
+    settings = environment.configuration(config or {}).to_dict()
     advance = progress or (lambda done, total: None)
     runs = [(variant, variables) for variant in CAUSES for variables in RUNS[variant]]
     total, workers = len(runs) + 1, max(1, min(4, os.cpu_count() or 1))
-    request = {"task": task, "config": settings, "actions": len(rules.actions)}
+    request = {"task": task, "config": settings, "actions": len(environment.actions)}
     request |= {"seeds": seeds, "rule": rule, "steps": steps}
     with tempfile.TemporaryDirectory() as here, tempfile.TemporaryDirectory() as there:
         first = _play({**request, "variant": "first"}, here, {})
@@ -153,7 +153,7 @@ def examine(
         first_of.get(TOLERATED),
         _median(ms for each in costs for ms in each["step"]),
         _median(ms for each in costs for ms in each["picture"]),
-        (rows, columns), int(_median(size for each in costs for size in each["bytes"])), rules.keys,
+        (rows, columns), int(_median(size for each in costs for size in each["bytes"])), environment.keys,
     )  # fmt: skip
 
 
@@ -206,8 +206,8 @@ MARK = "doctor: "
 
 def _child(request: Mapping[str, Any]) -> None:
     """Play a request's seeds and print each episode."""
-    rules, variant = rules_of(request["task"]), request["variant"]
-    config = rules.configuration(request["config"])
+    environment, variant = environment_of(request["task"]), request["variant"]
+    config = environment.configuration(request["config"])
     score: str = config.description.score
     make, seeds = config.make, list(range(request["seeds"]))
     used = make(0) if variant == TOLERATED else None

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.run import GymnasiumRun
 from humanplay.tasks.policies import chooser, prepare_source
 from humanplay.tasks.processes import Work
@@ -15,14 +15,14 @@ from humanplay.tasks.processes import Work
 def prepare(argument: str) -> None:
     """Import the environment and what the policy needs (`humanplay.tasks.processes`)."""
     task, source = json.loads(argument)
-    rules_of(task).prepare()
+    environment_of(task).prepare()
     prepare_source(source)
 
 
 def work(argument: str, request: Mapping[str, Any]) -> Work:
     """Play one episode: yield an action for the moves that are sent, or, for "play", the whole episode."""
     task, source = json.loads(argument)
-    run = GymnasiumRun(rules_of(task).configuration(request["config"]), request["seed"])
+    run = GymnasiumRun(environment_of(task).configuration(request["config"]), request["seed"])
     choose = chooser(source, run.action_count, request["policy_seed"])
     question, decided = (yield "ready"), -1
     while True:

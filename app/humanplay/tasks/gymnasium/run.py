@@ -51,7 +51,7 @@ class GymnasiumConfig:
         return described(self.told).id
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the values that `GymnasiumRules.configuration` takes."""
+        """Return the values that `GymnasiumEnvironment.configuration` takes."""
         kwargs = json.loads(self.arguments)
         return {"level": self.level, "kwargs": kwargs, "max_steps": self.limit}
 

@@ -9,13 +9,13 @@ from humanplay.task import Choice, Run
 from humanplay.task.registration import Start
 from humanplay.tasks.base import BaseTask
 from humanplay.tasks.gymnasium.boards import BoardRun, Boards
-from humanplay.tasks.gymnasium.rules import POLICIES, GymnasiumRules
+from humanplay.tasks.gymnasium.environment import POLICIES, GymnasiumEnvironment
 from humanplay.tasks.gymnasium.run import GymnasiumConfig, GymnasiumRun
 from humanplay.tasks.policies import ProcessPolicies
 from humanplay.tasks.processes import guards_of
 
 
-class GymnasiumTask(BaseTask, GymnasiumRules):
+class GymnasiumTask(BaseTask, GymnasiumEnvironment):
     """The environment that a description tells of, as a server offers it (`humanplay.task.Task`)."""
 
     def __init__(
@@ -51,5 +51,5 @@ class GymnasiumTask(BaseTask, GymnasiumRules):
 
 def serve(variant: str, start: Start) -> GymnasiumTask:
     """The task of a server; ValueError if it cannot be played here."""
-    GymnasiumRules(variant).prepare()
+    GymnasiumEnvironment(variant).prepare()
     return GymnasiumTask(variant, map(str, start.policies), start.hidden)

@@ -11,9 +11,9 @@ from humanplay.task import Cause, Choice, Policies
 from humanplay.task.registration import Start
 from humanplay.tasks.base import BaseTask
 from humanplay.tasks.mars.compilation import Compilation
+from humanplay.tasks.mars.environment import MarsEnvironment, environment
 from humanplay.tasks.mars.messages import DRAWN_LEVELS, NewEpisode, NewSession
 from humanplay.tasks.mars.policies import PolicyCatalogue, check_file
-from humanplay.tasks.mars.rules import MarsRules, rules
 from humanplay.tasks.mars.run import MarsRun
 from humanplay.tasks.mars.terrains import GivenTerrain, MapCatalogue
 from marsexplorer.config import ALL_LEVELS, MAP, EnvConfig
@@ -28,7 +28,7 @@ EXAMPLES = Path(__file__).with_name("levels.json")
 """A terrain of each level by its name: rocks as bits of rows. `python -m tests.support.level_examples` draws them."""
 
 
-class Mars(BaseTask, MarsRules):
+class Mars(BaseTask, MarsEnvironment):
     """MarsExplorer (`humanplay.task.Task`) with the policies and the maps that a server offers."""
 
     def __init__(
@@ -128,7 +128,7 @@ def _examples() -> dict[str, list[int]]:
 
 def serve(variant: str, start: Start) -> Mars:
     """The task of a server; LookupError, ValueError or OSError if a file is none, or a variant is named."""
-    rules(variant)
+    environment(variant)
     for path in start.policies:
         check_file(path)
     compilation = Compilation() if start.compiles_beside else None

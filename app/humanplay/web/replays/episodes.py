@@ -9,8 +9,8 @@ from pathlib import Path
 
 from humanplay.db.reader import Reader
 from humanplay.db.trial import Trial
-from humanplay.task import DrawnReplays, Record, Rules
-from humanplay.task.registration import rules_of
+from humanplay.task import DrawnReplays, Environment, Record
+from humanplay.task.registration import environment_of
 from humanplay.web.replays.frames import FrameCourses
 
 NAMES = {"you": "You", "human": "A person", "synthetic": "A synthetic player", "script": "A script"}
@@ -63,11 +63,11 @@ class ShownEpisode:
             return reader.load_record(self.id)
 
 
-def courses_of(episode: ShownEpisode, served: Rules | None = None) -> DrawnReplays:
+def courses_of(episode: ShownEpisode, served: Environment | None = None) -> DrawnReplays:
     """Return what makes courses of an episode's task; `served` is that of a server, whose runs are guarded."""
     task = episode.trial.task
-    rules = served if served and served.name == task else rules_of(task)
-    return rules.courses or FrameCourses(rules)
+    environment = served if served and served.name == task else environment_of(task)
+    return environment.courses or FrameCourses(environment)
 
 
 def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> ShownEpisode:

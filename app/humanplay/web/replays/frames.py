@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
-from humanplay.task import GhostError, PolicyOffer, Record, Rules, describe
+from humanplay.task import Environment, GhostError, PolicyOffer, Record, describe
 
 MOST_BYTES = 16 * 2**20
 """Bytes of pictures that a replay holds; of one with more every second, third, ... frame is left out."""
@@ -29,7 +29,7 @@ class FrameCourse:
     name     who drove
     task     `humanplay.task.describe` of it
     actions  the names of the moves
-    frames   its public frames (`Rules.frames`), from the start to the end, some left out
+    frames   its public frames (`Environment.frames`), from the start to the end, some left out
     """
 
     name: str
@@ -124,19 +124,19 @@ def _picture(frame: dict[str, Any]) -> Image.Image:
 
 @dataclass(frozen=True)
 class FrameCourses:
-    """Makes the courses of a task that has none of its own, as `Rules.courses` does for others; no policy is beside them."""
+    """The courses of a task without `Environment.courses`; no policy is beside them."""
 
-    rules: Rules
+    environment: Environment
 
     def course_of(self, name: str, record: Record) -> FrameCourse:
         """Return the course of a finished episode, played again; ValueError where it cannot be played here."""
-        if record.core_version != self.rules.version:
+        if record.core_version != self.environment.version:
             raise ValueError(f"the episode was played under {record.core_version}")
-        frames = self.rules.frames(record, "")
+        frames = self.environment.frames(record, "")
         size = sum(len(frame["picture"] or frame["text"] or "") for frame in frames)
         kept = (*frames[: -1 : 1 + size // MOST_BYTES], frames[-1])
-        actions = tuple(self.rules.actions[action] for action in record.actions)
-        return FrameCourse(name, describe(self.rules), record.config.level, actions, kept)
+        actions = tuple(self.environment.actions[action] for action in record.actions)
+        return FrameCourse(name, describe(self.environment), record.config.level, actions, kept)
 
     def choices(self, offers: Sequence[PolicyOffer], config: Any) -> list[str]:
         """Return no policy."""
@@ -147,4 +147,4 @@ class FrameCourses:
 
     def play_ghost(self, source: str, record: Record) -> NoReturn:
         """Raise GhostError."""
-        raise GhostError(f"no policy is shown beside an episode of {self.rules.about.title}")
+        raise GhostError(f"no policy is shown beside an episode of {self.environment.about.title}")

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from humanplay.board.spectators import Replayer
 from humanplay.jobs import Jobs
 from humanplay.task import Course, GhostError, PolicyOffer, RunEndedError, Task
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from humanplay.web.replays.episodes import (
     Asker,
     ShownEpisode,
@@ -112,7 +112,7 @@ class Replays:
 
     def _plays(self, task: str) -> bool:
         """Whether it is the server's task, or one whose episodes are drawn in the server's process."""
-        return task == self._task.name or rules_of(task).courses is not None
+        return task == self._task.name or environment_of(task).courses is not None
 
     def _replay(self, episode: ShownEpisode) -> Replay:
         """Return a replay that is kept, or is made and kept: call it on the replayer's one thread."""

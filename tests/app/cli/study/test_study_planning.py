@@ -16,7 +16,7 @@ from humanplay.cli.main import cli
 from humanplay.study.folder import Folder
 from humanplay.study.policy_episodes import play_policies
 from humanplay.study.protocol import Declarations
-from humanplay.task.registration import rules_of
+from humanplay.task.registration import environment_of
 from marsexplorer.config import EnvConfig
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS, DECLARATIONS_FILE
@@ -75,7 +75,7 @@ def test_the_terrains_spread_is_that_of_the_policies_on_200_other_terrains(study
     study("new", "mine", *SHORT)
     config = EnvConfig.of("random", (7, 9))
     played = play_policies(
-        ("frontier-cost",), rules_of("mars"), config, {seed: seed for seed in range(200)}
+        ("frontier-cost",), environment_of("mars"), config, {seed: seed for seed in range(200)}
     )
     steps = [len(episode.actions) for episode in played]
     draft = Folder(tmp_path / "playground.db-studies").draft("mine")

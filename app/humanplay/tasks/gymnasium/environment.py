@@ -15,7 +15,7 @@ from pydantic import Field
 
 from humanplay.board.messages import NewBoard, NewEpisode, Sent
 from humanplay.task import About, Messages, Metric, Policies, Texts
-from humanplay.tasks.base import BaseRules
+from humanplay.tasks.base import BaseEnvironment
 from humanplay.tasks.gymnasium.about import about, texts_of
 from humanplay.tasks.gymnasium.description import (
     DEFAULT_LIMIT,
@@ -66,8 +66,8 @@ class History(Sent):
     headlines: list[float | None]
 
 
-class GymnasiumRules(BaseRules):
-    """The rules of the environment that a description tells of (`humanplay.task.Rules`)."""
+class GymnasiumEnvironment(BaseEnvironment):
+    """The environment that a description names (`humanplay.task.Environment`)."""
 
     assets: ClassVar[str] = "picture"
     messages: ClassVar[Messages] = Messages(NewBoard, NewEpisode, Frame, History)
@@ -143,7 +143,7 @@ class GymnasiumRules(BaseRules):
             raise ValueError(f"{said}, got {limit!r}")
         return GymnasiumConfig(self._told, canonical(kwargs), limit)
 
-    def environment(self, config: GymnasiumConfig) -> Any:
+    def gymnasium_env(self, config: GymnasiumConfig) -> Any:
         """Return a new environment."""
         return config.make()
 
@@ -197,6 +197,6 @@ class GymnasiumRules(BaseRules):
         return run
 
 
-def rules(told: str) -> GymnasiumRules:
+def environment(told: str) -> GymnasiumEnvironment:
     """Return the rules of an environment by what describes it; ValueError where there is none."""
-    return GymnasiumRules(told)
+    return GymnasiumEnvironment(told)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import marsexplorer  # noqa: F401  # registers the environment
 from humanplay.task import About, Cause, Courses, Messages, Metric, Policies, Texts
-from humanplay.tasks.base import BaseRules, ExactLock
+from humanplay.tasks.base import BaseEnvironment, ExactLock
 from humanplay.tasks.mars.about import ABOUT, texts_of
 from humanplay.tasks.mars.boards import MarsBoards
 from humanplay.tasks.mars.messages import (
@@ -48,13 +48,13 @@ METRICS = (
     Metric("steps to 99 %", "moves", 0.0, None, "lower"),
 )
 ASSUMED_MEAN, ASSUMED_PLAYER_SD, ASSUMED_TERRAIN_SD, ASSUMED_EPISODE_SD = 118.0, 27.0, 12.0, 27.0
-"""Steps to 99 % on 441 cells, of episodes that reach it (`MarsRules.assumed`)."""
+"""Steps to 99 % on 441 cells, of episodes that reach it (`MarsEnvironment.assumed`)."""
 MAX_REPLAY_CELLS = 2_000_000
 """Most cells in the frames of one replay: beyond it some frames are left out."""
 
 
-class MarsRules(BaseRules):
-    """MarsExplorer's part in reading what is stored (`humanplay.task.Rules`)."""
+class MarsEnvironment(BaseEnvironment):
+    """MarsExplorer's part in reading what is stored (`humanplay.task.Environment`)."""
 
     name: ClassVar[str] = "mars"
     about: ClassVar[About] = ABOUT
@@ -71,7 +71,7 @@ class MarsRules(BaseRules):
         """Return the configuration of plain values; ValueError or TypeError where they are none."""
         return EnvConfig(**values)
 
-    def environment(self, config: EnvConfig) -> Any:
+    def gymnasium_env(self, config: EnvConfig) -> Any:
         """Return the environment whose observations are uint8[rows, cols]."""
         names = ("level", "sensor_radius", "beta", "max_steps")
         given = {name: getattr(config, name) for name in names}
@@ -219,11 +219,11 @@ class MarsRules(BaseRules):
         return [json.loads(each) for each in texts]
 
 
-def rules(variant: str) -> MarsRules:
+def environment(variant: str) -> MarsEnvironment:
     """Return the rules; ValueError where a variant is named, since there is none."""
     if variant:
         raise ValueError(f"the task mars has no variants, got {variant!r}")
-    return MarsRules()
+    return MarsEnvironment()
 
 
 @lru_cache(maxsize=1024)

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from humanplay.board.messages import NewBoard, NewEpisode, Sent
 from humanplay.task import About, Messages, Metric, Texts, Words
-from humanplay.tasks.base import BaseRules, CodePolicies, EpisodeRecord, ExactLock
+from humanplay.tasks.base import BaseEnvironment, CodePolicies, EpisodeRecord, ExactLock
 
 VERSION = "maze 1"
 MOVES = {"up": (-1, 0), "right": (0, 1), "down": (1, 0), "left": (0, -1)}
@@ -46,7 +46,7 @@ class MazeConfig:
             )
 
     def to_dict(self) -> dict[str, Any]:
-        """The values that `MazeRules.configuration` takes."""
+        """The values that `MazeEnvironment.configuration` takes."""
         return asdict(self)
 
     @cached_property
@@ -249,8 +249,8 @@ class Dice:
         return self._dice.randrange(len(ACTIONS))
 
 
-class MazeRules(BaseRules):
-    """The rules of the maze (`humanplay.task.Rules`)."""
+class MazeEnvironment(BaseEnvironment):
+    """The maze (`humanplay.task.Environment`)."""
 
     name, version, assets = "maze", VERSION, "maze"
     about = About("Maze", WORDS, "Find the way from the upper left to the lower right corner.")
@@ -290,12 +290,12 @@ class MazeRules(BaseRules):
             run.step(action)
         return run
 
-    def environment(self, config: MazeConfig) -> Any:
+    def gymnasium_env(self, config: MazeConfig) -> Any:
         raise ValueError("the maze is no environment of Gymnasium: leave out the Minari data set")
 
 
-def rules(variant: str) -> MazeRules:
+def environment(variant: str) -> MazeEnvironment:
     """The rules; ValueError if a variant is named, since there is none."""
     if variant:
         raise ValueError(f"the maze has no variants, got {variant!r}")
-    return MazeRules()
+    return MazeEnvironment()
