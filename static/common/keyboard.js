@@ -6,6 +6,32 @@ export const actionOf = (keys, code) => Object.keys(keys).find((action) => keys[
 /** @param {Keys} keys @param {string} code @returns {Action | undefined} an action that a key helps to cause: its own, or of a combination */
 export const partOf = (keys, code) => actionOf(keys, code) ?? Object.keys(keys).find((action) => keys[action].some((each) => each.split("+").includes(code)));
 
+/** What keyboards, remote controls and assistive tools call the arrows where no code says which key it is. */
+const ARROWS = /^(?:Arrow|UIKeyInput)?(Up|Right|Down|Left)(?:Arrow)?$/;
+/** The arrows that are printed on a number pad. */
+const ON_PAD = Object.freeze({ Numpad8: "ArrowUp", Numpad6: "ArrowRight", Numpad2: "ArrowDown", Numpad4: "ArrowLeft" });
+/** The arrows by the number that old tools send alone. */
+const BY_NUMBER = Object.freeze({ 37: "ArrowLeft", 38: "ArrowUp", 39: "ArrowRight", 40: "ArrowDown" });
+
+/** @param {string} key of an event @returns {string | undefined} the code of the key on which it stands */
+function codeOfKey(key) {
+  const [, toward] = ARROWS.exec(key) ?? [];
+  if (toward) return `Arrow${toward}`;
+  if (/^[a-z]$/i.test(key)) return `Key${key.toUpperCase()}`;
+  if (/^\d$/.test(key)) return `Digit${key}`;
+  return key === " " || key === "Spacebar" ? "Space" : /^[A-Z][A-Za-z]+$/.test(key) && key !== "Unidentified" ? key : undefined;
+}
+
+/** Return the codes that a key may stand for, the likeliest first: its own, else the one that its meaning names. Android's
+ * keyboards, remote controls and some assistive tools send no code.
+ * @param {Pick<KeyboardEvent, "code" | "key" | "keyCode">} event @returns {string[]} */
+export function codesOf({ code, key, keyCode }) {
+  const isNamed = Boolean(code) && code !== "Unidentified";
+  const meant = codeOfKey(key ?? "") ?? /** @type {Record<number, string>} */ (BY_NUMBER)[keyCode];
+  const codes = isNamed ? [code, meant?.startsWith("Arrow") ? meant : "", /** @type {Record<string, string>} */ (ON_PAD)[code]] : [meant];
+  return codes.filter(Boolean);
+}
+
 const BUTTON_LIKE = /^(button|submit|reset|checkbox|image|file|color)$/;
 
 /** Return whether arrows and letters belong to the element: fields, sliders, tabs, an open dialog.
@@ -48,12 +74,15 @@ export function timeOf_ms(event, view, page) {
  *   onEnter    Enter outside fields; true when it was used
  *   onLetGo    any key came up, wherever the focus was: its code; null when the window lost the focus or a chord
  *              began, after which some systems report no key that comes up
- *   actionOf   the action of a key's code; undefined lets the key pass
+ *   codeOf     the code by which a key drives; undefined where it does not
+ *   actionOf   the action of such a code; undefined lets the key pass
  *   onEvent    any key went down or came up, whatever becomes of it; `isOwn` where it belongs to what has the focus
  * @param {View} view
- * @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void, onRelease: (at_ms: number) => void,
- *   onEnter: (event: KeyboardEvent) => boolean, actionOf: (code: string) => Action | undefined,
- *   onLetGo?: (code: string | null) => void, onEvent?: (event: KeyboardEvent, isOwn: boolean, at_ms: number) => void}} handlers
+ * @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number, code: string) => void,
+ *   onRelease: (at_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean,
+ *   codeOf: (event: KeyboardEvent) => string | undefined, actionOf: (code: string) => Action | undefined,
+ *   onLetGo?: (code: string | null) => void,
+ *   onEvent?: (event: KeyboardEvent, code: string | undefined, isOwn: boolean, at_ms: number) => void}} handlers
  * @param {View} page with the clock that counts */
 export function hookKeys(view, handlers, page) {
   /** @param {KeyboardEvent} event */
@@ -61,19 +90,20 @@ export function hookKeys(view, handlers, page) {
   /** @param {KeyboardEvent} event */
   function handle(event) {
     const isOwn = ownsKeys(keyOrigin(event));
-    handlers.onEvent?.(event, isOwn, at_ms(event));
+    const code = handlers.codeOf(event);
+    handlers.onEvent?.(event, code, isOwn, at_ms(event));
     if (event.ctrlKey || event.metaKey || event.altKey) handlers.onLetGo?.(null);
-    else if (event.type === "keyup") handlers.onLetGo?.(event.code);
+    else if (event.type === "keyup") handlers.onLetGo?.(code ?? event.code);
     if (event.ctrlKey || event.metaKey || event.altKey || event.isComposing || isOwn) return;
     if (event.key === "Enter" && event.type === "keydown" && !event.repeat) {
       if (handlers.onEnter(event)) swallow(event);
       return;
     }
-    const action = handlers.actionOf(event.code);
-    if (!action) return;
+    const action = code && handlers.actionOf(code);
+    if (!code || !action) return;
     swallow(event);
     if (event.type === "keyup") handlers.onRelease(at_ms(event));
-    else if (!event.repeat) handlers.onPress(action, event, at_ms(event));
+    else if (!event.repeat) handlers.onPress(action, event, at_ms(event), code);
   }
   view.addEventListener("keydown", handle, true);
   view.addEventListener("keyup", handle, true);
@@ -99,14 +129,14 @@ const round = (ms) => Math.round(ms * 10) / 10;
 /** Start the controls, and return how another gesture presses. Raw events are noted before anything is made of them.
  *   frames   in which keys drive as well, such as the 3-D views
  *   pad      whose buttons may change
- *   drives   whether a key's code is noted
+ *   codeOf   the code by which a key is noted; undefined where it does not drive
  *   onAct    a press, its time, and what is held until `onLetGo` names it: a key's code or a button's
  *   onLetGo  what came up; null where all counts as let go
  * @param {{frames: HTMLIFrameElement[], pad: HTMLElement, telemetry: Pick<Telemetry, "note" | "look" | "flush" | "leave">,
- *   drives: (code: string) => boolean, onActivity?: () => void, onAct: (action: Action, timing: Timing,
+ *   codeOf: (event: KeyboardEvent) => string | undefined, onActivity?: () => void, onAct: (action: Action, timing: Timing,
  *   pressedAt_ms: number, holder: string) => void, onEnter: (event: KeyboardEvent) => boolean,
  *   actionOf: (code: string) => Action | undefined, onLetGo?: (holder: string | null) => void}} how */
-export function startControls({ frames, pad, telemetry: { note, look, flush, leave }, drives, onActivity, onAct, onEnter, actionOf, onLetGo }) {
+export function startControls({ frames, pad, telemetry: { note, look, flush, leave }, codeOf, onActivity, onAct, onEnter, actionOf, onLetGo }) {
   /** @type {number | null} */
   let up_ms = null;
   /** @param {"key" | "touch"} input @param {Action} action @param {globalThis.Event} event @param {number} at_ms
@@ -123,12 +153,12 @@ export function startControls({ frames, pad, telemetry: { note, look, flush, lea
   }
   /** @type {Parameters<typeof hookKeys>[1]} */
   const handlers = {
-    onPress: (action, event, at_ms) => press("key", action, event, at_ms, event.code),
+    onPress: (action, event, at_ms, code) => press("key", action, event, at_ms, code),
     onRelease: (at_ms) => { up_ms = at_ms; },
-    onEnter, actionOf, onLetGo,
-    onEvent({ type, code, repeat, isTrusted: trusted }, isOwn, at_ms) {
+    onEnter, codeOf, actionOf, onLetGo,
+    onEvent({ type, repeat, isTrusted: trusted }, code, isOwn, at_ms) {
       if (type === "keydown") onActivity?.();
-      if (drives(code) && !isOwn) note(/** @type {"keydown"} */ (type), { code, repeat, trusted, at_ms });
+      if (code && !isOwn) note(/** @type {"keydown"} */ (type), { code, repeat, trusted, at_ms });
     },
   };
   hookKeys(window, handlers, window);

@@ -1,9 +1,13 @@
 // One session's socket, which heals itself: it reports every message and its own health, and reconnects with growing waits.
 import { api, ROOT } from "./api.js";
 import { askHistory, parse } from "./messages.js";
+import { HELD_BACK_TEXT } from "./words.js";
 
 /** How long a socket has to answer before it is taken for lost, ms. */
 const ANSWER_MS = 1500;
+
+/** After so many sockets that did not open, while the server answers otherwise, something between holds them back. */
+const HELD_BACK = 2;
 
 /** @param {number} attempt counted from 0 @returns the wait before attempt k, in ms: 250, 500, ... at most 5,000 */
 export const backoff_ms = (attempt) => Math.min(5000, 250 * 2 ** attempt);
@@ -11,12 +15,14 @@ export const backoff_ms = (attempt) => Math.min(5000, 250 * 2 ** attempt);
 /** Follow a session until `close`.
  *   onLink       "open" once joined, "lost" the moment it breaks
  *   beforeRetry  asked before each new attempt; it answers false when the session is gone for good
+ *   onHeldBack   the server answers, and yet no socket has opened so many times
  * @param {{url: string, onMessage: (message: FromServer) => void, onLink: (link: "open" | "lost") => void,
- *   beforeRetry: () => Promise<boolean>}} how */
-export function follow({ url, onMessage, onLink, beforeRetry }) {
+ *   beforeRetry: () => Promise<boolean>, onHeldBack?: () => void}} how */
+export function follow({ url, onMessage, onLink, beforeRetry, onHeldBack }) {
   /** @type {WebSocket | null} */
   let socket = null;
   let attempt = 0;
+  let unopened = 0; // sockets in a row that closed before they opened
   let round = 0;
   let isClosed = false;
   let timer = 0;
@@ -35,8 +41,18 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
       const message = parse(event.data);
       if (message && mine === socket) onMessage(message);
     };
-    mine.onopen = () => mine === socket && onLink("open");
-    mine.onclose = () => mine === socket && retry();
+    let hasOpened = false;
+    mine.onopen = () => {
+      if (mine !== socket) return;
+      hasOpened = true;
+      unopened = 0;
+      onLink("open");
+    };
+    mine.onclose = () => {
+      if (mine !== socket) return;
+      if (!hasOpened) unopened += 1;
+      retry();
+    };
   }
   function retry() {
     if (isClosed) return;
@@ -47,8 +63,12 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
     timer = setTimeout(async () => {
       const mayRetry = await beforeRetry().catch(() => null);
       if (isClosed || mine !== round || mayRetry === false) return; // another round began meanwhile: one socket, not two
-      if (mayRetry === null) retry();
-      else connect();
+      if (mayRetry === null) {
+        unopened = 0; // no server answers at all
+        return retry();
+      }
+      if (unopened >= HELD_BACK) onHeldBack?.();
+      connect();
     }, backoff_ms(attempt++));
   }
   function endDoubt() {
@@ -159,7 +179,9 @@ export function startBoards({ moves, telemetry, dispatch, isLost, onAnswered, on
     if (role !== "player") return;
     if (link === "open") telemetry.reconnected();
     dispatch({ kind: "link", link });
+    if (link === "open") dispatch({ kind: "dismiss", text: HELD_BACK_TEXT });
   }
+  const onHeldBack = () => dispatch({ kind: "notice", text: HELD_BACK_TEXT });
   const restart = () => open.forEach(({ follower }) => follower.restart());
   startHeartbeat({
     waited_ms: () => (isLost() ? Infinity : performance.now() - owedSince_ms),
@@ -194,7 +216,7 @@ export function startBoards({ moves, telemetry, dispatch, isLost, onAnswered, on
         const { session } = board;
         if (!open.has(role)) {
           const follower = follow({ url: socketUrl(session), onMessage: (message) => onMessage(role, message),
-            onLink: (link) => onLink(role, link), beforeRetry: () => beforeRetry(role, session) });
+            onLink: (link) => onLink(role, link), beforeRetry: () => beforeRetry(role, session), onHeldBack });
           open.set(role, { session, follower, askedFor: null });
         }
         const link = /** @type {NonNullable<ReturnType<typeof open.get>>} */ (open.get(role));

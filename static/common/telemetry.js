@@ -2,6 +2,7 @@
 // episode, 200 events at most, each with the ids of this load of the page and of its tab. The events that caused a move
 // are sent before it, on the same socket, since the server compares the two.
 import { events } from "./messages.js";
+import { tabStore } from "./storage.js";
 
 /** Events in a batch at most. */
 export const BATCH_SIZE = 200;
@@ -25,15 +26,15 @@ const TAB = "humanplay.tab";
 
 /** Return what this tab keeps from one load of its page to the next; each load is a tab of its own where the browser
  * blocks storage.
- * @param {string} key of the batches @returns {{tab: string, stored: Batch[], store: (batches: Batch[]) => void}} */
-export function tabStorage(key) {
-  try {
-    const tab = sessionStorage.getItem(TAB) ?? drawId();
-    sessionStorage.setItem(TAB, tab);
-    return { tab, stored: JSON.parse(sessionStorage.getItem(key) ?? "[]"), store: (batches) => sessionStorage.setItem(key, JSON.stringify(batches)) };
-  } catch {
-    return { tab: drawId(), stored: [], store() {} };
-  }
+ * @param {string} key of the batches @param {Store} [storage]
+ * @returns {{tab: string, stored: Batch[], store: (batches: Batch[]) => void}} */
+export function tabStorage(key, storage = tabStore) {
+  const before = storage.getItem(TAB) ?? "";
+  const tab = /^[0-9a-f]{32}$/.test(before) ? before : drawId();
+  storage.setItem(TAB, tab);
+  const batches = storage.read(key);
+  const stored = Array.isArray(batches) ? batches.filter((batch) => Array.isArray(batch?.events)) : [];
+  return { tab, stored, store: (unanswered) => storage.setItem(key, JSON.stringify(unanswered)) };
 }
 
 /** Return the episode and the step on screen; episode null where nothing is to be kept.

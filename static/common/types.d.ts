@@ -15,6 +15,8 @@ type Size = Answers.Board["size"];
 type Watched = Omit<Answers.Watched, "task"> & {task: Task};
 /** The page, or a frame in it. */
 type View = Window & typeof globalThis;
+/** What a browser keeps, and never throws; `read` is null where there is no JSON. */
+type Store = Pick<globalThis.Storage, "getItem" | "setItem" | "removeItem"> & {read<T>(key: string): T | null, isKept(): boolean};
 type ApiRequest = <T>(path: string, body?: unknown, timeout_ms?: number, rest?: RequestInit) => Promise<T>;
 type Wished = Record<string, unknown>;
 type Api = {

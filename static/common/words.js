@@ -18,6 +18,10 @@ export const within = (name) => name.replace(/^(A|Your) /, (article) => article.
  * @param {number} count @param {string} one @param {string} [more] the plural, where it is not the singular and an s */
 export const many = (count, one, more = `${one}s`) => `${count} ${count === 1 ? one : more}`;
 
+/** What is said where the server answers and yet no socket opens. */
+export const HELD_BACK_TEXT = "The server answers, but the live connection (a WebSocket) does not open: a proxy between you and it holds it back. "
+  + "Ask whoever runs this server to let their proxy pass on the headers Upgrade and Connection, or try another network.";
+
 /** Return the sentence for an episode that has ended and does not count, because the server could not match a move with
  * a key or a touch.
  * @param {string} reason the server's @param {string | null} level */

@@ -5,6 +5,7 @@ import { paintDistribution } from "../common/distribution.js";
 import { startEndCard } from "../common/end_card.js";
 import { apply, initialState, isDriven } from "../common/game_state.js";
 import { startBoards } from "../common/socket.js";
+import { browserStore, forgets } from "../common/storage.js";
 import { loadTask, paintNumbers, promptText } from "../common/task.js";
 import { keepFocusOnBoard } from "../play/focus.js";
 import { startInput } from "../play/input.js";
@@ -135,7 +136,7 @@ async function begin() {
   }
 }
 
-document.body.dataset.pad = localStorage.getItem("humanplay.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
+document.body.dataset.pad = browserStore.getItem("humanplay.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
 
 /** How often policies that are still exploring are asked for. */
 const ASK_AGAIN_MS = 2000;
@@ -231,4 +232,5 @@ async function showYesterday({ day, commitment, key }) {
   if (first ?? own) await paintRoutes(/** @type {string} */ (first ?? own), own);
 }
 
+if (forgets()) dispatch({ kind: "notice", text: forgets(), tone: "note" });
 begin();

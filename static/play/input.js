@@ -1,32 +1,59 @@
 // What the person at the board presses: the moves, and the input events that cause them, on one socket.
 import { createClock } from "../common/clock.js";
-import { actionOf, partOf, startControls, timeOf_ms } from "../common/keyboard.js";
+import { actionOf, codesOf, partOf, startControls, timeOf_ms } from "../common/keyboard.js";
+import { ownCode, paintKeys, readKeys, startKeymap } from "../common/keymap.js";
 import { create, put } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
+import { browserStore } from "../common/storage.js";
 import { createTelemetry, onScreen, tabStorage } from "../common/telemetry.js";
 import { many } from "../common/words.js";
 import { createPressQueue } from "./press_queue.js";
 
 /** Where events without an answer wait for the next load of this tab. */
 const KEPT = "humanplay.events";
+/** The keys that drive, where others were chosen: a map for each task. */
+const KEYS = "humanplay.keys";
 /** How many moves a second a held key makes in practice. */
 const REPEAT_SETTING = "humanplay.repeat";
 
 /** Start the controls; return the moves and the telemetry, for the server's answers.
  *   board       the player's: it can be swiped on, and says which presses were dropped
  *   frames      in which keys drive as well, such as the 3-D views; the first is the player's
- *   settings    the choice of how many moves a second a held key makes, and the button that turns sound on
+ *   settings    the choice of how many moves a second a held key makes, the button that turns sound on, and the dialog with the keys, if there is one
  *   driven      the newest frame of a board that is driven here, else null
  *   onClock     the board that is driven here, where time runs
  *   painted     the frame that was painted last
  *   isPractice  whether held keys repeat, and bursts stop before what is known to end the episode
  * @param {{task: Task, onClock: () => Board | null, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
- *   settings: {repeat: HTMLSelectElement, sound: HTMLElement}, send: (message: object) => boolean,
+ *   settings: {repeat: HTMLSelectElement, sound: HTMLElement, dialog?: HTMLElement}, send: (message: object) => boolean,
  *   driven: () => Frame | null, painted: () => Frame | null, isPractice: () => boolean, isHeld: (on: Frame) => boolean,
  *   announce: (text: string) => void, onEnter: (event: KeyboardEvent) => boolean}} how */
 export function startInput({ task, onClock, board, frames, pad, settings, send, driven, painted, isPractice, isHeld, announce, onEnter }) {
   const now_ms = () => performance.now();
   const actionOfKey = (/** @type {string} */ code) => actionOf(task.keys, code);
+  /** @type {Keys} */
+  let keys = readKeys(browserStore.read(KEYS)?.[task.name], task.keys);
+  let isChosen = false;
+  /** @param {Keys} chosen */
+  function drive(chosen) {
+    keys = chosen;
+    isChosen = Object.entries(keys).some(([action, codes]) => String(codes) !== String(task.keys[action]));
+    showKeys();
+  }
+  const keymap = settings.dialog && startKeymap(settings.dialog, { keys: () => keys, onLayout: () => showKeys(), onChange(chosen) {
+    browserStore.setItem(KEYS, JSON.stringify({ ...browserStore.read(KEYS), [task.name]: chosen }));
+    drive(chosen);
+  } });
+  function showKeys() {
+    if (isChosen || task.assets === "mars") paintKeys(task.order, keys, keymap?.layout());
+  }
+  keymap?.begin(task.keys);
+  drive(keys);
+  /** @param {KeyboardEvent} event @returns the code of the task's own key in whose place it was chosen */
+  function codeOf(event) {
+    const codes = codesOf(event).map((code) => (isChosen ? ownCode(keys, task.keys, code) : code));
+    return codes.find((code) => code && partOf(task.keys, code));
+  }
   const sendEvents = () => telemetry.sendAll();
   const mark = create("p", [], { class: "drop-mark", "data-testid": "dropped", "aria-hidden": "true" });
   mark.hidden = true;
@@ -46,7 +73,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
     saying = setTimeout(() => announce(text), QUIET_MS);
     hiding = setTimeout(() => { mark.hidden = true; shown = null; }, SHOWN_MS);
   }
-  const sound = createSound(settings.sound, { storage: localStorage, makeContext: () => new AudioContext() });
+  const sound = createSound(settings.sound, { storage: browserStore, makeContext: () => new AudioContext() });
   const moves = createPressQueue({
     sender: createMoveSender({ send, now_ms, sendEvents }), task, frame: driven, isPractice, isHeld, sendEvents, now_ms,
     onDropped(reason, count) {
@@ -61,7 +88,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
    * @type {{timing: Timing, episode: string} | null} */
   let held = null;
   const heldKey = createHeldKey({
-    now_ms, pace: () => paceOf(localStorage.getItem(REPEAT_SETTING)),
+    now_ms, pace: () => paceOf(browserStore.getItem(REPEAT_SETTING)),
     mayRepeat: () => isPractice() && driven()?.outcome === null && driven()?.episode === held?.episode && !document.querySelector("dialog[open]"),
     repeat: (action) => held !== null && moves.repeat(action, { ...held.timing, key_up_ms: null, client_ms: Math.round(now_ms() * 10) / 10 }),
     after(wait_ms, work) {
@@ -70,7 +97,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
     },
   });
   const controls = startControls({
-    frames, pad, telemetry: clock.telemetry, onEnter, actionOf: (code) => partOf(task.keys, code), drives: (code) => partOf(task.keys, code) !== undefined,
+    frames, pad, telemetry: clock.telemetry, onEnter, codeOf, actionOf: (code) => partOf(task.keys, code),
     onAct(action, timing, pressed_ms, holder) {
       const on = driven();
       if (!on) return;
@@ -111,8 +138,8 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
     const view = /** @type {View | null} */ (frames[0].contentWindow);
     if (view) followSwipes(view, view);
   });
-  settings.repeat.value = String(paceOf(localStorage.getItem(REPEAT_SETTING)));
-  settings.repeat.addEventListener("change", () => localStorage.setItem(REPEAT_SETTING, settings.repeat.value));
+  settings.repeat.value = String(paceOf(browserStore.getItem(REPEAT_SETTING)));
+  settings.repeat.addEventListener("change", () => browserStore.setItem(REPEAT_SETTING, settings.repeat.value));
   document.addEventListener("visibilitychange", heldKey.stop);
   setInterval(telemetry.flush, 1000);
   return {
@@ -284,7 +311,7 @@ export function tonesOf(sound) {
 }
 
 /** Return what plays sounds while the button is pressed.
- * @param {HTMLElement} button @param {{storage: Storage, makeContext: () => AudioContext}} how */
+ * @param {HTMLElement} button @param {{storage: Pick<Store, "getItem" | "setItem" | "removeItem">, makeContext: () => AudioContext}} how */
 export function createSound(button, { storage, makeContext }) {
   let isOn = storage.getItem(SOUND_SETTING) === "on";
   /** @type {AudioContext | null} */

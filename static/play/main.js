@@ -3,8 +3,10 @@ import { api, ApiError } from "../common/api.js";
 import { paintLegend, paintProgress } from "../common/chart.js";
 import { startEndCard } from "../common/end_card.js";
 import { apply, ghostOf, initialState, isDriven, isPractice } from "../common/game_state.js";
+import { codesOf } from "../common/keyboard.js";
 import { all, boardColours, by, chartColours, createRepaint, createSizes, createSlow, paintLink, paintNotices, put } from "../common/page.js";
 import { startBoards } from "../common/socket.js";
+import { browserStore, forgets, tabStore } from "../common/storage.js";
 import { loadTask, promptText, showTask } from "../common/task.js";
 import { many, notCounted } from "../common/words.js";
 import { personalText } from "../me/words.js";
@@ -67,7 +69,7 @@ function onFailure({ status, message }) {
   paintNotices(by("notices"), state.notices, dismiss);
 }
 
-const find = () => findBoard({ api, hash: location.hash, storage: sessionStorage, watch: (id) => showInstead(id, api.watched, location),
+const find = () => findBoard({ api, hash: location.hash, storage: tabStore, watch: (id) => showInstead(id, api.watched, location),
   note: (text) => dispatch({ kind: "notice", text, tone: "note" }) });
 const [found, served, levels, policies, maps] = await patiently(() => Promise.all([
   find(), api.task(), api.levels(), api.policies(), api.maps()]), onFailure);
@@ -80,7 +82,7 @@ showTask(task);
 const parts = {
   views: modules?.createViews({ panels: ROLES.map((role) => panels[role]), onChange: () => repaint(true) }) ?? null,
   costs: modules?.createCosts({ part: card.part, canvas: panels.player.canvas, chart: by("chart"), state: () => state, load: api.costs,
-    tryFrom: (...how) => sessions.tryFrom(...how), storage: sessionStorage, onChange: () => repaint(true) }) ?? null,
+    tryFrom: (...how) => sessions.tryFrom(...how), storage: tabStore, onChange: () => repaint(true) }) ?? null,
 };
 const terrainDialog = modules?.createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
   onStart: (wish) => setTimeout(() => leaving.start(modeOn(state.mode, wish), wish)), // once the dialog is closed
@@ -91,7 +93,7 @@ const chosen = policies.length ? { map: null, seed: null, player: policies[0].na
 if (!modules) /** @type {HTMLElement} */ (document.querySelector(".modes")).hidden = !chosen;
 const wish = () => (terrainDialog ? terrainDialog.wish() : chosen);
 const sessions = createSessions({
-  api, dispatch, wish, storage: sessionStorage, setHash: (hash) => history.replaceState(null, "", hash),
+  api, dispatch, wish, storage: tabStore, setHash: (hash) => history.replaceState(null, "", hash),
   onBegun(about) {
     if (about.task.name !== task.name) location.reload();
     terrainDialog?.show(about);
@@ -99,7 +101,7 @@ const sessions = createSessions({
 });
 const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { state: () => state, start: sessions.start });
 const { moves, telemetry, clock } = startInput({
-  task, onClock: () => (isDriven(state) ? state.player : null), board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, announce,
+  task, onClock: () => (isDriven(state) ? state.player : null), board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound"), dialog: by("display-dialog", HTMLDialogElement) }, announce,
   isPractice: () => isPractice(state), isHeld: (on) => state.link === "connecting" || sessions.isMadeAgain(on), pad: by("dock"),
   frames: ROLES.map((role) => panels[role].viewer), onEnter,
   send: (message) => connections.send("player", message), painted: () => painted?.player?.frame ?? null,
@@ -137,7 +139,7 @@ function dispatch(event) {
     if (said) announce(said);
     if (state.mode === "ranked" && frame.outcome && wish()) sessions.replay(state);
     if (frame.outcome && !before.player?.frame.outcome) {
-      if (state.mode !== "watch") localStorage.setItem(PLAYED, String(Number(localStorage.getItem(PLAYED)) + 1));
+      if (state.mode !== "watch") browserStore.setItem(PLAYED, String((Number(browserStore.getItem(PLAYED)) || 0) + 1));
       sayOwn(frame.episode);
       countedEnded();
     }
@@ -235,7 +237,7 @@ function paintVisit() {
 function followVisit(before, after) {
   const [was, is] = [before.player?.frame, after.player?.frame];
   if (!isFirstVisit() || !is || was === is || after.mode === "watch") return;
-  if (is.step > 0) localStorage.setItem(VISITED, "yes");
+  if (is.step > 0) browserStore.setItem(VISITED, "yes");
   const isNext = was?.episode === is.episode && is.step > was.step && !is.outcome;
   hint = (isNext && task.hint(was, is, said)) || null;
   if (hint?.id) said.add(hint.id);
@@ -285,7 +287,7 @@ const help = startDialog("help");
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || document.querySelector("dialog[open]")) return;
   if (/** @type {Element} */ (event.target).closest("input, select, textarea")) return;
-  const isAgain = event.code === "KeyR" && !event.shiftKey && state.player?.frame.outcome && !card.part.again.hidden;
+  const isAgain = codesOf(event)[0] === "KeyR" && !event.shiftKey && state.player?.frame.outcome && !card.part.again.hidden;
   if (event.key !== "?" && !isAgain) return;
   event.preventDefault();
   if (isAgain) card.part.again.click();
@@ -294,7 +296,7 @@ document.addEventListener("keydown", (event) => {
 const pad = /** @type {HTMLInputElement} */ (document.querySelector("#display-dialog [name=pad]"));
 pad.checked = document.body.dataset.pad === "true";
 pad.addEventListener("change", () => {
-  localStorage.setItem("humanplay.pad", String(pad.checked));
+  browserStore.setItem("humanplay.pad", String(pad.checked));
   document.body.dataset.pad = String(pad.checked);
 });
 keepFocusOnBoard({ board: panels.player.root, next: () => (state.player?.frame.outcome ? card.part.next : null) });
@@ -325,4 +327,5 @@ part["coach-close"].addEventListener("click", () => {
 });
 terrainDialog?.offer(levels, policies, maps);
 isReady = true;
+if (forgets()) dispatch({ kind: "notice", text: forgets(), tone: "note" });
 restore(found);

@@ -53,13 +53,14 @@ const orNull = (asked) => asked.catch((error) => {
  * taken it up, else for a new one.
  *   storage   of this tab: its session, and the id for watching that it put into the address
  *   watch     shows somebody else's board; ApiError 404 when there is none
- * @param {{api: Api, hash: string, storage: Storage,
+ * @param {{api: Api, hash: string, storage: Pick<Store, "getItem" | "setItem">,
  *   watch: (id: string) => Promise<void>, note: (text: string) => void}} how
  * @returns {Promise<{about: About | null, isNewest: boolean} | undefined>} */
 export async function findBoard({ api, hash, storage, watch, note }) {
   const watched = watchedInHash(hash);
   const challenged = challengedIn(hash);
-  const session = storage.getItem("humanplay.session");
+  const before = storage.getItem("humanplay.session") ?? "";
+  const session = /^[\w-]{1,128}$/.test(before) ? before : null; // the browser may hold anything
   if (watched && watched !== storage.getItem("humanplay.watch")) {
     const about = await api.mySession({ watch: watched });
     if (about) return { about, isNewest: false };
@@ -80,7 +81,7 @@ export async function findBoard({ api, hash, storage, watch, note }) {
 
 /**
  *   setHash   puts the shareable link into the address
- * @param {{api: Api, wish: () => Play.Wish | null, storage: Storage,
+ * @param {{api: Api, wish: () => Play.Wish | null, storage: Pick<Store, "getItem" | "setItem">,
  *   dispatch: (event: GameEvent) => void, setHash: (hash: string) => void, onBegun: (about: About) => void}} how */
 export function createSessions({ api, wish, dispatch, storage, setHash, onBegun }) {
   let isBusy = false;

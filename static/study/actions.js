@@ -1,5 +1,6 @@
 // What the buttons of the study's screens do, which of them Enter presses, and the pause: how long nothing was pressed, and what follows.
 import { by, copied } from "../common/page.js";
+import { tabStore } from "../common/storage.js";
 import { dispatch, frame, go, isBusy, name, stage, state, step, study } from "./store.js";
 import { createIdleTimer, goesOn, knowsTheEnd, screenOf } from "./state.js";
 
@@ -18,8 +19,8 @@ export const recordPauses = (found) => { telemetry = found; };
 export function pause(isPaused) {
   telemetry.note(isPaused ? "pause" : "resume");
   idle.touch();
-  if (isPaused) sessionStorage.setItem(keep("paused"), frame()?.episode ?? "");
-  else sessionStorage.removeItem(keep("paused"));
+  if (isPaused) tabStore.setItem(keep("paused"), frame()?.episode ?? "");
+  else tabStore.removeItem(keep("paused"));
   announce(isPaused ? "Paused. Press a driving key or Go on." : "Going on.");
   dispatch({ kind: "paused", isPaused });
   telemetry.flush();
@@ -39,7 +40,7 @@ function passEnd() {
   if (!ended || !participant || !knowsTheEnd(state) || isBusy) return;
   if (participant.phase === "tutorial") return void leaveTutorial();
   if (goesOn(participant)) return void goNext();
-  sessionStorage.setItem(keep("passed"), ended.episode);
+  tabStore.setItem(keep("passed"), ended.episode);
   dispatch({ kind: "passed", episode: ended.episode });
 }
 function giveUp() {

@@ -1,15 +1,17 @@
 // Wires the participant's page: messages -> apply -> one scheduled repaint. The only module of the study that knows all the others.
 import { startBoards } from "../common/socket.js";
 import { createClock } from "../common/clock.js";
-import { partOf, startControls } from "../common/keyboard.js";
+import { codesOf, partOf, startControls } from "../common/keyboard.js";
+import { paintKeys as paintKeyLines } from "../common/keymap.js";
 import { createTelemetry, onScreen, tabStorage } from "../common/telemetry.js";
 import { createRepaint, by, paintLink, paintNotices, reader } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
+import { tabStore } from "../common/storage.js";
 import { keyName, showTask } from "../common/task.js";
 import { announce, idle, isDialogOpen, keep, onEnter, pause, recordPauses } from "./actions.js";
 import { bareAddress } from "./api.js";
 import { load, paintDebrief } from "./debrief.js";
-import { paintKeys as paintKeyLines, paintPages } from "./pages.js";
+import { paintPages } from "./pages.js";
 import { paintPlayScreen } from "./play_screen.js";
 import { createSettings, createSettingsSync, PALETTES } from "./settings.js";
 import { isDriving, knowsTheEnd, screenOf } from "./state.js";
@@ -18,8 +20,6 @@ import { channel, dispatch, frame, join, refresh, state, study, whenChanged } fr
 const now_ms = () => performance.now();
 /** @type {Study.State | null} */
 let painted = null;
-/** @type {Study.Layout | undefined} */
-let layout;
 Object.defineProperty(window, "study", { value: Object.freeze({ get state() { return state; }, get painted() { return painted; }, get screen() { return screenOf(state); },
   get waiting() { return telemetry.waiting(); } }) });
 
@@ -29,7 +29,7 @@ const telemetry = createTelemetry({ now_ms, send, isHidden: () => document.hidde
   context: () => onScreen(screenOf(state) === "play" ? frame() : null, painted?.game.player?.frame, moves.round_trip_ms()) });
 const clock = createClock({ place: by("field"), telemetry, frames: () => state.participant?.task.clock ?? null,
   board: () => (screenOf(state) === "play" ? state.game.player : null) });
-const settings = createSettings({ layout: () => layout, onChange: () => {
+const settings = createSettings({ onLayout: () => paintKeys(), onChange: () => {
   paintKeys();
   settingsSync.changed();
   repaint(true);
@@ -43,8 +43,8 @@ const look = () => {
   const { palette } = settings.get();
   return { palette, inks: PALETTES[palette].inks, accent: read("--accent"), rival: read("--rival"), font: read("--figures") };
 };
-const paintKeys = () => paintKeyLines(state.participant?.task.order ?? [], settings.get().keys, layout);
-const keyOf = (/** @type {Action} */ action) => keyName(settings.get().keys[action][0], layout);
+const paintKeys = () => paintKeyLines(state.participant?.task.order ?? [], settings.get().keys, settings.layout());
+const keyOf = (/** @type {Action} */ action) => keyName(settings.get().keys[action][0], settings.layout());
 recordPauses(telemetry);
 const connections = startBoards({
   moves, telemetry, dispatch, isLost: () => state.game.link === "lost",
@@ -79,7 +79,7 @@ whenChanged((before) => {
 function begun({ episode }) {
   moves.drop();
   idle.touch();
-  if (sessionStorage.getItem(keep("paused")) === episode) {
+  if (tabStore.getItem(keep("paused")) === episode) {
     telemetry.note("pause");
     dispatch({ kind: "paused", isPaused: true });
   }
@@ -102,7 +102,7 @@ function paint(before) {
 const mayDrive = () => isDriving(state) && !isDialogOpen();
 startControls({
   pad: by("dock"), frames: [], onEnter, telemetry: clock.telemetry, onActivity: () => { if (!state.isPaused) idle.touch(); },
-  drives: (code) => screenOf(state) === "play" && !isDialogOpen() && partOf(settings.get().keys, code) !== undefined,
+  codeOf: (event) => (screenOf(state) === "play" && !isDialogOpen() ? codesOf(event).find((code) => partOf(settings.get().keys, code)) : undefined),
   actionOf: (code) => (mayDrive() ? partOf(settings.get().keys, code) : undefined),
   onAct(action, timing, pressed_ms) {
     const on = frame();
@@ -122,12 +122,7 @@ document.addEventListener("visibilitychange", () => (document.hidden ? settingsS
 channel?.addEventListener("message", () => refresh());
 new ResizeObserver(() => repaint(true)).observe(by("main"));
 
-/** @type {Navigator & {keyboard?: {getLayoutMap?: () => Promise<Study.Layout>}}} */ (navigator).keyboard?.getLayoutMap?.().then((map) => {
-  layout = map;
-  settings.paint();
-  paintKeys();
-}, () => {});
-const passed = sessionStorage.getItem(keep("passed"));
+const passed = tabStore.getItem(keep("passed"));
 if (passed) dispatch({ kind: "passed", episode: passed });
 paintKeys();
 repaint();

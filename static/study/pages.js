@@ -2,7 +2,6 @@
 // only where it changed.
 import { many } from "../common/words.js";
 import { all, by, create, put } from "../common/page.js";
-import { keyName } from "../common/task.js";
 import { screenOf } from "./state.js";
 import { dispatch, go, state, study } from "./store.js";
 import * as words from "./words.js";
@@ -84,16 +83,6 @@ export function paintPages(before) {
   }
   if (participant && screen === "questions" && before?.participant !== participant) paintQuiz(participant);
   if (participant && participant !== before?.participant) paintSupervision(participant);
-}
-
-/** Paint the keys as they drive now, wherever the page shows them.
- * @param {Action[]} order @param {Keys} keys @param {Study.Layout} [layout] */
-export function paintKeys(order, keys, layout) {
-  const slots = [...Array(Math.min(2, ...order.map((action) => keys[action]?.length ?? 0))).keys()];
-  for (const line of document.querySelectorAll("[data-keys]")) {
-    line.replaceChildren(...slots.flatMap((slot) =>
-      [...(slot ? [" or "] : []), ...order.map((action) => create("kbd", keyName(keys[action][slot] ?? "", layout)))]), ` drive ${order.join(", ")}`);
-  }
 }
 
 const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";

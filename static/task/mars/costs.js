@@ -20,7 +20,7 @@ export function boardBefore(board, { step, grid, position, discovered, previous 
  *   storage   of this tab: what is tried again, and what it came to before
  * @param {{part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, chart: HTMLElement,
  *   state: () => GameState, load: (episode: string) => Promise<Answers.Costs>, tryFrom: (state: GameState, step: number,
- *   onBegun: (episode: string) => void) => void, storage: Storage, onChange: () => void}} how part of the player's panel, whose matrix is `canvas` */
+ *   onBegun: (episode: string) => void) => void, storage: Store, onChange: () => void}} how part of the player's panel, whose matrix is `canvas` */
 export function createCosts({ part, canvas, chart, state, load, tryFrom, storage, onChange }) {
   const playerOf = () => /** @type {Mars.Board | null} */ (state().player);
   /** @type {string | null} the episode whose moves are shown or asked for */
@@ -157,7 +157,7 @@ export function createCosts({ part, canvas, chart, state, load, tryFrom, storage
     },
     /** Return how the player's episode compares with the one that it tries again, "" while there is nothing to compare. */
     triedText() {
-      const { episode: of, move, before } = /** @type {{episode?: string, move: number, before: number | null}} */ (JSON.parse(storage.getItem(TRIED) ?? "{}"));
+      const { episode: of, move, before } = /** @type {{episode?: string, move: number, before: number | null}} */ (storage.read(TRIED) ?? {});
       const frame = playerOf()?.frame;
       return frame?.outcome && frame.episode === of ? triedText(before, frame.outcome === "explored" ? frame.step : null, move) : "";
     },

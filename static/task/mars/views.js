@@ -1,5 +1,6 @@
 // 3-D or matrix: which of the two fills a board, how the 3-D view is drawn, and the frame in which it stands.
 import { by, create } from "../../common/page.js";
+import { browserStore } from "../../common/storage.js";
 
 /** Return whether this browser can draw the 3-D view, and whether its processor has to do it. */
 function probeWebGL() {
@@ -25,19 +26,19 @@ export const hasEffects = (choice, isSoftware, isCalm) => choice === "on" || (ch
 /** @param {{panels: Play.Panel[], onChange: () => void}} how */
 export function createViews({ panels, onChange }) {
   const { can3d, isSoftware } = probeWebGL();
-  let view = can3d && localStorage.getItem("humanplay.view") !== "matrix" ? "3d" : "matrix";
+  let view = can3d && browserStore.getItem("humanplay.view") !== "matrix" ? "3d" : "matrix";
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
   /** @param {string} session */
   const nameOf = (session) => {
-    const chosen = localStorage.getItem("humanplay.camera");
-    const effects = hasEffects(localStorage.getItem("humanplay.effects"), isSoftware, calm.matches) ? "on" : "off";
+    const chosen = browserStore.getItem("humanplay.camera");
+    const effects = hasEffects(browserStore.getItem("humanplay.effects"), isSoftware, calm.matches) ? "on" : "off";
     const wishes = { ...(chosen ? { camera: chosen } : {}), effects };
     if (document.documentElement.dataset.theme === "light") Object.assign(wishes, { theme: "light" });
     return `${encodeURIComponent(session)}?${new URLSearchParams(wishes)}`;
   };
   const effectsChoice = by("effects", HTMLSelectElement);
-  effectsChoice.value = localStorage.getItem("humanplay.effects") ?? "auto";
-  effectsChoice.addEventListener("change", () => { localStorage.setItem("humanplay.effects", effectsChoice.value); onChange(); });
+  effectsChoice.value = browserStore.getItem("humanplay.effects") ?? "auto";
+  effectsChoice.addEventListener("change", () => { browserStore.setItem("humanplay.effects", effectsChoice.value); onChange(); });
   const camera = panels[0].part.camera; // for both boards
   const repaintCamera = startCameraControl(camera, onChange);
   for (const { viewer } of panels) reloadWhenLost(viewer, isSoftware);
@@ -52,7 +53,7 @@ export function createViews({ panels, onChange }) {
   }
   button.addEventListener("click", () => {
     view = view === "3d" ? "matrix" : "3d";
-    localStorage.setItem("humanplay.view", view);
+    browserStore.setItem("humanplay.view", view);
     show();
     onChange();
   });
@@ -77,7 +78,7 @@ export function createViews({ panels, onChange }) {
     placeMap({ root }, board) {
       if (!board) return;
       const { frame, trail } = /** @type {Mars.Board} */ (board);
-      const isFollowed = cameraOf(localStorage.getItem("humanplay.camera"), Math.max(frame.rows, frame.cols)) === "follow";
+      const isFollowed = cameraOf(browserStore.getItem("humanplay.camera"), Math.max(frame.rows, frame.cols)) === "follow";
       root.dataset.corner = isFollowed ? CORNERS[0] : freeCorner(frame, trail);
     },
     /** @param {Frame | null | undefined} frame */
@@ -114,13 +115,13 @@ function startCameraControl(group, onChange) {
   let side = 0;
   const button = create("button", [], { type: "button", class: "quiet view", "data-testid": "camera" });
   button.addEventListener("click", () => {
-    localStorage.setItem("humanplay.camera", cameraOf(localStorage.getItem("humanplay.camera"), side) === "map" ? "follow" : "map");
+    browserStore.setItem("humanplay.camera", cameraOf(browserStore.getItem("humanplay.camera"), side) === "map" ? "follow" : "map");
     onChange();
   });
   group.append(button);
   return (/** @type {number} */ longer) => {
     side = longer;
-    const isMap = cameraOf(localStorage.getItem("humanplay.camera"), side) === "map";
+    const isMap = cameraOf(browserStore.getItem("humanplay.camera"), side) === "map";
     button.textContent = isMap ? "Follow" : "Whole map";
     button.title = isMap ? "Follow the rover in 3-D. Drag the picture to turn it" : "Show the whole map in 3-D. Drag the picture to turn it";
   };

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { actionOf, hookKeys, ownsKeys, timeOf_ms } from "../../../static/common/keyboard.js";
+import { actionOf, codesOf, hookKeys, ownsKeys, timeOf_ms } from "../../../static/common/keyboard.js";
 
 test("fields, sliders, tabs and dialogs keep their keys; buttons do not", () => {
   const of = (tagName, type, inside = false) => ({ tagName, type, closest: () => (inside ? {} : null) });
@@ -36,7 +36,7 @@ function fakeWindow() {
 test("drive keys are swallowed in the capture phase, once a press, in the page's own time", () => {
   const view = fakeWindow();
   const seen = [];
-  hookKeys(view, { onPress: (action, event, at) => seen.push([action, at]), onRelease: (at) => seen.push(["up", at]), onEnter: () => false, actionOf: (code) => actionOf(KEYS, code) }, PAGE);
+  hookKeys(view, { onPress: (action, event, at) => seen.push([action, at]), onRelease: (at) => seen.push(["up", at]), onEnter: () => false, codeOf: (event) => codesOf(event)[0], actionOf: (code) => actionOf(KEYS, code) }, PAGE);
   assert.equal(view.fire("keydown", { code: "KeyD" }), true);
   assert.equal(view.fire("keydown", { code: "KeyD", repeat: true }), true);
   assert.equal(view.fire("keyup", { code: "KeyD" }), true);
@@ -46,7 +46,7 @@ test("drive keys are swallowed in the capture phase, once a press, in the page's
 test("whoever asks hears of each key that comes up, in a field too, and that a chord lets go of all", () => {
   const view = fakeWindow();
   const seen = [];
-  hookKeys(view, { onPress() {}, onRelease() {}, onEnter: () => false, actionOf: (code) => actionOf(KEYS, code), onLetGo: (code) => seen.push(code) }, PAGE);
+  hookKeys(view, { onPress() {}, onRelease() {}, onEnter: () => false, codeOf: (event) => codesOf(event)[0], actionOf: (code) => actionOf(KEYS, code), onLetGo: (code) => seen.push(code) }, PAGE);
   view.fire("keydown", { code: "KeyD" });
   view.fire("keyup", { code: "KeyD" });
   view.fire("keyup", { code: "KeyS", composedPath: () => [{ tagName: "INPUT", type: "text" }] });
@@ -57,7 +57,7 @@ test("whoever asks hears of each key that comes up, in a field too, and that a c
 
 test("chords, other keys and fields pass untouched", () => {
   const view = fakeWindow();
-  hookKeys(view, { onPress: assert.fail, onRelease: assert.fail, onEnter: () => false, actionOf: (code) => actionOf(KEYS, code) }, PAGE);
+  hookKeys(view, { onPress: assert.fail, onRelease: assert.fail, onEnter: () => false, codeOf: (event) => codesOf(event)[0], actionOf: (code) => actionOf(KEYS, code) }, PAGE);
   assert.equal(view.fire("keydown", { code: "KeyA", ctrlKey: true }), false);
   assert.equal(view.fire("keydown", { code: "KeyQ" }), false);
   assert.equal(view.fire("keydown", { code: "Enter", key: "Enter" }), false);
@@ -66,6 +66,20 @@ test("chords, other keys and fields pass untouched", () => {
 
 test("arrows and letters name the four actions", () => {
   assert.deepEqual(["ArrowUp", "KeyW", "ArrowLeft", "KeyA", "KeyQ"].map((code) => actionOf(KEYS, code)), ["north", "north", "west", "west", undefined]);
+});
+
+test("a key without a code is known by its meaning, and a code that says something wins over a letter", () => {
+  const NAMELESS = [
+    ["ArrowUp", ""], ["ArrowRight", "Unidentified"], ["Up", ""], ["UIKeyInputLeftArrow", ""], ["w", ""], ["7", ""], [" ", ""], ["Escape", ""],
+  ];
+  const codes = NAMELESS.map(([key, code]) => codesOf({ key, code }).join());
+  assert.deepEqual(codes, ["ArrowUp", "ArrowRight", "ArrowUp", "ArrowLeft", "KeyW", "Digit7", "Space", "Escape"]);
+  assert.deepEqual(codesOf({ key: "Unidentified", code: "", keyCode: 40 }), ["ArrowDown"]);
+  assert.deepEqual(codesOf({ key: "Unidentified", code: "", keyCode: 229 }), []);
+  assert.deepEqual(codesOf({ key: "a", code: "KeyQ" }), ["KeyQ"]); // by its place, whatever is printed on it
+  assert.deepEqual(codesOf({ key: "ArrowRight", code: "Numpad6" }), ["Numpad6", "ArrowRight", "ArrowRight"]);
+  assert.deepEqual(codesOf({ key: "8", code: "Numpad8" }), ["Numpad8", "ArrowUp"]);
+  assert.deepEqual(codesOf({ key: "ArrowDown", code: "KeyJ" }), ["KeyJ", "ArrowDown"]); // a layer of a small keyboard
 });
 
 test("an event has one time, never later than now, and now where its own cannot be believed", () => {

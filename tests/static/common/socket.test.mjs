@@ -17,10 +17,10 @@ const soon = (ms) => new Promise((done) => { setTimeout(done, ms); });
 function following() {
   globalThis.WebSocket = FakeSocket;
   FakeSocket.all = [];
-  const answers = [], links = [];
+  const answers = [], links = [], heldBack = [];
   const follower = follow({ url: "ws://here", onMessage: () => {}, onLink: (link) => links.push(link),
-    beforeRetry: () => new Promise((answer, fail) => { answers.push({ answer, fail }); }) });
-  return { follower, answers, links };
+    beforeRetry: () => new Promise((answer, fail) => { answers.push({ answer, fail }); }), onHeldBack: () => heldBack.push(FakeSocket.all.length) });
+  return { follower, answers, links, heldBack };
 }
 
 test("after a lost connection the server is asked, then the connection is opened again", async () => {
@@ -52,6 +52,24 @@ test("a restart while the server is being asked leaves one connection, which sta
   await soon(600);
   assert.equal(follower.send({ kind: "act" }), true);
   assert.equal(links.at(-1), "open");
+  follower.close();
+});
+
+test("sockets that do not open while the server answers are named after the second", async () => {
+  const { follower, answers, heldBack } = following();
+  for (const wait_ms of [300, 600]) {
+    FakeSocket.all.at(-1).close();
+    await soon(wait_ms);
+    answers.at(-1).answer(true);
+    await soon(0);
+  }
+  assert.deepEqual(heldBack, [2], "before the third");
+  FakeSocket.all.at(-1).open();
+  FakeSocket.all.at(-1).close();
+  await soon(300);
+  answers.at(-1).answer(true);
+  await soon(0);
+  assert.deepEqual(heldBack, [2], "one that had opened is only lost");
   follower.close();
 });
 

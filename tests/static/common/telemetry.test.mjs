@@ -1,5 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
+import { createStore } from "../../../static/common/storage.js";
 import { createTelemetry, onScreen, tabStorage, BATCH_SIZE, MAX_WAITING } from "../../../static/common/telemetry.js";
 
 /** A page's telemetry, which has said that it is visible: `sent` is what left, `answer()` the server's word on the first of `sent` that has none, `store.kept` what waits for the next load. */
@@ -79,20 +80,26 @@ test("a load says with its first frame of an episode whether it is visible, and 
 
 test("a tab keeps its id and its batches from one load to the next; where storage is blocked each load is a tab of its own", () => {
   const kept = new Map();
-  globalThis.sessionStorage = { getItem: (key) => kept.get(key) ?? null, setItem: (key, text) => void kept.set(key, text) };
-  const first = tabStorage("a.key");
-  first.store([{ batch: "b" }]);
-  const second = tabStorage("a.key");
-  assert.deepEqual([second.tab, second.stored], [first.tab, [{ batch: "b" }]]);
-  Object.defineProperty(globalThis, "sessionStorage", { configurable: true, get() { throw new Error("blocked"); } });
-  const blocked = [tabStorage("a.key"), tabStorage("a.key")];
+  const storage = { getItem: (key) => kept.get(key) ?? null, setItem: (key, text) => void kept.set(key, text) };
+  const load = () => tabStorage("a.key", createStore(() => storage));
+  const first = load();
+  first.store([{ batch: "b", events: [] }]);
+  const second = load();
+  assert.deepEqual([second.tab, second.stored], [first.tab, [{ batch: "b", events: [] }]]);
+  const blocked = [1, 2].map(() => tabStorage("a.key", createStore(() => { throw new Error("blocked"); })));
   for (const { tab, stored, store } of blocked) {
     store([]);
     assert.match(tab, /^[0-9a-f]{32}$/);
     assert.deepEqual(stored, []);
   }
   assert.notEqual(blocked[0].tab, blocked[1].tab);
-  delete globalThis.sessionStorage;
+});
+
+test("what no page of ours has stored is not believed", () => {
+  const storage = { getItem: () => '[1, {"events": "none"}, null]', setItem() {} };
+  const { tab, stored } = tabStorage("a.key", createStore(() => storage));
+  assert.match(tab, /^[0-9a-f]{32}$/);
+  assert.deepEqual(stored, []);
 });
 
 test("nothing is kept while no board is shown", () => {

@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { assign, readChoices, readKeys, readPalette } from "../../../static/study/settings.js";
+import { assign, readKeys } from "../../../static/common/keymap.js";
+import { readChoices, readPalette } from "../../../static/study/settings.js";
 import { taskOf } from "../../../static/task/mars/index.js";
 
 const { keys: DEFAULT_KEYS } = taskOf();

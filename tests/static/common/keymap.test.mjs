@@ -3,7 +3,7 @@ import test from "node:test";
 import { actionOf } from "../../../static/common/keyboard.js";
 import { keyName } from "../../../static/common/task.js";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { assign, mayDrive } from "../../../static/study/settings.js";
+import { assign, mayDrive, ownCode } from "../../../static/common/keymap.js";
 
 const { keys: DEFAULT_KEYS } = taskOf();
 
@@ -19,6 +19,11 @@ test("a key drives in one direction: one that is taken changes places", () => {
     assert.equal(mayDrive(code), false);
     assert.equal(typeof assign(DEFAULT_KEYS, "north", 0, code), "string");
   }
+});
+
+test("a key that was chosen counts as the one in whose place it drives, and that one no more", () => {
+  const keys = assign(DEFAULT_KEYS, "north", 1, "KeyI");
+  assert.deepEqual(["KeyI", "ArrowUp", "KeyW"].map((code) => ownCode(keys, DEFAULT_KEYS, code)), ["KeyW", "ArrowUp", undefined]);
 });
 
 test("a key is called what is printed on it", () => {

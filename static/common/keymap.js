@@ -1,0 +1,144 @@
+// Which keys drive: chosen in a dialog by pressing them (keymap.html).
+import { codesOf } from "./keyboard.js";
+import { by, create, put } from "./page.js";
+import { keyName } from "./task.js";
+
+/** Let the keys in a dialog be chosen.
+ *   keys      those that drive now
+ *   onChange  other keys drive
+ *   onLayout  the browser says what is printed on the keys
+ * @param {HTMLElement} dialog
+ * @param {{keys: () => Keys, onChange: (keys: Keys) => void, onLayout: () => void}} how */
+export function startKeymap(dialog, { keys, onChange, onLayout }) {
+  /** @type {Keys} the task's own, none before it is known */
+  let own = {};
+  /** @type {Study.Layout | undefined} */
+  let layout;
+  /** @type {{action: Action, slot: number} | null} a slot that waits for its key */
+  let awaited = null;
+  const say = (/** @type {string} */ text) => put(by("key-status"), text);
+
+  function paint() {
+    for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("#keymap button"))) {
+      const action = /** @type {Action} */ (button.dataset.drive);
+      const slot = Number(button.dataset.slot);
+      const isAwaited = awaited?.action === action && awaited.slot === slot;
+      const code = keys()[action][slot];
+      put(button, isAwaited ? "press a key" : keyName(code, layout));
+      button.dataset.awaited = String(isAwaited);
+      const spoken = isAwaited ? "press the key you want" : spokenKey(code, layout);
+      button.setAttribute("aria-label", `${action}, ${slot === 0 ? "first" : "second"} key: ${spoken}`);
+    }
+  }
+  /** @param {Action} action @param {number} slot */
+  function cell(action, slot) {
+    const attributes = { "data-drive": action, "data-slot": String(slot), "data-testid": `key-${action}-${slot}` };
+    return create("td", create("button", [], { type: "button", class: "quiet", ...attributes }));
+  }
+  function leave() {
+    awaited = null;
+    say("");
+    paint();
+  }
+  by("reset-keys").addEventListener("click", () => {
+    awaited = null;
+    onChange({ ...own });
+    paint();
+    say("The keys are as they were at first.");
+  });
+  by("keymap").addEventListener("click", (event) => {
+    const button = /** @type {Element} */ (event.target).closest("button");
+    if (!button) return;
+    awaited = { action: /** @type {Action} */ (button.dataset.drive), slot: Number(button.dataset.slot) };
+    say(`Press the key that should drive ${button.dataset.drive}; Escape leaves it as it is.`);
+    paint();
+  });
+  dialog.addEventListener("keydown", (event) => {
+    if (!awaited || /^(Shift|Control|Alt|Meta|OS|AltGraph)/.test(event.key)) return;
+    if (event.key === "Tab") return leave();
+    event.preventDefault();
+    event.stopPropagation();
+    const { action, slot } = awaited;
+    if (event.key === "Escape") return leave();
+    const code = codesOf(event)[0] ?? event.key;
+    const changed = assign(keys(), action, slot, code);
+    if (typeof changed === "string") return say(changed);
+    awaited = null;
+    onChange(changed);
+    paint();
+    say(`${keyName(code, layout)} now drives ${action}.`);
+  });
+  dialog.addEventListener("close", leave);
+  /** @type {Navigator & {keyboard?: {getLayoutMap?: () => Promise<Study.Layout>}}} */ (navigator).keyboard?.getLayoutMap?.().then((map) => {
+    layout = map;
+    paint();
+    onLayout();
+  }, () => {});
+  return {
+    /** Show the keys of a task.
+     * @param {Keys} first the task's own */
+    begin(first) {
+      own = first;
+      by("keymap-part").hidden = !canChange(own);
+      by("keymap").replaceChildren(...Object.entries(own).map(([action, codes]) =>
+        create("tr", [create("th", action, { scope: "row" }), ...codes.map((_, slot) => cell(action, slot))])));
+      paint();
+    },
+    paint,
+    layout: () => layout,
+  };
+}
+
+const DRIVING = /^(Key[A-Z]|Digit\d|Numpad\w+|Arrow(Up|Right|Down|Left)|Comma|Period|Slash|Semicolon|Quote|Bracket(Left|Right)|Backslash|Minus|Equal|Backquote|Intl\w+|Home|End|PageUp|PageDown|Insert|Delete)$/;
+const SPOKEN = { ArrowUp: "arrow up", ArrowRight: "arrow right", ArrowDown: "arrow down", ArrowLeft: "arrow left" };
+
+/** @param {string} code @returns whether a key may drive: Tab, Enter, Escape, space and the like stay with the page */
+export const mayDrive = (code) => DRIVING.test(code) && code !== "NumpadEnter";
+
+/** @param {Keys} keys @returns whether each of them may be exchanged for another */
+const canChange = (keys) => Object.values(keys).flat().every(mayDrive);
+
+/** Return the map with `code` in a slot, or a sentence that says why not. A key that drove elsewhere changes places with the
+ * one it replaces.
+ * @param {Keys} keys @param {Action} action @param {number} slot 0 or 1 @param {string} code @returns {Keys | string} */
+export function assign(keys, action, slot, code) {
+  if (!mayDrive(code)) return `${keyName(code)} cannot drive here: choose a letter, a digit, an arrow or a number-pad key.`;
+  const old = keys[action][slot];
+  return Object.fromEntries(Object.entries(keys).map(([each, codes]) => [each, codes.map((known, place) => {
+    if (each === action && place === slot) return code;
+    return known === code ? old : known;
+  })]));
+}
+
+/** Return a stored map if it is a whole one of the task's, else the task's own.
+ * @param {Record<string, unknown> | null | undefined} stored @param {Keys} own @returns {Keys} */
+export function readKeys(stored, own) {
+  const lists = Object.entries(own).map(([action, codes]) => ({ list: stored?.[action], of: codes.length }));
+  const isWhole = lists.every(({ list, of }) => Array.isArray(list) && list.length === of && list.every((code) => typeof code === "string" && mayDrive(code)));
+  const codes = lists.flatMap(({ list }) => list);
+  if (!isWhole || new Set(codes).size !== codes.length) return { ...own };
+  return Object.fromEntries(Object.keys(own).map((action, index) => [action, /** @type {string[]} */ (lists[index].list)]));
+}
+
+/** Return the task's own code of a key that was chosen in its place: the episode is recorded as everybody's.
+ * @param {Keys} keys that were chosen @param {Keys} own @param {string} code @returns {string | undefined} */
+export function ownCode(keys, own, code) {
+  for (const [action, codes] of Object.entries(keys)) {
+    const slot = codes.indexOf(code);
+    if (slot >= 0) return own[action][slot];
+  }
+  return undefined;
+}
+
+/** @param {string} code @param {Study.Layout} [layout] @returns the same for a screen reader */
+export const spokenKey = (code, layout) => /** @type {Record<string, string>} */ (SPOKEN)[code] ?? keyName(code, layout);
+
+/** Paint the keys as they drive now, wherever the page shows them.
+ * @param {Action[]} order @param {Keys} keys @param {Study.Layout} [layout] */
+export function paintKeys(order, keys, layout) {
+  const slots = [...Array(Math.min(2, ...order.map((action) => keys[action]?.length ?? 0))).keys()];
+  for (const line of document.querySelectorAll("[data-keys]")) {
+    line.replaceChildren(...slots.flatMap((slot) =>
+      [...(slot ? [" or "] : []), ...order.map((action) => create("kbd", keyName(keys[action][slot] ?? "", layout)))]), ` drive ${order.join(", ")}`);
+  }
+}
