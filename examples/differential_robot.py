@@ -342,8 +342,7 @@ def main(arguments=None):
     parser.add_argument(
         "--cell",
         type=float,
-        default=0.5,
-        help="side of a cell in metres; the robot takes 0.8 of it",
+        help="side of a cell in metres, 0.5 without a map; the robot takes 0.8 of it",
     )
     parser.add_argument(
         "--noise",
@@ -355,16 +354,18 @@ def main(arguments=None):
     parser.add_argument("--out", default="robot.png", help="picture to write")
     given = parser.parse_args(arguments)
 
+    cell = given.cell or 0.5
     if given.map:
-        found = read_map(given.map, given.cell)
-        episode = Episode.begin(found.config(), terrain=found.terrain, start=found.start)
+        grid_map = read_map(given.map, given.cell)
+        cell = grid_map.cell
+        episode = Episode.begin(grid_map.config(), terrain=grid_map.terrain, start=grid_map.start)
     else:
         episode = Episode.begin(EnvConfig.of(given.level, given.size), seed=given.seed)
-    robot = Robot(radius_m=0.4 * given.cell, wheel_base_m=0.6 * given.cell, noise=given.noise)
-    world = World(episode.terrain, episode.start, given.cell, robot, given.seed)
+    robot = Robot(radius_m=0.4 * cell, wheel_base_m=0.6 * cell, noise=given.noise)
+    world = World(episode.terrain, episode.start, cell, robot, given.seed)
     policy = policies.load(given.policy)
     policy.reset(given.seed)
-    explorer = Explorer(world, policy, given.cell, (6 + math.sqrt(0.5)) * given.cell)
+    explorer = Explorer(world, policy, cell, (6 + math.sqrt(0.5)) * cell)
     is_done = explorer.explore(limit=4 * episode.terrain.size)
     draw(explorer, given.out)
     known = explorer.known[-1][1]

@@ -41,7 +41,12 @@ if TYPE_CHECKING:
     "In a checkout: offer the agents of the paper's four algorithms too; ppo-paper had 240,000 of its 9,000,000 moves.",
 )
 @several("--map", "maps", "A map_server file (YAML) to play on; repeatable.", type=PATH)
-@option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
+@option(
+    "--cell",
+    "cell_m",
+    type=float,
+    help="Side of a map's cells in metres.  [default: the largest that fit]",
+)
 @option("--public-url", metavar="URL", help="Where browsers find the pages: https://mars.example.")
 @several(
     "--trusted-proxy",

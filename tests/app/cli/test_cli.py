@@ -528,9 +528,10 @@ def test_policies_are_evaluated_on_map_files(run, tmp_path):
         write_map(GridMap(terrain, 0.5, (0.0, 0.0, 0.0), (0, 0)), tmp_path / f"{name}.yaml")
     maps = "--map", tmp_path / "hall.yaml", "--map", tmp_path / "shed.yaml"
     given = "--policy", "frontier-priced", "--json", tmp_path / "figures.json"
-    code, out, _ = run("evaluate", *given, *maps)
+    code, out, err = run("evaluate", *given, *maps)
     assert code == 0
     assert "frontier-priced" in out
+    assert "hall.yaml: 6 x 9 cells of 0.5 m, start in row 5, column 0, at (0.25, 0.25) m" in err
     maps = json.loads((tmp_path / "figures.json").read_text())["maps"]
     assert [each["name"] for each in maps] == ["hall", "shed"]
     names = "frontier-priced frontier-cost frontier-utility"

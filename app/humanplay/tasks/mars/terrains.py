@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from click import echo
 from numpy.typing import NDArray
 
 from humanplay.task import Cause, Choice
 from humanplay.tasks.mars.messages import MAX_API_SIDE
-from marsexplorer.maps import CELL_M, read_map
+from marsexplorer.maps import GridMap, MapWarning, read_map
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +43,9 @@ class MapCatalogue:
     def read(cls, paths: Iterable[Path], cell_m: float | None = None) -> MapCatalogue:
         """Return the maps of files, each under its file's name without suffix; ValueError for a file that is none.
 
-        cell_m  side of a cell in metres; None for 0.5
+        cell_m  side of a cell in metres; None: as `read_map` chooses it
         """
-        return cls(_offered(path, cell_m or CELL_M) for path in paths)
+        return cls(_offered(path, cell_m) for path in paths)
 
     def listed(self) -> list[dict[str, Any]]:
         """Return what may be chosen, as the API lists it."""
@@ -72,12 +74,34 @@ def _is_of(row: Cause, terrain: Choice) -> bool:
     return (row.config, row.start, row.terrain) == (terrain.config, given.start, packed)
 
 
-def _offered(path: Path, cell_m: float) -> tuple[str, Choice]:
-    found = read_map(path, cell_m)
-    rows, cols = found.terrain.shape
+def open_map(path: Path, cell_m: float | None) -> GridMap:
+    """Read a map file, and print what cells it has and what its owner should know; ValueError if it is none.
+
+    cell_m  side of a cell in metres; None: as `read_map` chooses it
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", MapWarning)
+        grid_map = read_map(path, cell_m)
+    for warning in caught:
+        echo(f"warning: {warning.message}", err=True)
+    rows, cols = grid_map.terrain.shape
+    row, col = grid_map.start
+    x, y = grid_map.to_metres(grid_map.start)
+    echo(
+        f"{path}: {rows} x {cols} cells of {grid_map.cell:g} m, start in row {row}, column {col}, at ({x:g}, {y:g}) m",
+        err=True,
+    )
+    return grid_map
+
+
+def _offered(path: Path, cell_m: float | None) -> tuple[str, Choice]:
+    grid_map = open_map(path, cell_m)
+    rows, cols = grid_map.terrain.shape
     if max(rows, cols) > MAX_API_SIDE:
         raise ValueError(
             f"{path}: a board has at most {MAX_API_SIDE} cells a side, and this map has {rows}x{cols}; "
-            "give a larger --cell, which makes fewer cells of it"
+            "leave --cell out, or give a larger one"
         )
-    return path.stem, Choice(found.config(), None, GivenTerrain(found.terrain, found.start))
+    return path.stem, Choice(
+        grid_map.config(), None, GivenTerrain(grid_map.terrain, grid_map.start)
+    )

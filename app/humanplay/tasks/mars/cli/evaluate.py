@@ -37,7 +37,12 @@ FEW_EPISODES = 20
 @path_option("--csv", "csv_path", "Also write the table to this file.")
 @path_option("--plots", "Folder for coverage curves and heat maps; made when absent.")
 @several("--map", "maps", "Play on this map_server file (YAML) instead; repeatable.", type=PATH)
-@option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
+@option(
+    "--cell",
+    "cell_m",
+    type=float,
+    help="Side of a map's cells in metres.  [default: the largest that fit]",
+)
 @option("--ray", metavar="ADDRESS", help="Play on a Ray cluster: HOST:PORT, auto, or local.")
 @argument("more", nargs=-1, metavar="")
 def evaluate(
@@ -60,8 +65,8 @@ def evaluate(
     Episodes are played on all cores; the table is the same for any number of them. The score hardly differs between good
     policies: ten steps change it by 0.004. docs/evaluation.md defines every figure.
 
-    With --map each policy plays one episode on each map, from the free cell nearest to the origin. What can be discovered from
-    there counts, and there are no intervals.
+    With --map each policy plays one episode on each map, from the free cell nearest to the origin that leaves something to
+    explore. What can be discovered from there counts, and there are no intervals.
 
     \b
     Examples:
@@ -177,14 +182,15 @@ def _evaluate_maps(
 
 def _read_maps(paths: Sequence[Path], cell_m: float | None) -> dict[str, GridMap]:
     """Return the maps by the names of their files."""
-    from marsexplorer.maps import CELL_M, MapFileError, read_map
+    from humanplay.tasks.mars.terrains import open_map
+    from marsexplorer.maps import MapFileError
 
     maps: dict[str, GridMap] = {}
     for path in paths:
         if path.stem in maps:
             raise UsageError(f"--map names two files {path.stem!r}; rename one, or give it once")
         try:
-            maps[path.stem] = read_map(path, CELL_M if cell_m is None else cell_m)
+            maps[path.stem] = open_map(path, cell_m)
         except MapFileError as error:
             raise UsageError(str(error)) from error
         except ModuleNotFoundError as error:
