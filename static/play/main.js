@@ -12,7 +12,7 @@ import { many, notCounted } from "../common/words.js";
 import { personalText } from "../me/words.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
-import { createPanel, endOf, hasTwoBoards, offerPolicies, paintBar, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
+import { createPanel, endOf, hasStage, hasTwoBoards, offerPolicies, paintBar, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
 import { createLeaving, createSessions, findBoard, modeOn, patiently, showInstead } from "./sessions.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
@@ -159,7 +159,7 @@ function paintBoards(before, dpr) {
     const isMine = role === "player";
     const shown = (isMine && parts.costs?.boardOf(board)) || board;
     const ghost = shown === board && trail ? { trail, accent: colours[isMine ? "rival" : "player"] } : null;
-    task.paint(part.matrix, shown, { name: task.nameOf(board.name), accent: colours[role], ...sizes.of(part.matrix), dpr, has_range: true, ghost,
+    task.paint(part.matrix, shown, { name: task.nameOf(board.name), accent: colours[role], ...sizes.of(part.matrix), dpr, has_range: true, follows: hasStage(panels[role]), ghost,
       marks: isMine ? parts.costs?.marks() : null });
   }
   const now_ms = performance.now();

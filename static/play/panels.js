@@ -149,6 +149,9 @@ export function startTabs() {
   return show;
 }
 
+/** @param {Play.Panel} panel @returns whether its matrix has the stage: in 3-D it is the small map */
+export const hasStage = ({ viewer }) => document.body.dataset.view !== "3d" || !viewer.hasAttribute("data-drawn");
+
 /** Open and close a dialog by its buttons, or by a click beside it.
  * @param {string} name */
 export function startDialog(name) {

@@ -52,7 +52,7 @@ export function paintPlayScreen(before, { palette, accent, inks, font }, keyOf) 
   const isNew = before === null || screenOf(before) !== "play";
   if (isNew || player !== before.game.player) {
     const { clientWidth: width_px, clientHeight: height_px } = by("matrix");
-    participant.task.paint(by("matrix"), player, { name: `the ${participant.task.round}`, palette, accent, width_px, height_px, dpr: devicePixelRatio || 1 });
+    participant.task.paint(by("matrix"), player, { name: `the ${participant.task.round}`, palette, accent, width_px, height_px, dpr: devicePixelRatio || 1, follows: true });
   }
   if (isNew || player !== before.game.player || participant !== before.participant) {
     paintNumbers(player.frame, participant, keyOf);

@@ -38,7 +38,7 @@ function paint() {
   if (!board || !task) return;
   const { frame, name } = board;
   const said = task.nameOf(name);
-  task.paint(part.ground, board, { name: said, accent: boardColours(part.ground).you, ...sizes.of(part.ground), dpr: window.devicePixelRatio || 1 });
+  task.paint(part.ground, board, { name: said, accent: boardColours(part.ground).you, ...sizes.of(part.ground), dpr: window.devicePixelRatio || 1, follows: true });
   put(by("name"), said);
   put(by("terrain"), task.place(state.level, frame));
   const { value, unit } = paintNumbers(part, task, frame);

@@ -3,6 +3,7 @@ import { boardColours, reader } from "../../common/page.js";
 import { paintMistakeMarks } from "./mistake_marks.js";
 import { paintShares } from "./expert.js";
 import { describe, runs } from "./words.js";
+import { follow, LARGE_SIDE, release, smallMap } from "./zoom.js";
 
 /** How far the lidar of every board of the playground sees (EnvConfig.sensor_radius). */
 const LIDAR_CELLS = 6;
@@ -20,9 +21,12 @@ export function paint(place, board, look) {
   const { frame, trail } = board;
   canvas.setAttribute("aria-label", describe(frame, look.name));
   if (!(look.width_px > 0 && look.height_px > 0)) return;
-  const size = cellSize(look.width_px, look.height_px, frame.rows, frame.cols, look.dpr);
-  const width = size * frame.cols;
-  const height = size * frame.rows;
+  const fit = cellSize(look.width_px, look.height_px, frame.rows, frame.cols, look.dpr);
+  const isFollowed = look.follows && !frame.outcome && Math.max(frame.rows, frame.cols) > LARGE_SIDE;
+  if (!isFollowed) release(place);
+  const whole = { size: fit, left: 0, top: 0, width: fit * frame.cols, height: fit * frame.rows };
+  const shown = isFollowed ? follow(place, frame, look, fit, () => paint(place, board, look)) : whole;
+  const { size, width, height } = shown;
   if (canvas.width !== width || canvas.height !== height) {
     canvas.width = width;
     canvas.height = height;
@@ -31,6 +35,7 @@ export function paint(place, board, look) {
   }
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
   const soil = soilOf(canvas, look.palette);
+  context.setTransform(1, 0, 0, 1, -shown.left, -shown.top);
   paintCells(context, frame, size, soil);
   if (look.ghost) paintTrail(context, look.ghost.trail, size, { accent: look.ghost.accent, casing: soil.casing, isGhost: true });
   paintTrail(context, trail, size, { accent: look.accent, casing: soil.casing });
@@ -38,6 +43,26 @@ export function paint(place, board, look) {
   if (look.shares) paintShares(context, look.shares, frame.position, size, { colour: boardColours(canvas).policy, dpr: look.dpr });
   paintRover(context, frame, size, { accent: look.accent, casing: soil.casing, dpr: look.dpr });
   if (look.marks) paintMistakeMarks(context, look.marks, size, { made: look.accent, ...boardColours(canvas), dpr: look.dpr });
+  const map = isFollowed && smallMap(place, frame, shown, look);
+  if (map) paintMap(map, board, shown, look, soil);
+}
+
+/** Paint the whole of a followed board, and the part of it that stands on the stage.
+ * @param {{canvas: HTMLCanvasElement, size: number}} map @param {{frame: Mars.Frame, trail: Cell[]}} board
+ * @param {Mars.Window} shown @param {Mars.Look} look @param {Mars.Soil} soil */
+function paintMap({ canvas, size }, { frame, trail }, shown, { accent, dpr }, soil) {
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
+  paintCells(context, frame, size, soil);
+  paintTrail(context, trail, size, { accent, casing: soil.casing });
+  const [row, col] = frame.position;
+  const side = Math.max(size, 4 * dpr);
+  context.fillStyle = accent;
+  context.fillRect((col + 0.5) * size - side / 2, (row + 0.5) * size - side / 2, side, side);
+  const scale = size / shown.size;
+  context.strokeStyle = accent;
+  context.lineWidth = dpr;
+  const [x, y] = [shown.left * scale, shown.top * scale];
+  context.strokeRect(x + dpr / 2, y + dpr / 2, shown.width * scale - dpr, shown.height * scale - dpr);
 }
 
 /** @param {CanvasRenderingContext2D} context @param {Mars.Frame} frame @param {number} size @param {Mars.Soil} soil */

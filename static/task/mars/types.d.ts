@@ -8,11 +8,14 @@ declare namespace Mars {
     | "trialEnding" | "compare" | "inWords" | "announcement" | "sound" | "hint" | "coach">;
   /** A board of this world. */
   type Board = Omit<globalThis.Board, "frame" | "trail"> & {frame: Frame, trail: Cell[]};
-  /** Has_range: how far the lidar sees is drawn as a ring; shares: of each move, drawn round the
+  /** Has_range: how far the lidar sees is drawn as a ring; follows: a large board shows the rover's surroundings, and the
+   * whole in a small map; shares: of each move, drawn round the
    * rover; marks: mistakes. */
   type Look = globalThis.Look & {
-    ghost?: {trail: Cell[], accent: string} | null, has_range?: boolean, shares?: number[], marks?: Marks | null,
+    ghost?: {trail: Cell[], accent: string} | null, has_range?: boolean, follows?: boolean, shares?: number[], marks?: Marks | null,
   };
+  /** The part of a board on its stage, and a cell, in device pixels. */
+  type Window = {size: number, left: number, top: number, width: number, height: number};
   /** Chosen: the index of one of them. */
   type Marks = {mistakes: Mistake[], chosen: number | null};
 }

@@ -1,6 +1,7 @@
 // 3-D or matrix: which of the two fills a board, how the 3-D view is drawn, and the frame in which it stands.
 import { by, create } from "../../common/page.js";
 import { browserStore } from "../../common/storage.js";
+import { LARGE_SIDE } from "./zoom.js";
 
 /** Return whether this browser can draw the 3-D view, and whether its processor has to do it. */
 function probeWebGL() {
@@ -101,9 +102,6 @@ export function freeCorner({ rows, cols, position }, trail) {
     (corner.startsWith("north") ? row + 1 : rows - row) <= Math.ceil(COVERED * rows)
     && (corner.endsWith("west") ? col + 1 : cols - col) <= Math.ceil(COVERED * cols))) ?? "none";
 }
-
-/** A board with a longer side, cells, is followed until somebody chooses (app/humanplay/tasks/mars/viewer3d/scene.py). */
-export const LARGE_SIDE = 30;
 
 /** Return which camera shows a board: the one chosen, else by its size.
  * @param {string | null} choice what is kept in mars.camera @param {number} side the longer one, cells */

@@ -419,8 +419,8 @@ def test_a_view_is_drawn_as_its_address_wishes(server):
 
 
 def test_large_boards_are_followed_unless_the_map_is_wished_for():
-    assert not ViewOptions().follows(21, 30)
-    assert ViewOptions().follows(12, 31)
+    assert not ViewOptions().follows(21, 21)
+    assert ViewOptions().follows(12, 22)
     assert not ViewOptions.from_query({"camera": "map"}).follows(84, 84)
     followed = ViewOptions.from_query({"camera": "follow", "effects": "on"})
     assert followed == ViewOptions("follow", True, False)

@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { cameraOf, freeCorner, hasEffects, LARGE_SIDE } from "../../../../static/task/mars/views.js";
+import { cameraOf, freeCorner, hasEffects } from "../../../../static/task/mars/views.js";
+import { LARGE_SIDE } from "../../../../static/task/mars/zoom.js";
 
 test("large boards are followed until somebody chooses", () => {
   assert.equal(cameraOf(null, LARGE_SIDE), "map");

@@ -24,7 +24,7 @@ from humanplay.tasks.mars.run import View
 from humanplay.tasks.mars.viewer3d import models
 from marsexplorer.config import ACTIONS, OBSTACLE, UNKNOWN
 
-LARGE_SIDE = 30
+LARGE_SIDE = 21
 """A board with a side longer than this, in cells, is followed unless the browser asks for the whole map."""
 
 SLOW_SIDE = 60

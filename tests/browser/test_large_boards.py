@@ -1,0 +1,78 @@
+"""Boards of 42x42 and 84x84 in the matrix: the rover is followed, and everybody can zoom."""
+
+import pytest
+
+from tests.support.browser import NO_3D, keep_picture
+
+LEAST_PX = 10
+MATRIX = "[data-role=player] .matrix"
+
+
+def cell_px(me):
+    return float(me.page.locator(MATRIX).get_attribute("data-cell"))
+
+
+def grows(me, before):
+    me.wait(f"Number(document.querySelector('{MATRIX}').dataset.cell) > {before}")
+    return cell_px(me)
+
+
+def pinch(me, apart_px):
+    """Spread two fingers over the board from 60 px apart."""
+    box = me.page.locator(MATRIX).bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    devtools = me.page.context.new_cdp_session(me.page)
+
+    def touch(kind, half_px):
+        fingers = [{"x": x + way * half_px, "y": y, "id": way + 1} for way in (-1, 1)]
+        devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
+
+    touch("touchStart", 30)
+    for half_px in range(30, apart_px // 2, 5):
+        touch("touchMove", half_px)
+    devtools.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+
+@pytest.mark.parametrize("side", [42, 84])
+def test_on_a_phone_cells_of_a_large_board_can_be_seen_and_two_fingers_zoom(serve, player, side):
+    me = player(serve(), NO_3D, width=390, height=844, has_touch=True, is_mobile=True)
+    me.begin(size=side)
+    assert cell_px(me) >= LEAST_PX
+    assert me.page.locator(f"{MATRIX} .whole-map").count() == 1
+    room = me.page.locator(MATRIX).bounding_box()
+    drawn = me.page.locator(f"{MATRIX} canvas").first.bounding_box()
+    assert drawn["width"] <= room["width"]
+    assert drawn["height"] <= room["height"]
+    keep_picture(me.page, f"large-{side}-phone")
+    before, step = cell_px(me), me.state()["step"]
+    pinch(me, 160)
+    grows(me, before + 4)
+    assert me.state()["step"] == step, "two fingers drive nowhere"
+    assert me.errors == []
+
+
+@pytest.mark.parametrize("side", [42, 84])
+def test_on_a_desk_wheel_and_keys_zoom_and_the_rover_stays_on_the_stage(serve, player, side):
+    me = player(serve(), NO_3D)
+    me.begin(size=side)
+    first = cell_px(me)
+    assert first >= LEAST_PX
+    me.page.locator(MATRIX).hover()
+    me.page.mouse.wheel(0, -400)
+    wheeled = grows(me, first)
+    me.page.keyboard.press("+")
+    grows(me, wheeled)
+    keep_picture(me.page, f"large-{side}-desk")
+    for _ in range(12):
+        me.page.keyboard.press("-")
+    me.wait(f"Number(document.querySelector('{MATRIX}').dataset.cell) <= {max(first, LEAST_PX)}")
+    assert cell_px(me) >= LEAST_PX
+    assert me.page.locator(f"{MATRIX} .whole-map").count() == (side == 84)
+    assert me.errors == []
+
+
+def test_a_board_of_the_common_size_stands_whole(serve, player):
+    me = player(serve(), NO_3D, width=390, height=844)
+    me.begin(size=21)
+    me.page.keyboard.press("+")
+    assert me.page.locator(".whole-map").count() == 0
