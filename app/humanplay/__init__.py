@@ -1,7 +1,9 @@
 """The MarsExplorer playground: server, storage and command."""
 
 import os
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # see marsexplorer
 
@@ -15,3 +17,15 @@ STATIC = ROOT / "static" if IS_CHECKOUT else PACKAGE / "static"
 
 SHIPPED_DATA = (ROOT if IS_CHECKOUT else PACKAGE) / "data"
 """What comes with the package beside its code: `leaderboard/`, the figures of the shipped policies."""
+
+if TYPE_CHECKING:
+    from humanplay.cli.pilot.play import play
+
+__all__ = ["IS_CHECKOUT", "PACKAGE", "ROOT", "SHIPPED_DATA", "STATIC", "play"]
+
+
+def __getattr__(name: str) -> object:
+    """`play`, which is imported when it is first wanted."""
+    if name in ("play",):
+        return getattr(import_module(f"humanplay.cli.pilot.{name}"), name)
+    raise AttributeError(f"humanplay has no {name!r}")

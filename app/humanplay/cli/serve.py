@@ -153,7 +153,7 @@ def play(env: str, port: int, database: Path | None, no_browser: bool) -> None:
     from threading import Thread
 
     where = {} if database is None else {"database": database}
-    settings = settings_of(task=task_name(env), port=port, **where)
+    settings = settings_of(task=task_name(env), port=port, confined=False, **where)
 
     def show(address: str) -> None:
         Thread(target=webbrowser.open, args=(address,), daemon=True).start()

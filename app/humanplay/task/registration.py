@@ -53,6 +53,7 @@ class Start:
     policies          files of further policies, or functions
     maps              files of instances, where the task takes some; `cell_m` is the side of their cells in metres
     hidden            files and folders that nothing which is played may read
+    confined          whether what is played, and its policies, may do no more than they need
     compiles_beside   whether a process beside this one compiles what is missing, from now until the task is closed
     loaded            what is on offer, where that is loaded already
     """
@@ -61,6 +62,7 @@ class Start:
     maps: tuple[Path, ...] = ()
     cell_m: float | None = None
     hidden: tuple[Path, ...] = ()
+    confined: bool = True
     compiles_beside: bool = False
     loaded: Policies | None = field(default=None, repr=False)
 

@@ -87,9 +87,14 @@ class ProcessPolicies(BasePolicies):
     """
 
     def __init__(
-        self, task: str, module: str, sources: Iterable[str] = (), hidden: Sequence[Path] = ()
+        self,
+        task: str,
+        module: str,
+        sources: Iterable[str] = (),
+        hidden: Sequence[Path] = (),
+        confined: bool = True,
     ) -> None:
-        self._task, self._module, self._hidden = task, module, hidden
+        self._task, self._module, self._hidden, self._confined = task, module, hidden, confined
         self._preparers: dict[str, Preparer] = {}
         self._sources = {self._name(each): each for each in ("random", *sources)}
 
@@ -110,8 +115,9 @@ class ProcessPolicies(BasePolicies):
         if source not in self._preparers:
             files = [] if self.is_rule(source) else [self.file_of(source).resolve()]
             argument = json.dumps([self._task, *([str(file) for file in files] or [source])])
-            limits: Any = {"readable": files, "hidden": self._hidden}
-            self._preparers[source] = Preparer(self._module, argument, MEMORY_MB, **limits)
+            self._preparers[source] = Preparer(
+                self._module, argument, MEMORY_MB, files, self._hidden, self._confined
+            )
         policy = ProcessPolicy(self._preparers[source], self._name(source))
         if config is not None:
             policy.act((config, 0, b""))

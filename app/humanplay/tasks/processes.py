@@ -40,6 +40,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from humanplay.jobs import give_way
+from humanplay.tasks import held
 
 STEP_CPU_S = 2.0
 """Seconds of processor from one yield of a worker to the next."""
@@ -92,6 +93,7 @@ class Preparer:
     memory_mb  resident memory that a worker may take beyond the preparer's
     readable   further files and folders that workers may read
     hidden     files and folders that they may not, although they are in one that they may; and what begins like them
+    confined   False lets workers do what the user may, in the user's folders and network
     """
 
     def __init__(
@@ -101,11 +103,13 @@ class Preparer:
         memory_mb: int = 512,
         readable: Sequence[Path] = (),
         hidden: Sequence[Path] = (),
+        confined: bool = True,
     ) -> None:
         self._module, self.argument, self._allowed = module, argument, memory_mb << 20
         self._settings = {
             "readable": [str(path.resolve()) for path in readable],
             "hidden": [str(path.resolve()) for path in hidden],
+            "confined": confined,
         }
         self._changing = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
@@ -154,14 +158,21 @@ class Preparer:
         with mine, theirs:
             paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
             environ = {name: os.environ[name] for name in KEPT if name in os.environ} | FIXED
-            environ |= {"PYTHONPATH": paths, "HOME": str(self.folder), "TMPDIR": str(self.folder)}
+            environ |= {"PYTHONPATH": paths}
+            place = Path.cwd()
+            if self._settings["confined"]:
+                place = self.folder
+                environ |= {"HOME": str(place), "TMPDIR": str(place)}
+            elif "HOME" in os.environ:
+                environ["HOME"] = os.environ["HOME"]
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "humanplay.tasks.processes", self._module, self.argument, json.dumps(self._settings),
                  str(theirs.fileno())],
-                env=environ, cwd=self.folder, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL,
+                env=environ, cwd=place, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
             )  # fmt: skip
             self._connection = Connection(mine.detach())
+            self._connection.send_bytes(json.dumps(held.payloads()).encode())
         self._ended = weakref.finalize(self, _end, self._process, self._connection, self.folder)
         try:
             told = self._heard()
@@ -327,7 +338,10 @@ def _serve(name: str, argument: str, settings: Mapping[str, Any], descriptor: in
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     give_way(5)  # a worker that takes all it can get gives way to the server
     try:
-        confined = confine(settings["readable"], settings["hidden"], Path.cwd())
+        held.take(json.loads(connection.recv_bytes()))
+        confined = {}
+        if settings["confined"]:
+            confined = confine(settings["readable"], settings["hidden"], Path.cwd())
         module = import_module(name)
         module.prepare(argument)
     except Exception as error:
@@ -419,6 +433,8 @@ def confine(readable: Iterable[str], hidden: Iterable[str], folder: Path) -> dic
 
 def guards_of(confined: Mapping[str, str]) -> str:
     """Return what `confine` returned as a sentence that says what is on, what is not and why, and what that is worth."""
+    if not confined:
+        return "boards run in processes of their own, which may do what you may"
     on = [name for name, why in confined.items() if not why]
     said = f"boards run in processes of their own, with {', '.join(on) or 'no further guard'}"
     if off := [f"{name} ({why})" for name, why in confined.items() if why]:

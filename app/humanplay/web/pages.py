@@ -18,15 +18,16 @@ from starlette.staticfiles import NotModifiedResponse
 from starlette.types import Scope
 
 from humanplay import STATIC
+from humanplay.db import names
 from humanplay.study.folder import Folder
 from humanplay.task import Environment
 from humanplay.web import api_docs
-from humanplay.web.access import services_of
+from humanplay.web.access import PLAYER, player_of, services_of
 from humanplay.web.protection import NO_CACHE, page_policy
 from humanplay.web.templates import environment, root_of
 
 PAGES = {
-    "/": "play", "/study": "studies", "/leaderboard": "leaderboard", "/about": "about",
+    "/study": "studies", "/leaderboard": "leaderboard", "/about": "about",
     "/daily": "daily", "/me": "me",
 }  # fmt: skip
 """The folders of `static/` whose pages are served, by their addresses."""
@@ -143,6 +144,28 @@ def _serve(router: APIRouter, path: str, folder: str, headers: dict[str, str]) -
         return page(request, folder, headers)
 
     router.add_api_route(path, serve, methods=["GET"], name=f"{folder}_page")
+
+
+@router.get("/")
+async def play_page(request: Request, invitation: str = "") -> Response:
+    """Serve the playground; first ask for a name, or know whoever comes by their invitation, where the server asks for that."""
+    services = services_of(request)
+    if not services.asks_name:
+        return page(request, "play")
+    if services.player_tokens.read(invitation) is not None:
+        response = RedirectResponse("./", 303, NO_CACHE)
+        PLAYER.set(response, request, invitation)
+        return response
+    player = player_of(request)
+    is_named = player is not None and await services.store.read(
+        lambda: names.own(services.store, player)["name"] is not None
+    )
+    if is_named:
+        return page(request, "play")
+    text = environment.get_template("name/index.html").render(
+        root=root_of(request), about=services.lobby.task.about
+    )
+    return HTMLResponse(text, headers=NO_CACHE)
 
 
 for _path, _folder in PAGES.items():

@@ -9,13 +9,13 @@ import re
 import unicodedata
 from functools import partial
 
-from fastapi import APIRouter, HTTPException, Request
+from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import Field
 
 from humanplay.board.messages import Message
 from humanplay.db import names
 from humanplay.report.statistics.human_level import LEAST_EPISODES
-from humanplay.web.access import player_of, services_of
+from humanplay.web.access import player_of, remember_player, services_of
 from humanplay.web.answers.people import OwnName, People
 from humanplay.web.protection import has_own_origin
 
@@ -97,9 +97,16 @@ async def get_people(request: Request) -> dict[str, object]:
 
 
 @router.put("/me/name", response_model=OwnName, summary="Choose the name by which you are shown")
-async def set_name(request: Request, wanted: NewName) -> dict[str, object]:
-    """Choose a name, or another one; 422 for one that cannot be shown, 409 for a taken one, and before the first terrain."""
-    player_id, services = _own_player(request), services_of(request)
+async def set_name(request: Request, response: Response, wanted: NewName) -> dict[str, object]:
+    """Choose a name, or another one; 422 for one that cannot be shown, 409 for a taken one, and before the first terrain.
+
+    A server that asks for names takes one before it too.
+    """
+    services = services_of(request)
+    if services.asks_name:
+        player_id = await _new_player(request, response)
+    else:
+        player_id = _own_player(request)
     try:
         name = cleaned(wanted.name)
         store, at_ms = services.store, services.lobby.sources.clock_ms()
@@ -119,6 +126,18 @@ async def remove_name(request: Request) -> dict[str, object]:
     player_id, store = _own_player(request), services_of(request).store
     await store.change(names.remove_name, player_id)
     return {**await store.read(partial(names.own, store, player_id))}
+
+
+async def _new_player(request: Request, response: Response) -> str:
+    """The player who asks, a new one without a cookie; HTTPException 403 unless a page of this server asks."""
+    if not has_own_origin(request):
+        raise HTTPException(403, "a name is chosen on this server's page")
+    services = services_of(request)
+    sources, store = services.lobby.sources, services.store
+    player_id = player_of(request) or sources.player_id()
+    await store.write(partial(store.add_player, player_id, sources.clock_ms()))
+    remember_player(response, request, player_id)
+    return player_id
 
 
 def _own_player(request: Request) -> str:

@@ -291,6 +291,7 @@ def _services(
         admin=None
         if password is None
         else AdminServices(password, progress, health, jobs, downloads),
+        asks_name=settings.asks_name,
     )
 
 
@@ -359,7 +360,13 @@ def _task(
     """Return the task that the settings name; ValueError, LookupError or OSError where it, or a file of it, is none."""
     hides = (settings.database, settings.studies, settings.backups, *hidden)
     start = Start(
-        settings.policies, settings.maps, settings.cell_m, hides, compiles_beside, policies
+        settings.policies,
+        settings.maps,
+        settings.cell_m,
+        hides,
+        settings.confined,
+        compiles_beside,
+        policies,
     )
     return serve(settings.task, start)
 

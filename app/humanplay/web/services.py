@@ -44,6 +44,7 @@ class Services:
     replays        finished episodes as they went, and policies on their terrains
     health         the state of the disk and the database
     admin          the operator's part; None on a server without an operator's page
+    asks_name      whether whoever comes chooses a name before the first episode
     """
 
     store: Store
@@ -63,6 +64,7 @@ class Services:
     replays: Replays
     health: Health
     admin: AdminServices | None = None
+    asks_name: bool = False
 
     async def aclose(self) -> None:
         """End everything but the store, which whoever opened it closes."""

@@ -178,6 +178,11 @@ class Settings(Place):
     """Maps of map_server (YAML) to offer (`serve --map FILE`)."""
     cell_m: float | None = Field(default=None, gt=0)
     """The side of their cells in metres; by default the task's own."""
+    confined: bool = True
+    """False lets environments and policies do what you may, in your folders and your network, as
+    `humanplay play` does."""
+    asks_name: bool = False
+    """True asks whoever comes for a name before the first episode, as the call `play` does."""
     trusted_proxies: tuple[Annotated[str, AfterValidator(_checked_proxy)], ...] = ()
     """Addresses and networks of proxies whose X-Forwarded headers count (`serve --trusted-proxy`)."""
     durable: bool = False

@@ -31,14 +31,16 @@ class Boards:
 
     steps_on  threads to wait for their answers on
     hidden    files and folders that no board may read
+    confined  whether they may do no more than they need
     """
 
     _open, _listing = WeakSet[Worker](), Lock()  # of all tasks that this process serves
 
-    def __init__(self, task: str, hidden: Sequence[Path] = ()) -> None:
+    def __init__(self, task: str, hidden: Sequence[Path] = (), confined: bool = True) -> None:
         self.steps_on = ThreadPoolExecutor(THREADS, "boards")
         memory_mb = described(task.partition(":")[2]).memory_mb
-        self.task, self.preparer = task, Preparer(__name__, task, memory_mb, hidden=hidden)
+        self.task = task
+        self.preparer = Preparer(__name__, task, memory_mb, hidden=hidden, confined=confined)
         self._most = int(ALL_OF_MEMORY * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
 
     def check_room(self) -> None:

@@ -19,6 +19,7 @@ from gymnasium.envs.registration import EnvSpec, load_env_creator
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from humanplay.board.messages import KEY_CODES
+from humanplay.tasks import held
 from humanplay.tasks.gymnasium.modules import imported, module_of_file, owners_of, source_hash
 
 DEFAULT_LIMIT = 1000
@@ -186,6 +187,8 @@ def spec_of(env_id: str) -> EnvSpec:
         ValueError: There is none; the text says what was looked for and the way out.
     """
     module_name, _, name = env_id.rpartition(":")
+    if module_name == held.SCHEME:
+        return EnvSpec(name, held.function_of(name))
     if not module_name:
         try:
             return gymnasium.spec(name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from humanplay.task import Choice, Run
@@ -19,13 +19,18 @@ class GymnasiumTask(BaseTask, GymnasiumEnvironment):
     """The environment that a description tells of, as a server offers it (`humanplay.task.Task`)."""
 
     def __init__(
-        self, told: str, policies: Iterable[str] = (), hidden: Sequence[Path] = ()
+        self,
+        told: str,
+        policies: Sequence[str] = (),
+        hidden: Sequence[Path] = (),
+        confined: bool = True,
     ) -> None:
         """Begin no process yet; `hidden` are files and folders that neither boards nor policies may read."""
         super().__init__(told)
-        self._process_policies = ProcessPolicies(self.name, POLICIES, policies, hidden)
+        self._checked = policies
+        self._process_policies = ProcessPolicies(self.name, POLICIES, policies, hidden, confined)
         self.policies = self._process_policies
-        self._boards = Boards(self.name, hidden)
+        self._boards = Boards(self.name, hidden, confined)
         self.steps_on = self._boards.steps_on
 
     def begin(self, choice: Choice) -> Run:
@@ -39,8 +44,8 @@ class GymnasiumTask(BaseTask, GymnasiumEnvironment):
 
     def guards(self) -> str:
         """Return what guards the server; ValueError where a process does not start, PolicyError where a policy cannot play."""
-        for offer in self.policies.offers():
-            self.policies.load(offer.name, self.default).reset(0)
+        for source in self._checked:  # `random` starts when somebody wants it
+            self.policies.load(source, self.default).reset(0)
         return guards_of(self._boards.preparer.confined())
 
     def close(self) -> None:
@@ -52,4 +57,6 @@ class GymnasiumTask(BaseTask, GymnasiumEnvironment):
 def serve(variant: str, start: Start) -> GymnasiumTask:
     """The task of a server; ValueError if it cannot be played here."""
     GymnasiumEnvironment(variant).prepare()
-    return GymnasiumTask(variant, map(str, start.policies), start.hidden)
+    return GymnasiumTask(
+        variant, [str(path) for path in start.policies], start.hidden, start.confined
+    )

@@ -1,0 +1,5 @@
+"""A pilot: people play the environment that a program or a notebook holds, and are scored.
+
+Their plays are recorded and replayed like those of a server; how often they play is theirs to choose, which a study's
+protocol fixes.
+"""

@@ -1,0 +1,81 @@
+"""What is to be played: by a name wherever there is one, else as a function that the program holds."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+from humanplay.cli.pilot.errors import PilotError
+from humanplay.task.registration import is_registered, register
+from humanplay.tasks import held
+from humanplay.tasks.gymnasium.description import told_of
+
+EXPECTED = (
+    "expected an environment of Gymnasium, a class or function that makes one, an id, or a file"
+)
+MANY = "it steps many environments at once, and a person plays one: play(lambda: gymnasium.make(ID, render_mode='rgb_array'))"
+AGENTS = "it has several agents, and Gymnasium's has one: let the others act in a wrapper, and play the class of that"
+GYM = (
+    "Gym is Gymnasium's predecessor: pip install 'shimmy[gym-v26]', and "
+    "play(lambda: gymnasium.make('GymV26Environment-v0', env_id=ID, render_mode='rgb_array'))"
+)
+REFUSED = {
+    "gymnasium.vector": MANY, "gymnasium.experimental.vector": MANY, "stable_baselines3.common.vec_env": MANY,
+    "pettingzoo": AGENTS, "gym": GYM,
+}  # fmt: skip
+"""By the module of one of its classes: why an environment cannot be played, and the way out."""
+
+
+def task_of(env: object) -> str:
+    """Name the task that plays an environment.
+
+    Args:
+        env: An id, a file's path, the folder of a world, or a class or function that makes an environment.
+
+    Raises:
+        PilotError: It is none of these.
+    """
+    if isinstance(env, str | Path):
+        return _named(str(env))
+    if callable(env) and (name := importable_name(env)):
+        return _named(name)
+    check_kind(env)
+    if callable(env):
+        return f"gymnasium:{held.SCHEME}:{held.hold(env)}"
+    raise PilotError(f"{EXPECTED}; got {type(env).__name__}")
+
+
+def _named(name: str) -> str:
+    if is_registered(name):
+        return name
+    try:
+        return register(Path(name)) if Path(name).is_dir() else f"gymnasium:{told_of(name)}"
+    except OSError as error:
+        raise PilotError(f"cannot read {name}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise PilotError(str(error)) from error
+
+
+def importable_name(function: Callable[..., object]) -> str:
+    """Where other processes import a class or function from, as MODULE:NAME; empty if they cannot."""
+    module = getattr(function, "__module__", None) or "__main__"
+    name = getattr(function, "__qualname__", "")
+    if (
+        module == "__main__"
+        or not name.isidentifier()
+        or not isinstance(function, type | type(task_of))
+    ):
+        return ""
+    member = getattr(sys.modules.get(module) or import_module(module), name, None)
+    return f"{module}:{name}" if member is function else ""
+
+
+def check_kind(env: object) -> None:
+    """Raise PilotError for an environment of another kind than Gymnasium's."""
+    for base in type(env).__mro__ if not isinstance(env, type) else env.__mro__:
+        for package, reason in REFUSED.items():
+            if base.__module__ == package or base.__module__.startswith(f"{package}."):
+                kind = env.__name__ if isinstance(env, type) else type(env).__name__
+                raise PilotError(f"{kind} cannot be played: {reason}")

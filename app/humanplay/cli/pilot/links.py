@@ -1,0 +1,109 @@
+"""The links to a pilot's page: in a notebook, below its proxy, over ssh, or in the browser of this machine."""
+
+from __future__ import annotations
+
+import getpass
+import json
+import os
+import socket
+import sys
+import webbrowser
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from threading import Thread
+from urllib.parse import urlsplit
+
+from humanplay.cli.pilot.errors import PilotError
+
+COLAB = (
+    "the proxy of Colab passes no WebSockets on, over which the page plays: download the notebook and what it trained, "
+    "`pip install humanplay jupyterlab` on your machine, and run it there"
+)
+
+
+def check_place() -> None:
+    """Raise PilotError where no browser could reach the page."""
+    if "google.colab" in sys.modules:
+        raise PilotError(COLAB)
+
+
+def in_notebook() -> bool:
+    """Whether this program is a notebook's kernel, whose cells show what they display."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return getattr(shell, "kernel", None) is not None
+
+
+def shared_address(address: str) -> str:
+    """The address by which other machines open a page that listens on all of this one's."""
+    parts = urlsplit(address)
+    if parts.hostname not in ("0.0.0.0", "::"):
+        return address
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(
+                ("192.0.2.1", 9)
+            )  # nothing is sent: the system only chooses its own address
+            host = probe.getsockname()[0]
+        except OSError:
+            host = "127.0.0.1"
+    return f"http://{host}:{parts.port}"
+
+
+def forwarding(address: str) -> str:
+    """The command that makes a page of this machine that of the one that ssh came from; empty without ssh."""
+    connection = os.environ.get("SSH_CONNECTION", "").split()
+    port = urlsplit(address).port
+    if len(connection) != 4:
+        return ""
+    return f"ssh -N -L {port}:127.0.0.1:{port} {getpass.getuser()}@{connection[2]}"
+
+
+def proxied(address: str) -> str:
+    """The path of the page below the notebook's own server; empty if that passes nothing on."""
+    if not in_notebook() or find_spec("jupyter_server_proxy") is None:
+        return ""
+    base = os.environ.get("JUPYTERHUB_SERVICE_PREFIX") or _base_of_parent()
+    return f"{base.rstrip('/')}/proxy/{urlsplit(address).port}/"
+
+
+def _base_of_parent() -> str:
+    """The path below which the notebook server that started this kernel has its pages."""
+    if find_spec("jupyter_server") is None:
+        return "/"
+    servers = import_module("jupyter_server.serverapp").list_running_servers()
+    parents = {str(os.getppid()), os.environ.get("JPY_PARENT_PID", "")}
+    return next(
+        (str(server["base_url"]) for server in servers if str(server["pid"]) in parents), "/"
+    )
+
+
+def show(address: str, links: Sequence[str], opens: bool) -> None:
+    """Print the links, and open the page in a new tab where that can be done.
+
+    Args:
+        address: Of the page, as this machine opens it.
+        links: Of invited people; empty if anybody may come.
+        opens: Whether a tab is opened.
+    """
+    command = forwarding(address)
+    if below := proxied(address):
+        _display(below, opens and not links)
+    elif in_notebook():
+        _display(address, opens and not links and not command)
+    else:
+        print(f"Play at {shared_address(address)}", flush=True)
+        if opens and not links and not command:
+            Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    if command:
+        print(f"From the machine that you sit at, first: {command}", flush=True)
+    for number, link in enumerate(links, 1):
+        print(f"Person {number}: {link}", flush=True)
+
+
+def _display(address: str, opens: bool) -> None:
+    """Show a link in a notebook, and open it in a new tab."""
+    display = import_module("IPython.display")
+    link = f'<a href="{address}" target="_blank" rel="noopener">Play in a new tab</a>'
+    script = f"<script>window.open({json.dumps(address)}, '_blank')</script>" if opens else ""
+    display.display(display.HTML(f"{link} ({address}){script}"))

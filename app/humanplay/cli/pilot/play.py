@@ -1,0 +1,65 @@
+"""`play`: from an environment to a link."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from humanplay.cli.pilot.environments import task_of
+from humanplay.cli.pilot.errors import PilotError
+from humanplay.cli.pilot.links import check_place, in_notebook, shared_address, show
+from humanplay.cli.pilot.plays import Plays
+from humanplay.cli.pilot.running import RunningServer
+from humanplay.tasks import held
+
+MOST_PEOPLE = 1000
+_open: list[Plays] = []
+
+
+def play(
+    env: object,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    people: int = 0,
+    wait: bool | None = None,
+    database: str | Path = "plays.db",
+    public_url: str | None = None,
+    browser: bool = True,
+) -> Plays:
+    """Let people play an environment in a browser, and record what they play.
+
+    Calling it again closes the page of the call before; plays are added to the same file.
+
+    Args:
+        env: An id of Gymnasium's, a class or function that makes an environment, or a file.
+        host: Where to listen; "0.0.0.0" lets other machines in.
+        port: Where to listen; 0 takes a free one.
+        people: So many people get a link each. Without it, whoever comes is asked for a name.
+        wait: Whether to return only after Ctrl-C; by default in a program, not in a notebook.
+        database: The file that is played in.
+        public_url: Where browsers find the page, behind a proxy.
+        browser: Whether a new tab is opened.
+
+    Raises:
+        PilotError: It cannot be played; the text says why, and the way out.
+    """
+    check_place()
+    if not 0 <= people <= MOST_PEOPLE:
+        raise PilotError(f"expected at most {MOST_PEOPLE:,} people, got {people}")
+    task = task_of(env)
+    while _open:
+        _open.pop().close()
+    path = Path(database).resolve()
+    settings: dict[str, object] = {
+        "task": task, "host": host, "port": port, "database": str(path), "confined": False, "asks_name": True,
+    }  # fmt: skip
+    if public_url is not None:
+        settings["public_url"] = public_url
+    server = RunningServer({"settings": settings, "held": held.payloads(), "people": people})
+    plays = Plays(path, task, server, (public_url or shared_address(server.address)).rstrip("/"))
+    _open.append(plays)
+    show(server.address if public_url is None else public_url, plays.links, browser)
+    if (not in_notebook()) if wait is None else wait:
+        print(f"Every move is recorded in {path}. Ctrl-C closes the page.", flush=True)
+        plays.wait()
+    return plays

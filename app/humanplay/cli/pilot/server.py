@@ -1,0 +1,72 @@
+"""The server of a pilot, in a process of its own that ends with the program that started it.
+
+`python -m humanplay.cli.pilot.server DESCRIPTOR` is that process. It is sent one message, and answers with one when its page is
+open, or when it cannot be.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from contextlib import closing
+from multiprocessing.connection import Connection
+from threading import Thread
+
+from humanplay.board.sources import PlayerTokens, Sources
+from humanplay.cli.pilot.running import Answer, Request
+from humanplay.db import names
+from humanplay.db.database import StoreError
+from humanplay.db.store import Store
+from humanplay.tasks import held
+from humanplay.web.people import likeness
+from humanplay.web.server import ServerError, run
+from humanplay.web.settings import Settings
+
+
+def invitations(settings: Settings, people: int) -> list[str]:
+    """The tokens of people 1, 2, ..., the same ones whenever the database is played in again."""
+    sources, tokens = Sources(), []
+    with closing(Store(settings.database, settings.durable)) as store:
+        signed = PlayerTokens(store.secret())
+        for number in range(1, people + 1):
+            name = f"Person {number}"
+            player = names.named(store.connection, name)
+            if player is None:
+                player = sources.player_id()
+                with store.transaction():
+                    store.add_player(player, sources.clock_ms())
+                    names.set_name(
+                        store.connection, player, name, likeness(name), sources.clock_ms()
+                    )
+            tokens.append(signed.sign(player))
+    return tokens
+
+
+def serve(connection: Connection) -> None:
+    """Serve what is asked for until the program closes its end."""
+    request: Request = json.loads(connection.recv_bytes())
+    answer = Answer()
+
+    def end_with_the_program() -> None:
+        try:
+            connection.recv_bytes()
+        except (EOFError, OSError):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    def tell(address: str) -> None:
+        connection.send_bytes(json.dumps(answer | {"address": address}).encode())
+        Thread(target=end_with_the_program, daemon=True).start()
+
+    try:
+        held.take(request["held"])
+        settings = Settings.model_validate(request["settings"])
+        answer["invitations"] = invitations(settings, request["people"])
+        run(settings, tell)
+    except (ServerError, StoreError, ValueError) as error:
+        connection.send_bytes(json.dumps({"error": str(error)}).encode())
+
+
+if __name__ == "__main__":
+    serve(Connection(int(sys.argv[1])))

@@ -1,0 +1,182 @@
+"""The call `play`: from what a program holds to a page that records."""
+
+import json
+import os
+import subprocess
+import sys
+import textwrap
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+import gymnasium
+import httpx
+import pytest
+
+from humanplay import play
+from humanplay.cli.pilot.errors import PilotError
+from tests.support.command import command
+from tests.support.own_environment import Line, make_line
+
+SCRIPT = """
+    import json, sys
+    import httpx
+    from humanplay import play
+    from mine import MyEnv
+
+    plays = play({what}, wait=False, browser=False)
+    board = httpx.Client(base_url=plays.link, headers={{"Origin": plays.link.rstrip("/")}})
+    board.put("/api/me/name", json={{"name": "Ada"}}).raise_for_status()
+    begun = board.post("/api/sessions", json={{"player": "human"}}).json()
+    print(json.dumps({{"task": plays.task, "actions": begun["task"]["actions"]}}))
+"""
+
+
+@pytest.fixture
+def opened(tmp_path):
+    """`opened(env, ...)` calls `play` in the test's own folder and closes its page afterwards."""
+    pages = []
+
+    def call(env, **options):
+        options = {"database": tmp_path / "plays.db", "wait": False, "browser": False, **options}
+        pages.append(play(env, **options))
+        return pages[-1]
+
+    yield call
+    for plays in pages:
+        plays.close()
+
+
+@pytest.fixture
+def browser_of():
+    """`browser_of(plays)` is a client as a browser at the page's address."""
+    with ExitStack() as clients:
+
+        def come(plays):
+            origin = plays.link.rstrip("/")
+            options = {"headers": {"Origin": origin}, "follow_redirects": True, "trust_env": False}
+            return clients.enter_context(httpx.Client(base_url=origin, **options))
+
+        yield come
+
+
+@pytest.mark.parametrize(
+    ("env", "task"),
+    [
+        pytest.param("FrozenLake-v1", "FrozenLake-v1", id="id"),
+        pytest.param(Line, "tests.support.own_environment:Line", id="class"),
+        pytest.param(make_line, "tests.support.own_environment:make_line", id="function"),
+    ],
+)
+def test_what_has_a_name_is_recorded_by_it(opened, browser_of, env, task):
+    plays = opened(env)
+    assert plays.task == f"gymnasium:{task}"
+    assert browser_of(plays).get("/").status_code == 200
+
+
+@pytest.mark.parametrize(
+    "what", ["MyEnv", '"mine:MyEnv"', '"mine.py"', "lambda: MyEnv('rgb_array')"]
+)
+def test_a_script_plays_what_lies_beside_it(tmp_path, what):
+    source = Path(make_line.__code__.co_filename).read_text()
+    (tmp_path / "mine.py").write_text(source.replace("class Line", "class MyEnv"))
+    script = tmp_path / "script.py"
+    script.write_text(textwrap.dedent(SCRIPT.format(what=what)))
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    answer = json.loads(done.stdout.splitlines()[-1])
+    assert answer["actions"] == ["0", "1"]
+    is_held = what.startswith("lambda")
+    assert answer["task"].startswith("gymnasium:held:" if is_held else "gymnasium:mine:MyEnv")
+    assert (tmp_path / "plays.db").is_file()
+
+
+def test_whoever_comes_is_asked_for_a_name_before_the_first_episode(opened, browser_of):
+    plays = opened("FrozenLake-v1")
+    browser = browser_of(plays)
+    assert "What are you called?" in browser.get("/").text
+    assert browser.put("/api/me/name", json={"name": "Ada"}).json()["name"] == "Ada"
+    assert "What are you called?" not in browser.get("/").text
+    taken = browser_of(plays).put("/api/me/name", json={"name": "Ada"})
+    assert taken.status_code == 409
+
+
+def test_invited_people_have_a_link_each_which_stays_theirs(opened, browser_of):
+    plays = opened("FrozenLake-v1", people=2)
+    tokens = [link.partition("=")[2] for link in plays.links]
+    browsers = [browser_of(plays) for _ in plays.links]
+    for browser, token in zip(browsers, tokens, strict=True):
+        page = browser.get("/", params={"invitation": token})
+        assert "What are you called?" not in page.text
+    names = [browser.get("/api/people").json()["you"]["name"] for browser in browsers]
+    assert names == ["Person 1", "Person 2"]
+    again = opened("FrozenLake-v1", people=3)
+    assert [link.partition("=")[2] for link in again.links][:2] == tokens
+    assert not plays.is_open, "the page of the call before is closed"
+
+
+class Vector(gymnasium.vector.VectorEnv):
+    """Steps many at once."""
+
+
+@pytest.mark.parametrize(
+    ("env", "text"),
+    [
+        pytest.param(Vector(), "steps many environments at once", id="vector"),
+        pytest.param(object(), "expected an environment of Gymnasium", id="object"),
+        pytest.param("no-such-file.py", "cannot read no-such-file.py", id="no file"),
+        pytest.param("Nothing-v0", "Gymnasium knows no environment", id="no id"),
+        pytest.param("nowhere:Env", "no module 'nowhere' in this folder", id="no module"),
+        pytest.param(partial(int, "x"), "invalid keyword argument", id="raises"),
+        pytest.param(
+            lambda: gymnasium.make("CartPole-v1"), "render_mode='rgb_array'", id="no picture"
+        ),
+    ],
+)
+def test_what_cannot_be_played_is_refused_with_a_way_out(opened, env, text):
+    with pytest.raises(PilotError, match=text):
+        opened(env)
+
+
+def other_kind(module, name):
+    """A class as another package defines it."""
+    return type(name, (), {"__module__": module})
+
+
+@pytest.mark.parametrize(
+    ("module", "text"),
+    [
+        ("stable_baselines3.common.vec_env.dummy_vec_env", "steps many environments at once"),
+        ("pettingzoo.utils.env", "has several agents"),
+        ("gym.core", "shimmy"),
+    ],
+)
+def test_environments_of_other_kinds_are_refused_by_name(opened, module, text):
+    with pytest.raises(PilotError, match=f"Other cannot be played: .*{text}"):
+        opened(other_kind(module, "Other")())
+
+
+def test_a_held_function_is_gone_with_its_program(tmp_path, capsys):
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent("""
+        from humanplay import play
+        from tests.support.own_environment import Line
+        print(play(lambda: Line("rgb_array"), wait=False, browser=False).task)
+    """)
+    )
+    environ = os.environ | {"PYTHONPATH": str(Path.cwd())}
+    done = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, cwd=tmp_path, env=environ
+    )
+    task = done.stdout.splitlines()[-1].removeprefix("gymnasium:")
+    code, _, error = command(capsys, "study", "new", "pilot", "--env", task)
+    assert code != 0
+    assert "its function is gone" in error
+    assert "move it into a module" in error
+
+
+def test_importing_the_package_costs_little():
+    code = "import time; begun = time.process_time(); import humanplay; print(time.process_time() - begun)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(done.stdout) <= 0.3
