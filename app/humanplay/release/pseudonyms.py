@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import json
+import re
 import sqlite3
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
@@ -24,6 +25,8 @@ from humanplay.release.errors import ReleaseError
 from humanplay.study.flow import Arrivals, arrivals_of, with_invitations, with_noted
 from humanplay.study.invitations import Invitation
 
+_WORD = re.compile(r"\w{5,}(?:[.-]\w+)*")
+"""A word of a text that is too long to be an id by chance."""
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
 KEPT_SETTINGS = ("modality", "palette", "keys")
 _AGREED = "study = ? AND consent_ms IS NOT NULL ORDER BY joined_ms, id"
@@ -180,11 +183,11 @@ class RowPseudonymizer:
 
     def _text(self, text: str, place: str) -> str:
         if text not in self._texts:
-            for value, what in self._identities.items():
-                if value in text:
-                    raise ReleaseError(
-                        f"{place} holds somebody's {what}: nothing was written; correct that row and try again"
-                    )
+            for word in words_of(text) & self._identities.keys():
+                raise ReleaseError(
+                    f"{place} holds somebody's {self._identities[word]}: nothing was written; "
+                    "correct that row and try again"
+                )
             made = text
             for ident, pseudonym in self._pseudonyms.known.items():
                 made = made.replace(ident, pseudonym)
@@ -192,10 +195,32 @@ class RowPseudonymizer:
         return self._texts[text]
 
 
+def words_of(text: str) -> set[str]:
+    """Return the texts and words that a JSON value or a plain text holds; numbers are our own."""
+    try:
+        leaves = list(_texts_in(json.loads(text)))
+    except ValueError:
+        leaves = [text]
+    return {*leaves, *(word for leaf in leaves for word in _WORD.findall(leaf))}
+
+
+def _texts_in(content: object) -> Iterator[str]:
+    """Yield every text in parsed JSON, names of fields too."""
+    if isinstance(content, str):
+        yield content
+    elif isinstance(content, dict):
+        for name, part in content.items():
+            yield name
+            yield from _texts_in(part)
+    elif isinstance(content, list):
+        for part in content:
+            yield from _texts_in(part)
+
+
 def _identities(source: sqlite3.Connection, study: str) -> dict[str, str]:
-    """Return the outside ids of a study's people that are too long to be part of other text by chance: value -> its name."""
+    """Return the names of the outside ids of a study's people, by the id."""
     sql = "SELECT name, value FROM identities WHERE participant_id IN (SELECT id FROM participants WHERE study = ?)"
-    return {value: name for name, value in source.execute(sql, [study]) if len(value) >= 5}
+    return {value: name for name, value in source.execute(sql, [study])}
 
 
 def _left_out(source: sqlite3.Connection, study: str) -> dict[str, int]:

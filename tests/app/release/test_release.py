@@ -18,7 +18,8 @@ import pytest
 
 from humanplay.db import chain
 from humanplay.db.columns import BUNDLE_TABLES, bundle_table, dictionary
-from humanplay.db.store import SessionRow, StoreError
+from humanplay.db.series import StudyStore
+from humanplay.db.store import SessionRow, Store, StoreError
 from humanplay.release import signing
 from humanplay.release.build import ReleaseRequest, build_release
 from humanplay.release.bundle import import_release, verify_bundle
@@ -355,6 +356,23 @@ def test_no_release_where_free_text_holds_an_identity(copy):
     conn.commit()
     conn.close()
     refused(copy, "stage_events.detail holds somebody's PROLIFIC_PID")
+
+
+def test_an_id_is_sought_as_a_whole_word_and_never_within_a_number(tmp_path):
+    study = freeze(tmp_path / "play.db-studies")
+    recorder = StudyRecorder(tmp_path / "play.db", study)
+    person = recorder.join(0, stage="ranked", outside={"survey_code": "12345"})
+    recorder.play(person, "ranked", 0)
+    details = {"break": {"length_ms": 7123456}, "answers": {"n": 12345, "note": "123456"}}
+    for kind, detail in details.items():
+        StudyStore(recorder.store).add_stage_event(person, recorder.tick(), kind, detail)
+    recorder.close()
+    request = ReleaseRequest(tmp_path / "play.db", study.name, tmp_path / "out")
+    build_release(request)
+    store = Store(tmp_path / "play.db")
+    StudyStore(store).add_stage_event(person, recorder.tick(), "answers", {"note": "I am 12345."})
+    store.close()
+    refused(tmp_path, "stage_events.detail holds somebody's survey_code", study=study.name)
 
 
 def test_an_open_study_is_not_released(tmp_path):
