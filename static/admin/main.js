@@ -4,6 +4,7 @@ import { by, create, put } from "../common/page.js";
 import { loadTask } from "../common/task.js";
 import { many } from "../common/words.js";
 import { createLive, MAX_BOARDS } from "./live.js";
+import { paintOutcomes, paintPayments, typedTexts } from "./payments.js";
 import * as tables from "./tables.js";
 import { ago, attention, exportText, invitationCounts, RECRUITMENT, summary } from "./words.js";
 
@@ -113,6 +114,7 @@ function paintStudy(study, task, overview) {
   tables.paintAttention(by("attention"), attention(study, overview.health));
   tables.paintPeople(by("people", HTMLTableElement), task, study);
   paintRecruiting(study);
+  paintOutcomes(study);
   const { report, release } = study.exports;
   tables.paintExport(by("report"), exportText(report, isOpen ? "The figures as HTML and JSON, once the study is closed." : "The figures as HTML and JSON.", study.now_ms), report, study.name);
   tables.paintExport(by("release"), exportText(release, isOpen ? "The citable bundle, once the study is closed." : "The citable bundle: data, documents, signed manifest, as one zip.", study.now_ms), release, study.name);
@@ -152,6 +154,7 @@ by("logout").addEventListener("click", async () => {
 });
 by("study").addEventListener("change", () => {
   state = { ...state, chosen: by("study", HTMLSelectElement).value };
+  paintPayments(state.chosen, null);
   history.replaceState(null, "", `#${encodeURIComponent(state.chosen)}`);
   load();
 });
@@ -162,6 +165,12 @@ by("make-release").addEventListener("click", () => {
   run(() => request(ofStudy("exports/release"), { authors }));
 });
 by("check").addEventListener("click", () => run(() => request("admin/check", {}, 600000)));
+
+by("outcomes").addEventListener("submit", (event) => {
+  event.preventDefault();
+  run(() => request(ofStudy("outcomes"), { texts: typedTexts() }));
+});
+by("list-payments").addEventListener("click", () => run(async () => paintPayments(state.chosen, await request(ofStudy("payments"), {}))));
 
 by("close").addEventListener("click", () => {
   const under = state.study?.participants.filter(({ kind, stage }) => kind === "human" && !["debrief", "complete", "withdrawn"].includes(stage)).length ?? 0;

@@ -38,7 +38,11 @@ declare namespace Admin {
     labels: {label: string, episodes: number, participants: string[]}[],
     exports: {report: Export | null, release: Export | null}, recruitment: "invitation" | "panel" | "open",
     code: string | null, code_until_ms: number | null, invitations: Invitation[], now_ms: number,
+    outcomes: {outcome: string, words: string, text: string}[],
     task?: Answers.Task,
+  };
+  type Payments = {
+    columns: string[], rows: string[][], csv: string, bulk: string | null, effective_pay: string, without_consent: number,
   };
   type Health = {
     disk: {free: number, total: number, is_low: boolean}, database: {name: string, size: number, wal_size: number},

@@ -146,8 +146,6 @@ declare namespace Answers {
     warm_up_terrains: number,
     /** that can be shown again */
     ranked_terrains: number,
-    completion_code: string | null,
-    return_url: string | null,
   };
   /** What the debrief's policy came to on the practice terrains. */
   type DebriefPolicy = {
@@ -160,6 +158,16 @@ declare namespace Answers {
   type DebriefRuns = {
     own: Frame[],
     policy: PolicyRun,
+  };
+  /** What somebody reads who has come to an end. */
+  type Ending = {
+    /** finished, no_consent, withdrew, left, stopped_by_us */
+    outcome: string,
+    /** for the place that sent them */
+    code: string | null,
+    /** that leads back there */
+    address: string | null,
+    sentence: string | null,
   };
   /** An ended episode with its moves. */
   type Episode = {
@@ -530,6 +538,8 @@ declare namespace Answers {
     debrief: Debrief | null,
     /** why the participant cannot go on, or what becomes of what was played */
     note: string | null,
+    /** null while the participant can go on */
+    ending: Ending | null,
     invited: boolean,
     supervised_until_ms: number | null,
   };

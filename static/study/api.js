@@ -4,11 +4,14 @@ import { request, withTask } from "../common/api.js";
 /** @param {string} pathname @returns the study's name in the page's address */
 export const studyName = (pathname) => decodeURIComponent(/\/study\/([^/]*)\/?$/.exec(pathname)?.[1] ?? "");
 
-/** Return the ids that another site put into the address: each name once, no empty ones; the server knows which it wants.
- * @param {string} search */
+/** Return the ids that another site put into the address, all of them where a name is there more than once; the server knows
+ * which it wants.
+ * @param {string} search @returns {Record<string, string | string[]>} */
 export function outsideIds(search) {
-  const found = [...new URLSearchParams(search)].filter(([name, value]) => name && value && name.length <= 64 && value.length <= 200);
-  return Object.fromEntries(found.slice(0, 20));
+  const parameters = new URLSearchParams(search);
+  const names = [...new Set(parameters.keys())].filter((name) => name && name.length <= 64 && name !== "invitation").slice(0, 20);
+  const ids = names.map((name) => /** @type {const} */ ([name, parameters.getAll(name).map((id) => id.slice(0, 200)).slice(0, 20)]));
+  return Object.fromEntries(ids.map(([name, all]) => [name, all.length === 1 ? all[0] : all]));
 }
 
 /** @param {string} search @returns the invitation's token in the page's address; null without one */

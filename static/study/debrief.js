@@ -5,7 +5,7 @@ import { lengthOf } from "../common/task.js";
 import { capital, many, score } from "../common/words.js";
 import { screenOf } from "./state.js";
 import { dispatch, state, study } from "./store.js";
-import { debriefLine } from "./words.js";
+import * as words from "./words.js";
 
 /** Moves per second. */
 const SPEED = 6.25;
@@ -51,7 +51,7 @@ function paintFigures(debrief) {
   put(by("own-score"), score(mean_score));
   put(by("own-steps"), mean_steps === null ? "\u2013" : mean_steps.toFixed(1));
   put(by("own-explored"), `${episodes.filter(({ outcome }) => outcome === "explored").length} of ${episodes.length}`);
-  put(by("debrief-line"), debriefLine(task, debrief));
+  put(by("debrief-line"), words.debriefLine(task, debrief));
   by("trials").replaceChildren(create("h2", `${capital(task.round)} by ${task.round}`), trialTable(episodes));
   const choice = by("replay-index", HTMLSelectElement);
   put(by("replay-label"), ranked ? capital(task.round) : `Warm-up ${task.round}`);
@@ -99,7 +99,7 @@ export function paintDebrief(before, look) {
   ({ task } = state.participant);
   const isNew = before === null || screenOf(before) !== "debrief";
   if (isNew || state.participant !== before.participant) paintFigures(state.participant.debrief);
-  put(by("finish"), state.looksBack ? "Back to my completion code" : "Finish and get my completion code");
+  put(by("finish"), state.looksBack ? "Back to the end" : words.finish(state.participant));
   by("replay").hidden = state.replay === null;
   if (state.replay && (isNew || state.replay !== before.replay)) paintReplay(state.replay, look);
 }
@@ -107,13 +107,13 @@ export function paintDebrief(before, look) {
 /** Fill a place with what the moves of an episode cost, the greatest mistake first, each with a button.
  * @param {HTMLElement} place @param {Answers.Costs} costs @param {(mistake: Mars.Mistake) => void} onChoose */
 function paintCosts(place, costs, onChoose) {
-  const words = task.costsInWords?.(costs);
-  if (!words) return;
-  const list = words.mistakes.map((sentence, index) => {
+  const costsInWords = task.costsInWords?.(costs);
+  if (!costsInWords) return;
+  const list = costsInWords.mistakes.map((sentence, index) => {
     const mistake = costs.mistakes[index];
     const choose = create("button", "Show", { type: "button", class: "quiet", "aria-label": `Show: move ${mistake.step + 1}` });
     choose.addEventListener("click", () => onChoose(mistake));
     return create("li", [`${sentence} `, choose]);
   });
-  place.replaceChildren(create("p", words.summary), create("ol", list), ...words.rest.map((text) => create("p", text)));
+  place.replaceChildren(create("p", costsInWords.summary), create("ol", list), ...costsInWords.rest.map((text) => create("p", text)));
 }

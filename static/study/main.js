@@ -9,7 +9,6 @@ import { createMoveSender } from "../common/pending_moves.js";
 import { tabStore } from "../common/storage.js";
 import { keyName, showTask } from "../common/task.js";
 import { announce, idle, isDialogOpen, keep, onEnter, pause, recordPauses } from "./actions.js";
-import { bareAddress } from "./api.js";
 import { load, paintDebrief } from "./debrief.js";
 import { paintPages } from "./pages.js";
 import { paintPlayScreen } from "./play_screen.js";
@@ -127,7 +126,6 @@ if (passed) dispatch({ kind: "passed", episode: passed });
 paintKeys();
 repaint();
 join((participant) => {
-  history.replaceState(history.state, "", bareAddress(location.href));
   settings.begin(participant.task.keys);
   showTask(participant.task);
   if (participant.settings.keys) settings.adopt(participant.settings);

@@ -48,11 +48,23 @@ function paintReady(participant) {
 }
 /** @param {Study.Participant} participant */
 function paintComplete({ debrief, participant }) {
-  put(by("code"), debrief?.completion_code ?? "");
-  by("return-line").hidden = !debrief?.return_url;
   by("look-back-line").hidden = !debrief?.ranked_terrains;
-  if (debrief?.return_url) by("return", HTMLAnchorElement).href = debrief.return_url;
   put(by("label"), participant);
+}
+/** Show the code, the way back or the sentence of somebody's end on the screen that has a place for it.
+ * @param {Study.Participant} participant @param {Study.Screen} screen */
+function paintEnding({ ending }, screen) {
+  const place = document.querySelector(`[data-screen=${screen}] [data-ending]`);
+  if (!place) return;
+  place.append(by("ending"));
+  const { code = null, address = null, sentence = null } = ending ?? {};
+  by("ending-sentence").hidden = sentence === null;
+  put(by("ending-sentence"), sentence ?? "");
+  by("code-part").hidden = code === null;
+  put(by("code"), code ?? "");
+  put(by("code-name"), screen === "complete" ? "This is your completion code:" : "This is your code:");
+  by("return-line").hidden = address === null;
+  if (address !== null) by("return", HTMLAnchorElement).href = address;
 }
 
 /** @param {Study.State | null} before */
@@ -77,6 +89,7 @@ export function paintPages(before) {
     if (participant && screen === "ready") paintReady(participant);
     if (participant && screen === "break") put(by("break-line"), words.breakLine(participant));
     if (participant && screen === "complete") paintComplete(participant);
+    if (participant) paintEnding(participant, screen);
     if (screen === "problem") put(by("problem"), words.sentence(problem ?? ""));
     by("open-leave").hidden = !participant || ["debrief", "complete", "withdrawn", "problem", "loading"].includes(screen);
     show(screen);

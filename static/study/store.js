@@ -1,7 +1,7 @@
 // The state of the study's page and what changes it: events, and steps through the stages. One request at a time, each answered by
 // the participant's stage and board; other tabs are notified.
 import { ApiError } from "../common/api.js";
-import { createStudyApi, invitationIn, outsideIds, studyName } from "./api.js";
+import { bareAddress, createStudyApi, invitationIn, outsideIds, studyName } from "./api.js";
 import { apply, initialState } from "./state.js";
 
 export const name = studyName(location.pathname);
@@ -75,11 +75,28 @@ export async function go(ask, from) {
   isBusy = false;
 }
 
+const ARRIVAL = `humanplay.study.${name}.arrival`;
+
+/** Take what the link held out of the address bar, at once, and keep it in this tab until the server has answered.
+ * @returns {string} the part of the address after its question mark */
+function takeArrival() {
+  const { search } = location;
+  try {
+    if (search) sessionStorage.setItem(ARRIVAL, search);
+    history.replaceState(history.state, "", bareAddress(location.href));
+    return sessionStorage.getItem(ARRIVAL) ?? search;
+  } catch {
+    return search; // a browser that keeps nothing
+  }
+}
+const arrival = takeArrival();
+
 /** Join the study or go on in it; try again while there is no server.
  * @param {(participant: Study.Participant) => void} onJoined */
 export async function join(onJoined) {
   try {
-    const participant = await study.join(outsideIds(location.search), invitationIn(location.search));
+    const participant = await study.join(outsideIds(arrival), invitationIn(arrival));
+    try { sessionStorage.removeItem(ARRIVAL); } catch { /* a browser that keeps nothing */ }
     onJoined(participant);
     arrive(participant);
   } catch (error) {

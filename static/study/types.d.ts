@@ -33,7 +33,7 @@ declare namespace Study {
   type Asked = Promise<Participant>;
   type Api = {
     show(): Promise<Answers.Study>,
-    join(outside_ids: Record<string, string>, invitation: string | null): Asked, me(): Asked,
+    join(outside_ids: Record<string, string | string[]>, invitation: string | null): Asked, me(): Asked,
     consent(version: string, agree: boolean): Asked, advance(from: Stage): Asked, answers(answers: number[]): Asked,
     next(): Asked, giveUp(episode: string, step: number): Asked,
     /** The request outlives the page; the signal ends it. */

@@ -77,6 +77,9 @@ function endNext(participant, phase) {
   return participant.stage === participant.phase && !participant.break_due ? `Next ${participant.task.round}` : "Go on";
 }
 
+/** @param {Study.Participant} participant @returns the button that leads from the debrief to the end */
+export const finish = ({ ending }) => (ending?.code ? "Finish and get my completion code" : "Finish");
+
 /** @param {Task} task @param {Answers.Debrief} debrief @returns the debrief in one sentence */
 export function debriefLine(task, { policy }) {
   const { mean_steps_warm_up: theirs = null, own_mean_steps_warm_up: mine = null } = policy ?? {};

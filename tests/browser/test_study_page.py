@@ -6,6 +6,7 @@ import sqlite3
 import pytest
 
 from humanplay.study.folder import Folder
+from humanplay.study.outcomes import change_texts
 from humanplay.study.protocol import default_protocol
 from humanplay.tasks.mars.run import occupancy_codes
 from marsexplorer import policies
@@ -37,11 +38,13 @@ def studies(tmp_path):
             "warm_up": 1,
             "ranked": 2,
             "break_every": 1,
-            "return_url": back,
+            "outside_ids": ("PROLIFIC_PID", "STUDY_ID", "SESSION_ID"),
             "declarations": DECLARATIONS,
             **rest,
         }
-        folder.create(default_protocol("tiny", config, title="A tiny study", **rest))
+        protocol = default_protocol("tiny", config, title="A tiny study", **rest)
+        folder.create(protocol)
+        change_texts(folder.path("tiny"), protocol, {"finished": back}, is_frozen=False)
         folder.freeze("tiny")
         return str(folder.root)
 

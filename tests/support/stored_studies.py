@@ -54,6 +54,7 @@ def freeze(root, name="dunes", close=True, config=CONFIG, draw=secrets.token_byt
         "policies": ("random",),
         "debrief_policy": "random",
         "declarations": DECLARATIONS,
+        "outside_ids": ("PROLIFIC_PID", "STUDY_ID", "SESSION_ID"),
         **rest,
     }
     folder.create(default_protocol(name, config, **known))

@@ -3,6 +3,7 @@
 import pytest
 
 from humanplay.study.folder import Folder
+from humanplay.study.outcomes import change_texts
 from humanplay.study.protocol import default_protocol
 from humanplay.task.registration import environment_of
 from humanplay.web.simulate import NoisyPolicy, Participant, RefusedError
@@ -20,13 +21,16 @@ def freeze(root, name="small", **rest):
         "players": 2,
         "break_every": 2,
         "policies": ("frontier-cost",),
+        "outside_ids": ("PROLIFIC_PID", "STUDY_ID", "SESSION_ID"),
         "declarations": DECLARATIONS,
     }
-    folder = Folder(root)
+    texts, folder = rest.pop("outcomes", {}), Folder(root)
     config = EnvConfig.of("random", rest.pop("size", SIZE))
-    folder.create(
-        default_protocol(name, config, **{**small, "debrief_policy": "frontier-cost", **rest})
+    protocol = default_protocol(
+        name, config, **{**small, "debrief_policy": "frontier-cost", **rest}
     )
+    folder.create(protocol)
+    change_texts(folder.path(name), protocol, texts, is_frozen=False)
     return folder.freeze(name)
 
 

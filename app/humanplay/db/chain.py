@@ -37,8 +37,11 @@ from humanplay.db.study_rows import SeriesRow
 Kind = Literal["series", "session", "episode", "events", "participant"]
 """What an entry stands for; `events` are input events that came after their episode's end."""
 
-Mark = Literal["frozen", "exported", "closed", "erased", "released"]
+Mark = Literal["frozen", "exported", "acted", "closed", "erased", "released"]
 """What fixes a study, or changes its figures later; an entry of such a kind says so in JSON and is nobody's secret."""
+
+Act = Literal["outcomes changed", "amounts listed", "unlinked"]
+"""An operator's acts that are noted, without what was changed, listed or deleted."""
 
 DAY_MS = 86_400_000
 _SALT_BYTES = 32
@@ -299,6 +302,12 @@ def export_of(study: SeriesRow) -> tuple[Mark, str]:
     return "exported", _note({**named, "at_ms": time.time_ns() // 1_000_000})
 
 
+def act_of(study: SeriesRow, act: Act, **details: int) -> tuple[Mark, str]:
+    """The (kind, note) of an operator's act, made now."""
+    named = {"study": study.name, "commitment": study.commitment, "act": act}
+    return "acted", _note({**named, **details, "at_ms": time.time_ns() // 1_000_000})
+
+
 def marks(conn: sqlite3.Connection) -> list[tuple[Mark, str]]:
     """Return (kind, note) of what the tables say fixed the studies: their rows, who was erased from them, their releases."""
     studies = select(conn, "SELECT * FROM series WHERE kind = 'study' ORDER BY frozen_ms, name")
@@ -331,11 +340,12 @@ def append_marks(conn: sqlite3.Connection, more: Iterable[tuple[Mark, str]] = ()
 
 
 def said_alone(conn: sqlite3.Connection, study: str = "%") -> list[tuple[Mark, str]]:
-    """Every freezing and export in the chain, (kind, note), which no table says for sure: of all studies, or of one.
+    """Every freezing, export and operator's act in the chain, which no table says: of all studies, or of one.
 
     Those of one are its own, and the freezings of others of its configuration.
     """
-    sql = """SELECT kind, note FROM chain WHERE kind IN ('frozen', 'exported') AND (json_extract(note, '$.study') LIKE ?1
+    sql = """SELECT kind, note FROM chain WHERE kind IN ('frozen', 'exported', 'acted')
+        AND (json_extract(note, '$.study') LIKE ?1
         OR json_extract(note, '$.configuration') IN (SELECT json_extract(note, '$.configuration') FROM chain
             WHERE kind = 'frozen' AND json_extract(note, '$.study') = ?1)) ORDER BY number"""
     return select(conn, sql, [study]).fetchall()

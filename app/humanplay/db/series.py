@@ -2,7 +2,7 @@
 
 `StudyStore` works on the store's connection and in its transactions: `humanplay.db.store` stays the one writer. Whatever
 changes a participant or a study appends an entry to the chain in the same transaction (`humanplay.db.chain`). The functions
-take an open reader, and none of them reads identities.
+take an open reader; `identities_by_person` alone reads identities.
 """
 
 from __future__ import annotations
@@ -82,6 +82,11 @@ class StudyStore:
         with self._store.transaction():
             chain.append_marks(self._conn, [chain.freezing_of(study)])
 
+    def note_act(self, study: SeriesRow, act: chain.Act, **details: int) -> None:
+        """Append an entry of an operator's act."""
+        with self._store.transaction():
+            chain.append_marks(self._conn, [chain.act_of(study, act, **details)])
+
     def is_closed(self, name: str) -> bool:
         """Return whether the database knows the study to be closed: its terrains are public then, whatever its files say."""
         sql = "SELECT 1 FROM series WHERE name = ? AND closed_ms IS NOT NULL"
@@ -143,6 +148,17 @@ class StudyStore:
         sql = "SELECT value FROM identities WHERE participant_id = ? AND name = ?"
         found = self._conn.execute(sql, (participant_id, name)).fetchone()
         return None if found is None else str(found[0])
+
+    def identities_of(self, participant_id: str) -> dict[str, str]:
+        """Return the outside ids that a participant came with, by name."""
+        sql = "SELECT name, value FROM identities WHERE participant_id = ? ORDER BY name"
+        return dict(self._conn.execute(sql, [participant_id]).fetchall())
+
+    def set_identity(self, participant_id: str, name: str, value: str) -> None:
+        """Set an outside id of a participant."""
+        with self._changing(participant_id):
+            sql = "INSERT OR REPLACE INTO identities VALUES (?, ?, ?)"
+            self._conn.execute(sql, (participant_id, name, value))
 
     def add_participant(
         self,
@@ -380,6 +396,31 @@ def move_inputs(reader: Reader, episode_id: str) -> list[MoveTime]:
     """When, by what and with what effect the moves of an episode were made, in order."""
     sql = "SELECT input, server_ms, discovered FROM steps WHERE episode_id = ? ORDER BY step"
     return reader.query(sql, [episode_id])
+
+
+def identities_by_person(reader: Reader, study: str) -> dict[str, dict[str, str]]:
+    """The outside ids of everybody in a study, by name, by participant: for the list of payments alone."""
+    sql = """SELECT i.* FROM identities i JOIN participants p ON p.id = i.participant_id
+        WHERE p.study = ? ORDER BY i.name"""
+    found: dict[str, dict[str, str]] = {}
+    for row in reader.query(sql, [study]):
+        found.setdefault(row["participant_id"], {})[row["name"]] = row["value"]
+    return found
+
+
+class ListedAmounts(NamedTuple):
+    """A time at which amounts that follow from play were listed while the study was open."""
+
+    at_ms: int
+    people: int
+
+
+def amounts_listed(reader: Reader, study: str, commitment: str) -> list[ListedAmounts]:
+    """When amounts that follow from play were listed before a study was closed, as the chain says."""
+    sql = """SELECT json_extract(note, '$.at_ms') AS at_ms, json_extract(note, '$.people') AS people FROM chain
+        WHERE kind = 'acted' AND json_extract(note, '$.act') = 'amounts listed'
+        AND json_extract(note, '$.study') = ? AND json_extract(note, '$.commitment') = ? ORDER BY number"""
+    return [ListedAmounts(**row) for row in reader.query(sql, [study, commitment])]
 
 
 def trial_activity(reader: Reader, study: str) -> list[Trial]:

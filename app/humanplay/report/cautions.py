@@ -218,6 +218,13 @@ def _about_exports(data: StudyData) -> Iterable[str]:
             f"Its episodes were exported while it was open, on {', '.join(days)}: whoever read them knew figures of people "
             "when it was decided how long to go on."
         )
+    if listed := data.amounts_listed:
+        people = sorted({listing.people for listing in listed})
+        persons = "person" if people == [1] else "people"
+        yield (
+            f"The operator was shown amounts that follow from scores {counted(len(listed), 'time')} while it was open, after "
+            f"{', '.join(map(str, people))} {persons} had finished: amounts that are paid at once tell how people did."
+        )
 
 
 SCRIPTED = "had a move made by a script: begun by a person, such an episode counts per protocol as abandoned"

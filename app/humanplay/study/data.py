@@ -15,6 +15,8 @@ from humanplay.db.input_events import input_events
 from humanplay.db.reader import Reader
 from humanplay.db.rows import PlayerSettings, StageEvent
 from humanplay.db.series import (
+    ListedAmounts,
+    amounts_listed,
     count_freezings,
     erased_people,
     exports_while_open,
@@ -71,6 +73,7 @@ class StudyData:
     freezings how often a study of this name was frozen, as the chain of its database says; 0 where none is known
     same_configuration  (name, frozen_ms) of all other studies of its configuration, as the chain says
     exports_ms  when its episodes were exported while it was open, as the chain says
+    amounts_listed  when amounts that follow from play were listed while it was open, as the chain says
     arrivals  people before they agreed; a release's holds nobody who did not, and counts them
     policy_files  of the policies that it is compared with
     """
@@ -86,6 +89,7 @@ class StudyData:
     freezings: int = 0
     same_configuration: tuple[tuple[str, int], ...] = ()
     exports_ms: tuple[int, ...] = ()
+    amounts_listed: tuple[ListedAmounts, ...] = ()
     arrivals: Arrivals = field(default_factory=Arrivals)
     policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False)
 
@@ -180,6 +184,7 @@ def _load(reader: Reader, study: str) -> StudyData:
         freezings=count_freezings(reader, study),
         same_configuration=tuple(of_same_configuration(reader, row)),
         exports_ms=tuple(exports_while_open(reader, study, row.commitment)),
+        amounts_listed=tuple(amounts_listed(reader, study, row.commitment)),
         arrivals=with_noted(_arrivals(reader, study, people), noted_arrivals(reader, study)),
         policy_files=PolicyFiles.of(protocol),
     )

@@ -44,7 +44,6 @@ class Debriefs:
         own = [trial.steps_to_target or 0 for trial in trials if trial.phase == "warm_up"]
         successes = study.protocol.environment.successes
         its = [run.steps if run.outcome in successes else run.config.limit for run in runs]
-        url, code = study.protocol.return_url, participant.completion_code or ""
         return {
             "mean_score": _mean([trial.score or 0.0 for trial in ranked]),
             "mean_steps": _mean([trial.steps_to_target or 0 for trial in ranked]),
@@ -66,8 +65,6 @@ class Debriefs:
             else None,
             "warm_up_terrains": len(own) if runs else 0,
             "ranked_terrains": 0 if study.is_open or not runs else len(ranked),
-            "completion_code": participant.completion_code,
-            "return_url": None if url is None else url.replace("{code}", code),
         }
 
     async def replays(

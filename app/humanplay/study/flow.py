@@ -15,6 +15,7 @@ from typing import Literal
 
 from humanplay.db.rows import ErasedPerson, NotedArrivals, StageEvent
 from humanplay.study.invitations import Invitation
+from humanplay.study.outcome import Outcome
 
 REPEATED_JOIN = "repeated_join"
 """Kind of the stage event of a further join; its detail is {"reason": one of Reason}."""
@@ -87,6 +88,25 @@ STATUS_IN_WORDS: dict[Status, str] = {
     Status.UNDECIDED: "did not answer",
     Status.ERASED: "erased",
 }
+OUTCOME_OF: dict[Status, Outcome] = {
+    Status.FINISHED: Outcome.FINISHED,
+    Status.GAVE_UP: Outcome.FINISHED,
+    Status.EXCLUDED: Outcome.FINISHED,
+    Status.NOT_ATTESTED: Outcome.FINISHED,
+    Status.PARTLY_BOT: Outcome.FINISHED,
+    Status.FAILED: Outcome.STOPPED_BY_US,
+    Status.INTERRUPTED: Outcome.STOPPED_BY_US,
+    Status.INTERRUPTED_EARLY: Outcome.STOPPED_BY_US,
+    Status.WITHDREW: Outcome.WITHDREW,
+    Status.WITHDREW_EARLY: Outcome.WITHDREW,
+    Status.STOPPED: Outcome.LEFT,
+    Status.LEFT: Outcome.LEFT,
+    Status.NEVER_BEGAN: Outcome.LEFT,
+    Status.DECLINED: Outcome.NO_CONSENT,
+}
+"""Each status of the report that is an outcome; whoever plays, or was erased, has none."""
+
+
 ENDED = (
     Status.FINISHED,
     Status.GAVE_UP,

@@ -6,6 +6,7 @@
     NAME/secret          the study's secret (hex): whoever reads it knows every terrain
     NAME/secret_kept.json   since when nobody can take part while the secret is kept; only where it was closed so
     NAME/closed.json     the secret revealed, and when
+    NAME/outcomes.json   see `humanplay.study.outcomes`
     NAME/policies/       see `humanplay.study.policy_files`
     NAME/invitations.json   see `humanplay.study.invitations`
     played/              see `humanplay.study.terrain_spread`
@@ -28,6 +29,7 @@ from typing import Literal
 from humanplay.db.file import studies_beside
 from humanplay.db.study_rows import SeriesRow
 from humanplay.study.files import iso, ms_of, now_ms, read_object, stamp_of, text_of, write_object
+from humanplay.study.outcomes import check_complete, check_texts, read_texts
 from humanplay.study.policy_files import FOLDER, PolicyFiles, record_files
 from humanplay.study.protocol import (
     NAME,
@@ -270,6 +272,9 @@ class Folder:
                 f'{path / "protocol.json"} (an honest "none" is an answer, TODO is not), or begin the study with '
                 "`humanplay study new --declarations FILE`"
             )
+        texts = read_texts(path)
+        check_texts(protocol, texts)
+        check_complete(protocol, texts)
         if protocol.keep_episodes_when_forgotten and ERASURE in protocol.consent.text:
             raise StudyError(
                 f"the consent of the study {name!r} promises that what was played is erased on request, but "

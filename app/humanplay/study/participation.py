@@ -27,7 +27,7 @@ class StudyParticipation:
         self, participant: Participant, folder: Folder, study_store: StudyStore, sources: Sources
     ) -> None:
         self._participant, self._folder, self._study_store = participant, folder, study_store
-        self._clock, self._completion_code = sources.clock_ms, sources.completion_code
+        self._clock = sources.clock_ms
         self.driver, self.study = participant.kind, participant.study
 
     def hides_scores(self, episode_id: str) -> bool:
@@ -71,10 +71,7 @@ class StudyParticipation:
         if participant.stage == "warm_up" and ended["warm_up"] >= protocol.warm_up:
             self._study_store.set_stage(participant.id, now, "ranked")
         elif participant.stage == "ranked" and ended["ranked"] >= protocol.ranked:
-            code = protocol.completion_code or self._completion_code()
-            self._study_store.set_stage(
-                participant.id, now, "debrief", completed_ms=now, completion_code=code
-            )
+            self._study_store.set_stage(participant.id, now, "debrief", completed_ms=now)
 
     def check_events(self, episode_id: str) -> None:
         """Check that input events of an episode are to be kept; RefusedError for any that is none of the participant's."""

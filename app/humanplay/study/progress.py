@@ -24,7 +24,9 @@ from humanplay.db.series import StudyStore, add_series
 from humanplay.db.study_rows import Participant, Stage, is_same_study
 from humanplay.db.trial import Trial
 from humanplay.study.closing import left_open, left_record, note_closed
+from humanplay.study.flow import INTERRUPTED
 from humanplay.study.folder import Folder, Study
+from humanplay.study.outcomes import Ending, ending, outcome_of, read_texts
 from humanplay.study.participation import CLOSED_MESSAGE, Participations, StageError
 from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from humanplay.study.recruitment import Arrival, Recruitment, supervise
@@ -165,7 +167,7 @@ class ParticipantProgress:
                 comes = replace(comes, outside_ids=kept)
                 invitation = self.recruitment.admit(study, player_id, comes, found)
         if found is not None:
-            self._note_return(found, invitation, now)
+            self._note_return(study, found, invitation, kept, now)
             return self.study_store.participant(found.id), False
         self.add_study(study)
         new = Participant(
@@ -191,9 +193,10 @@ class ParticipantProgress:
         with self.recruitment.noting(now), self.lobby.store.transaction():
             if participant.kind == "human":
                 self.recruitment.check_consent(study, participant)
-            self.study_store.set_stage(
-                participant.id, now, "instructions", consent_version=version, consent_ms=now
-            )
+            agreed: dict[str, str | int] = {"consent_version": version, "consent_ms": now}
+            if study.protocol.platform == "code":
+                agreed["completion_code"] = self._sources.completion_code()
+            self.study_store.set_stage(participant.id, now, "instructions", **agreed)
 
     def advance(self, name: str, player_id: str | None, stage: str) -> None:
         """Go on from instructions, tutorial or debrief."""
@@ -285,6 +288,19 @@ class ParticipantProgress:
         except RefusedError:  # it has ended meanwhile
             await self.lobby.store.write(note)
 
+    def ending(self, study: Study, participant: Participant) -> Ending | None:
+        """What a participant reads at their end; None for whoever can go on."""
+        outcome = outcome_of(
+            participant,
+            study.is_running,
+            was_stopped=self.study_store.count_stage_events(participant.id, INTERRUPTED) > 0,
+        )
+        if outcome is None:
+            return None
+        ids = self.study_store.identities_of(participant.id)
+        texts = read_texts(self.folder.path(study.name))
+        return ending(study.protocol, texts, outcome, ids, participant.completion_code)
+
     def supervise(self, name: str, player_id: str | None, code: str) -> None:
         """Note that the operator typed their code for a participant; StageError for a wrong one."""
         study, participant = self._at(name, player_id, *_SUPERVISED)
@@ -332,12 +348,23 @@ class ParticipantProgress:
             )
         return study, participant
 
-    def _note_return(self, found: Participant, invitation: str | None, now: int) -> None:
-        """Note that a participant opened the study again: after leaving it, or before the consent by another invitation."""
+    def _note_return(
+        self,
+        study: Study,
+        found: Participant,
+        invitation: str | None,
+        ids: Mapping[str, str],
+        now: int,
+    ) -> None:
+        """Note that a participant opened the study again, with the newest IDs of the platform's session."""
         if found.stage == "withdrawn":
             self.recruitment.note(found.id, "after leaving", now)
-        elif invitation is not None and invitation != found.invitation:
+            return
+        if invitation is not None and invitation != found.invitation:
             self.study_store.set_invitation(found.id, invitation)
+        for name in study.protocol.outside_ids[1:]:
+            if name in ids and ids[name] != self.study_store.identity(found.id, name):
+                self.study_store.set_identity(found.id, name, ids[name])
 
     def _add(self, study: Study, new: Participant, kept: Mapping[str, str]) -> None:
         """Add a participant, with what is known of their outside id if they are a person."""

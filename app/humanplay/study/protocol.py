@@ -28,6 +28,8 @@ from pydantic import (
 from humanplay.board.controls import ClockLimits
 from humanplay.board.messages import describe_errors
 from humanplay.db.trial import Required
+from humanplay.study.outcome import Outcome
+from humanplay.study.platforms import PLATFORMS, PlatformName
 from humanplay.study.texts import consent
 from humanplay.task import Configuration, Environment
 from humanplay.task.registration import DEFAULT_TASK, environment_of
@@ -179,6 +181,49 @@ class Power(_Part):
         return min(self.policy_better, self.people_better)
 
 
+Money = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
+
+
+class Payment(_Part):
+    """What people are paid, in one currency.
+
+    base      who finishes gets it from the platform
+    each      bonus for each success, or each unit, of the ranked episodes
+    unit      what is counted: successes, or steps or score beyond a number in each episode
+    beyond    the steps, or the score, of an episode from which on units count
+    direction whether more or fewer than that earns
+    rounding  amounts are multiples of it
+    most      the bonus is at most this; None: there is no cap. It is never below 0
+    hour      by the hour, for whoever we stop
+    outcomes  what another outcome gets, as a bonus
+    bonus_at_once  whether amounts that follow from play are listed before the study is closed
+    """
+
+    currency: str = Field(pattern="^[A-Z]{3}$")
+    base: Money = 0
+    each: Money = 0
+    unit: Literal["success", "steps", "score"] = "success"
+    beyond: float = Field(default=0, allow_inf_nan=False)
+    direction: Literal["more", "fewer"] = "more"
+    rounding: float = Field(default=0.01, ge=0.01, le=1e6, allow_inf_nan=False)
+    most: Money | None = None
+    hour: Money = 0
+    outcomes: dict[Outcome, Money] = Field(default_factory=dict)
+    bonus_at_once: bool = False
+
+    @field_validator("outcomes")
+    @classmethod
+    def _finishing_is_base(cls, amounts: dict[Outcome, float]) -> dict[Outcome, float]:
+        if Outcome.FINISHED in amounts:
+            raise ValueError("what finishing gets is base and bonus, and no entry of outcomes")
+        return amounts
+
+    @property
+    def follows_from_play(self) -> bool:
+        """Whether an amount says something of how somebody played."""
+        return self.each > 0
+
+
 class Protocol(_Part):
     """A study's protocol.
 
@@ -193,9 +238,9 @@ class Protocol(_Part):
     max_pauses           how often an episode on a clock may stand still before it ends as left
     max_paused_s         for how many seconds in all it may
     max_late             share (0..1) of its ticks that may come more than a frame late; beyond, it is labelled
+    platform             from which people come; `code`: from none, and a code is drawn for each person
     outside_ids          parameters of the link that are kept; the first one names the person
-    return_url           where a participant goes from the last page; `{code}` becomes the completion code
-    completion_code      the same for all; None: one drawn for each participant
+    payment              what people are paid; None: that is not the server's to know
     policies             compared in the report, on exactly the ranked terrains
     debrief_policy       compared with the participant on the warm-up terrains; None: nothing is
     policy_hashes        SHA-256 (hex) of the policies' files, by name or path; freezing writes them
@@ -235,11 +280,11 @@ class Protocol(_Part):
     max_late: float = Field(default=ClockLimits.late, ge=0, le=1, allow_inf_nan=False)
     consent: Consent
     questions: tuple[Question, ...] = Field(max_length=20)
+    platform: PlatformName = "code"
     outside_ids: tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")], ...] = Field(
-        default=("PROLIFIC_PID", "STUDY_ID", "SESSION_ID"), max_length=10
+        default_factory=lambda known: tuple(PLATFORMS[known["platform"]].ids), max_length=10
     )
-    return_url: str | None = Field(default=None, max_length=2000, pattern=r"^https?://")
-    completion_code: str | None = Field(default=None, min_length=1, max_length=100)
+    payment: Payment | None = None
     policies: tuple[Line, ...] = Field(
         default_factory=lambda known: environment_of(known["task"]).policies.compared
     )
@@ -304,18 +349,18 @@ class Protocol(_Part):
             raise ValueError(f"outside_ids must differ from each other, got {', '.join(given)}")
         return given
 
-    @field_validator("return_url")
-    @classmethod
-    def _code_alone_is_filled_in(cls, url: str | None) -> str | None:
-        other = re.search(r"\{(?!code\})[^}]*\}?", url or "")
-        if other is not None:
-            raise ValueError(
-                f"return_url has {{code}} for the completion code and no other placeholder, got {other[0]}"
-            )
-        return url
-
     @model_validator(mode="after")
     def _panel_names_people(self) -> Protocol:
+        if self.platform != "code" and self.recruitment != "panel":
+            raise ValueError(
+                f"an ID comes with everybody from {self.platform}: expected recruitment panel, got {self.recruitment}"
+            )
+        if missing := [
+            name for name in PLATFORMS[self.platform].ids if name not in self.outside_ids
+        ]:
+            raise ValueError(
+                f"{self.platform} sends {missing[0]}, which outside_ids lacks: leave outside_ids out, or name it there"
+            )
         if self.recruitment == "panel" and not self.outside_ids:
             why = "the first one names the person, got none"
             raise ValueError(f"recruitment by a panel needs outside_ids: {why}")

@@ -32,6 +32,7 @@ from humanplay.study.invitations import (
     signature,
 )
 from humanplay.study.participation import StageError
+from humanplay.study.platforms import NO_ASSIGNMENT, PLATFORMS, fits, is_unfilled
 from humanplay.study.protocol import StudyError
 
 UNREADABLE = "the invitations of this study cannot be read now; tell whoever invited you"
@@ -57,8 +58,16 @@ UNFILLED = (
     "this link has {value} as {name}, which the recruitment platform should have replaced by your participant ID: accept the "
     "study on the platform and begin it there; if you did, tell whoever invited you that their link is not set up"
 )
-NO_ASSIGNMENT = "ASSIGNMENT_ID_NOT_AVAILABLE"
-"""What Mechanical Turk sends while somebody only looks at a task."""
+PREVIEW = (
+    "you see a preview of {title}; nothing is recorded. {text} To take part, accept the task on the platform and "
+    "begin it there"
+)
+EMPTY = "this link has no {name} after its =: begin the study on the platform that sent you"
+REPEATED = (
+    "this link has {name} more than once, so that it does not say who you are: begin the study on the platform that "
+    "sent you"
+)
+MISSHAPEN = "this link has a {name} that is none of {platform}'s: open the link there again, and do not change it"
 NO_ID = "open this study from the site that sent you: its link says who you are there, and this one does not"
 
 
@@ -69,11 +78,13 @@ class Arrival:
     outside_ids  parameters of the link
     script       what plays, when it is no person
     invitation   the token of the link
+    repeated     parameters that the link has more than once
     """
 
     outside_ids: Mapping[str, str]
     script: str | None = None
     invitation: str | None = None
+    repeated: frozenset[str] = frozenset()
 
 
 class TakenError(StageError):
@@ -115,6 +126,7 @@ class Recruitment:
 
         found  the participant with this cookie, None before joining
         """
+        _check_shapes(study, comes)
         self._check_outside_id(study, player_id, comes, found)
         own = None if found is None else found.invitation
         has_left = found is not None and found.stage == "withdrawn"
@@ -207,9 +219,7 @@ class Recruitment:
             return
         name, is_panel = study.protocol.outside_ids[0], study.protocol.recruitment == "panel"
         value = comes.outside_ids.get(name)
-        if value is not None and _is_unfilled(value):
-            raise StageError(UNFILLED.format(value=value.strip(), name=name))
-        if value is None or (is_panel and not plain(value)):
+        if value is None:
             if is_panel and found is None:
                 raise StageError(NO_ID)
             return
@@ -267,10 +277,25 @@ def plain(value: str) -> str:
     return re.sub(r"\s+", "", value).casefold()
 
 
-def _is_unfilled(value: str) -> bool:
-    """Whether an id is a platform's placeholder, like `{{%PROLIFIC_PID%}}`, and so names nobody."""
-    name = value.strip()
-    return "{" in name or name == NO_ASSIGNMENT or re.fullmatch("%[^%]+%", name) is not None
+def _check_shapes(study: Study, comes: Arrival) -> None:
+    """StageError where an id that the protocol names is there twice, names nobody, or is none of the platform's."""
+    protocol = study.protocol
+    for name in protocol.outside_ids:
+        if name in comes.repeated:
+            raise StageError(REPEATED.format(name=name))
+        value = comes.outside_ids.get(name)
+        if value is None:
+            continue
+        if value.strip() == NO_ASSIGNMENT:
+            text, _, _ = protocol.consent.text.partition("\n\n")
+            raise StageError(PREVIEW.format(title=protocol.title, text=text))
+        if not plain(value):
+            raise StageError(EMPTY.format(name=name))
+        if is_unfilled(value):
+            raise StageError(UNFILLED.format(value=value.strip(), name=name))
+        if not fits(protocol.platform, name, value):
+            title = PLATFORMS[protocol.platform].title
+            raise StageError(MISSHAPEN.format(name=name, platform=title))
 
 
 def _same(one: str, other: str, is_panel: bool) -> bool:

@@ -32,7 +32,7 @@ from humanplay.study.folder import SECRET_KEPT
 from humanplay.study.invitations import MAX_INVITATIONS, token_of
 from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from humanplay.web.access import ADMIN, close, is_operator, services_of
-from humanplay.web.operator import participants
+from humanplay.web.operator import participants, payments
 from humanplay.web.operator.exports import ExportError, ExportKind
 from humanplay.web.operator.login import TooManyAttemptsError, WrongPasswordError
 from humanplay.web.operator.participants import recruiting
@@ -78,6 +78,12 @@ class ShownName(Message):
 
     name: str = Field(max_length=100)
     hidden: bool
+
+
+class OutcomeTexts(Message):
+    """What people are to read at outcomes, by the outcome; an empty text takes one away."""
+
+    texts: dict[str, Annotated[str, Field(max_length=2000)]] = Field(max_length=20)
 
 
 class ReleaseOptions(Message):
@@ -214,6 +220,7 @@ async def show_study(admin: Operator, name: str) -> dict[str, object]:
         "stages": participants.count_stages(present),
         "participants": present,
         **how,
+        "outcomes": payments.list_outcomes(admin.progress.folder, name),
         **await asyncio.to_thread(admin.figures.of, name),
         "exports": admin.exports.state(name),
         "now_ms": now,
@@ -255,6 +262,32 @@ async def revoke_invitations(
     revoke = admin.progress.recruitment.invitations.revoke
     revoked = await asyncio.to_thread(revoke, name, given.ids)
     return {"revoked": [each.id for each in revoked]}
+
+
+@router.post("/api/admin/studies/{name}/outcomes")
+async def change_outcomes(admin: Operator, name: str, given: OutcomeTexts) -> None:
+    """Change what people read at their end; an entry of the chain says that it changed."""
+    folder = admin.progress.folder
+    study = folder.study(name)
+    changes = await asyncio.to_thread(payments.change_outcomes, folder, study, given.texts)
+    if changes:
+        note = partial(admin.progress.study_store.note_act, study.row(), "outcomes changed")
+        await admin.progress.lobby.store.write(note)
+
+
+@router.post("/api/admin/studies/{name}/payments")
+async def list_payments(admin: Operator, name: str) -> dict[str, object]:
+    """List everybody who agreed; that amounts which follow from play were shown of an open study is an entry of the chain."""
+    folder, store = admin.progress.folder, admin.progress.lobby.store
+    study = folder.study(name)
+    listed = await asyncio.to_thread(payments.list_payments, folder, study, store.path)
+    if listed.shows_play and not listed.waits:
+        people = listed.finished
+        note = partial(
+            admin.progress.study_store.note_act, study.row(), "amounts listed", people=people
+        )
+        await store.write(note)
+    return payments.in_answer(listed)
 
 
 @router.post("/api/admin/studies/{name}/exports/{what}", status_code=202)

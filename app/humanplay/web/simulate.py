@@ -316,6 +316,7 @@ class Outcome:
     minutes: float = 0.0
     round_trips_ms: list[float] = field(default_factory=list, repr=False)
     debrief: dict[str, Any] | None = None
+    code: str | None = None
 
 
 @cache
@@ -437,4 +438,5 @@ def _take_part(
 def _show(where: dict[str, Any], outcome: Outcome) -> None:
     """Keep in an outcome where its participant stands."""
     outcome.stage, outcome.debrief = where["stage"], where["debrief"]
+    outcome.code = (where["ending"] or {}).get("code")
     outcome.warm_up, outcome.ranked = where["warm_up"]["done"], where["ranked"]["done"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Annotated, Literal, TypeVar
 
@@ -18,6 +18,7 @@ from humanplay.db.study_rows import Participant, participant_label
 from humanplay.db.trial import Trial
 from humanplay.study.debrief import NoTerrainError, Shown, own_trial
 from humanplay.study.folder import Study
+from humanplay.study.outcomes import Ending
 from humanplay.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
 from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from humanplay.study.recruitment import Arrival, supervised_until_ms
@@ -51,11 +52,16 @@ WITHDRAWN_TO_ERASE = (
 )
 
 
+Id = Annotated[str, Field(max_length=200), PRINTABLE]
+
+
 class Join(Message):
     """Who joins: what the link that brought them holds, and the name of the script if it is no person."""
 
-    outside_ids: dict[str, Annotated[str, Field(max_length=200), PRINTABLE]] = Field(
-        default_factory=dict, max_length=50
+    outside_ids: dict[str, Id | Annotated[list[Id], Field(max_length=20)]] = Field(
+        default_factory=dict,
+        max_length=50,
+        description="parameters of the link; a list of what a parameter has that is there more than once",
     )
     script: Annotated[str, Field(min_length=1, max_length=80), PRINTABLE] | None = Field(
         default=None,
@@ -208,10 +214,11 @@ async def participant_state(request: Request, study: Study, participant: Partici
     """Return where a participant stands: all that the page needs."""
     progress, protocol = services_of(request).progress, study.protocol
 
-    def read() -> tuple[list[Trial], str | None]:
-        return progress.study_store.trials(participant.id), _note(progress, study, participant)
+    def read() -> tuple[list[Trial], str | None, Ending | None]:
+        trials = progress.study_store.trials(participant.id)
+        return trials, _note(progress, study, participant), progress.ending(study, participant)
 
-    trials, note = await progress.lobby.store.read(read)
+    trials, note, ending = await progress.lobby.store.read(read)
     ended = [trial.phase for trial in trials if trial.ended_ms is not None]
     session, debrief = await progress.session(participant), None
     if participant.stage in ("debrief", "complete"):
@@ -241,6 +248,7 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "settings": {**chosen, **json.loads(participant.settings)},
         "debrief": debrief,
         "note": note,
+        "ending": ending and asdict(ending),
         "invited": participant.invitation is not None,
         "supervised_until_ms": supervised_until_ms(participant),
     }
@@ -331,7 +339,9 @@ async def join(asks: AskingOf, response: Response, wanted: Join | None = None) -
     wanted, progress = wanted or Join(), asks.progress
     player_id = asks.player or progress.lobby.sources.player_id()
     with answering_study_errors():
-        comes = Arrival(wanted.outside_ids, wanted.script, wanted.invitation)
+        single = {name: each for name, each in wanted.outside_ids.items() if isinstance(each, str)}
+        repeated = frozenset(wanted.outside_ids.keys() - single.keys())
+        comes = Arrival(single, wanted.script, wanted.invitation, repeated)
         enter = partial(progress.join, asks.name, player_id, comes)
         participant, is_new = await progress.lobby.store.write(enter)
         answer = await participant_state(asks.request, progress.study(asks.name), participant)

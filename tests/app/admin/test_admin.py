@@ -19,6 +19,7 @@ from humanplay.web.operator.login import (
 )
 from humanplay.web.settings import Settings
 from tests.support.command import command
+from tests.support.recorded import ask
 from tests.support.servers import eventually, forged
 from tests.support.study import Person, freeze
 
@@ -29,6 +30,8 @@ CHANGING = {
     "studies/small/close": {"name": "small"},
     "studies/small/exports/report": {},
     "studies/small/invitations": {"count": 1},
+    "studies/small/outcomes": {"texts": {}},
+    "studies/small/payments": {},
     "studies/small/invitations/revoke": {"ids": ["7K3M"]},
     "names": {"name": "Ada", "hidden": True},
     "logout": {},
@@ -493,3 +496,27 @@ def test_which_move_did_not_fit_is_told_to_the_operator_and_not_to_the_participa
     (row,) = operator.get("/api/admin/studies/small").json()["participants"]
     (told,) = row["not_attested"]
     assert told.startswith("spoilt warm-up 1: step 1: no press of its own")
+
+
+def test_the_operator_lists_whom_to_pay_and_changes_what_people_read_at_their_end(admin):
+    person, operator = Person(admin), admin.operator()
+    person.to_tutorial()
+    person.call("withdraw")
+    listed = operator.post("/api/admin/studies/small/payments", json={}).json()
+    (row,) = listed["rows"]
+    assert dict(zip(listed["columns"], row, strict=True))["outcome"] == "withdrew"
+    assert row[1] in listed["csv"]
+    assert (listed["bulk"], listed["without_consent"]) == (None, 0)
+    change = {"texts": {"withdrew": "Thank you, {code}."}}
+    assert operator.post("/api/admin/studies/small/outcomes", json=change).status_code == 200
+    assert person.me()["ending"]["sentence"] == f"Thank you, {person_code(admin)}."
+    wrong = operator.post("/api/admin/studies/small/outcomes", json={"texts": {"left": "{pid}"}})
+    assert (wrong.status_code, "nothing fills in" in wrong.json()["detail"]) == (409, True)
+    shown = operator.get("/api/admin/studies/small").json()["outcomes"]
+    assert {each["outcome"]: each["text"] for each in shown}["withdrew"] == "Thank you, {code}."
+
+
+def person_code(server):
+    """The code that was drawn for the one participant."""
+    ((code,),) = ask(server.services.store.path, "SELECT completion_code FROM participants")
+    return code

@@ -121,7 +121,7 @@ def test_a_small_study_survives_a_kill_and_enters_no_human_figure(spawn, tmp_pat
     study = freeze(tmp_path / "playground.db-studies", size=9)
     outcomes, verified = check_whole_study(spawn, tmp_path, study, 3, 40, seed=3)
     assert [each.stage for each in outcomes] == ["complete"] * 3
-    assert all(each.debrief["completion_code"] for each in outcomes)
+    assert all(each.code for each in outcomes)
     assert (verified.episodes, verified.still_open) == (3 * 6, 0)
 
 

@@ -324,6 +324,8 @@ OPENING = {
     "study close": "open --yes --database FILE",
     "study freeze": "draft --underpowered --database FILE",
     "study invite": "open --list --database FILE",
+    "study outcomes": "open left=Thanks --database FILE",
+    "study payments": "open --database FILE",
     "study power": "draft --pilot open --database FILE",
     "report": "--study closed --database FILE",
     "costs": "--study closed --database FILE",

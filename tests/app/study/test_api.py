@@ -96,7 +96,8 @@ def test_the_whole_way_from_consent_to_completion_code(server, study):
     assert policy.keys() == {"name", "mean_steps_warm_up", "own_mean_steps_warm_up"}
     assert policy["name"] == "frontier-cost"
     assert policy["mean_steps_warm_up"] == policy["own_mean_steps_warm_up"]
-    assert len(debrief["completion_code"]) == 8
+    ending = person.where["ending"]
+    assert (ending["outcome"], len(ending["code"])) == ("finished", 8)
     for index in range(2):
         replays = person.client.get(f"{person.url}/debrief/{index}").json()
         assert replays["own"] == seen["warm_up"][index]
@@ -105,10 +106,7 @@ def test_the_whole_way_from_consent_to_completion_code(server, study):
         ]
     assert person.client.get(f"{person.url}/debrief/2").status_code == 404
     person.call("advance", {"from": "debrief"})
-    assert (person.where["stage"], person.where["debrief"]["completion_code"]) == (
-        "complete",
-        debrief["completion_code"],
-    )
+    assert (person.where["stage"], person.where["ending"]) == ("complete", ending)
     kept = rows(server, "SELECT name, value FROM identities ORDER BY name")
     assert [tuple(each.values()) for each in kept] == [
         ("PROLIFIC_PID", "pid-1"),
@@ -313,7 +311,7 @@ def test_a_closed_study_can_be_read_and_not_played(server, study, tmp_path):
     assert "is closed" in person.refused("join")
     assert "is closed" in Person(server, joins=False).refused("join")
     assert person.me()["note"].startswith("This study has been closed")
-    assert done.me()["debrief"]["completion_code"]
+    assert done.me()["ending"]["code"]
     done.call("advance", {"from": "debrief"})
     assert rows(server, "SELECT secret FROM series") == [{"secret": study.secret.hex()}]
     (
@@ -414,18 +412,15 @@ def test_a_database_that_holds_another_study_of_that_name_is_not_mixed_with_it(s
 def test_a_study_without_warm_up_or_outside_ids_goes_from_the_questions_to_the_ranked_rounds(
     serve, tmp_path
 ):
-    freeze(tmp_path / "playground.db-studies", "bare", warm_up=0, ranked=1, outside_ids=(), completion_code="THANKS",
-           return_url="https://example.org/done?code={code}")  # fmt: skip
+    freeze(tmp_path / "playground.db-studies", "bare", warm_up=0, ranked=1, outside_ids=(),
+           outcomes={"finished": "THANKS"})  # fmt: skip
     person = Person(serve(), "bare", outside_ids={"PROLIFIC_PID": "p"})
     person.to_warm_up()
     assert person.where["stage"] == "ranked"
     person.play_on()
     debrief = person.where["debrief"]
     assert (debrief["policy"], debrief["warm_up_terrains"]) == (None, 0)
-    assert (debrief["completion_code"], debrief["return_url"]) == (
-        "THANKS",
-        "https://example.org/done?code=THANKS",
-    )
+    assert person.where["ending"]["code"] == "THANKS"
 
 
 def test_whoever_withdraws_chooses_whether_what_they_played_is_kept_or_erased(server, study):

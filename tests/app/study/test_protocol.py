@@ -70,7 +70,7 @@ def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_fie
         "ranked": 4,
         "consent": {"version": "2", "text": "yes"},
         "equivalence_margin": 5.5,
-        "return_url": "https://a.b",
+        "outside_ids": ["ID"],
         "declarations": {**DECLARATIONS, "pilots": "one of three people"},
     }
     hashes = {
@@ -93,7 +93,12 @@ def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_fie
             {"questions": [{"question": "?", "choices": ["a", "b"], "answer": 2}]},
             "index of a choice, 0 to 1, got 2",
         ),
-        ({"return_url": "javascript:alert(1)"}, "return_url"),
+        ({"platform": "prolific"}, "expected recruitment panel, got open"),
+        (
+            {"platform": "sona", "recruitment": "panel", "outside_ids": ["id"]},
+            "sona sends survey_code",
+        ),
+        ({"platform": "mail"}, "platform"),
         ({"outside_ids": ["A", "A"]}, "must differ"),
         ({"rankde": 3}, "rankde"),
         ({"exclusion": {"mine": {"weather": True}}}, "weather"),

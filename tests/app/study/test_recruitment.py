@@ -17,9 +17,12 @@ from humanplay.study.invitations import ALPHABET, MAX_INVITATIONS, Invitations, 
 from humanplay.study.protocol import StudyError
 from humanplay.study.recruitment import (
     DAY_MS,
+    EMPTY,
     MAX_WRONG_CODES,
+    MISSHAPEN,
     NO_ID,
     NO_INVITATION,
+    REPEATED,
     REVOKED,
     UNFILLED,
     USED,
@@ -27,6 +30,7 @@ from humanplay.study.recruitment import (
     WRONG_PANEL_LINK,
     code_of,
 )
+from humanplay.study.verification import verify_database
 from tests.support.command import command, run
 from tests.support.page_loads import LOAD
 from tests.support.recorded import ask
@@ -226,7 +230,7 @@ def test_a_script_joins_without_an_invitation_and_stays_a_script(serve, tmp_path
 def test_a_panel_needs_its_id_and_takes_each_once_whatever_its_case(serve, tmp_path):
     freeze(tmp_path / "playground.db-studies", recruitment="panel")
     server = serve()
-    for nothing in ({}, {PID: ""}, {PID: "  "}, {"STUDY_ID": "s"}):
+    for nothing in ({}, {"STUDY_ID": "s"}):
         assert comes(server, outside_ids=nothing)[1:] == (409, NO_ID)
     first, second = (comes(server, outside_ids={PID: value})[0] for value in ("abc 5F1", "ABC5f1"))
     second.call("consent", YES)
@@ -246,24 +250,71 @@ def test_a_panel_needs_its_id_and_takes_each_once_whatever_its_case(serve, tmp_p
 def test_a_placeholder_that_the_platform_left_unfilled_names_nobody(serve, tmp_path, recruitment):
     freeze(tmp_path / "playground.db-studies", recruitment=recruitment)
     server = serve()
-    unfilled = (
-        "{{%PROLIFIC_PID%}}",
-        "ASSIGNMENT_ID_NOT_AVAILABLE",
-        " %SURVEY_CODE% ",
-        "{survey_code}",
-    )
+    unfilled = ("{{%PROLIFIC_PID%}}", " %SURVEY_CODE% ", "{survey_code}")
     for value in unfilled:
         _, status, detail = comes(server, outside_ids={PID: value})
         assert (status, detail) == (409, UNFILLED.format(value=value.strip(), name=PID))
     assert rows(server, "SELECT count(*) FROM participants") == [(0,)]
-    assert comes(server, outside_ids={PID: "5f1", "SESSION_ID": "{{%SESSION_ID%}}"})[1] == 201
+    _, status, detail = comes(server, outside_ids={PID: "5f1", "SESSION_ID": "{{%SESSION_ID%}}"})
+    assert (status, "as SESSION_ID" in detail) == (409, True)
 
 
-def test_a_return_address_has_the_completion_code_as_its_only_placeholder(tmp_path):
-    with pytest.raises(StudyError, match=r"no other placeholder, got \{survey_code\}"):
-        freeze(tmp_path, return_url="https://site.example/back?code={survey_code}")
-    study = freeze(tmp_path, return_url="https://site.example/back?code={code}")
-    assert study.protocol.return_url == "https://site.example/back?code={code}"
+PROLIFIC_ID = "5f3e0c9a1b2d4e6f8a7b9c0d"
+STUDY_LINK = {"STUDY_ID": "6" * 24, "SESSION_ID": "7" * 24}
+
+
+@pytest.mark.parametrize(
+    ("ids", "said"),
+    [
+        ({PID: ""}, EMPTY.format(name=PID)),
+        ({PID: " "}, EMPTY.format(name=PID)),
+        ({PID: [PROLIFIC_ID, PROLIFIC_ID]}, REPEATED.format(name=PID)),
+        ({PID: "somebody"}, MISSHAPEN.format(name=PID, platform="Prolific")),
+        ({PID: PROLIFIC_ID + "0"}, MISSHAPEN.format(name=PID, platform="Prolific")),
+        ({PID: PROLIFIC_ID, "SESSION_ID": "x"}, MISSHAPEN.format(name="SESSION_ID", platform="Prolific")),
+        ({PID: PROLIFIC_ID, "STUDY_ID": "{{%STUDY_ID%}}"}, "this link has {{%STUDY_ID%}} as STUDY_ID"),
+        ({PID: "ASSIGNMENT_ID_NOT_AVAILABLE"}, "you see a preview of"),
+    ],
+)  # fmt: skip
+def test_an_id_that_is_none_of_the_platforms_is_refused_in_a_sentence_and_nothing_is_stored(
+    serve, tmp_path, ids, said
+):
+    freeze_for_prolific(tmp_path)
+    server = serve()
+    _, status, detail = comes(server, outside_ids={**STUDY_LINK, **ids})
+    assert (status, detail.startswith(said)) == (409, True), detail
+    assert rows(server, "SELECT count(*) FROM participants") == [(0,)]
+    assert comes(server, outside_ids={**STUDY_LINK, PID: PROLIFIC_ID, "utm": ["a", "b"]})[1] == 201
+
+
+def test_a_preview_says_what_the_study_is(serve, tmp_path):
+    study = freeze_for_prolific(tmp_path)
+    _, _, detail = comes(serve(), outside_ids={PID: "ASSIGNMENT_ID_NOT_AVAILABLE"})
+    assert study.protocol.title in detail
+    assert study.protocol.consent.text.split("\n\n")[0] in detail
+
+
+def test_the_newest_session_of_a_platform_is_kept(serve, tmp_path):
+    freeze_for_prolific(tmp_path)
+    server = serve()
+    person, _, _ = comes(server, outside_ids={**STUDY_LINK, PID: PROLIFIC_ID})
+    person.call("consent", YES)
+    person.call("join", {"outside_ids": {PID: PROLIFIC_ID, "SESSION_ID": "8" * 24}})
+    kept = dict(rows(server, "SELECT name, value FROM identities"))
+    assert kept == {PID: PROLIFIC_ID, "STUDY_ID": "6" * 24, "SESSION_ID": "8" * 24}
+    assert verified(server)
+
+
+def freeze_for_prolific(tmp_path, **rest):
+    """Return a study of people from Prolific, who are given the code C1DONE."""
+    texts = {"finished": "C1DONE", **rest.pop("outcomes", {})}
+    studies = tmp_path / "playground.db-studies"
+    return freeze(studies, platform="prolific", recruitment="panel", outcomes=texts, **rest)
+
+
+def verified(server):
+    """Whether every row of a server's database fits the chain."""
+    return verify_database(server.services.store.path).findings == ()
 
 
 def test_an_id_with_characters_that_nobody_sees_is_refused(serve, tmp_path):

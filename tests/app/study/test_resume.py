@@ -173,7 +173,7 @@ def test_a_killed_server_goes_on_with_the_same_episode_and_loses_and_doubles_no_
         path, "SELECT count(DISTINCT terrain) FROM series_episodes WHERE phase = 'ranked'"
     ) == [(3,)]
     assert ask(path, "SELECT count(*) FROM episodes") == [(6,)]
-    assert len(person.where["debrief"]["completion_code"]) == 8
+    assert len(person.where["ending"]["code"]) == 8
     server.close()
 
 

@@ -7,7 +7,8 @@ test("the name of the study and the ids of another site are read from the addres
   assert.equal(studyName("/study/demo"), "demo");
   assert.equal(studyName("/mars/study/demo-2/"), "demo-2");
   assert.equal(studyName("/"), "");
-  assert.deepEqual(outsideIds("?PROLIFIC_PID=p%201&STUDY_ID=&x=" + "y".repeat(201)), { PROLIFIC_PID: "p 1" });
+  assert.deepEqual(outsideIds("?PROLIFIC_PID=p%201&STUDY_ID=&invitation=7K3M"), { PROLIFIC_PID: "p 1", STUDY_ID: "" });
+  assert.deepEqual(outsideIds("?PROLIFIC_PID=a&PROLIFIC_PID=b"), { PROLIFIC_PID: ["a", "b"] });
 });
 
 test("calls go below api, wherever the app is mounted", async () => {

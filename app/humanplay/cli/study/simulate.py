@@ -79,7 +79,7 @@ def _print_outcomes(outcomes: list[Outcome]) -> None:
 
     if not outcomes:
         return
-    names = ("mean_score", "mean_steps", "completion_code")
+    names = ("mean_score", "mean_steps")
     print_table(
         "Synthetic participants",
         ["number", "stage", "warm-up", "ranked", "minutes", "mean score", "mean steps", "code"],
@@ -92,6 +92,7 @@ def _print_outcomes(outcomes: list[Outcome]) -> None:
                 f"{each.minutes:.1f}",
             ]
             + [_shown((each.debrief or {}).get(name)) for name in names]
+            + [_shown(each.code)]
             for each in outcomes
         ],
     )

@@ -22,10 +22,12 @@ from humanplay.cli.options import DATABASE_AND_STUDIES, STUDIES
 from humanplay.cli.settings import config_of, failures, place, study_errors, task_name
 from humanplay.command.console import print_table, progress, write_file
 from humanplay.command.options import SizeType, flag, path_option, several
+from humanplay.study.platforms import PLATFORMS
 from humanplay.task import counted
 from humanplay.task.registration import DEFAULT_TASK
 
 if TYPE_CHECKING:
+    from humanplay.db.chain import Act
     from humanplay.report.statistics.planning import StudyDesign
     from humanplay.study.folder import Folder, Study
     from humanplay.study.invitations import Use
@@ -77,8 +79,9 @@ def study() -> None:
     help="In which policies are tested against people.",
 )
 @option(
-    "--recruitment", type=click.Choice(["invitation", "panel", "open"]), default="invitation",
-    help="Who may take part: holders of single-use links, people whom a site sends with an id of theirs, or everybody.",
+    "--recruitment", type=click.Choice(["invitation", "panel", "open"]),
+    help="Who may take part: holders of single-use links, people whom a site sends with an id of theirs, or everybody.  "
+    "[default: panel with a platform, else invitation]",
 )  # fmt: skip
 @option(
     "--panel-links", type=click.Choice(["unsigned", "signed"]), default="unsigned",
@@ -88,10 +91,12 @@ def study() -> None:
 @several(
     "--outside-id",
     "outside_ids",
-    "A parameter of the link to keep; the first names the person. Repeatable.  [default: Prolific's three]",
+    "A parameter of the link to keep; the first names the person. Repeatable.  [default: the platform's]",
 )
-@option("--return-url", help="Where participants go at the end; {code} is their completion code.")
-@option("--completion-code", help="One code for everybody.  [default: one drawn for each]")
+@option(
+    "--platform", type=click.Choice(list(PLATFORMS)), default="code",
+    help="Where people come from, with recruitment panel; code: from nowhere, each gets a code of their own.",
+)  # fmt: skip
 @several("--policy", "policies", "To compare with people; repeatable.  [default: the shipped ones]")
 @path_option(
     "--declarations",
@@ -125,7 +130,7 @@ def new(
       humanplay study new pilot
       humanplay study new hard --level 3-2-1 --size 42x42 --warm-up 5 --ranked 20 --players 16
       humanplay study new lake --env FrozenLake-v1
-      humanplay study new online --recruitment panel --return-url "https://app.prolific.com/submissions/complete?cc={code}"
+      humanplay study new online --platform prolific
     """
     from humanplay.study import texts
     from humanplay.study.files import read_object
@@ -134,6 +139,9 @@ def new(
 
     name_of_task = DEFAULT_TASK if task is None else task_name(task)
     config = config_of(name_of_task, level, size)
+    options["recruitment"] = options["recruitment"] or (
+        "invitation" if options["platform"] == "code" else "panel"
+    )
     rest = {field: value for field, value in options.items() if value is not None and value != ()}
     with study_errors():
         folder.path(name)
@@ -229,6 +237,8 @@ def freeze(name: str, underpowered: bool, folder: Folder, database: Path) -> Non
     if found.protocol.recruitment == "invitation":
         invite = f"humanplay study invite {name} {found.protocol.players}"
         echo(f"It is by invitation: `{invite}` makes the links")
+    if query := PLATFORMS[found.protocol.platform].query:
+        echo(f"The address to give to the platform ends with /study/{name}{query}")
     if found.protocol.panel_links == "signed":
         echo(f"Links are signed: `humanplay study invite {name} --ids FILE` makes them")
 
@@ -597,6 +607,110 @@ def invite(
         print_table(f"Invitations to {name}", heads, printed)
     if table is not None:  # last: links that were issued are told whatever becomes of the file
         _write_csv(table, [(*row, link) for row, link in zip(rows, links, strict=True)])
+
+
+@study.command(short_help="What people read at their end: codes, addresses, sentences.")
+@argument("name")
+@argument("texts", nargs=-1, metavar="[OUTCOME=TEXT]...")
+@DATABASE_AND_STUDIES
+def outcomes(name: str, texts: tuple[str, ...], folder: Folder, database: Path) -> None:
+    """Print, or change, what people read at each outcome: a code (one word), an address (http...) or a sentence.
+
+    These texts lie beside the study's secret, are in no protocol, report or release, and may change while people come: a
+    running server shows new ones at once, and an entry of the chain says that they changed, without the texts. An empty text
+    takes one away. In an address {survey_code}, say, becomes the participant's ID; {code} is the code that is drawn for each
+    person where the platform is code.
+
+    \b
+    Examples:
+      humanplay study outcomes pilot
+      humanplay study outcomes pilot finished=C1A2B3C4 "withdrew=Please return your submission on Prolific."
+      humanplay study outcomes class "finished=https://school.sona-systems.com/webstudy_credit.aspx?...&survey_code={survey_code}"
+    """
+    from humanplay.study.outcome import OUTCOME_IN_WORDS
+    from humanplay.study.outcomes import change_texts, read_texts
+
+    _check_database(database)
+    pairs = [text.partition("=") for text in texts]
+    if wrong := [outcome for outcome, sign, _ in pairs if not sign]:
+        raise UsageError(f"expected OUTCOME=TEXT, such as finished=C1A2B3C4, got {wrong[0]!r}")
+    with study_errors():
+        path, protocol = folder.path(name), folder.draft(name)
+        is_frozen = folder.status(name) != "draft"
+        changed = {outcome: text for outcome, _, text in pairs}
+        shown = change_texts(path, protocol, changed, is_frozen) if pairs else read_texts(path)
+        if pairs and is_frozen:
+            _note_act(folder.study(name), database, "outcomes changed")
+    rows = [(outcome, words, shown.get(outcome, "")) for outcome, words in OUTCOME_IN_WORDS.items()]
+    print_table(f"Outcomes of {name}", ("outcome", "whoever", "reads"), rows)
+
+
+@study.command(short_help="Whom to pay, and how much.")
+@argument("name")
+@path_option("--csv", "table", "Write the list to a file.", metavar="FILE")
+@path_option("--bulk", "bulk", "Write Prolific's lines of bonuses to a file.", metavar="FILE")
+@path_option(
+    "--against", "exported", "Compare with the submissions that Prolific exports.", metavar="EXPORT.csv"
+)  # fmt: skip
+@DATABASE_AND_STUDIES
+def payments(
+    name: str,
+    table: Path | None,
+    bulk: Path | None,
+    exported: Path | None,
+    folder: Folder,
+    database: Path,
+) -> None:
+    """List everybody who agreed: identifier, label, outcome, code, minutes from consent to end, amount.
+
+    Whoever did not agree is a number. Amounts are those of the protocol's `payment`; one that follows from how somebody played
+    is listed once the study is closed. With bonus_at_once in the protocol it is listed earlier: then an entry of the chain says
+    so each time, and the report says how often. --bulk writes the bonuses that the platform does not pay by itself, without
+    zeros; --against names who claims to have finished and has not, who finished without a code, and who timed out. Files are
+    readable by their owner alone.
+
+    \b
+    Examples:
+      humanplay study payments pilot
+      humanplay study payments pilot --csv pay.csv --bulk bulk.csv
+      humanplay study payments pilot --against prolific_export.csv
+    """
+    from humanplay.db.reader import Reader
+    from humanplay.study.outcomes import read_texts
+    from humanplay.study.payments import COLUMNS, claims, payments_of
+
+    if not database.exists():
+        raise UsageError(f"no database at {database}: give its path with --database")
+    with failures(f"cannot read {database}"), study_errors():
+        found = folder.study(name)
+        with closing(Reader.open(database)) as reader, reader.snapshot():
+            listed = payments_of(reader, found, read_texts(folder.path(name)))
+        lines = None if bulk is None else listed.bulk()
+        text = None if exported is None else exported.read_text(encoding="utf-8-sig")
+        against = None if text is None else claims(listed, text)
+    if listed.shows_play and not listed.waits:
+        _note_act(found, database, "amounts listed", people=listed.finished)
+    if table is None and bulk is None and against is None:
+        print_table(f"Payments of {name}", COLUMNS, listed.table())
+    if table is not None:
+        write_file(table, listed.csv().encode(), "--csv", private=True)
+    if bulk is not None and lines is not None:
+        write_file(bulk, lines.encode(), "--bulk", private=True)
+    for words, idents in against.in_words() if against else ():
+        echo(f"{words}: {', '.join(idents) or 'nobody'}")
+    echo(f"{counted(listed.without_consent, 'person', 'people')} did not agree")
+    if pay := listed.effective_pay():
+        echo(pay)
+
+
+def _note_act(found: Study, database: Path, act: Act, **details: int) -> None:
+    """Append an operator's act to the chain of the database, if there is one; a server may run."""
+    from humanplay.db.chain import act_of, append_marks
+    from humanplay.db.database import writing
+
+    if database.exists():
+        with failures(f"cannot note in {database} what was done"), writing(database) as conn:
+            append_marks(conn, [act_of(found.row(), act, **details)])
 
 
 @study.command(short_help="Take invitations back.")

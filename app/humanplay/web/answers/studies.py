@@ -6,6 +6,7 @@ from typing import Literal
 
 from humanplay.db.rows import Phase
 from humanplay.db.study_rows import Stage
+from humanplay.study.outcome import Outcome
 from humanplay.web.answers.base import Answer, Configuration, absent, described
 from humanplay.web.answers.boards import Board
 from humanplay.web.answers.server import Task
@@ -97,8 +98,15 @@ class Debrief(Answer):
     policy: DebriefPolicy | None
     warm_up_terrains: int = described("that can be shown again")
     ranked_terrains: int = described("that can be shown again")
-    completion_code: str | None
-    return_url: str | None
+
+
+class Ending(Answer):
+    """What somebody reads who has come to an end."""
+
+    outcome: str = described(", ".join(Outcome))
+    code: str | None = described("for the place that sent them")
+    address: str | None = described("that leads back there")
+    sentence: str | None
 
 
 class Settings(Answer):
@@ -136,5 +144,6 @@ class Participation(Answer):
     note: str | None = described(
         "why the participant cannot go on, or what becomes of what was played"
     )
+    ending: Ending | None = described("null while the participant can go on")
     invited: bool
     supervised_until_ms: int | None

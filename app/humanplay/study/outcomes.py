@@ -1,0 +1,172 @@
+"""How taking part can end for somebody, and what they read then: a code, an address or a sentence.
+
+    NAME/outcomes.json   the text of each outcome; readable by its owner alone
+
+These texts lie beside the secret, are in no protocol and no export, and may change while people come.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from string import Formatter
+from urllib.parse import quote
+
+from humanplay.db.study_rows import Participant
+from humanplay.study.files import locked, read_object, write_object
+from humanplay.study.outcome import Outcome
+from humanplay.study.platforms import PLATFORMS
+from humanplay.study.protocol import Protocol, StudyError
+
+FILE = "outcomes.json"
+CODE = "code"
+"""The placeholder of the code that is drawn for each person."""
+
+
+@dataclass(frozen=True)
+class Ending:
+    """What somebody reads at their end.
+
+    code      to be typed, or copied, elsewhere
+    address   to which a button leads
+    """
+
+    outcome: Outcome
+    code: str | None = None
+    address: str | None = None
+    sentence: str | None = None
+
+
+def read_texts(folder: Path) -> dict[Outcome, str]:
+    """The texts of a study's outcomes, from its folder; StudyError when the file is damaged."""
+    path = folder / FILE
+    if not path.exists():
+        return {}
+    try:
+        return {Outcome(outcome): str(text) for outcome, text in read_object(path).items()}
+    except ValueError as error:
+        raise StudyError(f"{path} is damaged: {error}; restore a backup") from error
+
+
+def change_texts(
+    folder: Path, protocol: Protocol, texts: Mapping[str, str], is_frozen: bool
+) -> dict[Outcome, str]:
+    """Change the texts of some outcomes, an empty one to none, and return all of them.
+
+    StudyError for a text that nothing fills in, and then nothing is changed.
+    """
+    if unknown := [outcome for outcome in texts if outcome not in set(Outcome)]:
+        known = ", ".join(Outcome)
+        raise StudyError(f"expected one of {known} before the =, got {unknown[0]!r}")
+    with locked(folder):
+        changed = {**read_texts(folder), **{Outcome(each): text for each, text in texts.items()}}
+        changed = {outcome: text.strip() for outcome, text in changed.items() if text.strip()}
+        check_texts(protocol, changed)
+        if is_frozen:
+            check_complete(protocol, changed)
+        write_object(folder / FILE, changed, private=True)
+    return changed
+
+
+def delete_texts(folder: Path) -> None:
+    """Delete the texts of a study's outcomes from its folder."""
+    (folder / FILE).unlink(missing_ok=True)
+
+
+def outcome_of(participant: Participant, is_running: bool, was_stopped: bool) -> Outcome | None:
+    """How taking part ended for somebody; None for whoever can go on.
+
+    Args:
+        is_running: Whether the study is.
+        was_stopped: Whether the closing, or a failure of environment or server, took the last episode from them.
+    """
+    if participant.completed_ms is not None:
+        return Outcome.FINISHED
+    if participant.stage == "withdrawn":
+        return Outcome.NO_CONSENT if participant.consent_ms is None else Outcome.WITHDREW
+    if is_running or participant.consent_ms is None:
+        return None
+    return Outcome.STOPPED_BY_US if was_stopped else Outcome.LEFT
+
+
+def check_texts(protocol: Protocol, texts: Mapping[Outcome, str]) -> None:
+    """StudyError where a text names what nothing fills in, or the platform cannot take it."""
+    platform = PLATFORMS[protocol.platform]
+    known = {*protocol.outside_ids, *([CODE] if protocol.platform == "code" else [])}
+    for outcome, text in texts.items():
+        for name in _placeholders(outcome, text) - known:
+            if name == CODE:
+                raise StudyError(
+                    f"{outcome} has {{code}}, but {platform.title} takes fixed codes and none is drawn: "
+                    "write the code that the platform shows you"
+                )
+            raise StudyError(
+                f"{outcome} has {{{name}}}, which nothing fills in: there are "
+                f"{', '.join(f'{{{each}}}' for each in sorted(known)) or 'no placeholders'}"
+            )
+    codes = [text for text in texts.values() if kind_of(text) == "code"]
+    if repeated := {code for code in codes if codes.count(code) > 1 and "{" not in code}:
+        raise StudyError(
+            f"two outcomes have the code {min(repeated)}: nobody could tell them apart by it"
+        )
+
+
+def check_complete(protocol: Protocol, texts: Mapping[Outcome, str]) -> None:
+    """StudyError where whoever finishes has no way back to the platform."""
+    platform = PLATFORMS[protocol.platform]
+    if protocol.platform == "code" or kind_of(texts.get(Outcome.FINISHED, "")) in WAYS_BACK:
+        return
+    what = "the completion code" if platform.back else "the address that gives credit"
+    raise StudyError(
+        f"people come from {platform.title}, and nothing leads them back: "
+        f"`humanplay study outcomes {protocol.name} finished=...` with {what} that it shows you"
+    )
+
+
+WAYS_BACK = ("code", "address")
+
+
+def kind_of(text: str) -> str:
+    """What a text is: an address, a code (one word) or a sentence."""
+    if re.match(r"https?://", text):
+        return "address"
+    return "code" if text and not re.search(r"\s", text) else "sentence"
+
+
+def ending(
+    protocol: Protocol,
+    texts: Mapping[Outcome, str],
+    outcome: Outcome,
+    ids: Mapping[str, str],
+    drawn: str | None,
+) -> Ending:
+    """What somebody with these IDs reads who has come to an outcome.
+
+    Args:
+        drawn: Their own code, where one is drawn for each person.
+    """
+    text = texts.get(outcome, "")
+    if not text and protocol.platform == "code" and outcome is not Outcome.NO_CONSENT:
+        text = f"{{{CODE}}}" if drawn else ""
+    values = {**dict.fromkeys(protocol.outside_ids, ""), **ids, CODE: drawn or ""}
+    if not text:
+        return Ending(outcome)
+    if kind_of(text) == "address":
+        address = text.format_map({name: quote(value, safe="") for name, value in values.items()})
+        return Ending(outcome, code=drawn or None, address=address)
+    filled = text.format_map(values)
+    if kind_of(text) == "sentence":
+        return Ending(outcome, sentence=filled)
+    back = PLATFORMS[protocol.platform].back
+    return Ending(outcome, code=filled, address=back.format(code=quote(filled)) if back else None)
+
+
+def _placeholders(outcome: Outcome, text: str) -> set[str]:
+    try:
+        return {name for _, name, _, _ in Formatter().parse(text) if name is not None}
+    except ValueError as error:
+        raise StudyError(
+            f"{outcome} has a brace without its pair, got {text!r}: {{{{ and }}}} write braces"
+        ) from error

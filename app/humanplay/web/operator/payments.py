@@ -1,0 +1,48 @@
+"""Whom to pay, for the operator: the texts of the outcomes, and the list of everybody who agreed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import closing
+from pathlib import Path
+
+from humanplay.db.reader import Reader
+from humanplay.study.folder import Folder, Study
+from humanplay.study.outcome import OUTCOME_IN_WORDS
+from humanplay.study.outcomes import change_texts, read_texts
+from humanplay.study.payments import COLUMNS, Payments, payments_of
+
+
+def list_outcomes(folder: Folder, name: str) -> list[dict[str, str]]:
+    """Each outcome of a study with what people read there."""
+    texts = read_texts(folder.path(name))
+    return [
+        {"outcome": outcome, "words": words, "text": texts.get(outcome, "")}
+        for outcome, words in OUTCOME_IN_WORDS.items()
+    ]
+
+
+def change_outcomes(folder: Folder, study: Study, texts: Mapping[str, str]) -> bool:
+    """Change what people read at outcomes, and tell whether anything differs."""
+    path = folder.path(study.name)
+    before = read_texts(path)
+    return before != change_texts(path, study.protocol, texts, is_frozen=True)
+
+
+def list_payments(folder: Folder, study: Study, database: Path) -> Payments:
+    """Everybody to be paid of a study, as of now."""
+    with closing(Reader.open(database)) as reader, reader.snapshot():
+        return payments_of(reader, study, read_texts(folder.path(study.name)))
+
+
+def in_answer(listed: Payments) -> dict[str, object]:
+    """The list as the page gets it, with its files."""
+    has_bulk = listed.study.protocol.platform == "prolific" and not listed.waits
+    return {
+        "columns": COLUMNS,
+        "rows": listed.table(),
+        "csv": listed.csv(),
+        "bulk": listed.bulk() if has_bulk else None,
+        "effective_pay": listed.effective_pay(),
+        "without_consent": listed.without_consent,
+    }

@@ -1,0 +1,192 @@
+"""Whom to pay, and how much: the list, Prolific's lines, what its export says against ours, and what each of them waits for."""
+
+import csv
+import io
+import json
+from decimal import Decimal
+
+import pytest
+
+from humanplay.study.outcome import Outcome
+from humanplay.study.payments import amounts
+from humanplay.study.protocol import Payment
+from tests.support.command import command
+from tests.support.recorded import ask
+from tests.support.study import Person, freeze
+
+PAY = {"currency": "GBP", "base": 2, "each": 0.5, "most": 1, "hour": 9, "outcomes": {"withdrew": 0.25}}  # fmt: skip
+LINK = {"STUDY_ID": "6" * 24, "SESSION_ID": "7" * 24}
+
+
+def ident(digit):
+    return digit * 24
+
+
+@pytest.fixture
+def study(tmp_path):
+    """`study(**payment)` freezes a study of people from Prolific who are paid so."""
+
+    def make(**payment):
+        return freeze(
+            tmp_path / "playground.db-studies", platform="prolific", recruitment="panel",
+            payment={**PAY, **payment}, outcomes={"finished": "C1DONE"},
+        )  # fmt: skip
+
+    return make
+
+
+def comes(server, digit):
+    return Person(server, outside_ids={**LINK, "PROLIFIC_PID": ident(digit)})
+
+
+def of_every_kind(server):
+    """A finisher, one who withdraws, one who is playing, one who declines."""
+    finisher, leaver, busy, shy = (comes(server, digit) for digit in "1234")
+    finisher.to_warm_up()
+    finisher.play_on()
+    leaver.to_tutorial()
+    leaver.call("withdraw")
+    busy.to_warm_up()
+    busy.call("next")
+    busy.play(2)
+    shy.call("consent", {"version": "1", "agree": False})
+
+
+def close(capsys, tmp_path):
+    where = "--database", tmp_path / "playground.db"
+    assert command(capsys, "study", "close", "small", "--yes", "--now", *where)[0] == 0
+
+
+def payments(capsys, tmp_path, *options):
+    """The code, what is printed and what is complained about, of the command."""
+    return command(capsys, "study", "payments", "small", *options, "--database", tmp_path / "playground.db")  # fmt: skip
+
+
+def listed(path):
+    """The rows of a list by identifier."""
+    return {row["identifier"]: row for row in csv.DictReader(io.StringIO(path.read_text()))}
+
+
+def test_everybody_who_agreed_is_listed_and_what_follows_from_play_waits(
+    serve, study, tmp_path, capsys
+):
+    study()
+    server = serve()
+    of_every_kind(server)
+    out = tmp_path / "list.csv"
+    code, said, _ = payments(capsys, tmp_path, "--csv", out)
+    assert code == 0
+    assert "1 person did not agree" in said
+    assert out.stat().st_mode & 0o777 == 0o600
+    rows = listed(out)
+    assert {key: (row["outcome"], row["code"], row["amount"]) for key, row in rows.items()} == {
+        ident("1"): ("finished", "C1DONE", "after the study is closed"),
+        ident("2"): ("withdrew", "", "after the study is closed"),
+        ident("3"): ("can go on", "", ""),
+    }
+    assert {row["share_ended"] for row in rows.values()} == {""}
+    assert "Effective pay" not in said
+    code, _, said = payments(capsys, tmp_path, "--bulk", tmp_path / "bulk.csv")
+    assert (code, "follow from how people played" in said) == (2, True)
+    close(capsys, tmp_path)
+    code, said, _ = payments(capsys, tmp_path, "--csv", out, "--bulk", tmp_path / "bulk.csv")
+    rows = listed(out)
+    assert {key: (row["outcome"], row["share_ended"]) for key, row in rows.items()} == {
+        ident("1"): ("finished", "1.000"),
+        ident("2"): ("withdrew", "0.000"),
+        ident("3"): ("stopped_by_us", "0.000"),
+    }
+    assert (rows[ident("1")]["amount"], rows[ident("2")]["amount"]) == ("3.00", "0.25")
+    minutes = float(rows[ident("3")]["minutes"])
+    assert float(rows[ident("3")]["amount"]) == pytest.approx(9 * minutes / 60, abs=0.02)
+    assert "GBP an hour" in said
+    bulk = (tmp_path / "bulk.csv").read_text()
+    assert bulk.splitlines()[:2] == [f"{ident('1')},1.00", f"{ident('2')},0.25"]
+
+
+def test_an_amount_that_follows_from_no_play_waits_for_nothing(serve, study, tmp_path, capsys):
+    study(each=0)
+    of_every_kind(serve())
+    payments(capsys, tmp_path, "--csv", tmp_path / "list.csv")
+    rows = listed(tmp_path / "list.csv")
+    assert [rows[ident(digit)]["amount"] for digit in "123"] == ["2.00", "0.25", ""]
+    assert ask(tmp_path / "playground.db", "SELECT count(*) FROM chain WHERE kind = 'acted'") == [(0,)]  # fmt: skip
+
+
+def test_amounts_that_are_seen_early_are_noted_each_time_and_the_report_says_so(
+    serve, study, tmp_path, capsys
+):
+    study(bonus_at_once=True)
+    server = serve()
+    of_every_kind(server)
+    for _ in range(2):
+        payments(capsys, tmp_path, "--csv", tmp_path / "list.csv")
+    assert listed(tmp_path / "list.csv")[ident("1")]["amount"] == "3.00"
+    notes = ask(tmp_path / "playground.db", "SELECT note FROM chain WHERE kind = 'acted'")
+    assert [json.loads(note)["people"] for (note,) in notes] == [1, 1]
+    assert "1.00" not in str(notes)
+    server.stop()
+    close(capsys, tmp_path)
+    report = tmp_path / "report.json"
+    where = "--database", tmp_path / "playground.db", "--json", report, "--no-moves"
+    assert command(capsys, "report", "--study", "small", *where)[0] == 0
+    assert "amounts that follow from scores 2 times while it was open, after 1 person" in report.read_text()  # fmt: skip
+
+
+def test_a_platforms_export_is_compared_with_who_finished(serve, study, tmp_path, capsys):
+    study()
+    of_every_kind(serve())
+    export = tmp_path / "export.csv"
+    lines = [
+        ("Participant id", "Status", "Completion code"),
+        (ident("1"), "AWAITING REVIEW", "NOCODE"),
+        (ident("2"), "AWAITING REVIEW", "C1DONE"),
+        (ident("3"), "TIMED-OUT", ""),
+        (ident("4"), "RETURNED", ""),
+        (ident("5"), "APPROVED", "C1DONE"),
+    ]
+    export.write_text("\n".join(map(",".join, lines)))
+    code, said, _ = payments(capsys, tmp_path, "--against", export)
+    assert code == 0
+    assert f"claim to have finished and have not: {ident('2')}, {ident('5')}" in said
+    assert f"finished without a code: {ident('1')}" in said
+    assert f"timed out: {ident('3')}" in said
+    export.write_text("a,b\n1,2\n")
+    code, _, said = payments(capsys, tmp_path, "--against", export)
+    assert (code, "'participant id' is missing" in said) == (2, True)
+
+
+def test_an_identifier_that_a_spreadsheet_would_run_is_a_text(serve, tmp_path, capsys):
+    freeze(tmp_path / "playground.db-studies", outside_ids=("ID",))
+    Person(serve(), outside_ids={"ID": "=1+1"}).to_tutorial()
+    payments(capsys, tmp_path, "--csv", tmp_path / "list.csv")
+    assert list(listed(tmp_path / "list.csv")) == ["'=1+1"]
+
+
+class Played:
+    """A ranked episode that has ended."""
+
+    phase, ended_ms = "ranked", 1
+
+    def __init__(self, succeeded, steps, score=0.0):
+        self.succeeded, self.steps_to_target, self.score = succeeded, steps, score
+
+
+@pytest.mark.parametrize(
+    ("payment", "bonus"),
+    [
+        ({"each": 0.5}, "1.00"),
+        ({"each": 0.5, "most": 0.75}, "0.75"),
+        ({"each": 0.01, "unit": "steps", "beyond": 30, "direction": "fewer"}, "0.15"),
+        ({"each": 0.01, "unit": "steps", "beyond": 20, "direction": "fewer"}, "0.00"),
+        ({"each": 1, "unit": "score", "beyond": 0.5}, "0.35"),
+        ({"each": 1, "unit": "score", "beyond": 0.5, "rounding": 0.25}, "0.25"),
+        ({"each": 1, "unit": "score", "beyond": 0.5, "rounding": 0.1}, "0.40"),
+    ],
+)
+def test_a_bonus_is_never_below_nothing_or_above_its_cap(payment, bonus):
+    played = [Played(True, 20, 0.9), Played(True, 25, 0.8), Played(False, 30, 0.15)]
+    paid = Payment(currency="USD", base=3, **payment)
+    whole, part = amounts(paid, Outcome.FINISHED, played, 10.0)
+    assert (f"{part:.2f}", whole) == (bonus, Decimal(3) + Decimal(bonus))
+    assert amounts(paid, Outcome.LEFT, played, 10.0) == (0, 0)
