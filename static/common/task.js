@@ -9,6 +9,24 @@ export async function loadTask(about) {
   return taskOf(about ?? undefined);
 }
 
+/** Say why an action cannot be chosen on a frame; null where it can.
+ * @param {Pick<Task, "allowed">} task @param {Frame} frame @param {Action} action */
+export function forbidden(task, frame, action) {
+  const allowed = task.allowed?.(frame) ?? null;
+  return allowed === null || allowed.includes(action) ? null : `${capital(action.replaceAll("_", " "))} cannot be chosen now`;
+}
+
+/** Paint the buttons and the named keys of what cannot be chosen grey.
+ * @param {Task} task @param {Frame} frame */
+export function paintAllowed(task, frame) {
+  if (!task.allowed) return;
+  for (const part of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll(".pad [data-action], .keys [data-key-of]"))) {
+    const action = part.dataset.action ?? part.dataset.keyOf ?? "";
+    const isForbidden = String(frame.outcome === null && forbidden(task, frame, action) !== null);
+    if (part.getAttribute("aria-disabled") !== isForbidden) part.setAttribute("aria-disabled", isForbidden);
+  }
+}
+
 /** Return how long an episode has been, in moves or, where time runs, in seconds.
  * @param {Pick<Answers.Task, "clock">} task @param {number} step */
 export const lengthOf = ({ clock }, step) => (clock ? (step / clock).toFixed(1) : String(step));
@@ -36,7 +54,8 @@ export function showTask({ assets, order, keys, title, chart, play, round }) {
   for (const name of document.querySelectorAll("#chart-title, [data-part=chart-title]")) name.textContent = chart.title;
   document.title = document.title.replace("MarsExplorer", title);
   for (const line of document.querySelectorAll(".keys")) {
-    line.replaceChildren(...order.flatMap((action) => [create("kbd", keyName(keys[action]?.[0] ?? "")), ` ${action.replaceAll("_", " ")} `]));
+    line.replaceChildren(...order.flatMap((action) => [
+      create("span", [create("kbd", keyName(keys[action]?.[0] ?? "")), ` ${action.replaceAll("_", " ")}`], { "data-key-of": action }), " "]));
   }
   const pad = document.querySelector(".pad");
   const isRow = !order.every((action) => keys[action]?.[0] in DIRECTIONS);

@@ -164,7 +164,7 @@ const CAUSES = Object.freeze({
 });
 
 /** Return the sentence about presses that make no move.
- * @param {Play.Reason} reason @param {number} count 0 where a held key has stopped */
+ * @param {Play.Reason} reason @param {number} count 0 where the reason says all */
 export function droppedText(reason, count) {
   const cause = typeof reason === "string" ? CAUSES[reason] : reason.stop;
   return count === 0 ? `${cause}.` : `${cause}: ${many(count, "press", "presses")} dropped.`;

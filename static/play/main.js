@@ -7,7 +7,7 @@ import { codesOf } from "../common/keyboard.js";
 import { all, boardColours, by, chartColours, createRepaint, createSizes, createSlow, paintLink, paintNotices, put } from "../common/page.js";
 import { startBoards } from "../common/socket.js";
 import { browserStore, forgets, tabStore } from "../common/storage.js";
-import { loadTask, promptText, showTask } from "../common/task.js";
+import { loadTask, paintAllowed, promptText, showTask } from "../common/task.js";
 import { many, notCounted } from "../common/words.js";
 import { personalText } from "../me/words.js";
 import { keepFocusOnBoard } from "./focus.js";
@@ -207,6 +207,7 @@ function paint() {
   paintPanels(before);
   parts.views?.paintCamera(state.player?.frame);
   if (state.player !== before?.player || state.rival !== before?.rival) dueCurves();
+  if (state.player && isDriven(state)) paintAllowed(task, state.player.frame);
   clock.paint();
   paintVisit();
   paintBar(state, wish()?.rival ?? "");

@@ -1,6 +1,9 @@
 // Presses that are not sent yet: each becomes a move or is dropped with a reason, however fast they come. In practice the queue
 // stops before what the page knows to end the episode; elsewhere each press is a move. No press acts on a terrain that it was not made for.
+// Where a board says which actions are allowed, each press waits for the answer to the one before, and what is not allowed is not sent.
 // Presses on a board that is being prepared wait for its first frame, or for the last of the moves that are made again on it.
+
+import { forbidden } from "../common/task.js";
 
 /** Presses that follow each other faster than this were typed ahead: nobody looks between them. */
 export const BURST_MS = 100;
@@ -13,8 +16,8 @@ export const MAX_WAITING = 400;
  *   sender       sends moves, and says which wait for their answer
  *   isHeld       whether presses on this frame's board wait and none is lost: its socket is being opened, or its first moves are made again
  *   sendEvents   sends the input events of the presses, which go before their moves
- *   onDropped    some presses will make no move; 0 where a held key has stopped
- * @param {{task: Pick<Task, "ahead">, sender: Play.Sender, frame: () => Frame | null, isPractice: () => boolean, isHeld: (on: Frame) => boolean,
+ *   onDropped    some presses will make no move; 0 where a held key has stopped, or the reason names the action
+ * @param {{task: Pick<Task, "ahead" | "allowed">, sender: Play.Sender, frame: () => Frame | null, isPractice: () => boolean, isHeld: (on: Frame) => boolean,
  *   sendEvents: () => void, now_ms: () => number, onDropped: (reason: Play.Reason, count: number) => void}} how */
 export function createPressQueue({ task, sender, frame, isPractice, isHeld, sendEvents, now_ms, onDropped }) {
   /** @type {Play.Press[]} */
@@ -44,11 +47,24 @@ export function createPressQueue({ task, sender, frame, isPractice, isHeld, send
   }
   /** @param {Frame} on @returns how many of the moves that were sent a frame leaves without an answer */
   const unanswered = ({ episode, step }) => sender.pending().filter((move) => move.episode !== episode || move.step >= step).length;
+  /** @param {Frame} on @param {Action} action @returns {{stop: string} | null} why the board does not take an action */
+  function refusal(on, action) {
+    const stop = forbidden(task, on, action);
+    return stop === null ? null : { stop };
+  }
+  /** @param {Frame} on @returns whether what is allowed next is known only after the moves that wait */
+  const isUnknown = (on) => sender.pending().length > 0 && (task.allowed?.(on) ?? null) !== null;
   /** Send what may be sent: a few moves ahead of the answers, and in practice none into the unknown before all are there.
    * @param {Frame} on of an episode that has not ended */
   function pump(on) {
-    while (queue.length > 0 && !isHeld(on) && !sender.isFull()) {
+    while (queue.length > 0 && !isHeld(on) && !sender.isFull() && !isUnknown(on)) {
       const { action, timing, pressed_ms } = queue[0];
+      const refused = refusal(on, action);
+      if (refused) {
+        queue = queue.slice(1);
+        onDropped(refused, 0);
+        continue;
+      }
       const ground = isPractice() ? task.ahead(on, sentActions(), action) : "free";
       if (ground === "unknown" && sender.pending().length > 0) return;
       if (typeof ground === "object") {
@@ -89,6 +105,8 @@ export function createPressQueue({ task, sender, frame, isPractice, isHeld, send
         queue = [...queue, { action, timing, pressed_ms }];
         return pump(on);
       }
+      const refused = refusal(on, action);
+      if (refused) return onDropped(refused, 0);
       if (!sender.press(on, action, timing, pressed_ms)) onDropped("lost", 1);
     },
     /** Move once more while a key is held: never ahead of what waits, and never into what the page knows.
@@ -97,7 +115,12 @@ export function createPressQueue({ task, sender, frame, isPractice, isHeld, send
       const on = frame();
       if (!on || on.outcome !== null) return false;
       last_ms = now_ms();
-      if (queue.length > 0 || sender.pending().length > 1 || isHeld(on)) return true;
+      if (queue.length > 0 || sender.pending().length > 1 || isHeld(on) || isUnknown(on)) return true;
+      const refused = refusal(on, action);
+      if (refused) {
+        onDropped(refused, 0);
+        return false;
+      }
       const ground = task.ahead(on, sentActions(), action);
       if (ground === "unknown" && sender.pending().length > 0) return true;
       if (typeof ground === "object") {

@@ -7,7 +7,7 @@ import { createTelemetry, onScreen, tabStorage } from "../common/telemetry.js";
 import { createRepaint, by, paintLink, paintNotices, reader } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
 import { tabStore } from "../common/storage.js";
-import { keyName, showTask } from "../common/task.js";
+import { forbidden, keyName, showTask } from "../common/task.js";
 import { announce, idle, isDialogOpen, keep, onEnter, pause, recordPauses } from "./actions.js";
 import { load, paintDebrief } from "./debrief.js";
 import { paintPages } from "./pages.js";
@@ -109,6 +109,11 @@ startControls({
     if (state.isPaused) return pause(false);
     settings.drove(timing.input === "touch" ? "touch" : "keyboard");
     if (clock.isOn()) return clock.goOn();
+    const refusal = state.participant && moves.pending().length === 0 ? forbidden(state.participant.task, on, action) : null;
+    if (refusal !== null) {
+      announce(`${refusal}.`);
+      return dispatch({ kind: "notice", text: `${refusal}.`, tone: "note" });
+    }
     moves.press(on, action, timing, pressed_ms);
   },
 });

@@ -2,7 +2,7 @@
 import { paintProgress } from "../common/chart.js";
 import { startEndCard } from "../common/end_card.js";
 import { createSlow, by, put } from "../common/page.js";
-import { lengthOf } from "../common/task.js";
+import { lengthOf, paintAllowed } from "../common/task.js";
 import { score } from "../common/words.js";
 import { knowsTheEnd, screenOf } from "./state.js";
 import { state } from "./store.js";
@@ -56,6 +56,7 @@ export function paintPlayScreen(before, { palette, accent, inks, font }, keyOf) 
   }
   if (isNew || player !== before.game.player || participant !== before.participant) {
     paintNumbers(player.frame, participant, keyOf);
+    paintAllowed(participant.task, player.frame);
     const paintCurve = () => paintProgress(by("chart"), participant.task, [{ board: player, colour: accent }], { font, inks });
     if (participant.task.clock) slowly(paintCurve);
     else paintCurve();

@@ -61,6 +61,8 @@ interface TaskOf<F, M, C, H> extends Answers.Task {
   /** What lies ahead of a move after others that wait; what is to be heard after one. */
   ahead(frame: F, waiting: readonly Action[], action: Action): Ground;
   sound(before: F, after: F): Sound | null;
+  /** The actions that may be chosen on a frame; null: all of them. Left out where it is always so. */
+  allowed?(frame: F): readonly Action[] | null;
 
   /** A finished episode: its course, and the board after some of its moves. */
   courseOf(name: string, frames: F[]): C | null;

@@ -10,7 +10,7 @@ from humanplay.study.protocol import default_protocol
 from humanplay.study.verification import verify_database
 from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.description import Description
-from tests.support.browser import AS_A_PERSON, NO_3D, fetched, violations
+from tests.support.browser import AS_A_PERSON, NO_3D, SIZES, fetched, keep_picture, violations
 from tests.support.declared import DECLARATIONS
 
 LAKE = "gymnasium:FrozenLake-v1"
@@ -146,3 +146,36 @@ def test_one_shown_as_text_is_played_by_the_keys_of_its_file(serve, tmp_path, pl
     me.wait(f"document.querySelector('pre.picture').innerText !== {before!r}")
     assert page.get_by_test_id("coverage-player").inner_text() == "2"
     assert (violations(page), me.errors) == ([], [])
+
+
+def test_what_is_not_allowed_is_grey_and_a_key_for_it_says_so_and_sends_nothing(serve, player):
+    told = Description(id="tests.support.masked_environments:Doors-v0", title="Doors").told
+    me = player(serve(task=f"gymnasium:{told}"), [*NO_3D, *AS_A_PERSON]).goto()
+    page, pad = me.page, {name: f"pad-{name}" for name in ("left", "right", "open")}
+    page.evaluate("document.body.dataset.pad = 'true'")
+    me.wait("window.playground.state.link === 'open'")
+
+    def grey():
+        buttons = {name: page.get_by_test_id(test_id) for name, test_id in pad.items()}
+        return {name for name in pad if buttons[name].get_attribute("aria-disabled") == "true"}
+
+    assert grey() == {"left", "open"}
+    for size, (width, height) in SIZES.items():
+        page.set_viewport_size({"width": width, "height": height})
+        keep_picture(page, f"doors-{size}")
+    assert violations(page) == []
+    me.hand.press(page.keyboard, "ArrowLeft")
+    assert page.get_by_test_id("dropped").inner_text() == "Left cannot be chosen now."
+    page.get_by_test_id(pad["open"]).click(force=True)
+    assert page.get_by_test_id("dropped").inner_text() == "Open cannot be chosen now."
+    keep_picture(page, "doors-refused")
+    assert me.state()["step"] == 0
+    while not (frame := me.state())["outcome"]:
+        wanted = next(name for name in ("open", "right") if name in frame["allowed"])
+        assert grey() == {*pad} - {*frame["allowed"]}
+        me.hand.press(page.keyboard, me.state("task.keys")[wanted][0])
+        me.wait(f"window.playground.state.player.frame.step > {frame['step']}")
+    assert frame["step"] == 6
+    episode = fetched(page, f"{me.url}/api/episodes/{frame['episode']}").json()
+    assert (episode["attestation"], len(episode["moves"])) == ("attested", 6)
+    assert me.errors == []

@@ -11,7 +11,7 @@ import asyncio
 import json
 import sqlite3
 from collections import OrderedDict, defaultdict
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TypedDict, TypeVar
@@ -33,7 +33,15 @@ from humanplay.agents.turns import Turns
 from humanplay.db.store import Store
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import StudyError
-from humanplay.task import Choice, Run, RunEndedError, Task, TaskFullError, on_threads
+from humanplay.task import (
+    Choice,
+    Run,
+    RunEndedError,
+    Task,
+    TaskFullError,
+    not_allowed,
+    on_threads,
+)
 
 T = TypeVar("T")
 
@@ -82,6 +90,7 @@ class Seen:
     done         whether the attempt has ended
     observation  what the environment gives policies, ready for JSON; None where pictures alone are shown
     picture      a PNG as a data URL; `text` where people see a text instead
+    allowed      the actions that may be chosen; None: all of them
     """
 
     index: int
@@ -90,6 +99,7 @@ class Seen:
     observation: object
     picture: str | None
     text: str | None
+    allowed: Sequence[str] | None
 
 
 class AboutCard(TypedDict):
@@ -306,6 +316,10 @@ class Cards:
                 why = f"step {step} is not the current one, {attempt.moves}"
                 raise CardError(409, f"instance {index}: {why}")
             run = await self._take(card, attempt)
+            refusal = not_allowed(self._task.actions, run.view().allowed, action)
+            if refusal:
+                self._runs[attempt.id] = run
+                raise CardError(409, f"instance {index}: {refusal}")
             try:
                 await self._step(run, action)
             except RunEndedError as error:

@@ -129,6 +129,8 @@ async def _use(agent: Agent, params: dict[str, object]) -> dict[str, object]:
     told, picture = told_of(replace(seen, picture=None)), seen.picture or ""
     stands = "finished" if seen.done else "running"
     text = f"instance {seen.index}, step {seen.step}, {stands}\n{seen.text or json.dumps(seen.observation)}"
+    if seen.allowed is not None:
+        text += f"\nallowed: {', '.join(seen.allowed)}"
     mime, _, data = picture.removeprefix("data:").partition(";base64,")
     images = [{"type": "image", "data": data, "mimeType": mime}] if picture else []
     content = [{"type": "text", "text": text}, *images]

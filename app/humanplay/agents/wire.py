@@ -154,8 +154,9 @@ async def schema(agent: AgentOf) -> dict[str, object]:
     action, whole, text = Step.model_json_schema(), {"type": "integer"}, {"type": "string"}
     action["properties"]["action"] = {"enum": agent.cards.about(agent.card)["actions"]}
     seen = {"index": whole, "step": whole, "observation": {}, "text": text, "picture": text}
+    names: dict[str, object] = {"type": "array", "items": text}
     state = {"episode_id": text, "step_count": whole}
-    told = {"observation": ("Seen", seen), "state": ("State", state)}
+    told = {"observation": ("Seen", {**seen, "allowed": names}), "state": ("State", state)}
     objects = {
         each: {"title": title, "type": "object", "properties": properties}
         for each, (title, properties) in told.items()
@@ -282,6 +283,7 @@ async def _answer(agent: Agent, kind: str, data: object, at: At) -> dict[str, ob
 def told_of(seen: Seen) -> dict[str, object]:
     """Return what was seen as OpenEnv's clients read it."""
     shown = {"observation": seen.observation, "text": seen.text, "picture": seen.picture}
+    shown |= {"allowed": seen.allowed}
     told = {name: value for name, value in shown.items() if value is not None}
     shown = {"index": seen.index, "step": seen.step, **told}
     return {"observation": shown, "reward": None, "done": seen.done}

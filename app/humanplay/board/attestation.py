@@ -1,9 +1,10 @@
 """How far a person's episode is attested: its moves compared with the input events that the page sent before them.
 
-`attest` is a pure function of stored rows, so that anybody who has the rows can derive the level again. A level says that
-the rows are consistent with a person at a page: each move has a press of its own, the presses and their times of arrival fit
-one clock, and no hand would have to be faster than hands are. It is no proof. A program that invents presses at a person's
-pace, with a clock that runs as a page's does, is attested as well.
+`attest` is a pure function of stored rows, and with a clock of which actions the environment allowed, as its replay says. So
+anybody who has the rows can derive the level again. A level says that the rows are consistent with a person at a page: each
+move has a press of its own, the presses and their times of arrival fit one clock, and no hand would have to be faster than
+hands are. It is no proof. A program that invents presses at a person's pace, with a clock that runs as a page's does, is
+attested as well.
 
 The clock is compared by cause and effect alone. A page cannot answer a frame before the server had committed it, and the
 server cannot receive a move before the page has sent it. With `offset` = server's clock - page's clock, each move says
@@ -31,6 +32,7 @@ from humanplay.db.input_events import (
 )
 from humanplay.db.rows import Attestation, EventRow, MoveRow, PlayerSettings
 from humanplay.db.store import Store
+from humanplay.task import Allowed
 
 LEVELS: tuple[Attestation, ...] = get_args(Attestation)
 
@@ -99,6 +101,7 @@ class Conditions:
     supervised_ms  when the operator's code was typed for its player, server's clock
     types_ahead    whether the page keeps presses that come faster than the answers: the playground's does, a study's does not
     controls       of a task with a clock: what follows from its keys, by every version of a participant's
+    allowed        of a task with a clock: what could be chosen before each move; empty if it was always everything
     """
 
     started_ms: int
@@ -106,6 +109,7 @@ class Conditions:
     supervised_ms: tuple[int, ...] = ()
     types_ahead: bool = False
     controls: tuple[Controls, ...] = ()
+    allowed: Sequence[Allowed] = ()
 
 
 class _MismatchError(Exception):
@@ -227,8 +231,9 @@ def _check_ticks(
             raise _MismatchError(UNTRUSTED_HELD, step)
         if runs_from_ms is None or move["server_ms"] < runs_from_ms:
             raise _MismatchError("time ran while the board stood still", step)
-        action = (move["action"], move["input"])
-        if action not in {controls.action(held.down, before) for controls in conditions.controls}:
+        allowed = conditions.allowed[step] if step < len(conditions.allowed) else None
+        made = (move["action"], move["input"])
+        if made not in {it.action(held.down, before, allowed) for it in conditions.controls}:
             raise _MismatchError("the action does not follow from the keys that were held", step)
         before = move["action"]
     clocks, gaps = _Clocks(), list[float]()

@@ -15,7 +15,7 @@ from functools import cached_property
 from itertools import pairwise
 
 from humanplay.db.rows import EventRow, Input, PlayerSettings
-from humanplay.task import Environment
+from humanplay.task import Allowed, Environment
 
 COUNTDOWN_S = 3.0
 """Between the wish to go on and the first tick."""
@@ -105,14 +105,25 @@ class Controls:
         ]
         return sorted(combinations, key=lambda combination: -len(combination[0]))
 
-    def action(self, down: Sequence[tuple[Input, str]], before: int) -> tuple[int, Input | None]:
+    def action(
+        self, down: Sequence[tuple[Input, str]], before: int, allowed: Allowed = None
+    ) -> tuple[int, Input | None]:
         """Return the action of what is down, and what decided: a key, a touch, or None for nothing.
 
-        The largest combination that is held, else the newest key or button that names an action, else the no-op.
+        The largest combination that is held, else the newest key or button that names an action, else the no-op. What is
+        not allowed becomes the no-op, and if that is not allowed either, the lowest allowed action.
 
         down    of `HeldKeys.down`
         before  the action of the tick before
         """
+        action, input = self._held_action(down, before)
+        if allowed is None or action in allowed:
+            return action, input
+        return (self.noop if self.noop in allowed else min(allowed)), None
+
+    def _held_action(
+        self, down: Sequence[tuple[Input, str]], before: int
+    ) -> tuple[int, Input | None]:
         for keys, number in self._combinations:
             if keys <= {*down}:
                 return number, "key"

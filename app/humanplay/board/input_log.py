@@ -104,12 +104,15 @@ class InputLog:
             held.take_row(event)
         return controls_of(self._task, settings)[-1], held
 
-    async def prepare_end(self, episode: Trial, last: StepRow | None = None) -> Ending | None:
+    async def prepare_end(
+        self, episode: Trial, run: Run, last: StepRow | None = None
+    ) -> Ending | None:
         """Compare an episode with its input events before it ends; None if no board of a person's.
 
         There may be 50,000 events. On the thread of the writes that would take long, and everybody's moves wait for it.
 
         Args:
+            run: It, as it has ended.
             last: The move that ends it; None if it is abandoned.
         """
         if self._board.driver_name != HUMAN:
@@ -119,7 +122,7 @@ class InputLog:
 
         def prepare() -> Ending:
             row = None if last is None else last.row()
-            return prepare_end(self._store, episode.id, self._conditions(episode), row)
+            return prepare_end(self._store, episode.id, self._conditions(episode, run), row)
 
         return await self._store.read(prepare)
 
@@ -131,7 +134,7 @@ class InputLog:
         Args:
             ending: What `prepare_end` returned.
         """
-        conditions = self._conditions(episode)
+        conditions = self._conditions(episode, run)
         attested = None
         if conditions is not None:
             attested = attest_stored(self._store, episode.id, conditions, ending)
@@ -199,7 +202,7 @@ class InputLog:
             unknown -= {code for _, code in key_map}
         return unknown
 
-    def _conditions(self, episode: Trial) -> Conditions | None:
+    def _conditions(self, episode: Trial, run: Run) -> Conditions | None:
         """Return what the level of an episode depends on besides its rows; None if no move can be a person's.
 
         An episode that a script has moved may have begun as a person's.
@@ -215,4 +218,5 @@ class InputLog:
             supervised_ms=study.supervised_ms() if study is not None else (),
             types_ahead=study is None,
             controls=controls_of(self._task, settings) if self._has_clock else (),
+            allowed=run.allowed() if self._has_clock else (),
         )

@@ -354,7 +354,9 @@ class Lobby:
                 (board, board.current, await board.take_abandoned(), board.now_ms())
                 for board in running
             ]
-            endings = [await board.inputs.prepare_end(board.current) for board in running]
+            endings = [
+                await board.inputs.prepare_end(current, run) for board, current, run, _ in abandoned
+            ]
 
             def record() -> tuple[list[Attested | None], list[bool], list[Trial]]:
                 with self.store.transaction(), within(rows[0]) if within else nullcontext():

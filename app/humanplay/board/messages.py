@@ -294,7 +294,7 @@ def encode_error(detail: str) -> str:
 
 
 def encode_refused(reason: str, frame: str) -> str:
-    """Return the answer to a stale act as JSON text, the current frame in it."""
+    """Return the answer to a stale or forbidden act as JSON text, the current frame in it."""
     return f'{{"kind":"refused","reason":{json.dumps(reason)},"frame":{frame}}}'
 
 

@@ -30,7 +30,16 @@ from humanplay.board.messages import Events, Pace, Remade
 from humanplay.board.participation import HUMAN, SCRIPT, Participation, RefusedError
 from humanplay.db.input_events import EVENT_BYTES, TOO_MANY_EVENTS, batch_bytes
 from humanplay.db.store import Notice, SessionRow, StepRow, Store, StoreError, Trial
-from humanplay.task import Run, RunElsewhere, RunEndedError, SeenByAgent, Task, View, on_threads
+from humanplay.task import (
+    Run,
+    RunElsewhere,
+    RunEndedError,
+    SeenByAgent,
+    Task,
+    View,
+    not_allowed,
+    on_threads,
+)
 
 SessionKind = Literal["ranked", "practice", "challenge", "watch", "daily", "study"]
 """What an episode on a board is.
@@ -320,6 +329,10 @@ class Session:
                 )
             if self.clock is not None and move.driver == HUMAN:
                 raise RefusedError(TAKES_KEYS)
+            if move.driver in (HUMAN, SCRIPT):  # a policy's move is between it and the environment
+                refusal = not_allowed(self.task.actions, self.shown.allowed, move.action)
+                if refusal:
+                    raise RefusedError(refusal)
             await self._make(move, self.now_ms(), notice)
 
     async def seen(self, picture: bool, observation: bool) -> tuple[View, SeenByAgent]:
@@ -338,7 +351,7 @@ class Session:
             try:
                 self._check_current(self.current.id, self.shown.steps)
                 before = self.shown.actions[-1] if self.shown.steps else 0
-                action, input = self._controls.action(held.down, before)
+                action, input = self._controls.action(held.down, before, self.shown.allowed)
                 driver = self.driver if held.is_trusted else SCRIPT
                 move = Move(self.current.id, self.shown.steps, action, driver, input)
                 # an event belongs to the ticks after it
@@ -385,7 +398,7 @@ class Session:
             await self._end_here(run)
             raise RefusedError(str(failure)) from failure
         row = self._step_row(move, reward, held.discovered, at_ms)
-        ending = await self.inputs.prepare_end(current, row) if held.ended else None
+        ending = await self.inputs.prepare_end(current, run, row) if held.ended else None
 
         def record() -> tuple[Attested | None, bool]:
             if self.inputs.is_incomplete:
@@ -445,7 +458,7 @@ class Session:
     async def _end_here(self, run: Run, note: Callable[[], None] | None = None) -> None:
         """End the episode for good by a run that ended without a move, and publish its last frame; hold `changing`."""
         current, at_ms = self.current, self.now_ms()
-        ending = await self.inputs.prepare_end(current)
+        ending = await self.inputs.prepare_end(current, run)
 
         def record() -> tuple[Attested | None, bool]:
             with self._store.transaction():

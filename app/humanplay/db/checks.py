@@ -11,7 +11,7 @@ import hashlib
 import json
 import sqlite3
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -35,6 +35,7 @@ from humanplay.db.reader import now_ms
 from humanplay.db.resimulation import Finding, simulate
 from humanplay.db.rows import EndedEpisode, EventRow, MoveRow, PlacedEpisode
 from humanplay.db.study_rows import ORDER_EVENT, SeriesRow
+from humanplay.task import Allowed
 
 _MAY_HAVE_ENTRY: dict[Kind, str] = {**OWNERS, "session": "SELECT id FROM sessions"}
 """Kind of entry in the chain -> the ids (SQL) that may have one."""
@@ -122,12 +123,14 @@ class CheckedEpisode:
     row     with `control` of its session
     steps   its moves
     events  input events that were received up to its end
+    allowed  what could be chosen before each move (`humanplay.task.Run.allowed`); None where it was not simulated
     """
 
     row: EndedEpisode
     steps: list[MoveRow]
     events: list[EventRow]
     findings: list[Finding]
+    allowed: Sequence[Allowed] | None
 
 
 def check_episode(conn: sqlite3.Connection, ident: str) -> CheckedEpisode:
@@ -135,9 +138,11 @@ def check_episode(conn: sqlite3.Connection, ident: str) -> CheckedEpisode:
     sql = "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?"
     (row,) = rows(conn, sql, ident)
     played = read_played(conn, ident)
-    findings = [*simulate(row, played.steps)[1], *check_thing(conn, "episode", ident, played)]
+    run, differences = simulate(row, played.steps)
+    findings = [*differences, *check_thing(conn, "episode", ident, played)]
     received = [event for event in played.events if event["server_ms"] <= row["ended_ms"]]
-    return CheckedEpisode(row, played.steps, received, findings)
+    allowed = None if run is None else run.allowed()
+    return CheckedEpisode(row, played.steps, received, findings, allowed)
 
 
 def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:

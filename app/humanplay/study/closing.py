@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from humanplay.board.attestation import Conditions, attest_stored, key_map_of
 from humanplay.board.controls import controls_of
@@ -16,7 +17,7 @@ from humanplay.db.trial import Trial
 from humanplay.study.flow import INTERRUPTED
 from humanplay.study.folder import Folder, Study
 from humanplay.study.protocol import StudyError
-from humanplay.task import Environment, Record, counted
+from humanplay.task import Allowed, Environment, Record, counted
 
 _log = logging.getLogger(__name__)
 UNNOTED = (
@@ -25,6 +26,18 @@ UNNOTED = (
 )
 ACTIVE_MS = 10 * 60_000
 """Who has moved within this time before the end is interrupted by it; who has not had left."""
+
+
+@dataclass(frozen=True)
+class LeftEpisode:
+    """An open episode of a closed study, given up where it stood.
+
+    record   its cause, with what it came to
+    allowed  what could be chosen before each move (`humanplay.task.Run.allowed`)
+    """
+
+    record: Record
+    allowed: Sequence[Allowed] = ()
 
 
 def close_study(
@@ -57,12 +70,14 @@ def check_nobody_is_at_it(folder: Folder, reader: Reader | None, name: str, now_
     )
 
 
-def note_closed(store: Store, study: Study, left: Mapping[str, Record] | None = None) -> list[str]:
+def note_closed(
+    store: Store, study: Study, left: Mapping[str, LeftEpisode] | None = None
+) -> list[str]:
     """Write the end of a closed study into the database, if anybody had joined it, and abandon what is open in it.
 
     Return the sessions whose episodes were abandoned. A running study, or one whose end is written already, changes nothing.
 
-    left  `left_record` of each of `left_open`; None: they are replayed here, where an environment is not guarded
+    left  `give_up_left` of each of `left_open`; None: they are replayed here, where an environment is not guarded
     """
     known, row = StudyStore(store), find_study(store, study.name)
     ended_ms = _unnoted_ms(study, row)
@@ -75,12 +90,14 @@ def note_closed(store: Store, study: Study, left: Mapping[str, Record] | None = 
             known.add_stage_event(participant_id, ended_ms, INTERRUPTED, {})
         opened = left_open(store, study)
         for trial, steps in opened:
-            record = (
-                left_record(trial, steps, trial.environment) if left is None else left.get(trial.id)
+            given_up = (
+                give_up_left(trial, steps, trial.environment)
+                if left is None
+                else left.get(trial.id)
             )
-            if record is None:
+            if given_up is None:
                 raise StoreError(f"an episode of {study.name!r} has begun just now: try again")
-            store.next_episode([_abandoned(store, known, trial, steps, record, ended_ms)], ())
+            store.next_episode([_abandoned(store, known, trial, steps, given_up, ended_ms)], ())
         known.note_closed(study.row())
     return [trial.session_id for trial, _ in opened]
 
@@ -101,11 +118,12 @@ def left_open(reader: Reader, study: Study) -> list[tuple[Trial, list[MoveRow]]]
     return [(trial, reader.steps(trial.id)) for trial in running]
 
 
-def left_record(trial: Trial, steps: Sequence[MoveRow], environment: Environment) -> Record:
-    """Return what an open episode comes to, given up after its moves: by these alone where it cannot be replayed."""
+def give_up_left(trial: Trial, steps: Sequence[MoveRow], environment: Environment) -> LeftEpisode:
+    """Give up an open episode after its moves: by these alone where it cannot be replayed."""
     actions = bytes(step["action"] for step in steps)
     try:
-        return environment.replay(trial, actions, True).record()
+        run = environment.replay(trial, actions, True)
+        return LeftEpisode(run.record(), run.allowed())
     except Exception as error:  # an environment may raise anything
         _log.warning("episode %s cannot be replayed and is closed as stored: %r", trial.id, error)
     total = sum(step["reward"] for step in steps)
@@ -118,7 +136,7 @@ def left_record(trial: Trial, steps: Sequence[MoveRow], environment: Environment
         "trajectory_hash": "",
         "core_version": trial.core_version,
     }
-    return trial.environment.record(trial, actions, came_to)
+    return LeftEpisode(trial.environment.record(trial, actions, came_to))
 
 
 def _active(reader: Reader, name: str, now_ms: int) -> list[str]:
@@ -140,17 +158,19 @@ def _abandoned(
     known: StudyStore,
     trial: Trial,
     steps: Sequence[MoveRow],
-    record: Record,
+    left: LeftEpisode,
     at_ms: int,
 ) -> Closing:
     """Return what closes a running episode: given up where it stands."""
     at_ms = max(at_ms, trial.started_ms, *(step["server_ms"] for step in steps))
     if trial.kind != "human":
-        return Closing(trial.id, record, at_ms)
+        return Closing(trial.id, left.record, at_ms)
     settings = known.settings(trial.participant)
     supervised_ms = known.supervised_ms(trial.participant)
     keys = key_map_of(trial.environment.keys, settings)
     controls = controls_of(trial.environment, settings) if trial.environment.clock else ()
-    conditions = Conditions(trial.started_ms, keys, supervised_ms, controls=controls)
+    conditions = Conditions(
+        trial.started_ms, keys, supervised_ms, controls=controls, allowed=left.allowed
+    )
     attested = attest_stored(store, trial.id, conditions)
-    return Closing(trial.id, record, at_ms, attested.level, attested.reason)
+    return Closing(trial.id, left.record, at_ms, attested.level, attested.reason)

@@ -23,7 +23,7 @@ from humanplay.db.rows import Phase
 from humanplay.db.series import StudyStore, add_series
 from humanplay.db.study_rows import Participant, Stage, is_same_study
 from humanplay.db.trial import Trial
-from humanplay.study.closing import left_open, left_record, note_closed
+from humanplay.study.closing import give_up_left, left_open, note_closed
 from humanplay.study.flow import INTERRUPTED
 from humanplay.study.folder import Folder, Study
 from humanplay.study.outcomes import Ending, ending, outcome_of, read_texts
@@ -90,7 +90,7 @@ class ParticipantProgress:
             task, left = self.lobby.task, {}
             for trial, steps in await store.read(partial(left_open, store, study)):
                 environment = task if trial.task == task.name else trial.environment
-                left[trial.id] = await on_threads(task, left_record, trial, steps, environment)
+                left[trial.id] = await on_threads(task, give_up_left, trial, steps, environment)
             await store.write(partial(note_closed, store, study, left), then=self.lobby.forget)
 
     async def note_all_closed(self) -> None:

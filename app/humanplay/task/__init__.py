@@ -169,6 +169,17 @@ def counted(count: int, one: str, many: str | None = None) -> str:
     return f"{count:,} {one if count == 1 else many or f'{one}s'}"
 
 
+Allowed = tuple[int, ...] | None
+"""The codes of the actions that may be chosen before a move; None: all of them."""
+
+
+def not_allowed(actions: Sequence[str], allowed: Allowed, action: int) -> str:
+    """Say that an action cannot be chosen now, and which can; empty if it can."""
+    if allowed is None or action in allowed:
+        return ""
+    return f"{actions[action]} cannot be chosen now: expected {', '.join(actions[code] for code in allowed)}"
+
+
 class View(Protocol):
     """What may be seen of a run after some of its moves; it stays as it is while the run goes on, and holds no secret."""
 
@@ -192,6 +203,10 @@ class View(Protocol):
     def actions(self) -> bytes:
         """Return the moves so far, one byte each."""
 
+    @property
+    def allowed(self) -> Allowed:
+        """What may be chosen next; None once the episode has ended."""
+
     def observation(self) -> Any:
         """Return what a policy is given: a copy of its own."""
 
@@ -208,11 +223,13 @@ class SeenByAgent(TypedDict):
     picture      what people see, as a data URL
     text         what people see where that is a text, or the observation in words
     observation  what policies are given
+    allowed      the names of the actions that may be chosen; None: all of them
     """
 
     picture: str | None
     text: str | None
     observation: object
+    allowed: Sequence[str] | None
 
 
 class Run(Protocol):
@@ -248,6 +265,9 @@ class Run(Protocol):
 
     def counts(self) -> Sequence[int]:
         """Return the count that is stored with each move, that of the start first."""
+
+    def allowed(self) -> Sequence[Allowed]:
+        """What could be chosen before each move, the first one first; empty if it was always everything."""
 
     def place(self, step: int) -> Mapping[str, Any]:
         """Return where the run stood after so many moves, by the task's own columns of the exported moves."""

@@ -11,6 +11,7 @@ them for itself, and answers with an action. No observation leaves it. The modul
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib import import_module
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from humanplay.task import Configuration, PolicyError, PolicyOffer, Run
 from humanplay.task.registration import environment_of
@@ -26,8 +28,11 @@ from humanplay.tasks.processes import LostError, Preparer, Worker
 
 MEMORY_MB = 2048
 """Resident memory that a policy may take beyond the environment's package."""
-Choose = Callable[[Any, Mapping[str, Any]], int]
-"""Returns an action for an observation and what `info` told with it."""
+Mask = NDArray[np.bool_]
+Choose = Callable[[Any, Mask], int]
+"""Returns an action for an observation and which actions are allowed, a truth value for each."""
+MASKS = ("action_masks", "action_mask")
+"""What a policy that takes the allowed actions calls them: an argument of a function, an input of an ONNX file."""
 
 
 class ProcessPolicy:
@@ -173,45 +178,46 @@ def prepare_source(source: str) -> None:
 
 KINDS = {
     "tensor(float)": "f4", "tensor(double)": "f8", "tensor(uint8)": "u1", "tensor(int64)": "i8", "tensor(int32)": "i4",
+    "tensor(bool)": "?",
 }  # fmt: skip
 
 
-def chooser(source: str, actions: int, seed: int) -> Choose:
-    """Return what decides among so many actions; `seed` of its random numbers."""
+def chooser(source: str, seed: int) -> Choose:
+    """Return what decides; `seed` of its random numbers."""
     if source == "random":
-        return _random(actions, seed)
+        return _random(seed)
     if source.endswith(".onnx"):
         return _network(source)
     function = _function(source)
-    return lambda observation, info: int(function(observation))
+    parameters = inspect.signature(function).parameters
+    name = next((name for name in MASKS if name in parameters), None)
+    if name is None:
+        return lambda observation, mask: int(function(observation))
+    return lambda observation, mask: int(function(observation, **{name: mask}))
 
 
-def _function(source: str) -> Callable[[Any], int]:
+def _function(source: str) -> Callable[..., int]:
     module, _, name = source.partition(":")
     try:
-        function: Callable[[Any], int] = getattr(import_module(module), name)
+        function: Callable[..., int] = getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         said = f"expected a function as module:function, got {source!r}: {error}"
         raise ValueError(said) from error
     return function
 
 
-def _random(actions: int, seed: int) -> Choose:
-    """Return what draws of all actions, or of those that `info` says are valid (`action_mask`, as Taxi has it)."""
+def _random(seed: int) -> Choose:
+    """Return what draws of the allowed actions."""
     dice = np.random.default_rng((seed, 1))  # not the numbers that the environment draws
-
-    def choose(observation: Any, info: Mapping[str, Any]) -> int:
-        mask = np.asarray(info.get("action_mask", np.ones(actions)), bool)
-        return int(dice.choice(np.flatnonzero(mask if mask.any() else ~mask)))
-
-    return choose
+    return lambda observation, mask: int(dice.choice(np.flatnonzero(mask)))
 
 
 def _network(path: str) -> Choose:
     """Return what an ONNX file decides, as Stable-Baselines3 documents its export: a batch of one in, actions first out.
 
     An input is the observation, or its entry of that name, in the input's type; a picture is given channels first where the
-    input has them so. An output of whole numbers is the action, one of several numbers has its largest taken.
+    input has them so. One that is called as in MASKS is given which actions are allowed. An output of whole numbers is the
+    action, one of several numbers has its largest taken.
     """
     import onnxruntime
 
@@ -219,10 +225,11 @@ def _network(path: str) -> Choose:
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
 
-    def choose(observation: Any, info: Mapping[str, Any]) -> int:
+    def choose(observation: Any, mask: Mask) -> int:
         given = {}
         for each in session.get_inputs():
-            part = observation[each.name] if isinstance(observation, Mapping) else observation
+            named = observation if isinstance(observation, Mapping) else {}
+            part = mask if each.name in MASKS else named.get(each.name, observation)
             batch = np.asarray(part)[None].astype(KINDS[each.type])
             if batch.ndim == 4 and each.shape[1] == batch.shape[3] != batch.shape[1]:
                 batch = batch.transpose(0, 3, 1, 2)

@@ -31,7 +31,7 @@ SOCKET = """ws(s)://.../ws/sessions/{session}       a board begun by a page need
 <- {"kind":"history", ...}     on joining, at each new episode, and when asked
 <- {"kind":"pace", ...}        for a session that a policy drives, on joining and on change
 <- {"kind":"kept","episode":"...","count":2,"reason":null}      the answer to events; count 0 with a reason: they are not kept
-<- {"kind":"refused","reason":"...","frame":{...}}             a stale act: nothing changed
+<- {"kind":"refused","reason":"...","frame":{...}}             a stale or forbidden act: nothing changed
 <- {"kind":"error","detail":"..."}                             a bad message: the socket stays open
 
 ws(s)://.../ws/watch/{watch}            for spectators of a board: frames and histories alone, one episode after the other"""

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from humanplay.board.messages import NewBoard, NewEpisode, Sent
-from humanplay.task import About, Messages, Metric, Texts, Words
+from humanplay.task import About, Allowed, Messages, Metric, Texts, Words
 from humanplay.tasks.base import BaseEnvironment, CodePolicies, EpisodeRecord, ExactLock
 
 VERSION = "maze 1"
@@ -125,6 +125,9 @@ class MazeRun:
     def counts(self) -> Sequence[int]:
         return self._counts
 
+    def allowed(self) -> Sequence[Allowed]:
+        return ()
+
     def place(self, step: int) -> Mapping[str, Any]:
         return {}
 
@@ -147,6 +150,7 @@ class MazeRun:
             "picture": None,
             "text": text if picture else None,
             "observation": text if observation else None,
+            "allowed": None,
         }
 
     def record(self) -> EpisodeRecord:
@@ -160,6 +164,8 @@ class MazeRun:
 
 class MazeView:
     """What may be seen of a run as it stands (`humanplay.task.View`)."""
+
+    allowed: Allowed = None
 
     def __init__(self, run: MazeRun) -> None:
         self.steps, self.ended, self.outcome = len(run.actions), run.ended, run.outcome

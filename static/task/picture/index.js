@@ -104,6 +104,7 @@ export function taskOf(about) {
     hint: () => null,
     coach: (_, keyOf) => ["Try the keys", `${about.instructions} ${reached(about).map((action) => `${keyOf(action)}: ${words(action)}`).join(", ")}.`.trim()],
     ahead: () => "free",
+    allowed: ({ allowed }) => allowed,
     sound: (_, after) => (after.outcome ? { kind: "over" } : null),
     courseOf(name, frames) {
       const end = frames[frames.length - 1];

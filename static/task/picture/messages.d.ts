@@ -9,6 +9,8 @@ declare namespace Picture {
     /** a data URL; null where it is shown as text */
     picture: string | null,
     text: string | null,
+    /** the actions that may be chosen; null: all of them */
+    allowed: string[] | null,
     /** of the last move */
     reward: number | null,
     /** sum of the rewards */

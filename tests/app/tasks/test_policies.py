@@ -75,19 +75,20 @@ def test_a_picture_is_given_channels_first_where_the_network_has_them_so(tmp_pat
     onnx.save(model, path)
     picture = np.zeros((2, 5, 3), np.uint8)
     picture[..., 2] = 7
-    assert chooser(str(path), 3, 0)(picture, {}) == 2
+    assert chooser(str(path), 0)(picture, np.ones(3, bool)) == 2
 
 
 def test_an_entry_of_an_observation_is_given_by_its_name(tmp_path):
     nodes = [helper.make_node("Identity", ["direction"], ["actions"])]
     kind = TensorProto.INT64
     path = network(tmp_path / "n.onnx", [], nodes, {}, kind, kind, "direction")
-    assert chooser(str(path), 4, 0)({"image": np.zeros(3), "direction": 2}, {}) == 2
+    observation = {"image": np.zeros(3), "direction": 2}
+    assert chooser(str(path), 0)(observation, np.ones(4, bool)) == 2
 
 
 def test_random_actions_are_valid_and_follow_from_the_seed(made):
-    draw = chooser("random", 6, 5)
-    drawn = {draw(None, {"action_mask": np.array([0, 1, 0, 0, 1, 0], np.int8)}) for _ in range(50)}
+    draw = chooser("random", 5)
+    drawn = {draw(None, np.array([0, 1, 0, 0, 1, 0], bool)) for _ in range(50)}
     assert drawn == {1, 4}
     task = made("FrozenLake-v1")
     first, again, other = (bytes(played(task, "random", seed).actions) for seed in (1, 1, 2))

@@ -210,3 +210,30 @@ test("a held key never runs ahead, and stops before what is known", () => {
   on.press("east", 100);
   assert.deepEqual(on.dropped.at(-1), ["Stopped before a rock", 1], "a press right after it has stopped");
 });
+
+test("where a board says what is allowed, a press waits for the answer before, and what is not allowed is not sent", () => {
+  const sent = [];
+  const dropped = [];
+  let frame = { kind: "frame", episode: "e1", step: 0, outcome: null, allowed: ["right"] };
+  const task = { ahead: () => "free", allowed: (on) => on.allowed };
+  const sender = createMoveSender({ send: (message) => sent.push(message) > 0, sendEvents: () => {}, now_ms: () => 0 });
+  const queue = createPressQueue({ task, sender, frame: () => frame, isPractice: () => false, isHeld: () => false, sendEvents: () => {},
+    now_ms: () => 0, onDropped: (reason, count) => dropped.push([reason.stop, count]) });
+  const answer = (allowed) => {
+    frame = { ...frame, step: frame.step + 1, allowed };
+    queue.receive(frame);
+  };
+  queue.press("pick_up", TIMING, 1);
+  assert.deepEqual(dropped, [["Pick up cannot be chosen now", 0]]);
+  queue.press("right", TIMING, 2);
+  queue.press("left", TIMING, 3);
+  queue.press("right", TIMING, 4);
+  assert.deepEqual(sent.map(({ action }) => action), ["right"]);
+  answer(["right"]);
+  assert.deepEqual(sent.map(({ action }) => action), ["right", "right"]);
+  assert.deepEqual(dropped[1], ["Left cannot be chosen now", 0]);
+  answer(null);
+  queue.press("left", TIMING, 5);
+  queue.press("left", TIMING, 6);
+  assert.equal(sent.length, 4, "where all is allowed, moves are sent ahead of the answers");
+});

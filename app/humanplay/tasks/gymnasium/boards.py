@@ -11,7 +11,7 @@ from threading import Lock
 from typing import Any
 from weakref import WeakSet
 
-from humanplay.task import RunEndedError, SeenByAgent, TaskFullError
+from humanplay.task import Allowed, RunEndedError, SeenByAgent, TaskFullError
 from humanplay.task.registration import environment_of
 from humanplay.tasks.base import FAILED
 from humanplay.tasks.gymnasium.description import described
@@ -75,6 +75,8 @@ class BoardRun(GymnasiumRun):
         self.config, self.seed, self._boards = config, seed, boards
         self._described = config.description
         self.actions, self._rewards, self._scores = bytearray(), list[float](), list[float]()
+        self._names = environment_of(boards.task).actions
+        self._allowed = list[Allowed]()
         self.outcome, self.total = "running", 0.0
         self._asked: int | None = None
         self.tell: Callable[[int, int], object] = lambda done, of: None
@@ -90,15 +92,21 @@ class BoardRun(GymnasiumRun):
         request = {"config": self.config.to_dict(), "seed": self.seed, "actions": list(actions)}
         board = self._boards.begin(request)
         told = board.answer(lambda done: self.tell(done, len(actions)))
-        self._rewards, self._scores = [], []
+        self._rewards, self._scores, self._allowed = [], [], []
         self._take(told)
         return board
 
     def _take(self, told: Mapping[str, Any]) -> None:
         self._rewards += told["rewards"]
         self._scores += told["scores"]
+        self._allowed += [None if codes is None else tuple(codes) for codes in told["allowed"]]
         self.outcome, self.total, self._digest = told["outcome"], told["total"], told["digest"]
-        self._picture, self._text, self._last = told["picture"], told["text"], told["observation"]
+        shown = told["shown"]
+        self._picture, self._text, self._last = (
+            shown["picture"],
+            shown["text"],
+            shown["observation"],
+        )
 
     async def ask(self, action: int) -> bool:
         """Ask its process for a move and return whether `step` can make it at once, without waiting on a thread."""
@@ -122,20 +130,19 @@ class BoardRun(GymnasiumRun):
 
     def _log_failure(self, action: int | None, error: Exception, then: str = "") -> None:
         """Tell the author, in the server's log, what failed at which move of which episode."""
-        names = environment_of(self._boards.task).actions
         _log.error(
             "%s failed%s, seed %d, step %d, action %s: %s",
             self.config.level,
             f" {then}" if then else "",
             self.seed,
             len(self.actions) + 1,
-            "none" if action is None else f"{action} ({names[action]})",
+            "none" if action is None else f"{action} ({self._names[action]})",
             error,
             exc_info=error.__cause__,
         )
 
     def _is_action(self, action: int) -> bool:
-        return 0 <= action < len(environment_of(self._boards.task).actions)
+        return 0 <= action < len(self._names)
 
     def step(self, action: int) -> float:
         """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action.
@@ -180,7 +187,12 @@ class BoardRun(GymnasiumRun):
             except LostError as error:
                 raise ValueError(f"{self.config.level} cannot be shown: {error}") from error
         shown = (self._picture, self._text) if picture else (None, None)
-        return {"picture": shown[0], "text": shown[1], "observation": given}
+        return {
+            "picture": shown[0],
+            "text": shown[1],
+            "observation": given,
+            "allowed": self.allowed_names,
+        }
 
     def observation(self) -> Any:
         """Return what a policy's process is told: what the environment shows it does not leave its own."""
@@ -218,8 +230,9 @@ def _told(run: GymnasiumRun, since: int) -> dict[str, Any]:
     return {
         "rewards": list(run.rewards()[max(since, 0) :]),
         "scores": list(run.scores()[since + 1 :]),
+        "allowed": list(run.allowed()[since + 1 :]),
         "outcome": run.outcome,
         "total": run.total,
         "digest": run.digest,
-        **run.seen(picture=True, observation=run.ended),
+        "shown": run.seen(picture=True, observation=run.ended),
     }

@@ -19,14 +19,17 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from humanplay.task import counted
 from humanplay.task.registration import environment_of
+from humanplay.tasks.gymnasium.masks import Mask, mask_of
 from humanplay.tasks.gymnasium.pictures import pixels_of
 from humanplay.tasks.gymnasium.values import bytes_of, finite
+from humanplay.tasks.policies import Choose, chooser
 
 Progress = Callable[[int, int], None]
 
@@ -126,8 +129,7 @@ def examine(
     advance = progress or (lambda done, total: None)
     runs = [(variant, variables) for variant in CAUSES for variables in RUNS[variant]]
     total, workers = len(runs) + 1, max(1, min(4, os.cpu_count() or 1))
-    request = {"task": task, "config": settings, "actions": len(environment.actions)}
-    request |= {"seeds": seeds, "rule": rule, "steps": steps}
+    request = {"task": task, "config": settings, "seeds": seeds, "rule": rule, "steps": steps}
     with tempfile.TemporaryDirectory() as here, tempfile.TemporaryDirectory() as there:
         first = _play({**request, "variant": "first"}, here, {})
         advance(1, total)
@@ -214,7 +216,7 @@ def _child(request: Mapping[str, Any]) -> None:
     if variant == "after other episodes" or used is not None:
         for seed in (10**8, 10**8 + 1):
             env = used or make(seed)
-            _episode(env, seed, _chooser("uniform", request["actions"], seed), 50, True, score)
+            _episode(env, seed, _chooser("uniform", seed), 50, True, score)
             if used is None:
                 env.close()
         seeds.reverse()
@@ -224,32 +226,30 @@ def _child(request: Mapping[str, Any]) -> None:
         while episode == 0 or left > 0:
             begun = 10_000 * seed + episode
             env = used or make(begun)
-            chooser = _chooser(choosers[seed % len(choosers)], request["actions"], begun)
-            played = _episode(env, begun, chooser, left, variant != "without rendering", score)
+            choose = _chooser(choosers[seed % len(choosers)], begun)
+            played = _episode(env, begun, choose, left, variant != "without rendering", score)
             if used is None:
                 env.close()
             print(MARK + json.dumps({"seed": seed, "episode": episode, **played}), flush=True)
             left, episode = left - max(1, len(played["hashes"]) - 1), episode + 1
 
 
-def _chooser(name: str, actions: int, seed: int) -> Callable[[Any], int]:
-    """Return what chooses an episode's actions from observations, with random numbers of its own."""
+def _chooser(name: str, seed: int) -> Choose:
+    """Return what chooses an episode's actions from those that are allowed, with random numbers of its own."""
     if name not in ("uniform", "sticky"):
-        module, _, function = name.partition(":")
-        rule: Callable[[Any], int] = getattr(import_module(module), function)
-        return rule
+        return chooser(name, seed)
     dice, last, repeated = random.Random(seed), [-1], STICKY if name == "sticky" else 0.0
 
-    def choose(observation: Any) -> int:
-        if last[0] < 0 or dice.random() >= repeated:
-            last[0] = dice.randrange(actions)
+    def choose(observation: Any, mask: Mask) -> int:
+        if last[0] < 0 or not mask[last[0]] or dice.random() >= repeated:
+            last[0] = dice.choice(np.flatnonzero(mask).tolist())
         return last[0]
 
     return choose
 
 
 def _episode(
-    env: Any, seed: int, choose: Callable[[Any], int], steps: int, renders: bool, score: str
+    env: Any, seed: int, choose: Choose, steps: int, renders: bool, score: str
 ) -> dict[str, Any]:
     """Return an episode of at most so many steps: the hashes of PARTS at each, what they cost, and the picture's size.
 
@@ -258,6 +258,7 @@ def _episode(
     costs: dict[str, list[float]] = {"step": [], "picture": [], "bytes": []}
     hashes: list[list[str | None]] = []
     shape: Sequence[int] = ()
+    count = int(env.action_space.n)
     (observation, info), action, reward, ends = env.reset(seed=seed), -1, 0.0, (False, False)
     while True:
         picture = None
@@ -278,11 +279,13 @@ def _episode(
             _digest(bytes_of(observation)),
             _digest(repr(finite("reward", reward)).encode()),
         )
-        allowed = _digest(bytes_of(info["action_mask"])) if "action_mask" in info else ""
+        ended = any(ends) or len(hashes) >= steps
+        mask = None if ended else mask_of(env, observation, info, count)
+        allowed = "" if mask is None else _digest(bytes_of(mask))
         hashes.append([str(action), seen, paid, end, allowed, picture])
-        if any(ends) or len(hashes) > steps:
+        if ended:
             return {"hashes": hashes, "costs": costs, "picture": shape}
-        action = int(choose(observation))
+        action = int(choose(observation, np.ones(count, bool) if mask is None else mask))
         begun = time.process_time()
         observation, reward, terminated, truncated, info = env.step(action)
         costs["step"].append(1000 * (time.process_time() - begun))

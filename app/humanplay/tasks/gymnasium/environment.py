@@ -46,6 +46,9 @@ class Frame(Sent):
     step: int
     picture: str | None = Field(description="a data URL; null where it is shown as text")
     text: str | None
+    allowed: tuple[str, ...] | None = Field(
+        description="the actions that may be chosen; null: all of them"
+    )
     reward: float | None = Field(description="of the last move")
     return_: float | None = Field(alias="return", description="sum of the rewards")
     score: float | None = Field(

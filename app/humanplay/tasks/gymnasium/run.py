@@ -15,14 +15,16 @@ import gymnasium
 import numpy as np
 
 from humanplay.board.pictures import jpeg, png
-from humanplay.task import SeenByAgent
+from humanplay.task import Allowed, SeenByAgent
 from humanplay.tasks.base import EpisodeRecord
 from humanplay.tasks.gymnasium.description import (
     Description,
+    actions_of,
     canonical,
     completed,
     described,
 )
+from humanplay.tasks.gymnasium.masks import Mask, allowed_in, mask_of
 from humanplay.tasks.gymnasium.pictures import pixels_of
 from humanplay.tasks.gymnasium.values import bytes_of, finite, plain
 
@@ -80,12 +82,22 @@ class GymnasiumRun:
         self.config, self.seed = config, seed
         self._described = config.description
         self._env = config.make(seed)
+        self._names = actions_of(self._described, self._env)
         self._observation, self._info = self._env.reset(seed=seed)
         self._hash = hashlib.sha256(f"{config.hash}|{seed}|".encode())
         self._hash.update(bytes_of(self._observation))
         self.actions, self._rewards, self._scores = bytearray(), list[float](), list[float]()
         self.outcome, self.total = "running", 0.0
         self._scores.append(self._score(0.0))
+        self._allowed = list[Allowed]()
+        self._look()
+
+    def _look(self) -> None:
+        """Ask the environment what may be chosen next; of an episode that has ended nothing."""
+        self._mask: Mask | None = None
+        if self.outcome == "running":
+            self._mask = mask_of(self._env, self._observation, self._info, len(self._names))
+            self._allowed.append(allowed_in(self._mask))
 
     def step(self, action: int) -> float:
         """Make one move and return its reward; RuntimeError once the episode has ended.
@@ -106,6 +118,7 @@ class GymnasiumRun:
             self.outcome = self._ending(bool(terminated))
         self._hash.update(f"|{action},{reward!r},{self.outcome}|".encode())
         self._hash.update(bytes_of(self._observation))
+        self._look()
         return reward
 
     def _ending(self, terminated: bool) -> str:
@@ -139,21 +152,27 @@ class GymnasiumRun:
         """Whether the episode has an outcome."""
         return self.outcome != "running"
 
-    def decide(self, choose: Callable[[Any, Mapping[str, Any]], int]) -> int:
-        """Return what is chosen by what the environment shows a policy; ValueError where that is no action."""
-        action = choose(self.observation(), self._info)
+    def decide(self, choose: Callable[[Any, Mask], int]) -> int:
+        """Return what is chosen by the observation and by which actions are allowed; ValueError where that is no action."""
+        mask = np.ones(len(self._names), bool) if self._mask is None else self._mask
+        action = choose(self.observation(), mask)
         if not self._env.action_space.contains(np.int64(action)):
             raise ValueError(f"expected an action of {self._env.action_space}, got {action}")
         return action
 
-    @property
-    def action_count(self) -> int:
-        """How many actions there are."""
-        return int(getattr(self._env.action_space, "n", 0))
-
     def observation(self) -> Any:
         """Return a copy of what the environment shows a policy."""
         return deepcopy(self._observation)
+
+    def allowed(self) -> Sequence[Allowed]:
+        """What could be chosen before each move, and what may be now."""
+        return self._allowed
+
+    @property
+    def allowed_names(self) -> tuple[str, ...] | None:
+        """The names of the actions that may be chosen; None if all may, and once the episode has ended."""
+        codes = self._allowed[-1] if self.outcome == "running" else None
+        return None if codes is None else tuple(self._names[code] for code in codes)
 
     def view(self) -> GymnasiumView:
         """Return what may be seen of the run as it stands."""
@@ -172,6 +191,7 @@ class GymnasiumRun:
             "picture": None if shown is None else shown.picture,
             "text": None if shown is None else shown.text,
             "observation": given,
+            "allowed": self.allowed_names,
         }
 
     @property
@@ -213,6 +233,8 @@ class GymnasiumView:
         self._config, self._seed, self.picture, self.text = run.config, run.seed, picture, text
         self._scores = run.scores()  # which only grows
         self._score = self._scores[-1]
+        self.allowed = None if self.ended else run.allowed()[-1]
+        self._allowed_names = run.allowed_names
 
     def observation(self) -> tuple[GymnasiumConfig, int, bytes]:
         """Return what a policy's process is told (`policies`): the cause of the episode so far."""
@@ -227,6 +249,7 @@ class GymnasiumView:
             "step": self.steps,
             "picture": self.picture,
             "text": self.text,
+            "allowed": self._allowed_names,
             "reward": None if hides_scores else self._reward,
             "return": None if hides_scores else self._total,
             "score": score,

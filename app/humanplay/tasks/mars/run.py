@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from humanplay.task import SeenByAgent, counted
+from humanplay.task import Allowed, SeenByAgent, counted
 from humanplay.tasks.mars.colours import data_url
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
@@ -61,7 +61,7 @@ class MarsRun:
         drawn = data_url(view.codes) if picture else None
         given = {name: frame[name] for name in names} if observation else None
         text = None if given is None else text_frame(given)
-        return {"picture": drawn, "text": text, "observation": given}
+        return {"picture": drawn, "text": text, "observation": given, "allowed": None}
 
     def rewards(self) -> Sequence[float]:
         """Return the reward of each move."""
@@ -70,6 +70,10 @@ class MarsRun:
     def counts(self) -> Sequence[int]:
         """Return the cells discovered after 0, 1, 2, ... moves."""
         return self._episode.discoveries
+
+    def allowed(self) -> Sequence[Allowed]:
+        """Nothing: every move may be made, and an invalid one ends the episode."""
+        return ()
 
     def place(self, step: int) -> dict[str, Any]:
         """Return row, column and coverage after so many moves."""
@@ -100,9 +104,12 @@ class MarsRun:
 class View:
     """An episode as it stands now, which stays as it is while the episode goes on; the terrain is not in it.
 
+    allowed  None: every move may be made
     codes  uint8[rows, cols], what is known: UNKNOWN 0, FREE 1, ROVER 2, OBSTACLE 3
     The other attributes are those of `marsexplorer.episode.Episode` (`humanplay.task.View`).
     """
+
+    allowed: Allowed = None
 
     def __init__(self, episode: Episode) -> None:
         self._episode = episode
