@@ -501,6 +501,21 @@ declare namespace Answers {
     /** an operator has hidden it */
     hidden: boolean,
   };
+  /** Where whoever asks stands on the people's board. */
+  type OwnStanding = {
+    name: string | null,
+    /** an operator has hidden it */
+    hidden: boolean,
+    /** null below five terrains */
+    place: number | null,
+    /** null before the first terrain */
+    behind: number | null,
+    /** null below five terrains */
+    worse: number | null,
+    terrains: number,
+    /** terrains before there is a place */
+    missing: number,
+  };
   /** How a policy's session moves. */
   type Pace = {
     kind: "pace",
@@ -543,11 +558,18 @@ declare namespace Answers {
     invited: boolean,
     supervised_until_ms: number | null,
   };
-  /** People by their distance from Expert, the nearest first. */
+  /** The people's board: the nearest to Expert first. */
   type People = {
+    /** of the board's terrains */
+    title: string,
+    /** the first hundred */
     people: Person[],
+    /** how many people have a place */
+    ranked: number,
+    /** terrains on which Expert has not driven yet */
+    comparing: number,
     /** null without a cookie */
-    you: OwnName | null,
+    you: OwnStanding | null,
   };
   /** What people came to on a day's terrain. */
   type PeopleOfDay = {
@@ -559,13 +581,17 @@ declare namespace Answers {
     table: Result[],
     you: Result | null,
   };
-  /** Somebody who chose a name. */
+  /** Somebody on the people's board. */
   type Person = {
-    name: string,
-    /** moves more than Expert on terrains of the same configurations */
-    gap: number,
+    place: number,
+    /** null where none was chosen */
+    name: string | null,
+    /** mean moves more than Expert; a terrain counts 100 at most */
+    behind: number,
+    /** the worse end of its 95 % interval, by which people are ranked */
+    worse: number,
     /** ranked ones that count */
-    episodes: number,
+    terrains: number,
     you: boolean,
   };
   /** Players and their ranked episodes that count. */

@@ -15,6 +15,8 @@ const LATER_MS = 20000;
 /** @type {Leaderboard.State} */
 let state = { view: location.hash ? "policies" : "people", boards: [], ...fromAddress(), detail: null, evaluates: false };
 let timer = 0;
+/** @type {"week" | "all"} */
+let period = "week";
 Object.defineProperty(window, "playground", { value: Object.freeze({ get state() { return state; } }) });
 
 /** Return what the address asks for: `#random-21x21&score`. */
@@ -41,9 +43,11 @@ function show(view) {
 }
 
 async function loadPeople() {
-  const found = /** @type {Answers.People} */ (await request("people"));
-  paintPeople(by("named", HTMLTableElement), by("own"), found);
-  schedule(LATER_MS);
+  const wanted = period;
+  const answer = /** @type {Answers.People} */ (await request(`people?period=${period}`));
+  if (wanted !== period) return;
+  paintPeople(by("named", HTMLTableElement), by("own"), period, answer);
+  schedule(answer.comparing ? SOON_MS : LATER_MS);
 }
 
 async function load() {
@@ -131,6 +135,13 @@ boardSelect.addEventListener("change", () => { set({ board: boardSelect.value, d
 by("evaluate").addEventListener("click", () => { set({ evaluates: true }); load(); });
 for (const button of all("[data-measure]")) button.addEventListener("click", () => set({ measure: /** @type {Leaderboard.Measure} */ (button.dataset.measure) }));
 addEventListener("theme", () => paint());
+for (const button of all("[data-period]")) {
+  button.addEventListener("click", () => {
+    period = button.dataset.period === "all" ? "all" : "week";
+    for (const other of all("[data-period]")) other.setAttribute("aria-pressed", String(other === button));
+    load();
+  });
+}
 for (const button of all("button[data-view]")) button.addEventListener("click", () => show(/** @type {Leaderboard.View} */ (button.dataset.view)));
 new ResizeObserver(() => paint()).observe(by("coverage"));
 show(state.view);

@@ -1,23 +1,49 @@
-// The people who chose a name, by how many moves more than Expert they need.
+// The people's board, by how many moves more than Expert they need.
 import { create } from "../common/page.js";
-import { signed } from "../common/words.js";
+import { many, signed } from "../common/words.js";
 
-/** Fill the table, and the line about the player's own name.
- * @param {HTMLTableElement} table @param {HTMLElement} own @param {Answers.People} found */
-export function paintPeople(table, own, { people, you }) {
-  const rows = people.map(({ name, gap, episodes, you: isYou }, index) => {
-    const label = create("th", [name, ...(isYou ? [create("small", "you")] : [])], { scope: "row" });
-    const cells = [
-      create("td", String(index + 1), { class: "number place" }),
-      label,
-      create("td", signed(gap), { class: "number" }),
-      create("td", String(episodes), { class: "number wide" }),
-    ];
-    return create("tr", cells, isYou ? { "aria-current": "true" } : {});
-  });
-  const nobody = "Nobody with a name has five ranked terrains yet. Play ranked, choose a name, and you are the first.";
-  const empty = create("tr", [create("td", nobody, { class: "empty", colspan: "4" })]);
+/** @param {"week" | "all"} period @param {Answers.People} answer @returns {string} what fills a table without anybody */
+export function emptyText(period, { you }) {
+  const missing = you ? you.missing : 5;
+  const when = period === "week" ? "in the last seven days" : "yet";
+  return `Nobody has five ranked terrains ${when}. Play ranked: ${many(missing, "terrain")}${you?.terrains ? " more" : ""}, about a minute each, and you are the first.`;
+}
+
+/** @param {"week" | "all"} period @param {Answers.OwnStanding} you @returns {string} how far somebody is from a place */
+export function missingText(period, { terrains, missing }) {
+  const when = period === "week" ? " in the last seven days" : "";
+  return `You have ${many(terrains, "ranked terrain")}${when}: ${missing} more, and you stand here.`;
+}
+
+/** @param {number} comparing terrains @returns {string} "" where Expert has driven on all */
+export const comparingText = (comparing) => (comparing ? `Expert drives on ${many(comparing, "more terrain")} to compare. The figures follow.` : "");
+
+/** Places that are in sight with the head of the table. */
+const NEAR = 8;
+
+/** @param {string | number} place @param {string} name @param {boolean} isYou
+ * @param {{behind: number, worse: number, terrains: number}} figures */
+function row(place, name, isYou, { behind, worse, terrains }) {
+  const label = create("th", [name, ...(isYou && name !== "You" ? [create("small", "you")] : [])], { scope: "row" });
+  const numbers = [[signed(behind), "number"], [signed(worse), "number"], [String(terrains), "number wide"]];
+  const cells = [create("td", String(place), { class: "number place" }), label, ...numbers.map(([text, kind]) => create("td", text, { class: kind }))];
+  return create("tr", cells, isYou ? { "aria-current": "true" } : {});
+}
+
+/** Fill the table; whoever asks stands at its foot, wherever they are in it.
+ * @param {HTMLTableElement} table @param {HTMLElement} own @param {"week" | "all"} period @param {Answers.People} answer */
+export function paintPeople(table, own, period, answer) {
+  const { people, you, comparing, ranked } = answer;
+  const rows = people.map((person) => row(person.place, person.name ?? (person.you ? "You" : "Somebody"), person.you, person));
+  const play = create("a", "Play ranked", { class: "go", href: "./" });
+  const empty = create("tr", [create("td", [create("p", emptyText(period, answer)), create("p", [play], { class: "buttons" })], { class: "empty", colspan: "5" })]);
   table.tBodies[0].replaceChildren(...(rows.length ? rows : [empty]));
-  const choose = create("a", "Choose a name to stand here", { href: "me#name" });
-  own.replaceChildren(...(you?.name ? [] : [choose]));
+  const foot = /** @type {HTMLTableSectionElement} */ (table.tFoot);
+  if (you?.place && you.place > NEAR && you.behind !== null && you.worse !== null) {
+    const { behind, worse, terrains, place } = you;
+    foot.replaceChildren(row(`${place} of ${ranked}`, "You", true, { behind, worse, terrains }));
+  } else if (you && !you.place && rows.length) foot.replaceChildren(create("tr", [create("td", missingText(period, you), { colspan: "5" })]));
+  else foot.replaceChildren();
+  const choose = create("a", "Choose a name to stand here by it", { href: "me#name" });
+  own.replaceChildren(...(you?.name ? [] : [choose]), " ", comparingText(comparing));
 }

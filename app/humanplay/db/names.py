@@ -1,34 +1,16 @@
-"""Players' names, and each named player's gap to Expert."""
+"""Players' names."""
 
 from __future__ import annotations
 
-import json
 import sqlite3
-from collections.abc import Mapping
-from typing import NamedTuple, TypedDict
+from typing import TypedDict
 
 from humanplay.db.reader import Reader
 
 SHOWN = 100
-"""People in the list."""
+"""Names in the operator's list."""
 
-# a player's mean moves minus Expert's, over the configurations that Expert has a mean for
-_GAPS = """SELECT v.player_id, sum(v.episodes) AS episodes,
-        (sum(v.steps) - sum(v.episodes * x.value)) / sum(v.episodes) AS gap
-    FROM volunteers v JOIN json_each(?) x ON x.key = v.config_hash"""
-_PEOPLE = f"""SELECT n.player_id, n.name, g.episodes, g.gap
-    FROM names n JOIN ({_GAPS} GROUP BY v.player_id) g ON g.player_id = n.player_id
-    WHERE NOT n.hidden AND g.episodes >= ? ORDER BY g.gap, n.chosen_ms LIMIT {SHOWN}"""
 _OWN = """SELECT n.name, n.hidden FROM (SELECT ? AS id) p LEFT JOIN names n ON n.player_id = p.id"""
-
-
-class NamedPlayer(NamedTuple):
-    """A named player: their ranked episodes, and their mean moves minus Expert's."""
-
-    player_id: str
-    name: str
-    episodes: int
-    gap: float
 
 
 class OwnName(TypedDict):
@@ -48,17 +30,10 @@ class NameTakenError(ValueError):
     """Somebody has this name, or one that looks like it."""
 
 
-def people(
-    reader: Reader, expert_steps: Mapping[str, float], least_episodes: int
-) -> list[NamedPlayer]:
-    """Named players by their gap to Expert, the smallest first; hidden names are left out.
-
-    Args:
-        expert_steps: Expert's mean moves, by the hash of a configuration.
-        least_episodes: Fewest ranked episodes of a player in the list.
-    """
-    rows = reader.query(_PEOPLE, [json.dumps(dict(expert_steps)), least_episodes])
-    return [NamedPlayer(**row) for row in rows]
+def shown_names(reader: Reader) -> dict[str, str]:
+    """The names by player, without those that an operator has hidden."""
+    rows = reader.query("SELECT player_id, name FROM names WHERE NOT hidden")
+    return {row["player_id"]: row["name"] for row in rows}
 
 
 def own(reader: Reader, player_id: str) -> OwnName:

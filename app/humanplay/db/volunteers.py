@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import partial
 from operator import add
 from typing import NamedTuple
@@ -55,6 +55,8 @@ _ADD = f"""{TABLES["volunteers"].insert()} ON CONFLICT (config_hash, player_id) 
     {", ".join(f"{each} = {each} + excluded.{each}" for each in Sums._fields)}"""
 _CHANGE = """INSERT INTO volunteer_figures VALUES (?, ?, ?, lower(hex(randomblob(8))))
     ON CONFLICT (config_hash) DO UPDATE SET state = excluded.state"""
+_RANKED = f"""SELECT s.owner_id, e.seed, e.steps, e.outcome, e.attestation, e.ended_ms FROM episodes e {JOINED}
+    WHERE e.ended_ms IS NOT NULL AND e.seed IS NOT NULL AND e.config_hash = ? AND {HUMAN_SCORE_CONDITION}"""
 _SUMS = ", ".join(Sums._fields)
 _PLAYERS = f"SELECT {_SUMS} FROM volunteers WHERE config_hash = ? ORDER BY player_id"
 _PLAYER = f"SELECT {_SUMS} FROM volunteers WHERE config_hash = ? AND player_id = ?"
@@ -91,6 +93,34 @@ def player_sums(reader: Reader, config_hash: str, player: str) -> Sums | None:
     """Return a player's sums for a configuration; None without counted episodes."""
     found = reader.query(_PLAYER, [config_hash, player])
     return Sums(**found[0]) if found else None
+
+
+class RankedRun(NamedTuple):
+    """A ranked episode that counts: whose, on which terrain, and when it ended.
+
+    moves  to the goal; None where it was not reached
+    """
+
+    player_id: str
+    seed: int
+    moves: int | None
+    ended_ms: int
+
+
+def state_of(reader: Reader, config_hash: str) -> str | None:
+    """What changes whenever a counted episode of a configuration ends; None before the first."""
+    sql = "SELECT state FROM volunteer_figures WHERE config_hash = ?"
+    return next((str(row["state"]) for row in reader.query(sql, [config_hash])), None)
+
+
+def ranked_runs(reader: Reader, config_hash: str, successes: Collection[str]) -> list[RankedRun]:
+    """All ranked episodes of a configuration that count; a spoilt one as not finished."""
+    runs = []
+    for row in reader.query(_RANKED, [config_hash]):
+        is_finished = row["outcome"] in successes and row["attestation"] != "spoilt"
+        moves = row["steps"] if is_finished else None
+        runs.append(RankedRun(row["owner_id"], row["seed"], moves, row["ended_ms"]))
+    return runs
 
 
 def differences(conn: sqlite3.Connection) -> Iterator[Finding]:

@@ -231,20 +231,6 @@ def offered_boards(task: str = DEFAULT_TASK) -> dict[str, LeaderboardEntry]:
     return {entry.id: entry for entry in entries}
 
 
-def expert_steps(shipped: ShippedFigures, task: str = DEFAULT_TASK) -> dict[str, float]:
-    """The expert's mean moves, by the hash of each configuration on offer that has its shipped figure."""
-    environment, means = environment_of(task), dict[str, float]()
-    if environment.boards is None or environment.courses is None:
-        return means
-    for config in environment.boards.offered:
-        wanted = Evaluation(
-            environment.courses.expert, config, environment.boards.seeds(config), task
-        )
-        if (figure := shipped.find(wanted)) is not None:
-            means[config.hash] = float(figure.figure["steps"]["mean"])
-    return means
-
-
 def make_board(
     entry: LeaderboardEntry,
     jobs: Jobs,

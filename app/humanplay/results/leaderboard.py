@@ -32,7 +32,6 @@ from humanplay.results.entries import (
     ClosedStudies,
     LeaderboardEntry,
     StudyPeople,
-    expert_steps,
     list_entries,
 )
 from humanplay.results.evaluations import PolicyEvaluations, ShippedFigures
@@ -49,8 +48,7 @@ class Leaderboard:
 
     There is one reading at a time, and all who ask while one is under way share the next.
 
-    volunteers    their figures, which other requests read as well
-    expert_steps  the expert's mean moves, by the hash of each configuration on offer
+    volunteers  their figures, which other requests read as well
     """
 
     def __init__(
@@ -64,7 +62,6 @@ class Leaderboard:
         figures = database.with_name(database.name + "-figures.json")
         shipped = ShippedFigures()
         self._evaluations = PolicyEvaluations(figures, jobs, shipped, task)
-        self.expert_steps = expert_steps(shipped, task)
         self.volunteers = VolunteerFigures()
         self._people = HumanSummaries()
         self._studies = ClosedStudies(studies_beside(database))

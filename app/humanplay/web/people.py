@@ -5,21 +5,25 @@ A name is no account: it belongs to the player's cookie, and nothing of a study 
 
 from __future__ import annotations
 
+import asyncio
 import re
 import unicodedata
 from functools import partial
+from typing import Literal
 
 from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import Field
 
 from humanplay.board.messages import Message
 from humanplay.db import names
-from humanplay.report.statistics.human_level import LEAST_EPISODES
+from humanplay.results.people import WEEK_MS, PeopleTable
 from humanplay.web.access import player_of, remember_player, services_of
 from humanplay.web.answers.people import OwnName, People
 from humanplay.web.protection import has_own_origin
 
 router = APIRouter(prefix="/api", tags=["results"])
+
+Period = Literal["week", "all"]
 
 SHORTEST, LONGEST = 2, 20
 """Letters of a name."""
@@ -75,25 +79,18 @@ def cleaned(text: str) -> str:
 
 
 @router.get("/people", response_model=People, summary="People by their distance from Expert")
-async def get_people(request: Request) -> dict[str, object]:
-    """Return who chose a name, the nearest to Expert first; and you, None without a cookie.
+async def get_people(request: Request, period: Period = "all") -> PeopleTable:
+    """Return the people's board: who plays ranked terrains of the daily's kind, the nearest to Expert first.
 
-    `gap` is how many moves more than Expert they need on terrains of the same configurations, over their `episodes`: the ranked
-    ones that count, five at least.
+    All ranked terrains of the period that are attested count, 100 moves at most each, as one that was not finished does. From
+    five on a person has a place, by the worse end of the interval. `comparing` terrains wait for Expert's own run on them.
+    404 where the environment has no leaderboard.
     """
     services, player_id = services_of(request), player_of(request)
-
-    def read() -> tuple[list[names.NamedPlayer], names.OwnName | None]:
-        you = None if player_id is None else names.own(services.store, player_id)
-        expert_steps = services.leaderboard.expert_steps
-        return names.people(services.store, expert_steps, LEAST_EPISODES), you
-
-    people, you = await services.store.read(read)
-    listed = [
-        {"name": name, "episodes": episodes, "gap": gap, "you": ident == player_id}
-        for ident, name, episodes, gap in people
-    ]
-    return {"people": listed, "you": you}
+    if (board := services.people) is None:
+        raise HTTPException(404, f"{services.lobby.task.about.title} has no leaderboard")
+    since_ms = 0 if period == "all" else services.lobby.sources.clock_ms() - WEEK_MS
+    return await asyncio.to_thread(board.table, player_id, since_ms)
 
 
 @router.put("/me/name", response_model=OwnName, summary="Choose the name by which you are shown")

@@ -43,6 +43,7 @@ from humanplay.jobs import Jobs
 from humanplay.results.daily import DailyBoards
 from humanplay.results.daily_table import DailyPolicies
 from humanplay.results.leaderboard import Leaderboard
+from humanplay.results.people import PeopleBoard
 from humanplay.study.debrief import Debriefs
 from humanplay.study.folder import Folder
 from humanplay.study.participation import Participations
@@ -286,6 +287,7 @@ def _services(
         progress=progress,
         debriefs=Debriefs(store, task),
         leaderboard=Leaderboard(store.path, offers, jobs, task.name),
+        people=None if task.boards is None else PeopleBoard(store.path, jobs, task.name),
         replays=Replays(store.path, offers, jobs, task, replayer),
         health=health,
         admin=None

@@ -14,6 +14,7 @@ from humanplay.jobs import Jobs
 from humanplay.results.daily import DailyBoards
 from humanplay.results.daily_table import DailyPolicies
 from humanplay.results.leaderboard import Leaderboard
+from humanplay.results.people import PeopleBoard
 from humanplay.study.debrief import Debriefs
 from humanplay.study.progress import ParticipantProgress
 from humanplay.task import View3D
@@ -41,6 +42,7 @@ class Services:
     progress       the participants of the studies
     debriefs       what participants are shown at the end
     leaderboard    people and policies compared
+    people         the people's board; None if the task has none
     replays        finished episodes as they went, and policies on their terrains
     health         the state of the disk and the database
     admin          the operator's part; None on a server without an operator's page
@@ -61,6 +63,7 @@ class Services:
     progress: ParticipantProgress
     debriefs: Debriefs
     leaderboard: Leaderboard
+    people: PeopleBoard | None
     replays: Replays
     health: Health
     admin: AdminServices | None = None

@@ -1,6 +1,7 @@
 """Names: chosen by oneself, shown with a gap to Expert, and no part of a study or a human figure."""
 
 import io
+import json
 import zipfile
 from contextlib import closing
 
@@ -12,14 +13,19 @@ from humanplay.db.database import StoreError, reading
 from humanplay.db.erasure import forget_player
 from humanplay.db.reader import utc_day
 from humanplay.db.store import Store
+from humanplay.db.volunteers import RankedRun
+from humanplay.results.people import PeopleBoard, standings
 from humanplay.study.days import day_before
 from humanplay.study.verification import verify_database
 from humanplay.web.access import PARTICIPANT_COOKIE, PLAYER_COOKIE
 from humanplay.web.people import cleaned, likeness
+from marsexplorer import policies
 from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.episodes import play_episode
 from tests.support.command import command
 from tests.support.recorded import NOW, play
 from tests.support.recorded_daily import play_daily
+from tests.support.servers import eventually
 from tests.support.study import freeze
 
 PEOPLE = ("ada", "bob", "cid")
@@ -49,29 +55,93 @@ def named(server, player, name):
     return page_of(server, player).put("/api/me/name", json={"name": name})
 
 
-def test_people_stand_by_their_moves_beyond_expert_once_five_episodes_count(serve, played):
+def people(server, player=None, period="all"):
+    """The people's board once Expert has driven on all of its terrains."""
+    asker = server.client() if player is None else page_of(server, player)
+
+    def compared():
+        board = asker.get(f"/api/people?period={period}").json()
+        return board if board["comparing"] == 0 else None
+
+    return eventually(compared, 120)
+
+
+def moves_behind(server, player, seeds):
+    """Their moves beyond Expert's own on each terrain, worked out by playing it here."""
+    expert = policies.load("ppo")
+    behind = []
+    for seed in seeds:
+        run = play_episode(expert, RANDOM_21, seed)
+        sql = "SELECT e.steps FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE s.owner_id = ? AND e.seed = ?"
+        (own,) = server.services.store.query(sql, [player, seed])
+        behind.append(min(100, own["steps"] - len(run.actions)))
+    return behind
+
+
+def test_people_stand_by_the_worse_end_of_their_moves_behind_expert(serve, played):
     server = serve()
-    sql = "SELECT steps FROM volunteers WHERE player_id = 'ada' AND episodes = 5"
-    (own,) = server.services.store.query(sql)
     for player in PEOPLE:
         assert named(server, player, f"{player.title()} 7").status_code == 200
-    found = page_of(server, "ada").get("/api/people").json()
-    board = server.client().get("/api/leaderboard/random-21x21").json()
-    (expert,) = (each for each in board["policies"] if each["name"] == "ppo")
-    ada, bob = found["people"]
+    board = people(server, "ada")
+    behind = moves_behind(server, "ada", range(5))
+    ada, bob = board["people"]
     assert [each["name"] for each in (ada, bob)] == ["Ada 7", "Bob 7"], "Cid has played four"
-    assert ada["gap"] == pytest.approx(own["steps"] / 5 - expert["figure"]["steps"]["mean"])
-    assert (ada["episodes"], ada["you"], bob["you"]) == (5, True, False)
-    assert bob["gap"] == pytest.approx(RANDOM_21.limit - expert["figure"]["steps"]["mean"])
-    assert found["you"] == {"name": "Ada 7", "hidden": False}
-    assert server.client().get("/api/people").json()["you"] is None
+    assert ada["behind"] == pytest.approx(sum(behind) / 5)
+    assert ada["behind"] < ada["worse"] <= 100
+    assert (ada["place"], ada["terrains"], ada["you"], bob["you"]) == (1, 5, True, False)
+    assert (bob["behind"], bob["worse"]) == (100, 100), "what was left counts a hundred"
+    assert board["ranked"] == 2
+    own = {key: ada[key] for key in ("place", "behind", "worse", "terrains")}
+    assert board["you"] == {"name": "Ada 7", "hidden": False, "missing": 0, **own}
+    cid = people(server, "cid")["you"]
+    assert (cid["place"], cid["terrains"], cid["missing"], cid["worse"]) == (None, 4, 1, None)
+    assert people(server)["you"] is None
+
+
+def test_a_week_holds_what_ended_in_it(serve, played):
+    with closing(Store(played)) as store:
+        for seed in range(30, 35):
+            play(store, seed, "ada", explore=True, config=RANDOM_21)
+        store.connection.execute(
+            "UPDATE episodes SET ended_ms = ended_ms - 8 * 86400000 WHERE seed < 30"
+        )
+        store.connection.commit()
+    server = serve()
+    assert [each["terrains"] for each in people(server, "ada")["people"]] == [10, 5]
+    week = people(server, "ada", "week")
+    assert [each["terrains"] for each in week["people"]] == [5], "all of Bob's are older"
+    assert people(server, "cid", "week")["you"]["missing"] == 5
+
+
+def test_whoever_plays_on_as_well_stands_better_than_whoever_stops():
+    behind = [0, 12, 30, 4, 9, 100]
+    often = [RankedRun("often", seed, 60 + behind[seed % 6], 0) for seed in range(24)]
+    stopped = [RankedRun("stopped", seed, 60 + behind[seed], 0) for seed in range(6)]
+    lucky = [RankedRun("lucky", seed, 60 + behind[seed] - 9 * (seed == 5), 0) for seed in range(6)]
+    left = [RankedRun("left", seed, None, 0) for seed in range(4)]
+    table = standings([*left, *stopped, *often, *lucky], dict.fromkeys(range(24), 60))
+    assert [each.player_id for each in table] == ["often", "lucky", "stopped", "left"]
+    assert table[0].behind == pytest.approx(table[2].behind)
+    assert table[3] == ("left", 4, 100.0, None)
+
+
+def test_experts_runs_are_kept_beside_the_database(serve, played):
+    server = serve()
+    people(server)
+    path = played.with_name(f"{played.name}-expert.jsonl")
+    seeds = [json.loads(line)[1] for line in path.read_text().splitlines()]
+    assert sorted(seeds) == [*range(5), *range(21, 25)], "Bob finished none"
+    path.write_text(path.read_text() + '["half a li')
+    restarted = PeopleBoard(played, server.services.jobs)
+    assert restarted.table(None, 0)["comparing"] == 0
 
 
 def test_a_name_is_changed_hidden_and_removed_and_no_two_look_alike(serve, played):
     server = serve(admin=True, admin_password="correct horse battery")
 
     def shown():
-        return [each["name"] for each in server.client().get("/api/people").json()["people"]]
+        names = [each["name"] for each in people(server)["people"]]
+        return [name for name in names if name]
 
     assert named(server, "ada", "Ada").status_code == 200
     assert named(server, "bob", "АDА").status_code == 422, "of two scripts"

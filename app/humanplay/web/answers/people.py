@@ -6,11 +6,13 @@ from humanplay.web.answers.base import Answer, described
 
 
 class Person(Answer):
-    """Somebody who chose a name."""
+    """Somebody on the people's board."""
 
-    name: str
-    gap: float = described("moves more than Expert on terrains of the same configurations")
-    episodes: int = described("ranked ones that count")
+    place: int
+    name: str | None = described("null where none was chosen")
+    behind: float = described("mean moves more than Expert; a terrain counts 100 at most")
+    worse: float = described("the worse end of its 95 % interval, by which people are ranked")
+    terrains: int = described("ranked ones that count")
     you: bool
 
 
@@ -21,8 +23,21 @@ class OwnName(Answer):
     hidden: bool = described("an operator has hidden it")
 
 
-class People(Answer):
-    """People by their distance from Expert, the nearest first."""
+class OwnStanding(OwnName):
+    """Where whoever asks stands on the people's board."""
 
-    people: list[Person]
-    you: OwnName | None = described("null without a cookie")
+    place: int | None = described("null below five terrains")
+    behind: float | None = described("null before the first terrain")
+    worse: float | None = described("null below five terrains")
+    terrains: int
+    missing: int = described("terrains before there is a place")
+
+
+class People(Answer):
+    """The people's board: the nearest to Expert first."""
+
+    title: str = described("of the board's terrains")
+    people: list[Person] = described("the first hundred")
+    ranked: int = described("how many people have a place")
+    comparing: int = described("terrains on which Expert has not driven yet")
+    you: OwnStanding | None = described("null without a cookie")

@@ -1,0 +1,259 @@
+"""People on one board, by how many moves more than Expert they need on ranked terrains.
+
+All ranked terrains of a period count, so nobody picks their best. A terrain counts MOST_BEHIND at most, and so does one
+that was not finished. People are ranked by the worse end of their mean's interval: whoever stops while ahead gains nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple, TypedDict
+
+import numpy as np
+
+from humanplay.db.names import OwnName, own, shown_names
+from humanplay.db.reader import Reader
+from humanplay.db.volunteers import RankedRun, ranked_runs, state_of
+from humanplay.jobs import Jobs, JobsFullError
+from humanplay.report.statistics.intervals import interval
+from humanplay.report.statistics.summaries import summary_of
+from humanplay.results.evaluations import OWNER, boards_of, policy_hash
+from humanplay.task import Configuration
+from humanplay.task.registration import DEFAULT_TASK, environment_of
+from marsexplorer.intervals import FEWEST
+
+MOST_BEHIND = 100
+"""Moves that a terrain counts at most; one that was not finished counts as many."""
+SHOWN = 100
+"""People in the table."""
+WEEK_MS = 7 * 24 * 3_600_000
+BATCH = 20
+"""Terrains that a job plays."""
+LIMIT_S = 600.0
+"""Seconds of a job."""
+
+_log = logging.getLogger(__name__)
+
+
+class Standing(NamedTuple):
+    """Somebody's mean over their terrains; `worse` is the worse end of its 95 % interval, None below FEWEST terrains."""
+
+    player_id: str
+    terrains: int
+    behind: float
+    worse: float | None
+
+
+class PersonRow(TypedDict):
+    """A row of the table; without a name where none was chosen."""
+
+    place: int
+    name: str | None
+    behind: float
+    worse: float
+    terrains: int
+    you: bool
+
+
+class OwnStanding(OwnName):
+    """Where whoever asks stands; `missing` terrains before they have a place."""
+
+    place: int | None
+    behind: float | None
+    worse: float | None
+    terrains: int
+    missing: int
+
+
+class PeopleTable(TypedDict):
+    """The board.
+
+    title      of the board's terrains
+    ranked     how many people have a place
+    comparing  terrains on which Expert has not driven yet
+    """
+
+    title: str
+    people: list[PersonRow]
+    ranked: int
+    comparing: int
+    you: OwnStanding | None
+
+
+def standings(runs: Iterable[RankedRun], expert: Mapping[int, int]) -> list[Standing]:
+    """Everybody's standing: the ranked ones first, by the worse end of their interval.
+
+    Args:
+        runs: Ranked episodes; one whose terrain Expert has not driven yet is left out.
+        expert: Expert's moves by a terrain's seed.
+    """
+    behind: dict[str, list[float]] = {}
+    for run in runs:
+        if run.moves is None:
+            behind.setdefault(run.player_id, []).append(MOST_BEHIND)
+        elif run.seed in expert:
+            moves = min(MOST_BEHIND, run.moves - expert[run.seed])
+            behind.setdefault(run.player_id, []).append(moves)
+    people = list(behind.items())
+    worse = _worse_ends([moves for _, moves in people])
+    found = [
+        Standing(player, len(moves), float(np.mean(moves)), end)
+        for (player, moves), end in zip(people, worse, strict=True)
+    ]
+    unranked = float("inf")
+    return sorted(found, key=lambda one: (unranked if one.worse is None else one.worse, one.behind))
+
+
+def _worse_ends(people: Sequence[Sequence[float]]) -> list[float | None]:
+    """The worse end of each person's interval; all of one number of terrains at once."""
+    ends: list[float | None] = [None] * len(people)
+    for count in {len(moves) for moves in people if len(moves) >= FEWEST}:
+        places = [place for place, moves in enumerate(people) if len(moves) == count]
+        table = np.array([people[place] for place in places], dtype=np.float64)[:, :, None]
+        _, high = interval(table, float(MOST_BEHIND), terrains_drawn=False)
+        for place, end in zip(places, high, strict=True):
+            ends[place] = min(float(MOST_BEHIND), float(end))
+    return ends
+
+
+def expert_moves(task: str, config: Configuration, seeds: Sequence[int]) -> list[int]:
+    """Moves that Expert needs on terrains; a job."""
+    environment = environment_of(task)
+    courses = environment.courses
+    assert courses is not None
+    policy = environment.policies.load(courses.expert, config)
+    runs = (environment.policies.play(policy, config, seed, seed) for seed in seeds)
+    return [summary_of(environment, run).steps for run in runs]
+
+
+class ExpertRuns:
+    """Expert's moves on the terrains of ranked episodes: a run for each, by a job, kept in a file.
+
+    path  JSON lines: what the moves depend on, the seed, the moves
+    """
+
+    def __init__(self, path: Path, jobs: Jobs, config: Configuration, task: str) -> None:
+        self._path, self._jobs, self._config, self._task = path, jobs, config, task
+        self._lock = threading.Lock()
+        self._running: Future[list[int]] | None = None
+        self._key = ""
+        self._moves: dict[int, int] = {}
+
+    def moves(self) -> dict[int, int]:
+        """Expert's moves by the seed, of what has been played so far."""
+        if not self._key:
+            self._key, self._moves = self._depends_on(), {}
+            for line in self._path.read_text().splitlines() if self._path.exists() else ():
+                try:
+                    key, seed, moves = json.loads(line)
+                except ValueError:
+                    continue  # the server ended while it was written
+                if key == self._key:
+                    self._moves[seed] = moves
+        return self._moves
+
+    def play(self, seeds: Sequence[int]) -> None:
+        """Have some of the terrains played that were not yet."""
+        with self._lock:
+            if not seeds or (self._running is not None and not self._running.done()):
+                return
+            batch = tuple(seeds[:BATCH])
+            call = partial(expert_moves, self._task, self._config, batch)
+            key = ("expert", self._key, batch)
+            try:
+                self._running = self._jobs.submit(call, owner=OWNER, key=key, limit_s=LIMIT_S)
+            except JobsFullError:
+                return
+        self._running.add_done_callback(partial(self._keep, batch))
+
+    def _depends_on(self) -> str:
+        environment = environment_of(self._task)
+        courses = environment.courses
+        source = "" if courses is None else courses.expert
+        digest = policy_hash(source, self._task)
+        return "|".join((environment.version, source, digest, self._config.hash))
+
+    def _keep(self, seeds: Sequence[int], played: Future[list[int]]) -> None:
+        if played.cancelled() or (error := played.exception()) is not None:
+            _log.warning("Expert's runs for the people's board failed: %s", error)
+            return
+        lines = zip(seeds, played.result(), strict=True)
+        with self._lock, self._path.open("a") as file:
+            for seed, moves in lines:
+                self._moves[seed] = moves
+                file.write(json.dumps([self._key, seed, moves]) + "\n")
+
+
+class PeopleBoard:
+    """The people's board of one server, read from the database when an episode has ended since."""
+
+    def __init__(self, database: Path, jobs: Jobs, task: str = DEFAULT_TASK) -> None:
+        self._database = database
+        boards = boards_of(task)
+        self._config = boards.daily
+        _, self._title = boards.name_of(self._config)
+        path = database.with_name(database.name + "-expert.jsonl")
+        self._expert = ExpertRuns(path, jobs, self._config, task)
+        self._successes = environment_of(task).successes
+        self._reading = threading.Lock()
+        self._state: str | None = None
+        self._runs: list[RankedRun] = []
+
+    def table(self, player_id: str | None, since_ms: int) -> PeopleTable:
+        """The board of the ranked episodes that ended since a time, for whoever asks; in a thread."""
+        with self._reading, closing(Reader.open(self._database, public=True)) as reader:
+            state = state_of(reader, self._config.hash)
+            if state != self._state:
+                self._runs = ranked_runs(reader, self._config.hash, self._successes)
+                self._state = state
+            names = shown_names(reader)
+            name = None if player_id is None else own(reader, player_id)
+        expert = self._expert.moves()
+        runs = [run for run in self._runs if run.ended_ms >= since_ms]
+        missing = [run.seed for run in runs if run.moves is not None and run.seed not in expert]
+        self._expert.play(missing)
+        found = standings(runs, expert)
+        ranked = [one for one in found if one.worse is not None]
+        mine = next((one for one in found if one.player_id == player_id), None)
+        place = ranked.index(mine) + 1 if mine in ranked and mine is not None else None
+        return {
+            "title": self._title,
+            "people": [
+                _row(number, one, names.get(one.player_id), one.player_id == player_id)
+                for number, one in enumerate(ranked[:SHOWN], 1)
+            ],
+            "ranked": len(ranked),
+            "comparing": len(missing),
+            "you": None if name is None else _own(name, mine, place),
+        }
+
+
+def _row(place: int, one: Standing, name: str | None, is_you: bool) -> PersonRow:
+    assert one.worse is not None
+    return {
+        "place": place,
+        "name": name,
+        "behind": one.behind,
+        "worse": one.worse,
+        "terrains": one.terrains,
+        "you": is_you,
+    }
+
+
+def _own(name: OwnName, mine: Standing | None, place: int | None) -> OwnStanding:
+    terrains = 0 if mine is None else mine.terrains
+    return {
+        **name,
+        "place": place,
+        "behind": None if mine is None else mine.behind,
+        "worse": None if mine is None else mine.worse,
+        "terrains": terrains,
+        "missing": max(0, FEWEST - terrains),
+    }
