@@ -2,16 +2,30 @@
 
 `scan` is one function of the world and the rover's cell, worked out in one of two ways. Where a row of the lidar's window fits
 into 16 bits (radius up to 7), the window is four words, which stay in registers. Larger windows go through `find_visible`.
+
+Which one it is stands in the shape of `sight` (`sight_of`): numba compiles a kernel for each number of dimensions, and leaves
+out the branch of the other. Hardly anybody plays with a radius above 7, and its way takes longest to compile.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from marsexplorer.bitmap import COLS, RADIUS, ROWS, WORDS
 from marsexplorer.compiled import inlined, kernel, lowest, merged, popcount
 from marsexplorer.config import FREE
-from marsexplorer.lidar import HEADER, NARROW, ONE, find_visible
+from marsexplorer.lidar import HEADER, NARROW, ONE, find_visible, sight_table
+
+
+def sight_of(radius: int) -> NDArray[np.uint64]:
+    """A world's own table of line of sight, with scratch.
+
+    Returns:
+        A copy of `lidar.sight_table`: uint64[n] up to a radius of 7 cells, uint64[1, n] above.
+    """
+    table = sight_table(radius).copy()
+    return table if table[0] == NARROW else table.reshape(1, -1)
 
 
 @kernel
@@ -20,7 +34,7 @@ def scan(state, obstacles, codes, cbase, sight, rules, row, col):
 
     state      uint64[:] of records, see rules.py; `obstacles` is the place of the world's first row of obstacles
     codes      uint8[:], written at the new cells; `cbase` is the place of the world's first code
-    sight      a copy of `lidar.sight_table`, whose scratch is written
+    sight      `sight_of` the radius, whose scratch is written
     rules      int64[:], see `rules.rules_of`
     """
     # With margins of `radius` all round, the window's first row and column in the padded map have the rover's own numbers.
@@ -31,9 +45,11 @@ def scan(state, obstacles, codes, cbase, sight, rules, row, col):
     first = np.uint64(obstacles) + row * words + (col >> np.uint64(6))
     corner = np.uint64(cbase) + row * cols + col - radius * cols - radius
     known, shift = first + size, col & np.uint64(63)
-    if sight[0] == np.uint64(NARROW):
-        return scan_narrow(state, first, known, words, codes, corner, cols, sight, radius, shift)
-    return scan_wide(state, first, known, words, codes, corner, cols, sight, radius, shift)
+    if sight.ndim == 1:
+        new = scan_narrow(state, first, known, words, codes, corner, cols, sight, radius, shift)
+    else:
+        new = scan_wide(state, first, known, words, codes, corner, cols, sight[0], radius, shift)
+    return new
 
 
 @inlined

@@ -24,7 +24,7 @@ from marsexplorer.config import (
     check_seed,
     fewest_cells,
 )
-from marsexplorer.lidar import row_words, sight_table
+from marsexplorer.lidar import row_words
 from marsexplorer.observation import STATE_VALUES
 from marsexplorer.rules import (
     AT_START,
@@ -45,6 +45,7 @@ from marsexplorer.rules import (
     step_autoreset,
     step_through,
 )
+from marsexplorer.scan import sight_of
 
 
 class Worlds:
@@ -74,7 +75,7 @@ class Worlds:
         self._state = np.zeros(num * self._record, np.uint64)
         codes = np.zeros((num, config.rows, config.cols), np.uint8) if codes is None else codes
         self.codes = codes
-        self._codes, sight = self.codes.reshape(-1), sight_table(config.sensor_radius).copy()
+        self._codes, sight = self.codes.reshape(-1), sight_of(config.sensor_radius)
         self._tables = (sight, rules_of(config), row_masks(config))
         self.rewards: NDArray[np.float64] = np.zeros(num)
         self.outcomes: NDArray[np.uint8] = np.zeros(num, np.uint8)
