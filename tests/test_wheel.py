@@ -125,10 +125,10 @@ def test_an_installed_wheel_serves_the_page_and_a_session(home, tmp_path):
     ):
         assert all(
             part in client.get("/").text
-            for part in ('data-testid="board-player"', "static/common/theme.js")
+            for part in ('data-testid="board-player"', "/common/theme.js")
         )
         assert (
-            client.get("/static/common/base.css").content
+            client.get("/static/000000000000/common/base.css").content
             == (ROOT / "static" / "common" / "base.css").read_bytes()
         )
         offered = {policy["name"] for policy in client.get("/api/policies").json()}

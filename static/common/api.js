@@ -21,8 +21,16 @@ export function readDetail(detail, status) {
 /** A signal that aborts by itself; Debian 12's TypeScript does not know `AbortSignal.timeout` yet. */
 const Timer = /** @type {{timeout: (ms: number) => AbortSignal}} */ (/** @type {unknown} */ (AbortSignal));
 
-/** The address of the app; "" in a page that stands in one file, where nobody is asked. */
-export const ROOT = import.meta.url.startsWith("data:") ? "" : new URL("../../", import.meta.url).href;
+/** @param {string} selector @returns an element of the page; none in a test of a module */
+const find = (selector) => globalThis.document?.querySelector(selector);
+const root = /** @type {HTMLMetaElement | null | undefined} */ (find("meta[name=root]"));
+
+/** The address of the app, as the page says it; "" in a page that stands in one file, where nobody is asked. */
+export const ROOT = root ? new URL(root.content, document.baseURI).href : "";
+
+/** The answers that the page came with, by their addresses.
+ * @type {Record<string, unknown>} */
+const ANSWERS = JSON.parse(find("#answers")?.textContent ?? "{}");
 
 /** Ask the server: a path below api/, a body for a POST; a promise of the parsed answer. While there is time, what is read is
  * asked for again when the server says when (503 with Retry-After).
@@ -46,6 +54,10 @@ export const request = async (path, body, timeout_ms = 15000, rest = {}) => {
   return answer;
 };
 
+/** Ask for what does not change while the server runs, unless the page came with it.
+ * @template T @param {string} path @returns {Promise<T>} */
+const lasting = async (path) => /** @type {T | undefined} */ (ANSWERS[path]) ?? request(path);
+
 /** @template {{task?: unknown} | null} T @param {Promise<T>} asked @returns {Promise<T>} an answer with its task's module */
 export async function withTask(asked) {
   const answer = await asked;
@@ -62,12 +74,12 @@ const session = (id) => `sessions/${encodeURIComponent(id)}`;
  * @type {Api} */
 export const api = {
   health: () => request("health", undefined, 1000),
-  task: () => request("task"),
-  levels: () => request("levels"),
-  maps: () => request("maps"),
+  task: () => lasting("task"),
+  levels: () => lasting("levels"),
+  maps: () => lasting("maps"),
   replay: (id) => request(`episodes/${encodeURIComponent(id)}/replay`),
   history: () => request("me/history?limit=200"),
-  policies: () => request("policies"),
+  policies: () => lasting("policies"),
   episode: (id) => request(`episodes/${encodeURIComponent(id)}`),
   costs: (id) => request(`episodes/${encodeURIComponent(id)}/costs`, undefined, 600_000),
   act: (id, move) => request(`${session(id)}/act`, move),

@@ -46,11 +46,11 @@ const DIRECTIONS = { ArrowUp: "M4 13l6-6 6 6", ArrowLeft: "M13 4l-6 6 6 6", Arro
 
 /** Leave out of a page what it says of other tasks, name the keys, and put the task's actions on the pad.
  * @param {Task} task */
-export function showTask({ assets, order, keys, title, chart, play, round }) {
+export function showTask({ assets, order, keys, title, chart, parts, round }) {
   for (const part of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-world]"))) part.hidden = part.dataset.world !== assets;
   if (assets === "mars") return; // the pages are written for it
   renameTerrain(round);
-  if (!play) document.body.dataset.view = "matrix";
+  if (!parts) document.body.dataset.view = "matrix";
   for (const name of document.querySelectorAll("#chart-title, [data-part=chart-title]")) name.textContent = chart.title;
   document.title = document.title.replace("MarsExplorer", title);
   for (const line of document.querySelectorAll(".keys")) {

@@ -18,7 +18,7 @@ let today = null;
 Object.defineProperty(window, "playground", { value: Object.freeze({ get state() { return state; } }) });
 
 const task = await loadTask(null);
-const modules = await task.play?.();
+const modules = await task.parts?.views();
 const root = by("board");
 const card = startEndCard();
 const part = partsOf(root);

@@ -58,7 +58,7 @@ async function load() {
     put(by("sentence"), summary(task, history));
     if (!shown) {
       by("bests").replaceChildren(...history.bests.map(bestPanel));
-      if (history.total && task.play) loadName();
+      if (history.total && task.parts) loadName();
     }
     by("rows").append(...history.episodes.map(episodeRow));
     shown += history.episodes.length;
@@ -67,7 +67,7 @@ async function load() {
     more.disabled = false;
     by("nothing").hidden = history.total > 0;
     by("history").hidden = by("keep").hidden = history.total === 0;
-    by("gap").hidden = history.total === 0 || !task.play;
+    by("gap").hidden = history.total === 0 || !task.parts;
     document.body.dataset.state = history.total ? "some" : "none";
   } catch (error) {
     put(by("sentence"), `${/** @type {Error} */ (error).message} Trying again.`);

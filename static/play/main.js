@@ -1,6 +1,5 @@
 // Wires everything: messages -> apply -> one scheduled repaint. The only module that knows all the others.
 import { api, ApiError } from "../common/api.js";
-import { paintLegend, paintProgress } from "../common/chart.js";
 import { startEndCard } from "../common/end_card.js";
 import { apply, ghostOf, initialState, isDriven, isPractice } from "../common/game_state.js";
 import { codesOf } from "../common/keyboard.js";
@@ -9,7 +8,6 @@ import { startBoards } from "../common/socket.js";
 import { browserStore, forgets, tabStore } from "../common/storage.js";
 import { loadTask, paintAllowed, promptText, showTask } from "../common/task.js";
 import { many, notCounted } from "../common/words.js";
-import { personalText } from "../me/words.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
 import { createPanel, endOf, hasStage, hasTwoBoards, offerPolicies, paintBar, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
@@ -20,6 +18,8 @@ const ROLES = /** @type {const} */ (["player", "rival"]);
 let state = initialState();
 /** Whether the task is known, and all is wired. */
 let isReady = false;
+/** Whether a move has been made on this page. */
+let isPlayed = false;
 Object.defineProperty(window, "playground", { value: Object.freeze({ get state() { return state; }, get latencies() { return [...latencies]; } }) });
 
 const chart = by("chart");
@@ -30,6 +30,8 @@ let waiting = [];
 /** @type {number[]} key press to repaint of the matrix, ms, the newest thousand */
 const latencies = [];
 
+/** How long to wait where what comes after the first frame could not be loaded. */
+const RETRY_MS = 3000;
 const VISITED = "humanplay.visited";
 /** How many episodes were played to the end here: after three the legend is known (visit.js). */
 const PLAYED = "humanplay.played";
@@ -75,28 +77,26 @@ const [found, served, levels, policies, maps] = await patiently(() => Promise.al
   find(), api.task(), api.levels(), api.policies(), api.maps()]), onFailure);
 if (found === undefined) await new Promise(() => {}); // the page is being left for somebody else's board
 const task = found?.about?.task ?? await loadTask(served);
-const modules = await task.play?.();
+const viewsModule = await task.parts?.views();
 showTask(task);
 
 /** @type {Play.Parts} */
 const parts = {
-  views: modules?.createViews({ panels: ROLES.map((role) => panels[role]), onChange: () => repaint(true) }) ?? null,
-  costs: modules?.createCosts({ part: card.part, canvas: panels.player.canvas, chart: by("chart"), state: () => state, load: api.costs,
-    tryFrom: (...how) => sessions.tryFrom(...how), storage: tabStore, onChange: () => repaint(true) }) ?? null,
+  views: viewsModule?.createViews({ panels: ROLES.map((role) => panels[role]), onChange: () => repaint(true) }) ?? null,
+  costs: null, terrains: null, charts: null,
 };
-const terrainDialog = modules?.createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
-  onStart: (wish) => setTimeout(() => leaving.start(modeOn(state.mode, wish), wish)), // once the dialog is closed
-  onWrong: (text) => dispatch({ kind: "notice", text }),
-});
-/** What is chosen where no dialog of terrains is: which policies play. @type {Play.Wish | null} */
-const chosen = policies.length ? { map: null, seed: null, player: policies[0].name, rival: policies[0].name } : null;
-if (!modules) /** @type {HTMLElement} */ (document.querySelector(".modes")).hidden = !chosen;
-const wish = () => (terrainDialog ? terrainDialog.wish() : chosen);
+/** The board that began last.
+ * @type {About | null} */
+let begun = null;
+const firstWish = task.firstWish(policies);
+if (!task.parts) /** @type {HTMLElement} */ (document.querySelector(".modes")).hidden = !firstWish;
+const wish = () => parts.terrains?.wish() ?? firstWish;
 const sessions = createSessions({
   api, dispatch, wish, storage: tabStore, setHash: (hash) => history.replaceState(null, "", hash),
   onBegun(about) {
     if (about.task.name !== task.name) location.reload();
-    terrainDialog?.show(about);
+    begun = about;
+    parts.terrains?.show(about);
   },
 });
 const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { state: () => state, start: sessions.start });
@@ -133,6 +133,7 @@ function dispatch(event) {
   followVisit(before, state);
   connections.sync(state);
   const frame = state.player?.frame;
+  if (frame?.step && !isPlayed) loadPlayed();
   if (frame && frame !== before.player?.frame) {
     if (frame.episode !== before.player?.frame.episode) showTab("player");
     const said = task.announcement(before.player?.frame ?? null, frame);
@@ -163,7 +164,10 @@ function paintBoards(before, dpr) {
       marks: isMine ? parts.costs?.marks() : null });
   }
   const now_ms = performance.now();
-  if (state.player && !performance.getEntriesByName(FIRST_FRAME).length) performance.mark(FIRST_FRAME);
+  if (state.player && !performance.getEntriesByName(FIRST_FRAME).length) {
+    performance.mark(FIRST_FRAME);
+    setTimeout(loadRest); // once the frame is on the screen
+  }
   latencies.push(...waiting.map((move) => now_ms - move.pressed_ms));
   latencies.splice(0, latencies.length - 1000);
   waiting = [];
@@ -183,6 +187,7 @@ function paintPanels(before) {
 /** Paint the curves: where time runs, four times a second. */
 const dueCurves = task.clock ? createSlow(paintCurves) : paintCurves;
 function paintCurves() {
+  if (!parts.charts) return;
   const { inks, font, you, policy, ground } = chartColours(document.documentElement);
   const colours = { player: you, rival: policy };
   const shown = hasTwoBoards(state, isFirstVisit()) ? ROLES : /** @type {const} */ (["player"]);
@@ -190,9 +195,9 @@ function paintCurves() {
     const board = state[role];
     return board ? [{ board, colour: colours[role], isDashed: role === "rival" }] : [];
   });
-  paintLegend(by("legend"), curves.map(({ board, colour, isDashed }) =>
+  parts.charts.paintLegend(by("legend"), curves.map(({ board, colour, isDashed }) =>
     ({ name: task.nameOf(board.name), colour, dash: isDashed ? "9 4" : "" })));
-  paintProgress(chart, task, curves, { font, inks, over: parts.costs?.overChart({ you, ground, ink: inks.goal }) });
+  parts.charts.paintProgress(chart, task, curves, { font, inks, over: parts.costs?.overChart({ you, ground, ink: inks.goal }) });
   const label = curves.map(({ board: { name, progress } }) =>
     `${task.nameOf(name)}: ${task.chart.say(progress.at(-1) ?? 0)} after ${many(Math.max(0, progress.length - 1), "move")}`);
   chart.setAttribute("aria-label", label.join("; ") || `${task.chart.title} over moves`);
@@ -260,9 +265,51 @@ async function countedEnded() {
 /** Say on the end card how the player's episode stands among their own.
  * @param {string} episode */
 async function sayOwn(episode) {
-  const history = state.mode === "watch" ? null : await api.history().catch(() => null);
-  own = { episode, text: history ? personalText(history, episode) : "" };
+  if (state.mode === "watch") return;
+  const [words, history] = await Promise.all([import("../me/words.js"), api.history()]).catch(() => []);
+  own = { episode, text: words && history ? words.personalText(history, episode) : "" };
   repaint();
+}
+
+/** Load what the first frame does without, once more where the connection was lost.
+ * @template T @param {() => Promise<T>} load @returns {Promise<T>} */
+async function loadLater(load) {
+  try {
+    return await load();
+  } catch {
+    await new Promise((done) => { setTimeout(done, RETRY_MS); });
+    return loadLater(load);
+  }
+}
+
+async function loadCharts() {
+  parts.charts = await loadLater(() => import("../common/chart.js"));
+  repaint(true);
+}
+
+async function loadRest() {
+  if (!isFirstVisit()) loadCharts(); // before its first move a first visit shows none
+  if (task.parts) {
+    const { createTerrainDialog } = await loadLater(task.parts.terrains);
+    parts.terrains = createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
+      onStart: (wish) => setTimeout(() => leaving.start(modeOn(state.mode, wish), wish)), // once the dialog is closed
+      onWrong: (text) => dispatch({ kind: "notice", text }),
+    });
+    parts.terrains.offer(levels, policies, maps);
+    if (begun) parts.terrains.show(begun);
+  }
+  by("open-terrain", HTMLButtonElement).disabled = false;
+}
+
+/** Load what stands on a board that has been moved on. */
+async function loadPlayed() {
+  isPlayed = true;
+  if (!parts.charts) loadCharts();
+  if (!task.parts) return;
+  const { createCosts } = await loadLater(task.parts.costs);
+  parts.costs = createCosts({ part: card.part, canvas: panels.player.canvas, chart, state: () => state, load: api.costs,
+    tryFrom: (...how) => sessions.tryFrom(...how), storage: tabStore, onChange: () => repaint(true) });
+  repaint(true);
 }
 
 function goNext() {
@@ -310,8 +357,8 @@ for (const role of ROLES) {
   offerPolicies(panels[role], task, policies.map(({ name }) => name));
   panels[role].part.pick.addEventListener("change", () => {
     const { value } = /** @type {HTMLSelectElement} */ (panels[role].part.pick);
-    terrainDialog?.choose(role, value);
-    if (chosen) chosen[role] = value;
+    parts.terrains?.choose(role, value);
+    if (firstWish) firstWish[role] = value;
     if (state.mode === "ranked") sessions.replay(state, true);
     else sessions.start(state.mode);
   });
@@ -326,7 +373,6 @@ part["coach-close"].addEventListener("click", () => {
   isCoaching = false;
   part.coach.hidden = true;
 });
-terrainDialog?.offer(levels, policies, maps);
 isReady = true;
 if (forgets()) dispatch({ kind: "notice", text: forgets(), tone: "note" });
 restore(found);

@@ -19,5 +19,7 @@ declare namespace Play {
   type Parts = {
     views: ReturnType<typeof import("../task/mars/views.js").createViews> | null,
     costs: ReturnType<typeof import("../task/mars/costs.js").createCosts> | null,
+    terrains: ReturnType<typeof import("../task/mars/terrain_dialog.js").createTerrainDialog> | null,
+    charts: typeof import("../common/chart.js") | null,
   };
 }

@@ -74,7 +74,13 @@ interface TaskOf<F, M, C, H> extends Answers.Task {
   adviceText?(advice: Answers.Advice, course: C, step: number): string;
   /** What the moves of a finished episode cost: above the list of mistakes, the list, and below it. */
   costsInWords?(costs: Answers.Costs): {summary: string, mistakes: string[], rest: string[]};
-  /** Parts of the playground that this task alone has: a 3-D view, mistakes, a choice of
-   * terrains. */
-  play?(): Promise<typeof import("./mars/play.js")>;
+  /** What is played until somebody chooses; null where the task leaves nothing to be chosen. */
+  firstWish(policies: {name: string}[]): Play.Wish | null;
+  /** Parts of the playground that this task alone has: a 3-D view before the first frame, the
+   * rest after it. */
+  parts?: {
+    views(): Promise<typeof import("./mars/views.js")>,
+    terrains(): Promise<typeof import("./mars/terrain_dialog.js")>,
+    costs(): Promise<typeof import("./mars/costs.js")>,
+  };
 }

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.timeout(1500)
 DEPLOY = Path(__file__).parents[2] / "docs/deploy.md"
 COUNT = "[data-testid=stage-{}] td:nth-child(3)"
 RED = """async (health) => {
-  const { paintHealth } = await import("./static/admin/tables.js");
+  const { paintHealth } = await import("./static/000000000000/admin/tables.js");
   const list = document.createElement("dl");
   paintHealth(list, health, Date.now());
   return [...list.querySelectorAll("dd[data-tone=warn]")].map((fact) => fact.previousElementSibling.textContent);

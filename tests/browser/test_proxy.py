@@ -1,35 +1,13 @@
 """The playground behind nginx: TLS and a path prefix, every socket included."""
 
 from tests.support.browser import AS_A_PERSON, fetched, free_port
+from tests.support.nginx import PREFIXED
 from tests.support.servers import eventually
-
-CONFIG = """
-daemon off; worker_processes 1; pid {folder}/nginx.pid; error_log {folder}/error.log;
-events {{ worker_connections 256; }}
-http {{
-  access_log off;
-  client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy; fastcgi_temp_path {folder}/f;
-  uwsgi_temp_path {folder}/u; scgi_temp_path {folder}/s;
-  map $http_upgrade $connection_upgrade {{ default upgrade; '' close; }}
-  server {{
-    listen 127.0.0.1:{port} ssl;
-    ssl_certificate {folder}/certificate.pem; ssl_certificate_key {folder}/key.pem;
-    location /mars/ {{
-      proxy_pass http://127.0.0.1:{upstream}/;
-      proxy_http_version 1.1;
-      proxy_set_header Upgrade $http_upgrade;
-      proxy_set_header Connection $connection_upgrade;
-      proxy_set_header Host $http_host;
-      proxy_set_header X-Forwarded-Proto $scheme;
-    }}
-  }}
-}}
-"""
 
 
 def test_playing_behind_tls_and_a_path_prefix(serve, player, nginx):
     server, port = serve(trusted_proxies=["127.0.0.1"]), free_port()
-    nginx(CONFIG.format(folder="{folder}", port=port, upstream=server.port))
+    nginx(PREFIXED.format(folder="{folder}", port=port, upstream=server.port))
     page = f"https://localhost:{port}/mars"
     me = player(page, AS_A_PERSON, 1010, 540, ignore_https_errors=True)
     sockets = []

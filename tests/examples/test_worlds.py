@@ -27,7 +27,7 @@ def test_a_world_is_served_and_drawn_from_its_own_folder(serve, maze, tmp_path):
     client = server.page()
     about = client.post("/api/sessions", json={"seed": 3}).json()
     assert (about["task"]["title"], about["task"]["assets"]) == ("Maze", "maze")
-    script = client.get("/static/task/maze/index.js")
+    script = client.get("/static/000000000000/task/maze/index.js")
     assert script.text == (MAZE / "static/index.js").read_text()
     assert "script-src 'self'" in script.headers["content-security-policy"]
     for path in (
@@ -36,8 +36,8 @@ def test_a_world_is_served_and_drawn_from_its_own_folder(serve, maze, tmp_path):
         "..%2Fenvironment.py",
         "environment.py",
     ):
-        assert client.get(f"/static/task/maze/{path}").status_code == 404, path
-    assert client.get("/static/task/picture/index.js").status_code == 200
+        assert client.get(f"/static/000000000000/task/maze/{path}").status_code == 404, path
+    assert client.get("/static/000000000000/task/picture/index.js").status_code == 200
     assert client.get("/api/daily").status_code == 404
     policy = NoisyPolicy(environment_of(maze), "far-wall", 0.0, None)
     policy.reset()

@@ -28,7 +28,7 @@ from humanplay.study.protocol import StudyError
 from humanplay.web.access import services_of
 from humanplay.web.answers.base import file_of
 from humanplay.web.protection import NO_CACHE
-from humanplay.web.templates import environment, root_of
+from humanplay.web.templates import addresses, environment
 
 router = APIRouter(tags=["agents"])
 Name = Annotated[str, Path(max_length=100, description="of the evaluation")]
@@ -96,7 +96,7 @@ async def evaluations_page(request: Request, name: str | None = None) -> Respons
     listed = await list_evaluations(request) if name is None else []
     rows = _rows(evaluation and evaluation["comparison"])
     text = environment.get_template("agents/index.html").render(
-        root=root_of(request), evaluation=evaluation, listed=listed, rows=rows
+        **addresses(request), evaluation=evaluation, listed=listed, rows=rows
     )
     return HTMLResponse(text, headers=NO_CACHE)
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from markupsafe import Markup, escape
+from starlette.requests import Request
 
 from humanplay.web.answers.openapi import answered_models
-from humanplay.web.templates import environment
+from humanplay.web.templates import addresses, environment
 
 DESCRIPTION = """Drive the MarsExplorer rover, watch policies do it, and read what was played. `POST /api/sessions` begins a
 board; its `frame` holds what the rover has discovered; `POST .../act` answers a frame with a move and brings the next.
@@ -37,12 +38,13 @@ SOCKET = """ws(s)://.../ws/sessions/{session}       a board begun by a page need
 ws(s)://.../ws/watch/{watch}            for spectators of a board: frames and histories alone, one episode after the other"""
 
 
-def render_docs(schema: dict[str, Any]) -> str:
-    """Return the HTML document of an OpenAPI schema."""
+def render_docs(request: Request) -> str:
+    """Return the HTML document of the app's OpenAPI schema."""
+    schema = request.app.openapi()
     models = schema["components"]["schemas"]
     shown = {name: models[name] for name in answered_models(schema)}
     page: str = _TEMPLATE.render(
-        root="", info=schema["info"], example=EXAMPLE, socket=SOCKET, groups=_groups(schema["paths"], models),
+        **addresses(request), info=schema["info"], example=EXAMPLE, socket=SOCKET, groups=_groups(schema["paths"], models),
         models=[(name, each.get("description", ""), _fields(each)) for name, each in shown.items()],
     )  # fmt: skip
     return page

@@ -22,7 +22,7 @@ from humanplay.task import NotReadyError, TaskFullError
 from humanplay.web.protection.headers import headers_of
 from humanplay.web.replays.episodes import UnknownReplayError
 from humanplay.web.replays.files import VideoMissingError
-from humanplay.web.templates import environment, path_of, root_of
+from humanplay.web.templates import addresses, environment, path_of
 
 STATUSES: dict[type[Exception], int] = {
     UnknownSessionError: 404, UnwatchableError: 404, UnknownReplayError: 404, VideoMissingError: 404,
@@ -95,7 +95,7 @@ def answer(
         return JSONResponse({"detail": detail}, status, headers)
     title, text = TITLES.get(status, "That did not work"), str(detail)
     sentence = text[:1].upper() + text[1:] + ("" if text.endswith((".", "?", "!")) else ".")
-    shown = _PAGE.render(root=root_of(request), status=status, title=title, detail=sentence)
+    shown = _PAGE.render(**addresses(request), status=status, title=title, detail=sentence)
     return HTMLResponse(shown, status, headers)
 
 

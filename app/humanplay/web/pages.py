@@ -1,30 +1,24 @@
-"""The pages and their files: scripts and styles are served as they stand in `static/`, pages with what they have in common."""
+"""The pages: templates of `static/`, rendered with what they have in common."""
 
 from __future__ import annotations
 
-import asyncio
 import gzip
+from collections.abc import Mapping
 from functools import lru_cache
-from os import stat_result
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from fastapi import APIRouter, Request
-from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse, Response
-from fastapi.staticfiles import StaticFiles
-from starlette.datastructures import Headers
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from starlette.exceptions import HTTPException
-from starlette.staticfiles import NotModifiedResponse
-from starlette.types import Scope
 
-from humanplay import STATIC
 from humanplay.db import names
 from humanplay.study.folder import Folder
 from humanplay.task import Environment
-from humanplay.web import api_docs
+from humanplay.web import api, api_docs
 from humanplay.web.access import PLAYER, player_of, services_of
+from humanplay.web.files import reads_gzip
 from humanplay.web.protection import NO_CACHE, page_policy
-from humanplay.web.templates import environment, root_of
+from humanplay.web.templates import addresses, environment, root_of
 
 PAGES = {
     "/study": "studies", "/leaderboard": "leaderboard", "/about": "about",
@@ -37,101 +31,20 @@ admin_router = APIRouter(include_in_schema=False)
 """The operator's page, for a server that has one."""
 
 
-WORTH_ZIPPING = 600
-"""Bytes from which on a text is sent gzipped; nothing that is gzipped holds a secret beside what somebody else chose."""
-TEXTS = ("text/", "application/javascript", "image/svg", "application/json")
-
-
-class PageFiles(StaticFiles):
-    """The files of `static/`, which are the same for everybody, kept in memory; one that has changed is read again.
-
-    A page asks for some sixty of them, and reading each anew takes most of the time.
-    """
-
-    def __init__(self, **named: Any) -> None:
-        super().__init__(**named)
-        self._kept: dict[str, KeptFile] = {}
-
-    async def get_response(self, path: str, scope: Scope) -> Response:
-        """Return a file, 304 where the browser has this version, or a part of one."""
-        # out of the folder and in again, a file would go by any number of names and be kept under each
-        if path.startswith(".."):
-            raise HTTPException(404)
-        headers = Headers(scope=scope)
-        kept = self._kept.get(path)
-        if kept is not None and kept.has_changed():
-            del self._kept[path]
-            kept = None
-        if kept is None or "range" in headers or scope["method"] not in ("GET", "HEAD"):
-            response = await super().get_response(path, scope)
-            if isinstance(response, FileResponse) and kept is None:
-                kept = self._kept[path] = await asyncio.to_thread(KeptFile, response)
-                if response.status_code == 200 and "range" not in headers:
-                    return kept.response(headers)
-            response.headers.update(NO_CACHE)
-            return response
-        is_known = self.is_not_modified(kept.headers, headers)
-        return NotModifiedResponse(kept.headers) if is_known else kept.response(headers)
-
-
-class KeptFile:
-    """A file in memory as it was when it was read.
-
-    headers  those that StaticFiles gives it: type, length, time of its last change, ETag
-    """
-
-    def __init__(self, response: FileResponse) -> None:
-        assert response.stat_result is not None
-        self._path, self._seen = Path(response.path), _version(response.stat_result)
-        self._body = self._path.read_bytes()
-        self.headers = Headers(raw=[*response.raw_headers, *Headers(NO_CACHE).raw])
-        self._zipped: bytes | None = None
-        if len(self._body) >= WORTH_ZIPPING and (response.media_type or "").startswith(TEXTS):
-            self._zipped = gzip.compress(self._body, 9, mtime=0)
-            self.headers = Headers(raw=[*self.headers.raw, (b"vary", b"Accept-Encoding")])
-
-    def has_changed(self) -> bool:
-        """Return whether the file is another one by now, or gone."""
-        try:
-            return _version(self._path.stat()) != self._seen
-        except OSError:
-            return True
-
-    def response(self, asked: Headers) -> Response:
-        """Return the whole file, gzipped where the browser reads that; `asked` are the headers of the request."""
-        response = Response()
-        response.body, response.raw_headers = self._body, list(self.headers.raw)
-        if self._zipped is not None and reads_gzip(asked):
-            response.body = self._zipped
-            response.headers.update(zipped_headers(self._zipped))
-        return response
-
-
-def reads_gzip(asked: Headers) -> bool:
-    """Return whether whoever asks reads what is gzipped."""
-    return "gzip" in asked.get("accept-encoding", "")
-
-
-def zipped_headers(content: bytes) -> dict[str, str]:
-    """Return the headers of an answer that is gzipped."""
-    return {"Content-Encoding": "gzip", "Content-Length": str(len(content))}
-
-
-def _version(found: stat_result) -> tuple[int, int, int]:
-    return found.st_mtime_ns, found.st_size, found.st_ino
-
-
-static_files = PageFiles(directory=STATIC)
-
-
 def page(request: Request, name: str, headers: dict[str, str] = NO_CACHE) -> Response:
     """Return the page of a folder of `static/`, with the head and the bar that pages share."""
-    text = environment.get_template(f"{name}/index.html").render(root=root_of(request))
-    if not reads_gzip(request.headers):
-        return HTMLResponse(text, headers={**headers, "Vary": "Accept-Encoding"})
-    content = _zipped(text)
-    more = {"Vary": "Accept-Encoding", **zipped_headers(content)}
-    return HTMLResponse(content, headers={**headers, **more})
+    return _html(request, f"{name}/index.html", headers)
+
+
+def _html(
+    request: Request, template: str, headers: Mapping[str, str] = NO_CACHE, **context: object
+) -> Response:
+    """Return a page, gzipped where the browser reads that."""
+    text = environment.get_template(template).render(**addresses(request), **context)
+    headers = {**headers, "Vary": "Accept-Encoding"}
+    if not reads_gzip(request):
+        return HTMLResponse(text, headers=headers)
+    return HTMLResponse(_zipped(text), headers={**headers, "Content-Encoding": "gzip"})
 
 
 @lru_cache(maxsize=32)
@@ -151,7 +64,7 @@ async def play_page(request: Request, invitation: str = "") -> Response:
     """Serve the playground; first ask for a name, or know whoever comes by their invitation, where the server asks for that."""
     services = services_of(request)
     if not services.asks_name:
-        return page(request, "play")
+        return await _playground(request)
     if services.player_tokens.read(invitation) is not None:
         response = RedirectResponse("./", 303, NO_CACHE)
         PLAYER.set(response, request, invitation)
@@ -161,11 +74,19 @@ async def play_page(request: Request, invitation: str = "") -> Response:
         lambda: names.own(services.store, player)["name"] is not None
     )
     if is_named:
-        return page(request, "play")
-    text = environment.get_template("name/index.html").render(
-        root=root_of(request), about=services.lobby.task.about
-    )
-    return HTMLResponse(text, headers=NO_CACHE)
+        return await _playground(request)
+    return _html(request, "name/index.html", about=services.lobby.task.about)
+
+
+async def _playground(request: Request) -> Response:
+    """Return the playground, with the answers that it would ask for first."""
+    answers = {
+        "task": await api.task(request),
+        "levels": await api.levels(request),
+        "policies": await api.policies(request),
+        "maps": await api.maps(request),
+    }
+    return _html(request, "play/index.html", answers=answers)
 
 
 for _path, _folder in PAGES.items():
@@ -190,10 +111,7 @@ async def offers_page(request: Request) -> Response:
         (root or "./", first[1].environment.about),
         *((f"{root}play/{name}/", played.environment.about) for name, played in others),
     ]
-    text = environment.get_template("offers/index.html").render(
-        root=root_of(request), offers=offers
-    )
-    return HTMLResponse(text, headers=NO_CACHE)
+    return _html(request, "offers/index.html", offers=offers)
 
 
 @router.get("/play/{name}")
@@ -228,4 +146,4 @@ async def studies_page() -> Response:
 @router.get("/docs")
 async def docs_page(request: Request) -> Response:
     """Serve the documentation of the API."""
-    return HTMLResponse(api_docs.render_docs(request.app.openapi()), headers=NO_CACHE)
+    return HTMLResponse(api_docs.render_docs(request), headers=NO_CACHE)

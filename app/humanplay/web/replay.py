@@ -18,6 +18,7 @@ from humanplay.web.protection import SHARED, is_secure
 from humanplay.web.replays.episodes import UnknownReplayError
 from humanplay.web.replays.files import MEDIA_TYPES, Format, offered
 from humanplay.web.replays.page import render
+from humanplay.web.templates import addresses
 
 FILES = file_of(*MEDIA_TYPES.values(), meaning="the replay")
 router = APIRouter()
@@ -103,7 +104,13 @@ async def replay_page(request: Request, episode_id: str) -> Response:
         if watchable is not None and not watchable[1]:
             return RedirectResponse(f"../watch/{episode_id}", 303)
         raise
-    page = render(replay.document(), replay.course, offered(), absolute_address(request))
+    page = render(
+        replay.document(),
+        replay.course,
+        addresses(request),
+        offered(),
+        absolute_address(request),
+    )
     return HTMLResponse(page)
 
 

@@ -27,6 +27,7 @@ from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
 from starlette.types import Receive, Scope, Send
 
+from humanplay import STATIC
 from humanplay.agents import wiring as agents
 from humanplay.board.lobby import Lobby
 from humanplay.board.messages import MAX_MESSAGE_BYTES
@@ -56,6 +57,7 @@ from humanplay.web import (
     api,
     api_docs,
     daily,
+    files,
     pages,
     people,
     replay,
@@ -178,13 +180,12 @@ def _app_of(
     played = pages.PlayedTask(environment, Folder.beside(settings.database))
     app.state.offers = {offer_name(environment): played}
     add_error_handlers(app)
-    # first what is asked for most: routes are tried in turn
-    if (drawn_by := static_of(settings.task)) is not None:
-        files = pages.PageFiles(directory=drawn_by)
-        app.mount(f"/static/task/{environment.assets}", files, name="world")
-    app.mount("/static", pages.static_files, name="static")
+    drawn_by = static_of(settings.task)
+    folders = {} if drawn_by is None else {f"task/{environment.assets}/": drawn_by}
+    app.state.files = files.PageFiles({"": STATIC, **folders})
     boards = api.board_router(environment.messages)
-    modules = [pages, sockets, api, watch, results, people, replay, daily, study]
+    # first what is asked for most: routes are tried in turn
+    modules = [files, pages, sockets, api, watch, results, people, replay, daily, study]
     modules += [viewer]
     further = (results.mine, results.leaderboard, api.probes)
     for router in (boards, *(module.router for module in modules), *further):

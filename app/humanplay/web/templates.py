@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from starlette.requests import HTTPConnection
+from starlette.requests import HTTPConnection, Request
 
 from humanplay import STATIC
 
@@ -13,6 +13,12 @@ environment = Environment(
     loader=FileSystemLoader([Path(__file__).parent, STATIC]), autoescape=True,
     undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
 )  # fmt: skip
+
+
+def addresses(request: Request) -> dict[str, str]:
+    """Return the addresses that every page begins with: of the app's root, and of the files."""
+    root = root_of(request)
+    return {"root": root, "files": root + request.app.state.files.address()}
 
 
 def root_of(connection: HTTPConnection) -> str:

@@ -32,6 +32,6 @@ export function boardLine(name, { actions, coverage }) {
 }
 
 if (globalThis.document) {
-  const { boards } = await (await fetch("static/about/boards.json")).json();
+  const { boards } = await (await fetch(new URL("../../about/boards.json", import.meta.url))).json();
   new ResizeObserver(() => paintAll(boards)).observe(document.body);
 }

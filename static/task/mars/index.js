@@ -4,7 +4,7 @@ import { boardAt, courseOf, paintEvents, progressAt } from "./course.js";
 import { costsInWords } from "./cost_words.js";
 import { adviceText } from "./expert.js";
 import { ahead } from "./ground.js";
-import { policyName } from "./names.js";
+import { firstWish, policyName } from "./names.js";
 import { words } from "./words.js";
 
 /** What a server says that has this task alone.
@@ -16,10 +16,10 @@ const ABOUT = {
 
 /** @param {Answers.Task} [about] @returns {Mars.Task} */
 export const taskOf = (about = ABOUT) => ({
-  ...about, ...words, nameOf: policyName, order: ["north", "west", "south", "east"], paint, ahead, courseOf, boardAt, progressAt, paintEvents, adviceText, costsInWords,
+  ...about, ...words, nameOf: policyName, firstWish, order: ["north", "west", "south", "east"], paint, ahead, courseOf, boardAt, progressAt, paintEvents, adviceText, costsInWords,
   mark: ({ position }) => position,
   progress: ({ discovered, cells }) => discovered / cells,
   path: ({ positions, discovered }, { cells }) => ({ trail: positions, progress: discovered.map((count) => count / cells) }),
   shape: ({ rows, cols }) => [cols, rows],
-  play: () => import("./play.js"),
+  parts: { views: () => import("./views.js"), terrains: () => import("./terrain_dialog.js"), costs: () => import("./costs.js") },
 });

@@ -19,3 +19,17 @@ export const levelGroups = (levels) => ({
   plain: Object.keys(LEVELS).filter((level) => levels.includes(level)),
   paper: levels.filter((level) => !(level in LEVELS)),
 });
+
+/** @param {string[]} names @returns the policy that a newcomer plays with */
+export function favourite(names) {
+  return names.find((name) => name.includes("ppo")) ?? names.find((name) => name === "frontier-utility") ?? names.at(-1) ?? "";
+}
+
+/** Return what is played until somebody chooses.
+ * @param {{name: string}[]} policies @returns {Play.Wish} */
+export function firstWish(policies) {
+  const names = policies.map(({ name }) => name);
+  const rival = favourite(names);
+  const player = names.find((name) => name !== rival && name.includes("frontier")) ?? rival;
+  return { level: "random", map: null, size: 21, seed: null, rival, player };
+}

@@ -1,6 +1,6 @@
 // The dialog in which a terrain and the policies are chosen.
 import { create, createSvg } from "../../common/page.js";
-import { levelGroups, levelName, policyName } from "./names.js";
+import { firstWish, levelGroups, levelName, policyName } from "./names.js";
 
 export const MAX_SEED = 2 ** 53 - 1;
 /** How the value of a map begins among the levels. */
@@ -20,11 +20,6 @@ export function readWish({ level, side, rows, cols, seed, rival, player }) {
   const digits = seed.trim();
   if (digits && (!/^[0-9]+$/.test(digits) || Number(digits) > MAX_SEED)) return `A seed is a whole number from 0 to ${MAX_SEED}, got ${digits}.`;
   return { level, map: null, size, seed: digits ? Number(digits) : null, rival, player };
-}
-
-/** @param {string[]} names @returns the policy that a newcomer plays with */
-export function favourite(names) {
-  return names.find((name) => name.includes("ppo")) ?? names.find((name) => name === "frontier-utility") ?? names.at(-1) ?? "";
 }
 
 /** @param {HTMLSelectElement} select @param {{name: string, summary?: string}[]} choices @param {string} chosen */
@@ -100,15 +95,14 @@ export function createTerrainDialog(dialog, handlers) {
     offer(found, policies, given) {
       levels = found;
       maps = given;
-      const names = policies.map(({ name }) => name);
-      const best = favourite(names);
+      const first = firstWish(policies);
       const { plain, paper } = levelGroups(found.map(({ name }) => name));
       const pictureOf = (/** @type {string} */ name) => picture(/** @type {Answers.Level} */ (found.find((level) => level.name === name)));
       input("level").disabled = false; // another world's form has no level
       plainLevels.replaceChildren(...plain.map(pictureOf));
       otherLevels.replaceChildren(...paper.map(pictureOf), ...maps.map(mapChoice));
-      fill(select("rival"), policies, best);
-      fill(select("player"), policies, names.find((name) => name !== best && name.includes("frontier")) ?? best);
+      fill(select("rival"), policies, first.rival);
+      fill(select("player"), policies, first.player);
       follow();
     },
     /** Show what is being played. A chosen seed serves one terrain, and the server draws the next.

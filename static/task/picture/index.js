@@ -78,6 +78,7 @@ export function taskOf(about) {
       },
     },
     paint: (place, board, look) => paint(place, board, look, about.clock), inWords: (frame) => inWords(frame, about.clock), progress, ending,
+    firstWish: ([policy]) => (policy ? { map: null, seed: null, player: policy.name, rival: policy.name } : null),
     mark: () => null,
     path: ({ headlines = [] }) => ({ trail: headlines.map(() => null), progress: headlines.map((value) => value ?? 0) }),
     shape: () => [1, 1],

@@ -32,7 +32,7 @@ def test_the_servers_own_names_are_served(serve):
 def test_any_other_host_is_refused_in_words_on_every_path_and_socket(server):
     client = server.client()
     for host in (*FOREIGN, *PUBLIC):
-        for path in ("/", "/api/health", "/static/common/bar.css"):
+        for path in ("/", "/api/health", "/static/000000000000/common/bar.css"):
             answer = client.get(path, headers={"Host": host})
             assert answer.status_code == 400, host
             assert "--public-url" in answer.json()["detail"]

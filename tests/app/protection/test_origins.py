@@ -4,7 +4,7 @@ import re
 
 import pytest
 from fastapi.routing import APIRoute
-from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.routing import Route, WebSocketRoute
 from websockets.exceptions import InvalidStatus
 
 from humanplay.web.protection.gate import SAFE_METHODS
@@ -34,8 +34,7 @@ def changing_calls(app):
             path = re.sub(r"\{[^}]*\}", "any", route.path)
             yield from ((method, path) for method in sorted(route.methods - set(SAFE_METHODS)))
         else:
-            is_files = isinstance(route, Mount) and route.path == "/static"
-            assert is_files or isinstance(route, WebSocketRoute), route
+            assert isinstance(route, WebSocketRoute), route
 
 
 def test_every_route_that_changes_something_refuses_another_sites_page(operated):

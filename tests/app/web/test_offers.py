@@ -33,7 +33,7 @@ def test_each_environment_is_played_recorded_and_gone_on_with_by_itself(spawn, t
     ):
         page = person.get(f"{at}/")
         assert page.status_code == 200
-        assert person.get(f"{at}/static/play/main.js").status_code == 200
+        assert person.get(f"{at}/static/000000000000/play/main.js").status_code == 200
         answer = person.post(f"{at}/api/sessions", json={})
         assert answer.status_code == 201, answer.text
         begun[at] = answer.json()

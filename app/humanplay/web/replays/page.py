@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -17,13 +17,15 @@ from markupsafe import Markup
 
 from humanplay import STATIC
 from humanplay.task import Course
+from humanplay.web.files import joined
 from humanplay.web.templates import environment
 
-STYLES = ("common/base.css", "common/bar.css", "vendor/uplot/uPlot.min.css", "replay/replay.css")
-"""The style sheets of the page, in its order."""
+STYLES = "replay/index.css"
 ENTRY = "replay/main.js"
 TASKS = ("task/mars/index.js", "task/picture/index.js")
 """What the page asks for by the assets of its task."""
+AT_HOME = {"root": "", "files": ""}
+"""Of a page that stands in one file."""
 _IMPORT = re.compile(r'^((?:im|ex)port\s[^"]*?\sfrom\s+)"(\.{1,2}/[^"]+)";', re.M)
 _TASK_IMPORT = "import(`../task/"
 
@@ -31,12 +33,14 @@ _TASK_IMPORT = "import(`../task/"
 def render(
     data: dict[str, object],
     course: Course,
+    addresses: Mapping[str, str] = AT_HOME,
     formats: Sequence[str] = (),
     address: str | None = None,
     inlined: dict[str, object] | None = None,
 ) -> str:
     """Return the HTML of a replay; `data` is what the page draws, `course` that of the episode itself.
 
+    addresses  of the app's root and of the page's files
     formats  in which the server gives the replay as a file
     address  of the page, absolute, for whoever shows a preview of the link
     inlined  what a page that stands in one file holds itself, see `_inlined`
@@ -46,7 +50,7 @@ def render(
     if "task" not in about:
         terrain += f", {about['rows']} \u00d7 {about['cols']} cells"
     text: str = environment.get_template("replay/index.html").render(
-        root="../", data=data, headline=course.headline, terrain=terrain,
+        **addresses, data=data, headline=course.headline, terrain=terrain,
         formats=formats, address=address, inlined=inlined,
     )  # fmt: skip
     return text
@@ -70,7 +74,7 @@ def single_file(episode_id: str, course: Course, ghost: Course | None) -> str:
 @lru_cache(maxsize=1)
 def _inlined() -> dict[str, object]:
     """Return styles and the script that chooses their theme; modules by name and the icon, as data URLs."""
-    style = "\n".join((STATIC / name).read_text() for name in STYLES)
+    style = joined(STYLES, lambda name: (STATIC / name).read_bytes()).decode()
     icon = base64.b64encode((STATIC / "common" / "icon.svg").read_bytes()).decode()
     return {
         "style": Markup(style),

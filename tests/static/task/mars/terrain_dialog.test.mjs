@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { favourite, MAX_SEED, readWish } from "../../../../static/task/mars/terrain_dialog.js";
+import { favourite } from "../../../../static/task/mars/names.js";
+import { MAX_SEED, readWish } from "../../../../static/task/mars/terrain_dialog.js";
 
 test("a filled form is a wish, a wrong one a sentence", () => {
   const fields = { level: "1-1-1", side: "42", rows: "9", cols: "11", seed: " ", rival: "ppo", player: "random" };
