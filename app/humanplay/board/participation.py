@@ -34,6 +34,9 @@ class Participation(Protocol):
     def study(self) -> str:
         """Return the name of the study."""
 
+    def is_erased(self) -> bool:
+        """Whether the participant was erased meanwhile."""
+
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether frames of the episode leave out reward, return and score."""
 

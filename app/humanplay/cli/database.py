@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,7 +14,7 @@ import click
 from click import UsageError, argument, echo, option
 
 from humanplay.cli.options import database_option
-from humanplay.cli.settings import failures, pins_file, place
+from humanplay.cli.settings import failures, pins_file, place, settings_of
 from humanplay.command.console import progress
 from humanplay.command.options import KEY, PATH, flag, path_option
 from humanplay.task import counted
@@ -21,6 +22,7 @@ from humanplay.task import counted
 if TYPE_CHECKING:
     from humanplay.db.reader import Who
     from humanplay.db.rows import AskedBy
+    from humanplay.db.study_rows import Participant
     from humanplay.study.verification import Verification
 
 
@@ -316,9 +318,10 @@ def forget(
 
     Their outside ids, cookie and completion code go, and their episodes with every move and key press, those outside the
     study too, unless the study's protocol keeps episodes: then these stay under new ids. The file is written anew and its
-    log emptied. Hashes of the erased trajectories stop a bundle from bringing them back. Copies elsewhere, backups and
-    bundles that were published, are yours to replace: the next `release` is a successor that says so.
-    Stop the server first.
+    log emptied, within a minute, while a server may go on. Hashes of the erased trajectories stop a bundle from bringing them
+    back; a keyed hash of their outside id keeps them out of the study until it is closed, when the key is deleted. Copies
+    elsewhere, backups and bundles that were published, are yours to replace: backups are named, and the next `release` is a
+    successor that says so. For --player stop the server first.
 
     \b
     Examples:
@@ -345,11 +348,13 @@ def forget(
     with failures(f"cannot write {database}"):
         person = erasure.find_participant(database, participant, study)
         if not yes:
-            DatabaseLock(database).close()
             what = f"the participant {participant} ({person.kind}, stage {person.stage}) of the study {person.study}"
             click.confirm(f"Erase {what} from {database} for good?", abort=True, err=True)
-        done = erasure.forget(database, participant, study, asked_by)
-        forget_costs(database)
+        _keep_out(database, person)
+        try:
+            done = erasure.forget(database, person.id, study, asked_by)
+        finally:
+            forget_costs(database)
     kept = ", and the episodes of the study stay without a person, as its protocol says"
     erased = f"one participant of {done.study}, {counted(done.episodes, 'episode')}"
     echo(f"erased from {database}: {erased}{kept if done.keeps else ''}")
@@ -359,3 +364,27 @@ def forget(
             f"released with the participant in it: version {versions} of {done.study}; publish the successor, "
             f"`humanplay release --study {done.study} --out DIR`, and withdraw the other"
         )
+    if backups := _backups_of(database):
+        echo(f"backups that still hold them: {', '.join(map(str, backups))}")
+
+
+def _keep_out(database: Path, person: Participant) -> None:
+    """Let a running study keep out whoever has a participant's outside id, by a keyed hash of it."""
+    from humanplay.db.erasure import identity_of_person
+    from humanplay.study.folder import Folder, StudyError
+    from humanplay.study.kept_out import keep_out
+
+    folder, ident = Folder.beside(database), identity_of_person(database, person)
+    with suppress(StudyError):  # the study's folder is not at hand
+        if ident is not None and folder.study(person.study).is_running:
+            keep_out(folder.path(person.study), [ident])
+
+
+def _backups_of(database: Path) -> list[Path]:
+    """The backups that a server made of a database, where the settings say that they are."""
+    from humanplay.db.backup import Backups
+
+    folder = database.with_name("backups")
+    with suppress(UsageError):  # settings that concern only a server may be wrong
+        folder = settings_of().backup_to or folder
+    return Backups(database, folder, 1.0).existing() if folder.is_dir() else []

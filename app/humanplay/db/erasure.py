@@ -13,18 +13,25 @@ import secrets
 import sqlite3
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from humanplay.db import chain, names, volunteers
 from humanplay.db.backup import check_room
 from humanplay.db.chain import Thing
-from humanplay.db.database import RUNS, StoreError, open_database, reading, rows, transaction
-from humanplay.db.file import DatabaseLock
+from humanplay.db.database import (
+    COUNT_COMMIT,
+    StoreError,
+    open_database,
+    reading,
+    rows,
+    transaction,
+)
+from humanplay.db.file import DatabaseLock, log_path, note_commit
 from humanplay.db.releases import mark_outdated_releases
 from humanplay.db.rows import AskedBy, ErasedPerson
-from humanplay.db.study_rows import Participant, participant_label
+from humanplay.db.study_rows import Participant, SeriesRow, participant_label
 from humanplay.task import counted
 
 FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
@@ -33,6 +40,9 @@ ERASED = "erased"
 
 ARRIVALS = "arrivals"
 """A row of `meta` called `arrivals|STUDY` counts the people whom a release of that study left out; the value is JSON."""
+
+WITHIN_S = 60.0
+"""Seconds within which the bytes of what was erased are gone from file and log, or it is said why they are not."""
 
 TRAJECTORY = "e.trajectory_hash, e.started_ms, e.ended_ms"
 """The arguments of `trajectory_hash`, as SQL columns of an episode `e`."""
@@ -66,6 +76,15 @@ def find_participant(database: Path, name: str, study: str | None = None) -> Par
         return _find(conn, database, name, study)
 
 
+def identity_of_person(database: Path, person: Participant) -> str | None:
+    """The first outside id of the study that a participant came with; None without one."""
+    sql = """SELECT value FROM identities i JOIN series s ON s.name = ?
+        WHERE participant_id = ? AND i.name = json_extract(s.protocol, '$.outside_ids[0]')"""
+    with reading(database) as conn:
+        found = conn.execute(sql, (person.study, person.id)).fetchone()
+    return None if found is None else str(found[0])
+
+
 def forget(
     database: Path, name: str, study: str | None = None, asked_by: AskedBy | None = None
 ) -> Erasure:
@@ -74,7 +93,7 @@ def forget(
     name      a participant's id, the label their page shows or an outside id of theirs
     asked_by  who asked for it; None: the participant if they did so on their page, else that is not said
 
-    The database must not be in use: StoreError while a server, or any other program, has it open.
+    A server may go on; it lets the person's board go.
     """
     with _rewritten(database) as conn:
         return _erase_rows(conn, _find(conn, database, name, study), asked_by)
@@ -82,38 +101,71 @@ def forget(
 
 @contextmanager
 def _rewritten(database: Path) -> Iterator[sqlite3.Connection]:
-    """Let the block delete rows, and write the file anew, so that nothing of them is left.
+    """Let the block delete rows, and write the file anew and empty its log, so that nothing of them is left.
 
-    StoreError while the database is in use, and where its disk has too little room for a copy of it.
+    A server may go on writing. StoreError where the disk has too little room for a copy of the database, and where another
+    program reads an older moment for so long that copies stay in the log: the message says what is left to do.
     """
     if not database.exists():
         raise StoreError(f"no database at {database}: give its path with --database")
-    lock = DatabaseLock(database)
     try:
         conn: sqlite3.Connection = open_database(database).conn
         try:
-            _take_exclusively(conn, database)
             check_room(conn, database.parent, "make room there; nothing was erased")
+            # the deleted rows of this transaction are overwritten even before the file is written anew
+            conn.execute("PRAGMA secure_delete = ON")
             with transaction(conn):
                 conn.execute("PRAGMA defer_foreign_keys = ON")
                 yield conn
-                conn.execute("DELETE FROM meta WHERE name = ?", [RUNS])
-            lock.clear_note()
-            try:
-                conn.execute("VACUUM")
-            except sqlite3.Error as error:
-                said = f"erased the rows, but could not be written anew: {error}"
-                way_out = f"make room, also where temporary files are, and run `sqlite3 {database} VACUUM`"
-                raise StoreError(f"the database {database} {said}; {way_out}") from error
-            conn.execute("PRAGMA locking_mode = NORMAL")
-            conn.execute("PRAGMA journal_mode = WAL")
+                (commits,) = conn.execute(COUNT_COMMIT).fetchone()
+            note_commit(database, commits)
+            _write_anew(conn, database)
         finally:
             conn.close()
     except sqlite3.Error as error:
         why = f"did not take the erasure: {error}; try again"
         raise StoreError(f"the database {database} {why}") from error
-    finally:
-        lock.close()
+
+
+def _write_anew(conn: sqlite3.Connection, database: Path) -> None:
+    """Write every page anew, and empty the log; StoreError with what is left to do where that cannot be done in time."""
+    until, command = time.monotonic() + WITHIN_S, f"sqlite3 {database}"
+    while True:
+        try:
+            conn.execute("VACUUM")
+            break
+        except sqlite3.Error as error:
+            if "locked" in str(error) and time.monotonic() < until:
+                continue
+            said = f"erased the rows, but could not be written anew: {error}"
+            way_out = f"make room, also where temporary files are, and run `{command} VACUUM`"
+            raise StoreError(f"the database {database} {said}; {way_out}") from error
+    while conn.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]:
+        if time.monotonic() >= until:
+            raise StoreError(
+                f"the database {database} erased the rows, but another program still reads an older moment of it, and copies "
+                f"stay in it and in {log_path(database)}: end that program, then run "
+                f"`{command} 'PRAGMA wal_checkpoint(TRUNCATE)'`"
+            )
+        time.sleep(0.2)
+
+
+def unlink(database: Path, study: SeriesRow) -> int:
+    """Delete the outside ids and completion codes of everybody in a study, and return how many people had one.
+
+    The chain says so, without them; the file is written anew.
+    """
+    linked = """SELECT id FROM participants p WHERE study = ? AND (completion_code IS NOT NULL
+        OR EXISTS (SELECT 1 FROM identities WHERE participant_id = p.id)) ORDER BY id"""
+    with _rewritten(database) as conn:
+        people = [row[0] for row in conn.execute(linked, [study.name])]
+        for person in people:
+            with chain.changing(conn, "participant", person):
+                conn.execute("DELETE FROM identities WHERE participant_id = ?", [person])
+                sql = "UPDATE participants SET completion_code = NULL WHERE id = ?"
+                conn.execute(sql, [person])
+        chain.append_marks(conn, [chain.act_of(study, "unlinked", people=len(people))])
+    return len(people)
 
 
 def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None) -> Participant:
@@ -180,9 +232,10 @@ def _erase_rows(conn: sqlite3.Connection, person: Participant, asked_by: AskedBy
 def forget_player(database: Path, name: str) -> int:
     """Erase a player by the name that they chose, and all that they played; return how many episodes that were.
 
-    ParticipantLookupError where nobody has the name; StoreError as for `forget`.
+    ParticipantLookupError where nobody has the name; StoreError while a server has the database, whose boards it would not
+    know to be gone.
     """
-    with _rewritten(database) as conn:
+    with closing(DatabaseLock(database)), _rewritten(database) as conn:
         player = _named(conn, database, name)
         now = int(time.time() * 1000)
         of_player = """SELECT id FROM sessions s WHERE ?1 IN (player_id, owner_id)
@@ -312,21 +365,6 @@ def _rename(conn: sqlite3.Connection, person: Participant) -> dict[str, str]:
             (was, now, new[old]),
         )
     return new
-
-
-def _take_exclusively(conn: sqlite3.Connection, database: Path) -> None:
-    """Fold the log into the file and keep others out of it until the end; StoreError when somebody has it open.
-
-    Without a log, and with deleted rows overwritten, no old page survives the VACUUM that follows.
-    """
-    try:
-        mode = conn.execute("PRAGMA journal_mode = DELETE").fetchone()[0]
-    except sqlite3.OperationalError:
-        mode = "wal"
-    if mode != "delete":
-        raise StoreError(f"{database} is open in another program: stop it, nothing was erased")
-    conn.execute("PRAGMA locking_mode = EXCLUSIVE")
-    conn.execute("PRAGMA secure_delete = ON")
 
 
 def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> None:

@@ -104,6 +104,10 @@ class StudyStore:
         assert found is not None
         return found
 
+    def is_participant(self, participant_id: str) -> bool:
+        """Whether there is a participant of this id; there is none once they are erased."""
+        return self._find("id = ?", participant_id) is not None
+
     def participant_of_player(self, study: str, player_id: str) -> Participant | None:
         """Return the participant with a player's cookie; None before joining."""
         return self._find("study = ? AND player_id = ?", study, player_id)

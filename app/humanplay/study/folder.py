@@ -7,6 +7,7 @@
     NAME/secret_kept.json   since when nobody can take part while the secret is kept; only where it was closed so
     NAME/closed.json     the secret revealed, and when
     NAME/outcomes.json   see `humanplay.study.outcomes`
+    NAME/kept_out.json   see `humanplay.study.kept_out`
     NAME/policies/       see `humanplay.study.policy_files`
     NAME/invitations.json   see `humanplay.study.invitations`
     played/              see `humanplay.study.terrain_spread`
@@ -29,6 +30,7 @@ from typing import Literal
 from humanplay.db.file import studies_beside
 from humanplay.db.study_rows import SeriesRow
 from humanplay.study.files import iso, ms_of, now_ms, read_object, stamp_of, text_of, write_object
+from humanplay.study.kept_out import let_in_again
 from humanplay.study.outcomes import check_complete, check_texts, read_texts
 from humanplay.study.policy_files import FOLDER, PolicyFiles, record_files
 from humanplay.study.protocol import (
@@ -300,6 +302,7 @@ class Folder:
         else:
             told = {"secret": study.secret.hex(), "closed_at": closed_at}
             write_object(self.path(name) / "closed.json", told)
+        let_in_again(self.path(name))
         return self.study(name)
 
     def check_closable(self, name: str, keeps_secret: bool = False) -> Study:

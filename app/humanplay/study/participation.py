@@ -30,6 +30,10 @@ class StudyParticipation:
         self._clock = sources.clock_ms
         self.driver, self.study = participant.kind, participant.study
 
+    def is_erased(self) -> bool:
+        """Whether the participant was erased meanwhile."""
+        return not self._study_store.is_participant(self._participant.id)
+
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether the episode is ranked and the participant has not come to the debrief."""
         found = self._study_store.phase_and_stage(episode_id)

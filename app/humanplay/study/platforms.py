@@ -43,6 +43,11 @@ NO_ASSIGNMENT = "ASSIGNMENT_ID_NOT_AVAILABLE"
 """What Mechanical Turk sends while somebody only looks at a task."""
 
 
+def plain(value: str) -> str:
+    """An ID without spaces and case: what two IDs are compared by."""
+    return re.sub(r"\s+", "", value).casefold()
+
+
 def is_unfilled(value: str) -> bool:
     """Whether an ID is a platform's placeholder, like `{{%PROLIFIC_PID%}}`."""
     name = value.strip()

@@ -103,10 +103,26 @@ class ParticipantProgress:
             except Exception:
                 _log.exception("the end of the study %s could not be noted", name)
 
-    async def watch_closing(self, every_s: float = 2.0) -> None:
-        """Note in the database what was closed by the command, which leaves that to a server, until cancelled."""
+    async def let_erased_go(self) -> None:
+        """Unload the boards of participants whom the command erased: nothing more is recorded of them."""
+        taking_part = [each for each in self.lobby.sessions() if each.participation is not None]
+
+        def find_erased() -> list[str]:
+            return [
+                each.id
+                for each in taking_part
+                if each.participation and each.participation.is_erased()
+            ]
+
+        if erased := await self.lobby.store.read(find_erased) if taking_part else []:
+            self.lobby.forget(erased)
+
+    async def watch_commands(self, every_s: float = 2.0) -> None:
+        """Take note of what commands closed and erased beside this server, until cancelled."""
         while True:
             await asyncio.sleep(every_s)
+            with suppress(StoreError, sqlite3.Error):  # it is tried again
+                await self.let_erased_go()
             with suppress(StoreError, sqlite3.Error):  # it is tried again
                 for name in await self.lobby.store.read(self.study_store.open_names):
                     try:

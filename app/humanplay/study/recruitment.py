@@ -11,7 +11,6 @@ much as the operator's attention: whoever has seen it can type it elsewhere unti
 from __future__ import annotations
 
 import hmac
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,8 +30,9 @@ from humanplay.study.invitations import (
     read_code,
     signature,
 )
+from humanplay.study.kept_out import is_kept_out
 from humanplay.study.participation import StageError
-from humanplay.study.platforms import NO_ASSIGNMENT, PLATFORMS, fits, is_unfilled
+from humanplay.study.platforms import NO_ASSIGNMENT, PLATFORMS, fits, is_unfilled, plain
 from humanplay.study.protocol import StudyError
 
 UNREADABLE = "the invitations of this study cannot be read now; tell whoever invited you"
@@ -68,6 +68,10 @@ REPEATED = (
     "sent you"
 )
 MISSHAPEN = "this link has a {name} that is none of {platform}'s: open the link there again, and do not change it"
+KEPT_OUT = (
+    "this study is for people who have not taken part before, and this {name} has: nothing is recorded; if you come from a "
+    "recruitment platform, return the study there"
+)
 NO_ID = "open this study from the site that sent you: its link says who you are there, and this one does not"
 
 
@@ -102,7 +106,7 @@ class Recruitment:
     """Lets people into the studies of one server."""
 
     def __init__(self, folder: Folder, study_store: StudyStore) -> None:
-        self.invitations = Invitations(folder)
+        self.invitations, self._folder = Invitations(folder), folder
         self._store = study_store
 
     @contextmanager
@@ -223,6 +227,8 @@ class Recruitment:
             if is_panel and found is None:
                 raise StageError(NO_ID)
             return
+        if found is None and is_kept_out(self._folder.path(study.name), value):
+            raise StageError(KEPT_OUT.format(name=name))
         own = None if found is None else self._store.identity(found.id, name)
         if is_panel and study.protocol.panel_links == "signed" and own is None:
             given, signed = read_code(comes.invitation or ""), read_code(panel_token(study, value))
@@ -270,11 +276,6 @@ def panel_link(study: Study, value: str, base: str) -> str:
         )
     query = urlencode({protocol.outside_ids[0]: value, PARAMETER: panel_token(study, value)})
     return f"{base.rstrip('/')}/study/{study.name}?{query}"
-
-
-def plain(value: str) -> str:
-    """Return an outside id without spaces and case: what two ids are compared by."""
-    return re.sub(r"\s+", "", value).casefold()
 
 
 def _check_shapes(study: Study, comes: Arrival) -> None:

@@ -156,7 +156,7 @@ def _app_of(
                 await agents.start(app, services)
                 lobby, page_boards = services.lobby, services.page_boards
                 running = [lobby.sweep(), page_boards.sweep(), metrics.measure_lag()]
-                running += [services.progress.watch_closing()]
+                running += [services.progress.watch_commands()]
                 if (backups := _backups(settings, store)) is not None:
                     running.append(backups.run())
                 running.append(asyncio.to_thread(services.health.check))

@@ -321,6 +321,7 @@ OPENING = {
     "agents forget": "rooms 7K3M --yes --database FILE",
     "agents close": "rooms --yes --database FILE",
     "replay": "a1b2 --database FILE --out new.html",
+    "study unlink": "closed --yes --database FILE",
     "study close": "open --yes --database FILE",
     "study freeze": "draft --underpowered --database FILE",
     "study invite": "open --list --database FILE",

@@ -10,6 +10,7 @@ import pytest
 from humanplay.db import backup
 from humanplay.db.database import open_read_only
 from humanplay.db.erasure import ParticipantLookupError, find_participant, forget
+from humanplay.db.file import log_path
 from humanplay.db.merging import merge
 from humanplay.db.series import StudyStore
 from humanplay.db.store import Store, StoreError
@@ -131,19 +132,37 @@ def test_it_leaves_the_log_empty_of_a_database_that_was_not_closed_well(copy):
     assert b"CODE-in-the-log" not in bytes_in_folder(killed)
 
 
-def test_a_server_or_another_program_keeps_it_from_beginning(copy):
+def test_while_a_server_runs_nothing_of_them_remains_in_file_or_log(copy):
     path, study, people = copy
     recorder = StudyRecorder(path, study)
-    with pytest.raises(StoreError, match="in use by another server"):
-        forget(path, people[0])
-    recorder.close()
-    other = sqlite3.connect(path)
-    other.execute("SELECT count(*) FROM episodes").fetchone()
-    with pytest.raises(StoreError, match="open in another program"):
-        forget(path, people[0])
-    other.close()
-    assert ask(path, "SELECT count(*) FROM participants") == [(3,)]
+    traces = traces_of(path, people[0])
+    recorder.join(8, stage="ranked")
+    assert log_path(path).stat().st_size > 0
     forget(path, people[0])
+    after = bytes_in_folder(path)
+    assert [trace for trace in traces if trace.encode() in after] == []
+    recorder.join(9, stage="ranked")
+    recorder.close()
+    assert verify_database(path).findings == ()
+    assert ask(path, "SELECT count(*) FROM participants") == [(4,)]
+
+
+def test_a_program_that_still_reads_an_older_moment_is_told_of(copy, monkeypatch):
+    path, _, people = copy
+    monkeypatch.setattr("humanplay.db.erasure.WITHIN_S", 0.5)
+    ident = IDENTITIES["PROLIFIC_PID"].format(0).encode()
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN")
+    other.execute("SELECT count(*) FROM episodes").fetchone()
+    with pytest.raises(
+        StoreError, match=r"erased the rows, but another program still reads .*-wal"
+    ):
+        forget(path, people[0])
+    assert ident in bytes_in_folder(path)
+    other.close()
+    ask(path, "PRAGMA wal_checkpoint(TRUNCATE)")
+    assert ident not in bytes_in_folder(path)
+    assert ask(path, "SELECT count(*) FROM participants") == [(2,)]
 
 
 def test_a_disk_without_room_for_a_copy_erases_nobody(copy, monkeypatch):

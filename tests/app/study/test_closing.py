@@ -65,7 +65,7 @@ def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
     assert (code, "1 person has moved" in said) == (2, True), "refused before anything is asked"
     assert "for ever?" not in out + said
     code, _, said = run(capsys, tmp_path, "close", "dunes", "--now")
-    assert (code, "--yes closes without asking" in said) == (1, True)
+    assert (code, "--yes does without asking" in said) == (1, True)
     code, _, said = run(capsys, tmp_path, "close", "dunes", "--yes")
     assert (code, "1 person has moved" in said, "--now" in said) == (2, True, True)
     assert Folder(tmp_path / "play.db-studies").status("dunes") == "open"

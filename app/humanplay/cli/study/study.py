@@ -193,8 +193,16 @@ def _asked() -> dict[str, str]:
 @flag(
     "--underpowered", "Freeze although the planned difference is seen in less than 50 % of studies."
 )
+@path_option(
+    "--exclude-ids",
+    "excluded",
+    "Participant IDs, one a line, of people of pilots who are not to take part.",
+    metavar="FILE",
+)
 @DATABASE_AND_STUDIES
-def freeze(name: str, underpowered: bool, folder: Folder, database: Path) -> None:
+def freeze(
+    name: str, underpowered: bool, excluded: Path | None, folder: Folder, database: Path
+) -> None:
     """Fix a study's protocol for good, draw its secret, and print what participants will read and what to publish.
 
     Placeholders in its texts are filled in. The power is simulated, printed and fixed with the protocol, and a study that
@@ -207,9 +215,11 @@ def freeze(name: str, underpowered: bool, folder: Folder, database: Path) -> Non
     """
     from humanplay.report.statistics.planning import AT_FREEZING
     from humanplay.study.folder import BEGINNINGS, beginnings
+    from humanplay.study.kept_out import keep_out
     from humanplay.study.protocol import PLANNED
 
     _check_database(database)
+    idents = [] if excluded is None else _lines(excluded)
     with study_errors():
         draft = folder.filled(name)
         draft = draft.model_copy(update=_planned(draft, folder))
@@ -218,6 +228,11 @@ def freeze(name: str, underpowered: bool, folder: Folder, database: Path) -> Non
         _check_power(protocol)
     planned = {field: getattr(protocol, field) for field in PLANNED}
     found = frozen(name, folder, database, planned)
+    if idents:
+        with study_errors():
+            kept = keep_out(folder.path(name), idents)
+        people = counted(kept, "person of a pilot is", "people of pilots are")
+        echo(f"{people} kept out, by keyed hashes of their IDs, until the study is closed")
     echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
     _echo_power(found.protocol)
     for policy, digest in found.protocol.policy_hashes.items():
@@ -337,7 +352,7 @@ def closed(
             folder.check_closable(name, keeps_secret)
             if not now:
                 check_nobody_is_at_it(folder, reader, name, now_ms())
-            _confirm(question)
+            _confirm(question, "closed")
         found = close_study(folder, reader, name, now_ms(), now, keeps_secret)
     if not _note_in_database(found, database):
         echo(
@@ -347,14 +362,14 @@ def closed(
     return found
 
 
-def _confirm(question: str) -> None:
+def _confirm(question: str, done: str) -> None:
     """Ask a question; anything but yes ends the command, and where nobody can answer it says how to go without asking."""
     try:
         click.confirm(question, abort=True)
     except click.Abort:
         if sys.stdin.isatty():
             raise
-        why = "nothing was closed: the answer was not yes; --yes closes without asking"
+        why = f"nothing was {done}: the answer was not yes; --yes does without asking"
         raise ClickException(why) from None
 
 
@@ -575,14 +590,7 @@ def invite(
     with study_errors():
         study = folder.study(name)
         if panel is not None:
-            try:
-                with failures(f"cannot read {panel}"):
-                    lines = panel.read_text(encoding="utf-8").splitlines()
-            except UnicodeDecodeError as error:
-                why = f"cannot read {panel}: it is no text in UTF-8, with an id on each line"
-                raise UsageError(why) from error
-            ids = filter(None, map(str.strip, lines))
-            rows = [(value, "signed", "") for value in ids]
+            rows = [(value, "signed", "") for value in _lines(panel)]
             links = [panel_link(study, value, base) for value, *_ in rows]
         else:
             found = list(invitations.of(name).values()) if lists else invitations.issue(name, count)
@@ -703,6 +711,36 @@ def payments(
         echo(pay)
 
 
+@study.command(short_help="Delete the identifiers and codes of a study's people.")
+@argument("name")
+@flag("--yes", "Do not ask.")
+@DATABASE_AND_STUDIES
+def unlink(name: str, yes: bool, folder: Folder, database: Path) -> None:
+    """Delete the participant IDs and completion codes of a closed study, and the texts of its outcomes, once everybody is paid.
+
+    Nobody can tell then who a participant was. An entry of the chain says that it was done. The file is written anew and its
+    log emptied, within a minute, while a server may go on. Backups keep what they hold.
+
+    \b
+    Example:
+      humanplay study unlink pilot
+    """
+    from humanplay.db import erasure
+    from humanplay.study.outcomes import delete_texts
+
+    with failures(f"cannot write {database}"), study_errors():
+        found = folder.study(name)
+        if found.is_running:
+            raise UsageError(
+                f"the study {name!r} is open, and whoever comes back is known by their ID: close it first"
+            )
+        if not yes:
+            _confirm(f"Delete the identifiers and codes of {name!r} for good?", "deleted")
+        people = erasure.unlink(database, found.row())
+        delete_texts(folder.path(name))
+    echo(f"deleted from {database}: identifiers and codes of {counted(people, 'person', 'people')}")
+
+
 def _note_act(found: Study, database: Path, act: Act, **details: int) -> None:
     """Append an operator's act to the chain of the database, if there is one; a server may run."""
     from humanplay.db.chain import act_of, append_marks
@@ -752,6 +790,17 @@ def supervise(name: str, folder: Folder) -> None:
         raise UsageError(f"the study {name!r} is closed: {why}")
     now = now_ms()
     echo(f"{code_of(study, now)}\nvalid until {_day(valid_until_ms(now))} UTC")
+
+
+def _lines(path: Path) -> list[str]:
+    """The IDs in a file, one a line; UsageError where it holds no text."""
+    try:
+        with failures(f"cannot read {path}"):
+            lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        why = f"cannot read {path}: it is no text in UTF-8, with an ID on each line"
+        raise UsageError(why) from error
+    return list(filter(None, map(str.strip, lines)))
 
 
 def _uses(database: Path, name: str) -> dict[str, Use]:

@@ -1,0 +1,102 @@
+"""People are erased, unlinked and kept out while the server runs: nothing of them is left in any byte."""
+
+import json
+from contextlib import suppress
+
+from humanplay.study.folder import Folder
+from humanplay.study.recruitment import KEPT_OUT
+from tests.support.command import command
+from tests.support.recorded import ask
+from tests.support.servers import eventually
+from tests.support.study import Person, freeze
+
+PID = "PROLIFIC_PID"
+FIRST, SECOND, PILOT = (f"{name}-of-a-person" for name in ("first", "second", "pilot"))
+
+
+def bytes_in(folder):
+    """Everything in the files of a folder and the folders below it."""
+    return b"".join(path.read_bytes() for path in folder.rglob("*") if path.is_file())
+
+
+def comes(server, ident):
+    person = Person(server, joins=False)
+    answer = person.client.post(f"{person.url}/join", json={"outside_ids": {PID: ident}})
+    person.where = answer.json()
+    return person, answer.status_code
+
+
+def test_whoever_is_erased_while_the_server_runs_is_gone_and_kept_out_until_it_is_closed(
+    serve, tmp_path, capsys
+):
+    freeze(tmp_path / "playground.db-studies")
+    server = serve()
+    (first, _), (second, _) = comes(server, FIRST), comes(server, SECOND)
+    for person in (first, second):
+        person.to_warm_up()
+        person.call("next")
+        person.play(2)
+    (tmp_path / "backups").mkdir()
+    backup = tmp_path / "backups" / "playground-20260101T000000Z.db"
+    assert command(capsys, "backup", backup, "--database", tmp_path / "playground.db")[0] == 0
+    given = "forget", FIRST, "--yes", "--database", tmp_path / "playground.db"
+    code, said, _ = command(capsys, *given)
+    assert (code, f"backups that still hold them: {backup}" in said) == (0, True)
+    backup.unlink()
+    assert FIRST.encode() not in bytes_in(tmp_path)
+    with suppress(Exception):  # their board is in memory still
+        first.play(1)
+    assert first.client.get(f"{first.url}/me").status_code == 404
+    eventually(lambda: len(server.services.lobby.sessions()) == 1)
+    second.play_on()
+    assert second.where["stage"] == "debrief"
+    orphans = "SELECT count(*) FROM steps WHERE episode_id NOT IN (SELECT id FROM episodes)"
+    assert ask(tmp_path / "playground.db", orphans) == [(0,)]
+    for again in (FIRST, f" {FIRST.upper()} "):
+        refused, status = comes(server, again)
+        assert (status, refused.where["detail"]) == (409, KEPT_OUT.format(name=PID))
+    path = tmp_path / "playground.db-studies" / "small" / "kept_out.json"
+    assert path.stat().st_mode & 0o777 == 0o600
+    server.stop()
+    assert FIRST.encode() not in bytes_in(tmp_path)
+    Folder(tmp_path / "playground.db-studies").close("small")
+    assert not path.exists()
+
+
+def test_people_of_a_pilot_are_kept_out_by_hashes_alone(serve, tmp_path, capsys):
+    folder = tmp_path / "playground.db-studies"
+    freeze(folder, recruitment="panel")
+    draft = json.loads((folder / "small" / "draft.json").read_text())
+    (folder / "again").mkdir()
+    (folder / "again" / "protocol.json").write_text(json.dumps({**draft, "name": "again"}))
+    (tmp_path / "ids.txt").write_text(f"{PILOT}\n\n{SECOND}\n")
+    given = "study", "freeze", "again", "--underpowered", "--exclude-ids", tmp_path / "ids.txt"
+    code, said, _ = command(capsys, *given, "--database", tmp_path / "playground.db")
+    assert (code, "2 people of pilots are kept out" in said) == (0, True)
+    (tmp_path / "ids.txt").unlink()
+    assert PILOT.encode() not in bytes_in(tmp_path)
+    server = serve()
+    for ident, wanted in ((PILOT.upper(), 409), (FIRST, 201)):
+        person = Person(server, "again", joins=False)
+        join = {"outside_ids": {PID: ident}}
+        assert person.client.post(f"{person.url}/join", json=join).status_code == wanted
+
+
+def test_once_everybody_is_paid_nobody_can_be_told_from_the_study(serve, tmp_path, capsys):
+    freeze(tmp_path / "playground.db-studies", outcomes={"finished": "Thanks, {code}."})
+    server = serve()
+    person, _ = comes(server, FIRST)
+    person.to_warm_up()
+    person.play_on()
+    database = "--database", tmp_path / "playground.db"
+    ((drawn,),) = ask(tmp_path / "playground.db", "SELECT completion_code FROM participants")
+    code, _, said = command(capsys, "study", "unlink", "small", "--yes", *database)
+    assert (code, "close it first" in said) == (2, True)
+    command(capsys, "study", "close", "small", "--yes", "--now", *database)
+    code, said, _ = command(capsys, "study", "unlink", "small", "--yes", *database)
+    assert (code, "identifiers and codes of 1 person" in said) == (0, True)
+    after = bytes_in(tmp_path)
+    assert [text for text in (FIRST, drawn, "Thanks, {code}.") if text.encode() in after] == []
+    assert command(capsys, "verify", *database)[0] == 0
+    ((note,),) = ask(tmp_path / "playground.db", "SELECT note FROM chain WHERE kind = 'acted'")
+    assert (json.loads(note)["act"], json.loads(note)["people"]) == ("unlinked", 1)
