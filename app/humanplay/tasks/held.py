@@ -24,12 +24,13 @@ SCHEME = "held"
 _payloads: dict[str, bytes] = {}
 
 
-def hold(function: Callable[..., object]) -> str:
-    """Hold a function while this process lives, and return its name."""
+def hold(function: Callable[..., object], title: str = "") -> str:
+    """Hold a function while this process lives, and return its name, which begins with its title."""
     import cloudpickle  # the confined process of a board needs none
 
     payload: bytes = cloudpickle.dumps(function)
-    words = re.sub(r"\W+", "_", getattr(function, "__name__", "environment")).strip("_")
+    title = title or getattr(function, "__name__", "environment")
+    words = re.sub(r"[^\w.]+", "-", title).strip("-.")
     name = f"{words[:40] or 'environment'}-{hashlib.sha256(payload).hexdigest()[:8]}"
     _payloads[name] = payload
     return name

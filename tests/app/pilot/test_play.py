@@ -14,6 +14,7 @@ import httpx
 import pytest
 
 from humanplay import play
+from humanplay.cli.pilot.environments import task_of
 from humanplay.cli.pilot.errors import PilotError
 from tests.support.command import command
 from tests.support.own_environment import Line, make_line
@@ -22,7 +23,11 @@ SCRIPT = """
     import json, sys
     import httpx
     from humanplay import play
+    import gymnasium as gym
     from mine import MyEnv
+
+    class Mine(gym.Wrapper):
+        pass
 
     plays = play({what}, wait=False, browser=False)
     board = httpx.Client(base_url=plays.link, headers={{"Origin": plays.link.rstrip("/")}})
@@ -75,7 +80,14 @@ def test_what_has_a_name_is_recorded_by_it(opened, browser_of, env, task):
 
 
 @pytest.mark.parametrize(
-    "what", ["MyEnv", '"mine:MyEnv"', '"mine.py"', "lambda: MyEnv('rgb_array')"]
+    "what",
+    [
+        "MyEnv",
+        '"mine:MyEnv"',
+        '"mine.py"',
+        "lambda: MyEnv('rgb_array')",
+        "Mine(gym.make('FrozenLake-v1'))",
+    ],
 )
 def test_a_script_plays_what_lies_beside_it(tmp_path, what):
     source = Path(make_line.__code__.co_filename).read_text()
@@ -85,9 +97,9 @@ def test_a_script_plays_what_lies_beside_it(tmp_path, what):
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     answer = json.loads(done.stdout.splitlines()[-1])
-    assert answer["actions"] == ["0", "1"]
-    is_held = what.startswith("lambda")
-    assert answer["task"].startswith("gymnasium:held:" if is_held else "gymnasium:mine:MyEnv")
+    assert answer["actions"] == (["left", "down", "right", "up"] if "Lake" in what else ["0", "1"])
+    is_held = "mine" not in what and what != "MyEnv"
+    assert ("held:" if is_held else "gymnasium:mine:MyEnv") in answer["task"]
     assert (tmp_path / "plays.db").is_file()
 
 
@@ -136,6 +148,90 @@ class Vector(gymnasium.vector.VectorEnv):
 def test_what_cannot_be_played_is_refused_with_a_way_out(opened, env, text):
     with pytest.raises(PilotError, match=text):
         opened(env)
+
+
+class Doubled(gymnasium.Wrapper):
+    """Pays twice as much."""
+
+    def step(self, action):
+        observation, reward, *rest = super().step(action)
+        return observation, 2 * reward, *rest
+
+
+class Scaled(gymnasium.ObservationWrapper):
+    """Takes an argument that nobody records."""
+
+    def __init__(self, env, scale):
+        super().__init__(env)
+        self.scale = scale
+
+    def observation(self, observation):
+        return self.scale * observation
+
+
+class Drifting(gymnasium.ObservationWrapper):
+    """Shows something else the longer it is used."""
+
+    steps = 0
+
+    def observation(self, observation):
+        self.steps += 1
+        return observation + self.steps
+
+
+def used(env, steps=3):
+    """An environment after training."""
+    env.reset()
+    for _ in range(steps):
+        env.step(env.action_space.sample())
+    return env
+
+
+def of_this_session(env):
+    """An environment whose wrapper's class only this program has."""
+
+    class Mine(Doubled):
+        pass
+
+    return Mine(env)
+
+
+@pytest.mark.parametrize(
+    ("make", "task"),
+    [
+        (lambda: gymnasium.make("FrozenLake-v1"), "FrozenLake-v1"),
+        (
+            lambda: Doubled(gymnasium.make("FrozenLake-v1", is_slippery=False)),
+            '{"id":"FrozenLake-v1","kwargs":{"is_slippery":false},"wrappers":["tests.app.pilot.test_play:Doubled"]}',
+        ),
+        (
+            lambda: gymnasium.make("CartPole-v1", max_episode_steps=7),
+            '{"id":"CartPole-v1","max_steps":7}',
+        ),
+        (lambda: of_this_session(gymnasium.make("FrozenLake-v1")), '"held:Mine-of-FrozenLake-v1-'),
+    ],
+)
+def test_an_environment_that_was_used_is_recreated_with_a_picture(make, task):
+    assert task in task_of(used(make()))
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (
+            lambda: Line(),
+            r"not made by gymnasium.make.*play\(lambda: Line\(render_mode='rgb_array'\)\)",
+        ),
+        (
+            lambda: Scaled(gymnasium.make("FrozenLake-v1"), 3),
+            r"cannot be made again: .*'scale'.*play\(lambda: Scaled\(gymnasium.make\('FrozenLake-v1'",
+        ),
+        (lambda: Drifting(gymnasium.make("FrozenLake-v1")), "its observation differs at step 0"),
+    ],
+)
+def test_what_cannot_be_recreated_is_refused_with_the_line_to_write(make, text):
+    with pytest.raises(PilotError, match=text):
+        task_of(used(make()))
 
 
 def other_kind(module, name):

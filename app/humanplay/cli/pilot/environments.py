@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
+import gymnasium
+
 from humanplay.cli.pilot.errors import PilotError
+from humanplay.cli.pilot.names import importable_name
+from humanplay.cli.pilot.recreation import recreated
 from humanplay.task.registration import is_registered, register
 from humanplay.tasks import held
 from humanplay.tasks.gymnasium.description import told_of
@@ -32,7 +33,7 @@ def task_of(env: object) -> str:
     """Name the task that plays an environment.
 
     Args:
-        env: An id, a file's path, the folder of a world, or a class or function that makes an environment.
+        env: An environment, a class or function that makes one, an id, a file's path, or the folder of a world.
 
     Raises:
         PilotError: It is none of these.
@@ -42,6 +43,8 @@ def task_of(env: object) -> str:
     if callable(env) and (name := importable_name(env)):
         return _named(name)
     check_kind(env)
+    if isinstance(env, gymnasium.Env):
+        return f"gymnasium:{recreated(env)}"
     if callable(env):
         return f"gymnasium:{held.SCHEME}:{held.hold(env)}"
     raise PilotError(f"{EXPECTED}; got {type(env).__name__}")
@@ -56,20 +59,6 @@ def _named(name: str) -> str:
         raise PilotError(f"cannot read {name}: {error.strerror or error}") from error
     except ValueError as error:
         raise PilotError(str(error)) from error
-
-
-def importable_name(function: Callable[..., object]) -> str:
-    """Where other processes import a class or function from, as MODULE:NAME; empty if they cannot."""
-    module = getattr(function, "__module__", None) or "__main__"
-    name = getattr(function, "__qualname__", "")
-    if (
-        module == "__main__"
-        or not name.isidentifier()
-        or not isinstance(function, type | type(task_of))
-    ):
-        return ""
-    member = getattr(sys.modules.get(module) or import_module(module), name, None)
-    return f"{module}:{name}" if member is function else ""
 
 
 def check_kind(env: object) -> None:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import gymnasium
+
 from humanplay.cli.pilot.environments import task_of
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.links import check_place, in_notebook, shared_address, show
 from humanplay.cli.pilot.plays import Plays
+from humanplay.cli.pilot.recreation import COMPARED
 from humanplay.cli.pilot.running import RunningServer
 from humanplay.tasks import held
 
@@ -31,7 +34,9 @@ def play(
     Calling it again closes the page of the call before; plays are added to the same file.
 
     Args:
-        env: An id of Gymnasium's, a class or function that makes an environment, or a file.
+        env: An id of Gymnasium's, a class or function that makes an environment, a file, or an environment that
+            `gymnasium.make` made, in wrappers of yours: it is recreated with a picture, and both must agree on
+            twenty steps.
         host: Where to listen; "0.0.0.0" lets other machines in.
         port: Where to listen; 0 takes a free one.
         people: So many people get a link each. Without it, whoever comes is asked for a name.
@@ -47,6 +52,11 @@ def play(
     if not 0 <= people <= MOST_PEOPLE:
         raise PilotError(f"expected at most {MOST_PEOPLE:,} people, got {people}")
     task = task_of(env)
+    if isinstance(env, gymnasium.Env):
+        print(
+            f"Recreated with a picture: it agrees with the one you hold on {COMPARED} steps.",
+            flush=True,
+        )
     while _open:
         _open.pop().close()
     path = Path(database).resolve()

@@ -265,6 +265,8 @@ def completed(given: Description) -> Description:
         known |= fields if given.id.startswith(beginning) else {}
     if given.kwargs or given.wrappers:  # they may change what is seen
         known = {name: value for name, value in known.items() if not name.endswith("_see")}
+    if given.wrappers:  # or the reward
+        known.pop("bounds", None)
     if "actions" in given.model_fields_set or "keys" in given.model_fields_set:
         known = {name: value for name, value in known.items() if name != "keys"}
     return Description.model_validate({**known, **given.model_dump(exclude_unset=True)})

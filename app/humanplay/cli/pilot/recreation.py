@@ -1,0 +1,179 @@
+"""An environment that a program holds, recreated with a picture: from its spec, and from the wrappers around it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, replace
+
+import gymnasium
+from gymnasium.envs.registration import EnvSpec
+
+from humanplay.cli.pilot.errors import PilotError
+from humanplay.cli.pilot.names import importable_name
+from humanplay.tasks import held
+from humanplay.tasks.gymnasium.description import (
+    CATALOGUE,
+    Description,
+    completed,
+    described,
+    spec_of,
+)
+from humanplay.tasks.gymnasium.values import bytes_of
+
+Env = gymnasium.Env[object, object]
+Wrapped = tuple[type[gymnasium.Wrapper[object, object, object, object]], Mapping[str, object]]
+COMPARED = 20
+"""Steps on which both must agree."""
+
+
+@dataclass(frozen=True)
+class Recreation:
+    """Makes an environment again.
+
+    spec      of the environment within all wrappers
+    wrappers  the author's own, the innermost first, each with its arguments
+    """
+
+    spec: EnvSpec
+    wrappers: tuple[Wrapped, ...]
+
+    def __call__(self, render_mode: str | None = "rgb_array") -> Env:
+        """A new environment."""
+        env: Env = gymnasium.make(self.spec, render_mode=render_mode)
+        for wrapper, arguments in self.wrappers:
+            env = wrapper(env, **arguments)
+        return env
+
+    @property
+    def told(self) -> str:
+        """What describes it by names that other processes know; empty if something has none."""
+        wrappers = [importable_name(wrapper) for wrapper, _ in self.wrappers]
+        name = _name_of(self.spec)
+        if not name or not all(wrappers) or any(arguments for _, arguments in self.wrappers):
+            return ""
+        known = spec_of(name)
+        arguments = {
+            argument: value
+            for argument, value in self.spec.kwargs.items()
+            if argument != "render_mode" and known.kwargs.get(argument) != value
+        }
+        fields: dict[str, object] = {"id": name}
+        if arguments:
+            fields["kwargs"] = arguments
+        if wrappers:
+            fields["wrappers"] = wrappers
+        if self.spec.max_episode_steps not in (None, known.max_episode_steps):
+            fields["max_steps"] = self.spec.max_episode_steps
+        try:
+            return Description.model_validate(fields).told
+        except (TypeError, ValueError):  # of an argument that JSON does not hold
+            return ""
+
+
+def _name_of(spec: EnvSpec) -> str:
+    """The id by which other processes make an environment; empty if there is none."""
+    if not isinstance(spec.entry_point, str):
+        return ""
+    module, _, name = spec.entry_point.partition(":")
+    top = module.partition(".")[0]
+    if top == "gymnasium":
+        return spec.id
+    registered = f"{top}:{spec.id}"
+    is_known = any(registered.startswith(beginning) for beginning in CATALOGUE["known"])
+    # the second works whoever has registered it
+    name = registered if is_known else f"{module}:{name}"
+    try:
+        spec_of(name)
+    except ValueError:
+        return ""
+    return name
+
+
+def recreated(env: Env) -> str:
+    """Describe an environment that can be recreated with a picture; PilotError if it cannot, or differs."""
+    layers = _layers(env)
+    specs = [layer.spec for layer in layers]
+    made = next(
+        (at for at, spec in enumerate(specs) if spec and not spec.additional_wrappers),
+        len(layers) - 1,
+    )
+    spec = specs[made]
+    if spec is None:
+        raise PilotError(
+            f"{type(env).__name__} was not made by gymnasium.make, so that nothing says how to make it again: {_line(env)}"
+        )
+    wrappers = tuple(
+        (type(layer), getattr(layer, "_saved_kwargs", {}))
+        for layer in reversed(layers[:made])
+        if isinstance(layer, gymnasium.Wrapper)
+    )
+    recreation = Recreation(replace(spec, kwargs=dict(spec.kwargs)), wrappers)
+    try:
+        with closing(recreation()) as other:
+            difference = _difference(env, other)
+    except (gymnasium.error.Error, TypeError, ImportError) as error:
+        raise PilotError(f"{spec.id} cannot be made again: {error}; {_line(env)}") from error
+    if difference:
+        raise PilotError(f"{spec.id} was made again from its spec, and {difference}: {_line(env)}")
+    return recreation.told or _held(recreation, env)
+
+
+def _held(recreation: Recreation, env: Env) -> str:
+    """Hold what makes an environment, and describe it with what is known of the one within its wrappers."""
+    classes = [wrapper.__name__ for wrapper, _ in reversed(recreation.wrappers)]
+    title = " of ".join([*classes, recreation.spec.id])
+    fields: dict[str, object] = {
+        "id": f"{held.SCHEME}:{held.hold(recreation, title)}",
+        "title": title[:100],
+    }
+    if (inner := _name_of(recreation.spec)) and env.action_space == env.unwrapped.action_space:
+        known = completed(described(inner))
+        for name in ("actions", "keys", "instructions"):
+            if value := getattr(known, name):
+                fields[name] = value
+    return Description.model_validate(fields).told
+
+
+def _line(env: Env) -> str:
+    """The call that plays what makes an environment, as far as its classes say how."""
+    inner, spec = env.unwrapped, env.unwrapped.spec
+    line = f"{type(inner).__name__}(render_mode='rgb_array')"
+    if spec is not None:
+        line = f"gymnasium.make({spec.id!r}, render_mode='rgb_array')"
+    for layer in reversed(_layers(env)[:-1]):
+        if not type(layer).__module__.startswith("gymnasium.wrappers.common"):
+            line = f"{type(layer).__name__}({line}, ...)"
+    return f"play(lambda: {line})"
+
+
+def _layers(env: Env) -> list[Env]:
+    """The wrappers of an environment from the outside, and then itself."""
+    layers = [env]
+    while isinstance(layers[-1], gymnasium.Wrapper):
+        layers.append(layers[-1].env)
+    return layers
+
+
+def _difference(one: Env, other: Env) -> str:
+    """Say at which of some steps two environments differ; empty if they agree on all."""
+    for step, (first, second) in enumerate(zip(_steps(one), _steps(other), strict=True)):
+        for part in first:
+            if first[part] != second[part]:
+                return f"its {part} differs at step {step}"
+    return ""
+
+
+def _steps(env: Env) -> Iterator[dict[str, object]]:
+    """Play some steps from fixed seeds, and yield what each leads to."""
+    env.action_space.seed(0)
+    actions, seed = [env.action_space.sample() for _ in range(COMPARED)], 0
+    observation, _ = env.reset(seed=seed)
+    yield {"observation": bytes_of(observation)}
+    for action in actions:
+        observation, reward, terminated, truncated, _ = env.step(action)
+        end = bool(terminated), bool(truncated)
+        yield {"observation": bytes_of(observation), "reward": float(reward), "end": end}
+        if any(end):
+            seed += 1
+            env.reset(seed=seed)
