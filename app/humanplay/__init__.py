@@ -20,12 +20,13 @@ SHIPPED_DATA = (ROOT if IS_CHECKOUT else PACKAGE) / "data"
 
 if TYPE_CHECKING:
     from humanplay.cli.pilot.play import play
+    from humanplay.cli.pilot.score import score
 
-__all__ = ["IS_CHECKOUT", "PACKAGE", "ROOT", "SHIPPED_DATA", "STATIC", "play"]
+__all__ = ["IS_CHECKOUT", "PACKAGE", "ROOT", "SHIPPED_DATA", "STATIC", "play", "score"]
 
 
 def __getattr__(name: str) -> object:
-    """`play`, which is imported when it is first wanted."""
-    if name in ("play",):
+    """`play` and `score`, which are imported when they are first wanted."""
+    if name in ("play", "score"):
         return getattr(import_module(f"humanplay.cli.pilot.{name}"), name)
     raise AttributeError(f"humanplay has no {name!r}")

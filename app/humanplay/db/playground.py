@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from humanplay.db.database import rows
-from humanplay.db.reader import TRIAL
+from humanplay.db.reader import TRIAL, Reader
 from humanplay.db.store import DAY_MS, Store
 from humanplay.db.trial import Trial
 
@@ -67,6 +67,22 @@ _WITHOUT_ANYTHING = """DELETE FROM players WHERE id = ?1
 def open_ranked(store: Store, player_id: str) -> list[Trial]:
     """Return a player's open ranked episodes, with the moves made."""
     return [Trial.of(row) for row in rows(store.connection, _OF_PLAYER, {"player": player_id})]
+
+
+def open_plays(reader: Reader) -> list[Trial]:
+    """The ranked episodes of all players that have a move and have not ended, on instances that are new to them."""
+    sql = _OF_ALL + " AND x.series IS NULL AND NOT e.terrain_met_before"
+    return [Trial.of(row) for row in reader.query(sql) if row["moves"]]
+
+
+def unattested_plays(reader: Reader, task: str) -> int:
+    """Count the ended episodes of people alone that do not count, since a move fits no key or touch of the page."""
+    sql = """SELECT count(*) AS n FROM episodes e JOIN sessions s ON s.id = e.session_id
+        LEFT JOIN series_episodes x ON x.episode_id = e.id
+        WHERE e.task = ? AND e.attestation = 'unattested' AND e.steps > 0 AND NOT e.assisted AND NOT e.seed_chosen
+        AND NOT e.terrain_met_before AND s.owner_id IS NOT NULL AND x.series IS NULL"""
+    (row,) = reader.query(sql, [task])
+    return int(row["n"])
 
 
 def ranked_left_since(store: Store, before_ms: int) -> list[Trial]:

@@ -1,0 +1,310 @@
+"""`score`: how well people play, beside random actions and policies on the very instances that they played."""
+
+from __future__ import annotations
+
+import html
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from humanplay.cli.pilot.episodes import Counted, Pilot, State, only_task, read
+from humanplay.cli.pilot.errors import PilotError
+from humanplay.cli.pilot.plays import Plays
+from humanplay.cli.pilot.policies import Stepper
+from humanplay.report.statistics.comparisons import quotient_interval
+from humanplay.report.statistics.formatting import number, percent
+from humanplay.report.statistics.intervals import Interval, estimate
+from humanplay.task import counted
+from humanplay.task.registration import environment_of
+from humanplay.tasks import held
+from marsexplorer.intervals import FEWEST, Floats
+
+BOTH_WAYS = 0.05
+"""Share of left and failed episodes above which both ways of counting them are printed."""
+DIGITS = 2
+
+
+@dataclass(frozen=True)
+class Line:
+    """A mean over people of their means, or of what a policy scores on what they played.
+
+    interval             of the mean, for other people on these instances; None below five people, and of a policy
+    normalized           (policy - random) / (people - random); None if people may be no better than random actions
+    normalized_interval  of it
+    """
+
+    name: str
+    mean: float
+    interval: Interval | None = None
+    normalized: float | None = None
+    normalized_interval: Interval | None = None
+
+
+@dataclass(frozen=True)
+class Score:
+    """What was played, in figures.
+
+    people      with how many there are, and how many episodes each has played at least and at most
+    policies    `random` first
+    states      episodes that ended, were left, failed and are open
+    left_as     what an episode counts that did not end
+    without     the mean of people without those; None if none of theirs ended
+    has_bound   whether the lowest possible score is known
+    unattested  episodes that do not count, since a move fits no key or touch of the page
+    """
+
+    task: str
+    metric: str
+    people: Line
+    count: int
+    fewest: int
+    most: int
+    policies: tuple[Line, ...]
+    states: dict[State, int]
+    left_as: float
+    without: float | None
+    has_bound: bool
+    unattested: int
+
+    def to_dict(self) -> dict[str, object]:
+        """The figures by their names, as JSON holds them."""
+        return asdict(self)
+
+    def to_frame(self) -> object:
+        """The table as a data frame; PilotError without pandas."""
+        if find_spec("pandas") is None:
+            raise PilotError(
+                "a data frame needs pandas: pip install pandas; `to_dict` needs nothing"
+            )
+        return import_module("pandas").DataFrame([asdict(line) for line in self.lines])
+
+    @property
+    def lines(self) -> tuple[Line, ...]:
+        """People, then the policies."""
+        return (self.people, *self.policies)
+
+    @property
+    def headline(self) -> str:
+        """All figures in one line."""
+        fewest = str(self.fewest) if self.fewest == self.most else f"{self.fewest} to {self.most}"
+        episodes = "episode" if self.most == 1 else "episodes"
+        people = "person" if self.count == 1 else "people"
+        parts = [
+            f"people {_with(self.people.mean, self.people.interval)}, {self.count} {people}, {fewest} {episodes} each"
+        ]
+        for line in self.policies:
+            parts.append(f"{line.name} {number(line.mean, DIGITS)}")
+            if line.normalized is not None:
+                ratio = _with(line.normalized, line.normalized_interval)
+                parts.append(f"{line.name}, human-normalized {ratio}")
+        return " · ".join(parts)
+
+    @property
+    def notes(self) -> list[str]:
+        """What must be known to read the figures."""
+        notes = []
+        if self.count < FEWEST:
+            notes.append(f"no interval below {FEWEST} people")
+        played = sum(self.states.values())
+        unended = {state: n for state, n in self.states.items() if state != "ended" and n}
+        if unended:
+            words = ", ".join(
+                f"{n} {'still open' if state == 'open' else state}" for state, n in unended.items()
+            )
+            bound = (
+                "the lowest score that there can be"
+                if self.has_bound
+                else "the worst score of an episode that ended"
+            )
+            notes.append(
+                f"of {counted(played, 'episode')}: {words}; each counts {number(self.left_as, DIGITS)}, {bound}"
+            )
+        if played and sum(unended.values()) > BOTH_WAYS * played:
+            share = percent(sum(unended.values()) / played)
+            alone = (
+                "no person has an episode that ended"
+                if self.without is None
+                else f"people {number(self.without, DIGITS)} without these"
+            )
+            notes.append(f"{share} of the episodes did not end: {alone}")
+        if not self.has_bound:
+            notes.append(
+                "no lowest score is known, so that leaving an episode can raise the figure: name `bounds` in a description"
+            )
+        if self.unattested:
+            notes.append(
+                f"not counted: {counted(self.unattested, 'episode')} with a move that fits no key or touch of the page"
+            )
+        notes.append(
+            f"pilot: people chose how often to play. To be quoted, play a study: {_study(self.task)}"
+        )
+        return notes
+
+    def __str__(self) -> str:
+        return "\n".join([self.headline, *self.notes])
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        head = "".join(
+            f"<th>{word}</th>" for word in ("", self.metric, "95 %", "human-normalized", "95 %")
+        )
+        rows = "".join(
+            f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in _cells(line))}</tr>"
+            for line in self.lines
+        )
+        notes = "<br>".join(map(html.escape, [self.headline, *self.notes]))
+        return f"<table><tr>{head}</tr>{rows}</table><p>{notes}</p>"
+
+
+def _with(mean: float, interval: Interval | None) -> str:
+    return number(mean, DIGITS) + (f" {_interval(interval)}" if interval else "")
+
+
+def _interval(interval: Interval | None) -> str:
+    if interval is None:
+        return ""
+    return f"[{number(interval[0], DIGITS)}, {number(interval[1], DIGITS)}]"
+
+
+def _cells(line: Line) -> list[str]:
+    ratio = "" if line.normalized is None else number(line.normalized, DIGITS)
+    return [
+        line.name,
+        number(line.mean, DIGITS),
+        _interval(line.interval),
+        ratio,
+        _interval(line.normalized_interval),
+    ]
+
+
+def _study(task: str) -> str:
+    """The command that plans a study of a task."""
+    name = task.partition(":")[2] or task
+    if f"{held.SCHEME}:" in name:
+        return "move what makes the environment into a module, and `humanplay study new NAME --env MODULE:NAME`"
+    if name.startswith("{"):
+        return "`humanplay study new NAME --env FILE.toml`, with these fields in the file: " + name
+    return f"humanplay study new NAME --env {name}"
+
+
+def score(plays: Plays | str | Path, policies: Mapping[str, object] | None = None) -> Score:
+    """Score people, random actions and policies on the instances that people played.
+
+    Counted are first meetings of an instance that a person did not choose, played alone. A policy plays each of
+    these instances once, and weighs as the people who played it do.
+
+    Args:
+        plays: What `play` returned, whose page may stay open; or the file of its database.
+        policies: By a name of yours: a file, a function of the observation, or an object with `predict`, which
+            decides in this program.
+
+    Raises:
+        PilotError: Nothing was played that counts, or a policy cannot play.
+    """
+    if isinstance(plays, Plays):
+        database, task = plays.database, plays.task
+    else:
+        database = Path(plays)
+        task = only_task(database)
+    if not task.startswith("gymnasium:"):
+        raise PilotError(f"expected plays of an environment of Gymnasium, got {task}")
+    pilot = read(database, task)
+    if not pilot.episodes:
+        raise PilotError(f"nothing counts yet in {database}: play a round with keys or by touch")
+    return _scored(task, pilot, policies or {})
+
+
+def _scored(task: str, pilot: Pilot, policies: Mapping[str, object]) -> Score:
+    environment = environment_of(task)
+    metric = environment.metrics[0]
+    ended = [episode.score for episode in pilot.episodes if episode.score is not None]
+    stood = [episode.trial.score or 0.0 for episode in pilot.episodes]
+    worst = metric.lowest if metric.lowest is not None else min(ended or stood)
+    table, instances = _table(pilot.episodes, worst)
+    bounds = (
+        -np.inf if metric.lowest is None else metric.lowest,
+        np.inf if metric.highest is None else metric.highest,
+    )
+    found = estimate(table, bounds, metric.lowest, terrains_drawn=False)
+    played = Counter(episode.person for episode in pilot.episodes)
+    alone = [episode for episode in pilot.episodes if episode.score is not None]
+    states = Counter(episode.state for episode in pilot.episodes)
+    lines = _policies(task, table, instances, metric.lowest, {"random": "random", **policies})
+    return Score(
+        task=task,
+        metric=metric.name,
+        people=Line("people", found.mean, found.interval),
+        count=len(played),
+        fewest=min(played.values()),
+        most=max(played.values()),
+        policies=tuple(lines),
+        states={state: states[state] for state in ("ended", "left", "failed", "open")},
+        left_as=worst,
+        without=_mean(_table(alone, worst)[0]) if alone else None,
+        has_bound=metric.lowest is not None,
+        unattested=pilot.unattested,
+    )
+
+
+def _table(episodes: Sequence[Counted], worst: float) -> tuple[Floats, list[Counted]]:
+    """The scores float64[people, instances], NaN for what somebody did not play, and an episode of each instance."""
+    people = {
+        person: row for row, person in enumerate(dict.fromkeys(each.person for each in episodes))
+    }
+    instances = {each.trial.terrain_hash: each for each in episodes}
+    columns = {name: column for column, name in enumerate(instances)}
+    table = np.full((len(people), len(columns)), np.nan)
+    for episode in episodes:
+        at = people[episode.person], columns[episode.trial.terrain_hash]
+        table[at] = worst if episode.score is None else episode.score
+    return table, list(instances.values())
+
+
+def _mean(table: Floats) -> float:
+    """The mean over people of their means."""
+    return float(np.nanmean(table, axis=1).mean())
+
+
+def _policies(
+    task: str,
+    table: Floats,
+    instances: Sequence[Counted],
+    lowest: float | None,
+    policies: Mapping[str, object],
+) -> Iterable[Line]:
+    random: Floats | None = None
+    with closing(Stepper(task)) as stepper:
+        for name, policy in policies.items():
+            scores = np.array(
+                [
+                    stepper.play(policy, episode.trial.config, _seed(episode)).score
+                    for episode in instances
+                ]
+            )
+            mean = _mean(np.where(np.isnan(table), np.nan, scores))
+            if random is None:
+                random = scores
+                yield Line(name, mean)
+                continue
+            worst = None if lowest is None else lowest - random
+            ratio, interval = quotient_interval(
+                scores - random, table - random, worst, terrains_drawn=False
+            )
+            known = ratio if interval is not None else None
+            yield Line(name, mean, None, known, interval)
+
+
+def _seed(episode: Counted) -> int:
+    seed = episode.trial.seed
+    if seed is None:
+        raise PilotError(
+            "policies play instances that follow from a seed, and one of these does not"
+        )
+    return seed
