@@ -26,15 +26,18 @@ from humanplay.web.answers.openapi import answered_models, definitions
 from humanplay.web.api_docs import answers_in_words, inputs_of
 from humanplay.web.server import create_app
 from humanplay.web.settings import DEFAULT_DATABASE, PREFIX, Limits, Settings
+from marsexplorer.compat import DEFAULT_CONFIG, PRESETS
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER.parent / "static"
-PAGES = ("api.md", "data.md", "release.md", "settings.md", "commands.md")
+PAGES = ("api.md", "data.md", "release.md", "settings.md", "commands.md", "from-mars-explorer.md")
 TYPES_HEAD = "// What the API answers and sockets carry, drawn from their own description: `make tables` draws it again."
 OF_ENVIRONMENT = {
     "Frame": "Frame", "History": "MoveHistory", "Course": "Course", "FrameCourse": "Course", "Mistake": "Mars.Mistake",
 }  # fmt: skip
 """Models that are each environment's own, and what a page that serves every one calls them."""
+ENDS = ("bonus_reward", "collision_reward", "out_of_bounds_reward")
+"""Rewards of the ends in the authors' world."""
 OVER_SOCKETS = (
     messages.Act,
     messages.ClockState,
@@ -117,7 +120,23 @@ DRAWN: Mapping[str, Callable[[], str]] = {
     "limits": lambda: settings(Limits, f"{PREFIX}LIMITS__"),
     "commands of humanplay": lambda: commands(humanplay, "humanplay"),
     "commands of marsexplorer": lambda: commands(marsexplorer, "marsexplorer"),
+    "presets": lambda: presets(),
 }
+
+
+def presets() -> str:
+    """The presets of the authors' world: class, commit, and what differs from the first."""
+    head = ("preset", "class (commit)", "complete above", "rover", "ends", "differs in")
+    rows = []
+    for name, preset in PRESETS.items():
+        conf = {**DEFAULT_CONFIG, **preset.changes}
+        ends = ", ".join(f"{conf[end]:+d}" for end in ENDS)
+        others = {key: value for key, value in preset.changes.items() if key not in ENDS}
+        words = ", ".join(f"`{key}` {json.dumps(value)}" for key, value in others.items())
+        made_by = f"`{preset.class_name}` ({preset.commit})"
+        share = f"{preset.share:.0%}"
+        rows.append((f"`{name}`", made_by, share, str(preset.rover), ends, words))
+    return table(head, rows)
 
 
 def redraw(text: str) -> str:

@@ -1,6 +1,6 @@
 """MarsExplorer: explore unknown terrain with a lidar rover (Koutras et al. 2021).
 
-Importing the package registers MarsExplorer-v0 with Gymnasium and loads nothing else;
+Importing the package registers its environments with Gymnasium and loads nothing else;
 `gymnasium.make("marsexplorer:MarsExplorer-v0")` imports it by itself.
 """
 
@@ -17,3 +17,9 @@ gymnasium.register(
     entry_point="marsexplorer.env:MarsExplorer",
     vector_entry_point="marsexplorer.vector:MarsExplorerVector",
 )
+gymnasium.register(
+    id="KoutrasCode-v0",
+    entry_point="marsexplorer.compat.env:KoutrasCode",
+    vector_entry_point="marsexplorer.compat.env:KoutrasCodeVector",
+)
+gymnasium.register(id="exploConf-v1", entry_point="marsexplorer.compat.env:ExploConf")
