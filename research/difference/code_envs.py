@@ -1,0 +1,71 @@
+"""The code's world as a training run steps it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from marsexplorer.compat.env import KoutrasCodeVector
+from marsexplorer.training.envs import Observation, RecentEpisodes, StepResult
+
+NONE: NDArray[np.intp] = np.zeros(0, np.intp)
+
+
+class CodeEnvs:
+    """`training.envs.TrainingEnvs` of the authors' code; no episode is ever truncated there."""
+
+    def __init__(self, env: KoutrasCodeVector, seed: int) -> None:
+        self.env, self.num_envs = env, env.num_envs
+        self.recent = RecentEpisodes()
+        self.codes, _ = env.reset(seed=10**12 * (seed + 1))
+        self.steps: NDArray[np.int64] = np.zeros(self.num_envs, np.int64)
+        self.returns: NDArray[np.float64] = np.zeros(self.num_envs)
+
+    def observe(self) -> Observation:
+        """Return the codes of all environments."""
+        return (torch.from_numpy(self.codes),)
+
+    def step(self, actions: NDArray[np.int64]) -> StepResult:
+        """Step every environment; the next episode begins at once where one ended."""
+        self.codes, rewards, dones, _, info = self.env.step(actions)
+        self.steps, self.returns = self.steps + 1, self.returns + rewards
+        explored = np.zeros(self.num_envs, np.bool_)
+        if dones.any():
+            final = info["final_info"]
+            explored = dones & (final["outcome"] == "explored")
+            self.recent.steps += self.steps[dones].tolist()
+            self.recent.explored += explored[dones].tolist()
+            self.recent.returns += self.returns[dones].tolist()
+            self.recent.coverages += final["coverage"][dones].tolist()
+            self.recent.outcomes += final["outcome"][dones].tolist()
+            self.recent.count += int(dones.sum())
+            self.steps[dones], self.returns[dones] = 0, 0
+        return StepResult(rewards, dones, explored, NONE, None)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return everything that changes, as tensors and lists."""
+        worlds = {name: torch.from_numpy(array) for name, array in self.env.snapshot().items()}
+        recent = {
+            name: list(column) for name, column in vars(self.recent).items() if name != "count"
+        }
+        return {
+            "steps": torch.from_numpy(self.steps.copy()),
+            "returns": torch.from_numpy(self.returns.copy()),
+            "worlds": worlds,
+            "recent": recent,
+            "count": self.recent.count,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Set everything as `state_dict` returned it."""
+        self.steps, self.returns = state["steps"].numpy().copy(), state["returns"].numpy().copy()
+        worlds = {name: tensor.numpy() for name, tensor in state["worlds"].items()}
+        self.codes = self.env.restore(worlds)
+        for name, column in state["recent"].items():
+            episodes = getattr(self.recent, name)
+            episodes.clear()
+            episodes.extend(column)
+        self.recent.count = state["count"]

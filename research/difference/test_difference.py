@@ -1,0 +1,109 @@
+"""Each verdict of the design comes out both ways, and a training goes on where it stopped."""
+
+from dataclasses import replace
+
+import pytest
+
+from research.difference.__main__ import read_records, table
+from research.difference.answers import (
+    Interval,
+    Record,
+    effect_of,
+    effect_of_passes,
+    sweeps,
+    verdict,
+)
+from research.difference.design import Training, combinations, full_passes, random_level
+
+
+def record(training, coverage, finished=True):
+    line = {
+        "kind": "curve",
+        "moves": training.moves,
+        "coverage": coverage,
+        "out_of_bounds": 0.9,
+        "collided": 0.1,
+    }
+    result = {"kind": "result", "covers_most": 0.5, "explored": 0.0, "clean_u": 0.25}
+    return Record(training, ("a machine",), (line,) * 5, result if finished else None)
+
+
+def records(coverage_of):
+    return {training: record(training, coverage_of(training)) for training in combinations()}
+
+
+def test_the_design_has_the_trainings_that_it_says():
+    assert len(set(combinations())) == 24
+    assert [training.settings.update_epochs for training in full_passes()] == [30] * 3
+    assert {training.moves for training in random_level()} == {9_000_000}
+    settings = {
+        training.estimates: (training.settings.gamma, training.settings.gae_lambda)
+        for training in combinations()
+    }
+    assert settings == {"text": (0.95, 0.95), "code": (0.9, 1.0)}
+
+
+@pytest.mark.parametrize(
+    ("interval", "words"),
+    [
+        ((0.2, 0.11, 0.3), "makes the difference"),
+        ((-0.2, -0.3, -0.11), "makes the difference"),
+        ((0.0, -0.05, 0.05), "makes no difference"),
+        ((0.1, -0.05, 0.25), "undecided"),
+        ((0.2, 0.05, 0.35), "undecided"),
+    ],
+)
+def test_an_effect_makes_a_difference_or_none_or_is_undecided(interval, words):
+    assert verdict(Interval(*interval)) == words
+
+
+def test_coverage_sweeps_with_certainty_or_shows_nothing():
+    assert sweeps([0.80, 0.82, 0.81])
+    assert not sweeps([0.60, 0.82, 0.81])
+    assert not sweeps([0.9])
+
+
+def test_the_effect_of_a_factor_is_found_where_it_was_put():
+    stored = records(
+        lambda own: (
+            0.5 + 0.2 * (own.world == "code") - 0.1 * (own.leaving == "costs") + 0.01 * own.seed
+        )
+    )
+    assert effect_of("world", stored).mean == pytest.approx(0.2)
+    assert effect_of("leaving", stored).mean == pytest.approx(0.1)
+    assert effect_of("estimates", stored).mean == pytest.approx(0)
+    assert effect_of("world", stored).low == pytest.approx(0.2)
+
+
+def test_what_is_not_finished_decides_nothing():
+    stored = records(lambda own: 0.5)
+    training = combinations()[3]
+    stored[training] = replace(stored[training], result=None)
+    assert effect_of("world", stored) is None
+    assert effect_of_passes(stored) is None
+    stored = records(lambda own: 0.5) | {own: record(own, 0.7) for own in full_passes()}
+    assert effect_of_passes(stored).mean == pytest.approx(0.2)
+    assert "not all finished" not in table(stored)
+
+
+@pytest.mark.parametrize("world", ["text", "code"])
+def test_a_training_that_was_stopped_ends_as_one_that_was_not(world, tmp_path):
+    training = Training(world, "code", "free", 1, moves=12_000)
+    calls = []
+
+    def stop(share):
+        calls.append(share)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+
+    training.run(tmp_path / "whole", lambda share: None)
+    with pytest.raises(KeyboardInterrupt):
+        training.run(tmp_path / "stopped", stop)
+    assert not training.is_done(tmp_path / "stopped")
+    training.run(tmp_path / "stopped", lambda share: None)
+    logs = [tmp_path / name / training.name / "log.jsonl" for name in ("whole", "stopped")]
+    assert logs[0].read_text() == logs[1].read_text()
+    assert training.is_done(tmp_path / "stopped")
+    (own,) = read_records(logs[:1]).values()
+    assert len(own.result["actions"]) == 20
+    assert own.result["coverage"] > 0
