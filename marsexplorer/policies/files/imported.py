@@ -1,12 +1,11 @@
-"""Policies made elsewhere: whatever turns one observation into four logits, played as it would play itself.
+"""Policies made elsewhere: whatever turns an observation into four logits, played as it would play itself.
 
-They decide from the state matrix alone, without memory and without the guard of our own networks.
+They decide without the guard of our own networks, and remember of an episode what their file carries as states.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +13,26 @@ from numpy.typing import NDArray
 from marsexplorer.observation import STATE_VALUES, action_masks, decode, rover_position
 from marsexplorer.policies.base import INVALID_LOGIT, begin_draws, draw_action
 
-Evaluate = Callable[[NDArray[Any], NDArray[np.bool_]], tuple[NDArray[np.float32], float]]
-"""(observation [rows, cols], action mask bool[4]) -> (logits float32[4], value, NaN when there is none)."""
+
+class Evaluation(Protocol):
+    """What turns observations into logits, and may carry states through an episode."""
+
+    def begin(self) -> None:
+        """Start an episode: forget the states."""
+
+    def evaluate(
+        self, observation: NDArray[Any], mask: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float32], float]:
+        """Turn an observation [rows, cols] and an action mask bool[4] into logits float32[4] and a value.
+
+        The value is NaN when there is none.
+        """
 
 
 class ImportedPolicy:
     """Take the move with the highest logit, or draw it.
 
-    evaluate  what turns an observation and an action mask into logits and a value
+    evaluation  what turns an observation and an action mask into logits and a value
     size      (rows, cols) it was made for; None for any
     raw       whether it expects uint8 codes instead of the float32 state matrix
     masked    whether invalid moves are left out, as MaskablePPO does; else it may drive into an obstacle
@@ -34,7 +45,7 @@ class ImportedPolicy:
     def __init__(
         self,
         name: str,
-        evaluate: Evaluate,
+        evaluation: Evaluation,
         size: tuple[int, int] | None,
         raw: bool,
         masked: bool,
@@ -42,13 +53,14 @@ class ImportedPolicy:
         has_value: bool = False,
     ) -> None:
         self.name, self.size, self.has_value = name, size, has_value
-        self._evaluate, self._raw, self._masked, self._samples = evaluate, raw, masked, samples
+        self._evaluation, self._raw, self._masked, self._samples = evaluation, raw, masked, samples
         self._thought = np.full(4, 0.25, np.float32), float("nan")
         self.reset(0)
 
     def reset(self, seed: int) -> None:
         """Begin an episode; the seed fixes what is drawn."""
         self._draws = begin_draws(seed)
+        self._evaluation.begin()
 
     def act(self, observation: NDArray[Any]) -> int:
         """Return an action 0..3; ValueError for an observation of another size than it was made for."""
@@ -56,7 +68,7 @@ class ImportedPolicy:
         if self.size is not None and codes.shape != self.size:
             raise ValueError(wrong_size(self.name, self.size, codes.shape))
         mask = action_masks(codes[None], np.array([rover_position(codes)]))[0]
-        logits, value = self._evaluate(codes if self._raw else STATE_VALUES[codes], mask)
+        logits, value = self._evaluation.evaluate(codes if self._raw else STATE_VALUES[codes], mask)
         if self._masked and mask.any():
             logits = np.where(mask, logits, np.float32(INVALID_LOGIT))
         shares = np.exp(logits - logits.max())

@@ -21,7 +21,7 @@ LARGEST = 64 << 20
 """Bytes of a file; a larger one is refused unread."""
 MOST_FIELDS = 100_000
 """Fields that are read of one message."""
-ADVICE = "give an ONNX model with the inputs and outputs that docs/policies.md lists"
+ADVICE = "give an ONNX model with the inputs and outputs that docs/policies.md lists, or read it by `marsexplorer policies add`"
 
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
 """The wire types of protobuf, less its groups, which ONNX does not use."""

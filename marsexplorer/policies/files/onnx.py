@@ -5,7 +5,8 @@ Two kinds are understood.
 **A policy of any making.** Input `observation`, float32 (the state matrix of eq. 6) or uint8 (codes), of shape [rows, cols],
 [1, rows, cols] or [1, 1, rows, cols]; rows and cols may be left open. Output `logits` float32[4] or [1, 4]; output `value`,
 one float32, if there is one. With a further input `action_mask`, bool[4] or [1, 4] (True where valid), invalid moves never win.
-A batch dimension, where there is one, must take 1.
+A batch dimension, where there is one, must take 1. An input `state_NAME`, float32 of a fixed shape, is zeros at an episode's
+start and then the output `next_state_NAME` of the move before. An input `start`, float32[1], is 1 at the start, 0 after it.
 
 **A network over our features**, as `training.network` writes it: inputs `planes` and `moves`, outputs `logits` and, if there
 is one, `value`. It plays with memory. A batch dimension that is left open must take any number of boards.
@@ -19,6 +20,7 @@ memory that it allocates on the way is bounded, and a model that asks for more i
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,7 +31,7 @@ from numpy.typing import NDArray
 
 from marsexplorer.policies.base import INVALID_LOGIT, PolicyFileError
 from marsexplorer.policies.files.card import FORMAT, card_in
-from marsexplorer.policies.files.imported import Evaluate, ImportedPolicy
+from marsexplorer.policies.files.imported import ImportedPolicy
 from marsexplorer.policies.files.model import Model, refuse
 
 MOST_MEMORY = 256 << 20
@@ -105,10 +107,14 @@ class OnnxModel:
 
 def load_imported(model: OnnxModel) -> ImportedPolicy:
     """Return the policy of an ONNX model that takes observations, named after its file; PolicyFileError for anything else."""
-    names = set(model.inputs)
-    if not {"observation"} <= names <= {"observation", "action_mask"}:
+    states = {name for name in model.inputs if name.startswith("state_")}
+    names = set(model.inputs) - states
+    if not {"observation"} <= names <= {"observation", "action_mask", "start"}:
         came = ", ".join(sorted(names))[:80] or "none"
         raise model.refuse("the input observation, and perhaps action_mask", came)
+    for name in states:
+        if model.inputs[name][0] != "tensor(float)" or None in model.inputs[name][1]:
+            raise model.refuse(f"{name} float32 of a fixed shape", str(model.inputs[name])[:60])
     kind, shape = model.inputs["observation"]
     if kind not in ("tensor(float)", "tensor(uint8)"):
         raise model.refuse("observation float32 or uint8", kind)
@@ -122,40 +128,76 @@ def load_imported(model: OnnxModel) -> ImportedPolicy:
     size = None if rows is None or cols is None else (rows, cols)
     raw = kind == "tensor(uint8)"
     nothing: NDArray[Any] = np.zeros(size or (PROBE, PROBE), np.uint8 if raw else np.float32)
-    check_outputs(model, model.try_out(_inputs_of(model, nothing, np.ones(4, np.bool_))))
+    evaluation = OnnxEvaluation(model)
+    first = model.try_out(evaluation.inputs_of(nothing, np.ones(4, np.bool_)))
+    check_outputs(model, first, states=states)
     samples = model.acts("greedy", "samples") == "samples"
     masked = "action_mask" in names
     how = (size, raw, masked, samples, "value" in model.outputs)
-    return ImportedPolicy(model.path.stem, _evaluation(model), *how)
+    return ImportedPolicy(model.path.stem, evaluation, *how)
 
 
-def _evaluation(model: OnnxModel) -> Evaluate:
+class OnnxEvaluation:
+    """A model that takes observations (`imported.Evaluation`)."""
+
+    def __init__(self, model: OnnxModel) -> None:
+        self._model = model
+        self.begin()
+
+    def begin(self) -> None:
+        """Start an episode: forget the states."""
+        shapes = {
+            name: tuple(side or 1 for side in shape)
+            for name, (_, shape) in self._model.inputs.items()
+            if name.startswith("state_")
+        }
+        self._states = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
+        self._is_start = True
+
     def evaluate(
-        observation: NDArray[Any], mask: NDArray[np.bool_]
+        self, observation: NDArray[Any], mask: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float32], float]:
-        outputs = model.run(_inputs_of(model, observation, mask))
+        """Turn an observation and an action mask into logits and a value, and carry the states on."""
+        outputs = self.run(observation, mask)
         value = float(outputs["value"].reshape(-1)[0]) if "value" in outputs else float("nan")
         return np.nan_to_num(outputs["logits"].reshape(4), nan=INVALID_LOGIT), value
 
-    return evaluate
+    def run(self, observation: NDArray[Any], mask: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
+        """The model's own outputs by name; the states are carried on."""
+        outputs = self._model.run(self.inputs_of(observation, mask))
+        self._states = {name: outputs[f"next_{name}"] for name in self._states}
+        self._is_start = False
+        return outputs
+
+    def inputs_of(
+        self, observation: NDArray[Any], mask: NDArray[np.bool_]
+    ) -> dict[str, NDArray[Any]]:
+        """The inputs by name, shaped as the model wants them."""
+        inputs = self._model.inputs
+        shape = inputs["observation"][1]
+        whole = observation.reshape((1,) * (len(shape) - 2) + observation.shape)
+        feed: dict[str, NDArray[Any]] = {"observation": whole, **self._states}
+        if "action_mask" in inputs:
+            feed["action_mask"] = mask.reshape((*(1,) * (len(inputs["action_mask"][1]) - 1), 4))
+        if "start" in inputs:
+            feed["start"] = np.array([self._is_start], np.float32)
+        return feed
 
 
-def _inputs_of(
-    model: OnnxModel, observation: NDArray[Any], mask: NDArray[np.bool_]
-) -> dict[str, NDArray[Any]]:
-    """Return the inputs by name, shaped as the model wants them."""
-    shape = model.inputs["observation"][1]
-    whole: NDArray[Any] = observation.reshape((1,) * (len(shape) - 2) + observation.shape)
-    if "action_mask" not in model.inputs:
-        return {"observation": whole}
-    ones = (1,) * (len(model.inputs["action_mask"][1]) - 1)
-    return {"observation": whole, "action_mask": mask.reshape((*ones, 4))}
-
-
-def check_outputs(model: OnnxModel, outputs: dict[str, NDArray[Any]], boards: int = 1) -> None:
+def check_outputs(
+    model: OnnxModel,
+    outputs: dict[str, NDArray[Any]],
+    boards: int = 1,
+    states: Collection[str] = (),
+) -> None:
     """Raise PolicyFileError when the outputs of a first run are not what a policy gives for so many boards."""
-    if not {"logits"} <= set(outputs) <= {"logits", "value"}:
+    following = {f"next_{name}" for name in states}
+    if not {"logits"} | following <= set(outputs) <= {"logits", "value"} | following:
         raise model.refuse("the outputs logits, and perhaps value", ", ".join(sorted(outputs))[:80])
+    for name in states:
+        after = outputs[f"next_{name}"]
+        if after.dtype != np.float32 or after.shape != model.inputs[name][1]:
+            raise model.refuse(f"next_{name} as {name} is", f"{after.dtype} {list(after.shape)}")
     for name, count in (("logits", 4 * boards), ("value", boards)):
         if name in outputs and (outputs[name].dtype != np.float32 or outputs[name].size != count):
             came = f"{outputs[name].dtype} {list(outputs[name].shape)}"

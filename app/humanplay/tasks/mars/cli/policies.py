@@ -10,7 +10,7 @@ import click
 from click import ClickException, UsageError, argument, echo, option
 
 from humanplay.command.console import print_table, progress, reason
-from humanplay.command.options import flag, path_option
+from humanplay.command.options import PATH, SizeType, flag, path_option, several
 
 TOKEN = option("--token", envvar="HF_TOKEN", help="Your own.  [default: that of `hf auth login`]")
 
@@ -23,6 +23,7 @@ def policies() -> None:
     Examples:
       marsexplorer policies list
       marsexplorer policies card ppo
+      marsexplorer policies add net.onnx --values eq6 --acts greedy
       marsexplorer policies measure runs/mine/mine.onnx
       marsexplorer policies push runs/mine/mine.onnx ada/mars-explorer
       marsexplorer policies pull ada/mars-explorer
@@ -49,6 +50,90 @@ def card(policy: str) -> None:
 
     with policy_errors():
         echo(json.dumps(read_card(file_of(policy)), indent=2, ensure_ascii=False))
+
+
+@policies.command(short_help="Read a policy that another library exported as ONNX.")
+@argument("file", type=PATH)
+@path_option("--out", "The policy file to write.  [default: NAME-added.onnx, here]")
+@option(
+    "--values",
+    type=click.Choice(["eq6", "codes"]),
+    help="What a float input holds: 0, 0.3, 0.6 and 1, or codes 0 to 3.",
+)
+@option("--size", type=SizeType(), help="The board of a flat input, as in 21x21.")
+@option(
+    "--frames", type=click.Choice(["oldest", "newest"]), help="Which of stacked frames comes first."
+)
+@option(
+    "--padding",
+    type=click.Choice(["zeros", "repeat"]),
+    help="What stands before an episode's first frame.",
+)
+@option("--output", metavar="NAME", help="The output that chooses the move, if several could.")
+@option("--acts", type=click.Choice(["greedy", "samples"]), help="Take the best move, or draw it.")
+@option(
+    "--scores",
+    type=click.Choice(["logits", "q"]),
+    help="What the scores are, if moves are drawn from them.",
+)
+@several(
+    "--state",
+    "states",
+    "An input that is the OUTPUT of the move before; repeatable.",
+    metavar="INPUT=OUTPUT",
+)
+@option("--initial", type=click.Choice(["zeros"]), help="The states at the start of an episode.")
+@option(
+    "--episode-start",
+    "start",
+    metavar="NAME",
+    help="The input that is 1 at the start of an episode.",
+)
+def add(
+    file: Path,
+    out: Path | None,
+    size: int | tuple[int, int] | None,
+    states: tuple[str, ...],
+    **answers: str | None,
+) -> None:
+    """Read FILE, an ONNX model as Stable-Baselines3, CleanRL, Tianshou, RLlib or plain torch export it, and write one policy
+    file, which plays without them.
+
+    What the shapes in FILE do not say is asked for by an option. All that is amiss is listed at once, each with the line that
+    mends it. The card of the file says how it was read. It needs the extra [onnx]; the file that it writes does not.
+
+    \b
+    Examples:
+      marsexplorer policies add net.onnx --values eq6 --acts greedy
+      marsexplorer policies add flat.onnx --values eq6 --size 21x21 --acts samples --scores logits
+      marsexplorer policies add stacked.onnx --values codes --frames oldest --padding repeat --acts greedy
+      marsexplorer policies add lstm.onnx --values eq6 --acts greedy --state h=h_out --state c=c_out --initial zeros
+    """
+    with policy_errors():
+        try:
+            from marsexplorer.evaluation.boards import observations
+            from marsexplorer.policies.files.adopt import adopt
+            from marsexplorer.policies.files.adoption import Answers
+        except ModuleNotFoundError as error:
+            raise ClickException(
+                f"`policies add` needs the package {error.name}: pip install 'humanplay[mars,onnx]'; "
+                "the file that it writes does not"
+            ) from error
+        pairs = tuple(_pair(state) for state in states)
+        board = (size, size) if isinstance(size, int) else size
+        out = out or Path(f"{file.stem}-added.onnx")
+        notes = adopt(file, out, Answers(size=board, states=pairs, **answers), observations)
+    for subject, note in notes.items():
+        echo(f"{subject}: {note}")
+    echo(f"{out}: play beside it with humanplay serve --policy {out}")
+
+
+def _pair(state: str) -> tuple[str, str]:
+    """The input and the output of a --state."""
+    name, _, following = state.partition("=")
+    if not name or not following:
+        raise UsageError(f"--state: expected INPUT=OUTPUT, got {state!r}")
+    return name, following
 
 
 @policies.command()

@@ -1,0 +1,1 @@
+"""Do policies that other libraries export play here as they play there?"""
