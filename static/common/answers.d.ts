@@ -161,7 +161,7 @@ declare namespace Answers {
   };
   /** What somebody reads who has come to an end. */
   type Ending = {
-    /** finished, no_consent, withdrew, left, stopped_by_us */
+    /** finished, unfit_device, no_consent, failed_questions, withdrew, left, stopped_by_us */
     outcome: string,
     /** for the place that sent them */
     code: string | null,
@@ -532,6 +532,10 @@ declare namespace Answers {
     stage: "consent" | "instructions" | "tutorial" | "questions" | "warm_up" | "ranked" | "debrief" | "complete" | "withdrawn",
     consent: Consent,
     questions: Question[],
+    /** at the questions; null: as many as are wanted */
+    tries_left: number | null,
+    /** any or computer: with which people may take part */
+    device: string,
     /** which of the answers just given were right */
     right: boolean[] | null,
     /** what explains the wrong ones */

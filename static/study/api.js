@@ -40,7 +40,7 @@ export function createStudyApi(name) {
     show: () => request(path),
     join: (outside_ids, invitation) => ask("join", { outside_ids, invitation }),
     me: () => ask("me", undefined, 5000),
-    consent: (version, agree) => ask("consent", { version, agree }),
+    consent: (version, agree, unfit = false) => ask("consent", { version, agree, unfit }),
     advance: (from) => ask("advance", { from }),
     answers: (answers) => ask("answers", { answers }),
     next: () => ask("next", {}),

@@ -130,9 +130,12 @@ const passed = tabStore.getItem(keep("passed"));
 if (passed) dispatch({ kind: "passed", episode: passed });
 paintKeys();
 repaint();
-join((participant) => {
+join(async (participant) => {
   settings.begin(participant.task.keys);
   showTask(participant.task);
   if (participant.settings.keys) settings.adopt(participant.settings);
   else settingsSync.changed();
+  const { stage, device, consent } = participant;
+  const isUnfit = device === "computer" && !matchMedia("(any-pointer: fine)").matches;
+  return stage === "consent" && isUnfit ? study.consent(consent.version, false, true) : participant;
 });

@@ -54,7 +54,7 @@ function paintComplete({ debrief, participant }) {
 /** Show the code, the way back or the sentence of somebody's end on the screen that has a place for it.
  * @param {Study.Participant} participant @param {Study.Screen} screen */
 function paintEnding({ ending }, screen) {
-  const place = document.querySelector(`[data-screen=${screen}] [data-ending]`);
+  const place = document.querySelector(`section[data-screen=${screen}] [data-ending]`);
   if (!place) return;
   place.append(by("ending"));
   const { code = null, address = null, sentence = null } = ending ?? {};
@@ -78,6 +78,8 @@ export function paintPages(before) {
       put(by("progress"), words.progress(participant, screen === "play" && !state.game.player?.frame.outcome));
       by("progress-bar").style.width = `${(100 * words.share(participant)).toFixed(1)}%`;
       document.title = `${participant.title} \u00b7 ${words.progress(participant, false)}`;
+      put(by("withdrawn-title"), words.withdrawnTitle(participant));
+      put(by("withdrawn-lead"), words.withdrawnLead(participant));
       if (participant.note) put(by("withdrawn-note"), participant.note);
     }
     if (participant) {
@@ -155,6 +157,7 @@ function paintQuiz(participant) {
     by("quiz-title").textContent = words.questionsTitle(asked.length, "short");
     if (asked.length === 0) answer([]);
   }
+  put(by("quiz-tries"), words.triesLine(participant.tries_left));
   showVerdicts(participant);
 }
 

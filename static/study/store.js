@@ -92,13 +92,13 @@ function takeArrival() {
 const arrival = takeArrival();
 
 /** Join the study or go on in it; try again while there is no server.
- * @param {(participant: Study.Participant) => void} onJoined */
+ * @param {(participant: Study.Participant) => Promise<Study.Participant>} onJoined what comes before the first screen; it returns
+ * where the participant stands then */
 export async function join(onJoined) {
   try {
     const participant = await study.join(outsideIds(arrival), invitationIn(arrival));
     try { sessionStorage.removeItem(ARRIVAL); } catch { /* a browser that keeps nothing */ }
-    onJoined(participant);
-    arrive(participant);
+    arrive(await onJoined(participant));
   } catch (error) {
     const { status, message } = /** @type {ApiError} */ (error);
     if (status === 0) {

@@ -34,7 +34,7 @@ declare namespace Study {
   type Api = {
     show(): Promise<Answers.Study>,
     join(outside_ids: Record<string, string | string[]>, invitation: string | null): Asked, me(): Asked,
-    consent(version: string, agree: boolean): Asked, advance(from: Stage): Asked, answers(answers: number[]): Asked,
+    consent(version: string, agree: boolean, unfit?: boolean): Asked, advance(from: Stage): Asked, answers(answers: number[]): Asked,
     next(): Asked, giveUp(episode: string, step: number): Asked,
     /** The request outlives the page; the signal ends it. */
     settings(settings: Settings, signal: AbortSignal): Asked, supervise(code: string): Asked, withdraw(erase: boolean): Asked,

@@ -77,6 +77,15 @@ function endNext(participant, phase) {
   return participant.stage === participant.phase && !participant.break_due ? `Next ${participant.task.round}` : "Go on";
 }
 
+/** @param {Study.Participant} participant @returns the heading for whoever does not go on */
+export const withdrawnTitle = ({ ending }) => ({ unfit_device: "This device does not fit", failed_questions: "The questions are over" }[/** @type {"unfit_device"} */ (ending?.outcome)] ?? "You have left the study");
+
+/** @param {Study.Participant} participant @returns whether they can close the page, or take something with them first */
+export const withdrawnLead = ({ ending }) => (ending?.code || ending?.address || ending?.sentence ? "Nothing more is recorded. Please read to the end of this page." : "Nothing more is recorded. You can close this page.");
+
+/** @param {number | null} left @returns how often the questions may be answered */
+export const triesLine = (left) => (left === null ? "You can answer as often as you need to" : `You can answer ${left === 1 ? "once more" : many(left, "time")}`);
+
 /** @param {Study.Participant} participant @returns the button that leads from the debrief to the end */
 export const finish = ({ ending }) => (ending?.code ? "Finish and get my completion code" : "Finish");
 

@@ -154,6 +154,7 @@ class NotedArrivals(TypedDict, total=False):
 
     declined: int
     undecided: int
+    unfit: int
     issued: int | None
     revoked: int | None
     unopened: int | None

@@ -194,19 +194,31 @@ class StudyStore:
             self._set(participant_id, {"stage": stage, **columns})
             self._add(participant_id, at_ms, "stage", {"stage": stage})
 
-    def withdraw(self, participant: Participant, at_ms: int, erase: bool = False) -> None:
+    def withdraw(
+        self, participant: Participant, at_ms: int, erase: bool = False, outcome: str | None = None
+    ) -> None:
         """Withdraw a participant; one who never agreed leaves no outside id behind.
 
         Args:
             erase: They ask that what they have played be erased.
+            outcome: As what it ends for them, where it is not their wish.
         """
         with self._changing(participant.id):
             if participant.consent_ms is None:
                 sql = "DELETE FROM identities WHERE participant_id = ?"
                 self._conn.execute(sql, [participant.id])
             self._set(participant.id, {"stage": "withdrawn"})
-            detail = {"from": participant.stage, **({"erase": True} if erase else {})}
+            detail: dict[str, object] = {"from": participant.stage}
+            detail |= {"erase": True} if erase else {}
+            detail |= {"outcome": outcome} if outcome else {}
             self._add(participant.id, at_ms, "withdrawn", detail)
+
+    def withdrawn_as(self, participant_id: str) -> str | None:
+        """As what it ended for somebody who is withdrawn, where it was not their wish."""
+        sql = """SELECT json_extract(detail, '$.outcome') FROM stage_events
+            WHERE participant_id = ? AND kind = 'withdrawn'"""
+        found = self._conn.execute(sql, [participant_id]).fetchone()
+        return None if found is None or found[0] is None else str(found[0])
 
     def asks_erasure(self, participant_id: str) -> bool:
         """Whether a participant withdrew and asked that what they had played be erased."""

@@ -238,8 +238,11 @@ def count_arrivals(
 
     invitations  of the study by id, where its folder is at hand
     """
-    undecided = """SELECT coalesce(sum(stage = 'withdrawn'), 0) AS declined, coalesce(sum(stage <> 'withdrawn'), 0) AS undecided
-        FROM participants WHERE study = ? AND kind = 'human' AND consent_ms IS NULL"""
+    unfit = """EXISTS (SELECT 1 FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'withdrawn'
+        AND json_extract(v.detail, '$.outcome') = 'unfit_device')"""
+    undecided = f"""SELECT coalesce(sum(stage = 'withdrawn' AND NOT {unfit}), 0) AS declined,
+        coalesce(sum(stage <> 'withdrawn'), 0) AS undecided, coalesce(sum({unfit}), 0) AS unfit
+        FROM participants p WHERE study = ? AND kind = 'human' AND consent_ms IS NULL"""
     (counted,) = rows(conn, undecided, study)
     erased = rows(conn, "SELECT value FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%")
     before = NotedArrivals()

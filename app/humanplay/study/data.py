@@ -31,7 +31,8 @@ from humanplay.db.series import (
 )
 from humanplay.db.trial import ParticipantKind, Trial
 from humanplay.study.active_time import active_ms, pause_share
-from humanplay.study.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
+from humanplay.study.flow import Arrivals, arrivals_of, left_as, repeated_reasons, with_noted
+from humanplay.study.outcome import Outcome
 from humanplay.study.plausibility import plausibility_labels
 from humanplay.study.policy_files import PolicyFiles
 from humanplay.study.protocol import Protocol, StudyError, parse_protocol
@@ -193,8 +194,14 @@ def _load(reader: Reader, study: str) -> StudyData:
 def _arrivals(reader: Reader, study: str, people: Sequence[Person]) -> Arrivals:
     """Return the counts of people before they agreed, and of the erased."""
     undecided = [each for each in people if each.kind == "human" and each.consent_version is None]
-    declined = sum(person.stage == "withdrawn" for person in undecided)
-    return arrivals_of(declined, len(undecided) - declined, erased_people(reader, study))
+    withdrawn = [person for person in undecided if person.stage == "withdrawn"]
+    unfit = sum(left_as(person.events) is Outcome.UNFIT_DEVICE for person in withdrawn)
+    return arrivals_of(
+        declined=len(withdrawn) - unfit,
+        undecided=len(undecided) - len(withdrawn),
+        unfit=unfit,
+        erased=erased_people(reader, study),
+    )
 
 
 def _people(reader: Reader, study: str) -> tuple[Person, ...]:

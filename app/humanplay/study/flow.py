@@ -62,8 +62,10 @@ class Status(StrEnum):
     BOT = "bot"
     WITHDREW_EARLY = "withdrew_early"
     INTERRUPTED_EARLY = "interrupted_early"
+    FAILED_QUESTIONS = "failed_questions"
     NEVER_BEGAN = "never_began"
     DECLINED = "declined"
+    UNFIT_DEVICE = "unfit_device"
     UNDECIDED = "undecided"
     ERASED = "erased"
 
@@ -83,8 +85,10 @@ STATUS_IN_WORDS: dict[Status, str] = {
     Status.BOT: "bot from the first moves of every episode",
     Status.WITHDREW_EARLY: "withdrew before a ranked episode",
     Status.INTERRUPTED_EARLY: "interrupted before a ranked episode",
+    Status.FAILED_QUESTIONS: "failed the questions",
     Status.NEVER_BEGAN: "never began a ranked episode",
     Status.DECLINED: "declined",
+    Status.UNFIT_DEVICE: "came with a device that does not fit",
     Status.UNDECIDED: "did not answer",
     Status.ERASED: "erased",
 }
@@ -102,7 +106,9 @@ OUTCOME_OF: dict[Status, Outcome] = {
     Status.STOPPED: Outcome.LEFT,
     Status.LEFT: Outcome.LEFT,
     Status.NEVER_BEGAN: Outcome.LEFT,
+    Status.FAILED_QUESTIONS: Outcome.FAILED_QUESTIONS,
     Status.DECLINED: Outcome.NO_CONSENT,
+    Status.UNFIT_DEVICE: Outcome.UNFIT_DEVICE,
 }
 """Each status of the report that is an outcome; whoever plays, or was erased, has none."""
 
@@ -125,7 +131,12 @@ BEGAN = (
     Status.PLAYING,
 )
 """Began a ranked episode, bots left out: whom the estimate for everybody is of."""
-EARLY = (Status.WITHDREW_EARLY, Status.INTERRUPTED_EARLY, Status.NEVER_BEGAN)
+EARLY = (
+    Status.WITHDREW_EARLY,
+    Status.INTERRUPTED_EARLY,
+    Status.FAILED_QUESTIONS,
+    Status.NEVER_BEGAN,
+)
 """Agreed and began no ranked episode."""
 
 
@@ -135,6 +146,7 @@ class Arrivals:
 
     declined   did not agree
     undecided  opened the study and did not answer
+    unfit      came with a device that does not fit
     erased     had everything erased, whenever that was
     erased_after_closing  of them, when the estimates were known
     erased_began      of the erased, those who had begun a ranked episode
@@ -147,6 +159,7 @@ class Arrivals:
 
     declined: int = 0
     undecided: int = 0
+    unfit: int = 0
     erased: int = 0
     erased_after_closing: int = 0
     erased_began: int = 0
@@ -187,12 +200,15 @@ class ParticipantFlow:
         return sum(self.people.values())
 
 
-def arrivals_of(declined: int, undecided: int, erased: Sequence[ErasedPerson]) -> Arrivals:
+def arrivals_of(
+    declined: int, undecided: int, unfit: int, erased: Sequence[ErasedPerson]
+) -> Arrivals:
     """Count people as the database knows them; `erased` of `humanplay.db.series.erased_people`."""
     asked = Counter(person["asked_by"] for person in erased if person["asked_by"] is not None)
     return Arrivals(
         declined,
         undecided,
+        unfit,
         erased=len(erased),
         erased_after_closing=sum(person["after_closing"] for person in erased),
         erased_began=sum(person["ranked_begun"] > 0 for person in erased),
@@ -206,6 +222,7 @@ def participant_flow(arrivals: Arrivals, statuses: Iterable[Status]) -> Particip
     people = Counter(statuses)
     people[Status.DECLINED] = arrivals.declined
     people[Status.UNDECIDED] = arrivals.undecided
+    people[Status.UNFIT_DEVICE] = arrivals.unfit
     people[Status.ERASED] = arrivals.erased
     return ParticipantFlow(
         arrivals, {status: people[status] for status in Status if people[status]}
@@ -218,6 +235,7 @@ def with_noted(arrivals: Arrivals, noted: NotedArrivals) -> Arrivals:
         arrivals,
         declined=arrivals.declined + noted.get("declined", 0),
         undecided=arrivals.undecided + noted.get("undecided", 0),
+        unfit=arrivals.unfit + noted.get("unfit", 0),
         issued=noted.get("issued"),
         revoked=noted.get("revoked"),
         unopened=noted.get("unopened"),
@@ -236,6 +254,12 @@ def with_invitations(
     revoked = sum(each.revoked_ms is not None for each in unused)
     left = max(0, len(unused) - revoked - arrivals.erased)
     return replace(arrivals, issued=len(invitations), revoked=revoked, unopened=left)
+
+
+def left_as(events: Iterable[StageEvent]) -> Outcome | None:
+    """As what taking part ended for somebody who is withdrawn, where it was not their wish."""
+    noted = (event.detail.get("outcome") for event in events if event.kind == "withdrawn")
+    return next((Outcome(str(outcome)) for outcome in noted if outcome is not None), None)
 
 
 def repeated_reasons(

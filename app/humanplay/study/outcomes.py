@@ -75,15 +75,20 @@ def delete_texts(folder: Path) -> None:
     (folder / FILE).unlink(missing_ok=True)
 
 
-def outcome_of(participant: Participant, is_running: bool, was_stopped: bool) -> Outcome | None:
+def outcome_of(
+    participant: Participant, is_running: bool, was_stopped: bool, left_as: Outcome | None
+) -> Outcome | None:
     """How taking part ended for somebody; None for whoever can go on.
 
     Args:
         is_running: Whether the study is.
         was_stopped: Whether the closing, or a failure of environment or server, took the last episode from them.
+        left_as: What the end of somebody who is withdrawn was noted as, where it was not their wish.
     """
     if participant.completed_ms is not None:
         return Outcome.FINISHED
+    if participant.stage == "withdrawn" and left_as is not None:
+        return left_as
     if participant.stage == "withdrawn":
         return Outcome.NO_CONSENT if participant.consent_ms is None else Outcome.WITHDREW
     if is_running or participant.consent_ms is None:
@@ -125,6 +130,8 @@ def check_complete(protocol: Protocol, texts: Mapping[Outcome, str]) -> None:
     )
 
 
+BEFORE_CONSENT = (Outcome.UNFIT_DEVICE, Outcome.NO_CONSENT)
+"""No code is drawn for these."""
 WAYS_BACK = ("code", "address")
 
 
@@ -148,7 +155,7 @@ def ending(
         drawn: Their own code, where one is drawn for each person.
     """
     text = texts.get(outcome, "")
-    if not text and protocol.platform == "code" and outcome is not Outcome.NO_CONSENT:
+    if not text and protocol.platform == "code" and outcome not in BEFORE_CONSENT:
         text = f"{{{CODE}}}" if drawn else ""
     values = {**dict.fromkeys(protocol.outside_ids, ""), **ids, CODE: drawn or ""}
     if not text:

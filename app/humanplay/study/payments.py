@@ -16,10 +16,11 @@ from statistics import mean, median
 
 from humanplay.db import series
 from humanplay.db.reader import Reader
+from humanplay.db.rows import StageEvent
 from humanplay.db.study_rows import Participant, participant_label
 from humanplay.db.trial import Trial
 from humanplay.study.closing import UNNOTED
-from humanplay.study.flow import INTERRUPTED
+from humanplay.study.flow import INTERRUPTED, left_as
 from humanplay.study.folder import Study
 from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import ending, outcome_of
@@ -153,12 +154,11 @@ def payments_of(reader: Reader, study: Study, texts: Mapping[Outcome, str]) -> P
     for trial in series.trial_activity(reader, study.name):
         trials[trial.participant].append(trial)
     stages = defaultdict[str, list[int]](list)
-    stopped = set[str]()
-    for event in series.stage_events(reader, study.name, ("stage", "withdrawn", INTERRUPTED)):
-        if event.kind == INTERRUPTED:
-            stopped.add(event.participant_id)
-        else:
-            stages[event.participant_id].append(event.at_ms)
+    events = defaultdict[str, list[StageEvent]](list)
+    for noted in series.stage_events(reader, study.name, ("stage", "withdrawn", INTERRUPTED)):
+        events[noted.participant_id].append(noted.event())
+        if noted.kind != INTERRUPTED:
+            stages[noted.participant_id].append(noted.at_ms)
     ids = series.identities_by_person(reader, study.name)
     payment = study.protocol.payment
     shows_play = study.is_open and payment is not None and payment.follows_from_play
@@ -168,8 +168,9 @@ def payments_of(reader: Reader, study: Study, texts: Mapping[Outcome, str]) -> P
         if person.consent_ms is None:
             continue
         own, known = trials[person.id], ids.get(person.id, {})
-        was_stopped = person.id in stopped or _failed_last(own)
-        outcome = outcome_of(person, study.is_running, was_stopped)
+        is_interrupted = any(event.kind == INTERRUPTED for event in events[person.id])
+        was_stopped = is_interrupted or _failed_last(own)
+        outcome = outcome_of(person, study.is_running, was_stopped, left_as(events[person.id]))
         minutes = _minutes(person, own, stages[person.id], study.closed_ms)
         shown = (
             None

@@ -26,6 +26,7 @@ from humanplay.db.trial import Trial
 from humanplay.study.closing import give_up_left, left_open, note_closed
 from humanplay.study.flow import INTERRUPTED
 from humanplay.study.folder import Folder, Study
+from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import Ending, ending, outcome_of, read_texts
 from humanplay.study.participation import CLOSED_MESSAGE, Participations, StageError
 from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
@@ -195,15 +196,22 @@ class ParticipantProgress:
         self._add(study, new, kept)
         return new, True
 
-    def consent(self, name: str, player_id: str | None, version: str, agree: bool) -> None:
-        """Note the answer to the consent text: on to the instructions, or withdrawn."""
+    def consent(
+        self, name: str, player_id: str | None, version: str, agree: bool, unfit: bool = False
+    ) -> None:
+        """Note the answer to the consent text: on to the instructions, or withdrawn.
+
+        Args:
+            unfit: The page finds that the device does not fit, so that nobody is asked.
+        """
         study, participant = self._at(name, player_id, "consent")
         if version != study.protocol.consent.version:
             raise StageError(
                 f"the consent text is version {study.protocol.consent.version!r}, not {version!r}: reload the page"
             )
         if not agree:
-            self.study_store.withdraw(participant, self._now())
+            outcome = Outcome.UNFIT_DEVICE if unfit else None
+            self.study_store.withdraw(participant, self._now(), outcome=outcome)
             return
         now = self._now()
         with self.recruitment.noting(now), self.lobby.store.transaction():
@@ -248,7 +256,17 @@ class ParticipantProgress:
             if all(right):
                 stage: Stage = _WARM_UP if study.protocol.warm_up else "ranked"
                 self.study_store.set_stage(participant.id, self._now(), stage)
+            elif self.tries_left(study, participant) == 0:
+                failed = Outcome.FAILED_QUESTIONS
+                self.study_store.withdraw(participant, self._now(), outcome=failed)
         return right
+
+    def tries_left(self, study: Study, participant: Participant) -> int | None:
+        """How often a participant may still answer the questions; None where that has no limit."""
+        tries = study.protocol.question_tries
+        if tries is None:
+            return None
+        return max(0, tries - self.study_store.count_stage_events(participant.id, "answers"))
 
     async def begin_next(self, name: str, player_id: str | None) -> None:
         """Begin the next episode of the stage; nothing changes while one runs."""
@@ -306,10 +324,12 @@ class ParticipantProgress:
 
     def ending(self, study: Study, participant: Participant) -> Ending | None:
         """What a participant reads at their end; None for whoever can go on."""
+        noted = self.study_store.withdrawn_as(participant.id)
         outcome = outcome_of(
             participant,
             study.is_running,
             was_stopped=self.study_store.count_stage_events(participant.id, INTERRUPTED) > 0,
+            left_as=None if noted is None else Outcome(noted),
         )
         if outcome is None:
             return None

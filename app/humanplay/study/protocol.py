@@ -238,6 +238,8 @@ class Protocol(_Part):
     max_pauses           how often an episode on a clock may stand still before it ends as left
     max_paused_s         for how many seconds in all it may
     max_late             share (0..1) of its ticks that may come more than a frame late; beyond, it is labelled
+    device               with which people may take part; a computer is one whose browser has a mouse or the like
+    question_tries       at the questions, after which they are over; None: as many as are wanted
     platform             from which people come; `code`: from none, and a code is drawn for each person
     outside_ids          parameters of the link that are kept; the first one names the person
     payment              what people are paid; None: that is not the server's to know
@@ -280,6 +282,8 @@ class Protocol(_Part):
     max_late: float = Field(default=ClockLimits.late, ge=0, le=1, allow_inf_nan=False)
     consent: Consent
     questions: tuple[Question, ...] = Field(max_length=20)
+    device: Literal["any", "computer"] = "any"
+    question_tries: int | None = Field(default=None, ge=2, le=20)
     platform: PlatformName = "code"
     outside_ids: tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")], ...] = Field(
         default_factory=lambda known: tuple(PLATFORMS[known["platform"]].ids), max_length=10

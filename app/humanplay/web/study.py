@@ -18,6 +18,7 @@ from humanplay.db.study_rows import Participant, participant_label
 from humanplay.db.trial import Trial
 from humanplay.study.debrief import NoTerrainError, Shown, own_trial
 from humanplay.study.folder import Study
+from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import Ending
 from humanplay.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
 from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
@@ -40,19 +41,26 @@ Index = Annotated[int, Path(ge=0, le=10_000)]
 RULES = ("coverage", "lidar_radius", "max_steps")
 """What the page's own sentences say of the configuration, by the names of `humanplay.study.templates.PLACEHOLDERS`."""
 
+FAILED_QUESTIONS = "The questions were not all answered rightly in the tries that this study allows: it ends here. Thank you."
 WITHDRAWN = (
-    "You have withdrawn. What you had played until then is kept without your name. To have it erased, write to {contact} and "
+    "{opening} What you had played until then is kept without your name. To have it erased, write to {contact} and "
     "give them your label {label}."
 )
-WITHDRAWN_AND_KEPT = "You have withdrawn. What you had played until then is kept without your name."
+WITHDRAWN_AND_KEPT = "{opening} What you had played until then is kept without your name."
 WITHDRAWN_TO_ERASE = (
-    "You have withdrawn, and you asked that what you had played be erased. The people who run the study do that before "
+    "{opening} You asked that what you had played be erased. The people who run the study do that before "
     "anything is published; that one person was erased stays counted. To hear when it is done, write to {contact} and give "
     "them your label {label}."
 )
 
 
 Id = Annotated[str, Field(max_length=200), PRINTABLE]
+
+
+UNFIT = (
+    "This study is for a computer with a keyboard and a mouse or the like, and this browser has none. Nothing was recorded but "
+    "that this page was opened. You can open the link that you were sent again on a computer."
+)
 
 
 class Join(Message):
@@ -78,6 +86,10 @@ class ConsentAnswer(Message):
 
     version: str = Field(max_length=40)
     agree: bool
+    unfit: bool = Field(
+        default=False,
+        description="with agree false: nobody was asked, since the device does not fit",
+    )
 
 
 class Withdrawal(Message):
@@ -214,11 +226,16 @@ async def participant_state(request: Request, study: Study, participant: Partici
     """Return where a participant stands: all that the page needs."""
     progress, protocol = services_of(request).progress, study.protocol
 
-    def read() -> tuple[list[Trial], str | None, Ending | None]:
-        trials = progress.study_store.trials(participant.id)
-        return trials, _note(progress, study, participant), progress.ending(study, participant)
+    def read() -> tuple[list[Trial], str | None, Ending | None, int | None]:
+        ending = progress.ending(study, participant)
+        return (
+            progress.study_store.trials(participant.id),
+            _note(progress, study, participant, ending),
+            ending,
+            progress.tries_left(study, participant),
+        )
 
-    trials, note, ending = await progress.lobby.store.read(read)
+    trials, note, ending, tries_left = await progress.lobby.store.read(read)
     ended = [trial.phase for trial in trials if trial.ended_ms is not None]
     session, debrief = await progress.session(participant), None
     if participant.stage in ("debrief", "complete"):
@@ -233,6 +250,8 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "stage": participant.stage,
         "consent": protocol.consent.model_dump(),
         "questions": [each.model_dump(include={"question", "choices"}) for each in questions],
+        "tries_left": tries_left,
+        "device": protocol.device,
         "right": None,
         "why": None,
         "warm_up": {"done": ended.count("warm_up"), "of": protocol.warm_up},
@@ -254,10 +273,14 @@ async def participant_state(request: Request, study: Study, participant: Partici
     }
 
 
-def _note(progress: ParticipantProgress, study: Study, participant: Participant) -> str | None:
+def _note(
+    progress: ParticipantProgress, study: Study, participant: Participant, ending: Ending | None
+) -> str | None:
+    if ending is not None and ending.outcome is Outcome.UNFIT_DEVICE:
+        return UNFIT
     if participant.stage == "withdrawn":
         if participant.consent_ms is None:
-            return "You did not agree to take part. Nothing was recorded but that this page was opened; you can close it."
+            return "You did not agree to take part. Nothing was recorded but that this page was opened."
         text = WITHDRAWN
         if study.protocol.keep_episodes_when_forgotten:
             text = WITHDRAWN_AND_KEPT
@@ -265,7 +288,12 @@ def _note(progress: ParticipantProgress, study: Study, participant: Participant)
             text = WITHDRAWN_TO_ERASE
         # a rehearsal may name nobody
         contact = study.protocol.declarations.contact or "whoever invited you"
-        return text.format(contact=contact.rstrip("."), label=participant_label(participant.id))
+        is_over = ending is not None and ending.outcome is Outcome.FAILED_QUESTIONS
+        return text.format(
+            opening=FAILED_QUESTIONS if is_over else "You have withdrawn.",
+            contact=contact.rstrip("."),
+            label=participant_label(participant.id),
+        )
     if not study.is_running and participant.stage not in ("debrief", "complete"):
         return "This study has been closed: you cannot go on. Thank you for what you have played."
     return progress.recruitment.obstacle(study, participant)
@@ -359,7 +387,8 @@ async def me(asks: AskingOf) -> State:
 @router.post("/{name}/consent", response_model=Participation, summary="Agree to take part, or not")
 async def consent(asks: AskingOf, given: ConsentAnswer) -> State:
     """Answer the consent text; `agree` false leaves the study."""
-    return await asks.after(asks.write(asks.progress.consent, given.version, given.agree))
+    answer = given.version, given.agree, given.unfit
+    return await asks.after(asks.write(asks.progress.consent, *answer))
 
 
 @router.post("/{name}/advance", response_model=Participation, summary="Go on to the next stage")

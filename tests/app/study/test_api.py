@@ -429,7 +429,7 @@ def test_whoever_withdraws_chooses_whether_what_they_played_is_kept_or_erased(se
         (False, "is kept without your name. To have it erased, write to"),
         (
             True,
-            "you asked that what you had played be erased. The people who run the study do that before",
+            "You asked that what you had played be erased. The people who run the study do that before",
         ),
     ):
         person = Person(server)

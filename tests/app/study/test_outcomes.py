@@ -1,12 +1,19 @@
 """What people read at their end: codes, addresses and sentences that no protocol and no export holds."""
 
 import json
+from contextlib import closing
 
 import pytest
 
+from humanplay.db.reader import Reader
+from humanplay.db.study_rows import participant_label
+from humanplay.report.statistics.exclusion_sets import people_of, statuses
+from humanplay.study.data import load
+from humanplay.study.flow import OUTCOME_OF
 from humanplay.study.folder import Folder
 from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import ending
+from humanplay.study.payments import payments_of
 from humanplay.study.protocol import StudyError
 from tests.support.command import command
 from tests.support.recorded import ask
@@ -77,7 +84,7 @@ def test_a_study_that_is_closed_tells_those_on_their_way_that_it_stopped_them(se
         ({"platform": "sona"}, {"finished": "https://x.example/?s={surveycode}"}, "{surveycode}, which nothing fills in"),
         ({"platform": "sona"}, {"finished": "https://x.example/?s={survey_code"}, "a brace without its pair"),
         ({"platform": "connect"}, {}, "with the address that gives credit"),
-        ({}, {"fnished": "C1"}, "expected one of finished, no_consent"),
+        ({}, {"fnished": "C1"}, "expected one of finished, unfit_device"),
     ],
 )  # fmt: skip
 def test_no_study_is_frozen_whose_people_would_not_come_back(tmp_path, protocol, texts, said):
@@ -131,3 +138,76 @@ def test_texts_change_while_people_come_and_only_that_they_changed_is_noted(
     assert json.loads(note).keys() == {"study", "commitment", "act", "at_ms"}
     server.stop()
     assert b"C9NEW" not in (tmp_path / "playground.db").read_bytes()
+
+
+def test_a_device_that_does_not_fit_ends_it_before_the_consent_and_is_counted(serve, tmp_path):
+    texts = {"unfit_device": "Open it on a computer."}
+    freeze(tmp_path / "playground.db-studies", device="computer", outcomes=texts)
+    server = serve()
+    tablet, computer = Person(server, outside_ids={"PROLIFIC_PID": "t"}), Person(server)
+    assert tablet.where["device"] == "computer"
+    tablet.call("consent", {**NO, "unfit": True})
+    assert (tablet.where["stage"], tablet.where["ending"]["sentence"]) == (
+        "withdrawn",
+        "Open it on a computer.",
+    )
+    assert ask(server.services.store.path, "SELECT count(*) FROM identities") == [(0,)]
+    computer.call("consent", NO)
+    arrivals = load(server.services.store.path, "small").arrivals
+    assert (arrivals.unfit, arrivals.declined, arrivals.undecided) == (1, 1, 0)
+
+
+def test_whoever_uses_up_their_tries_at_the_questions_does_not_go_on(serve, tmp_path):
+    texts = {"failed_questions": "C3FAILED"}
+    freeze(tmp_path / "playground.db-studies", question_tries=2, outcomes=texts)
+    person = Person(serve())
+    person.to_tutorial()
+    person.call("next")
+    person.call("give-up", {"episode": person.frame["episode"], "step": person.frame["step"]})
+    person.call("advance", {"from": "tutorial"})
+    wrong = {"answers": [1, 0, 0]}
+    assert person.where["tries_left"] == 2
+    person.call("answers", wrong)
+    assert (person.where["stage"], person.where["tries_left"]) == ("questions", 1)
+    person.call("answers", wrong)
+    assert (person.where["stage"], person.where["ending"]["code"]) == ("withdrawn", "C3FAILED")
+    assert "in the tries that this study allows" in person.where["note"]
+    assert "this belongs to the questions" in person.refused("answers", {"answers": [0, 1, 1]})
+
+
+def test_the_outcomes_of_a_list_are_those_of_the_report(serve, tmp_path, capsys):
+    """Everybody who agreed has in the list of payments the outcome that their status in the report stands for."""
+    freeze(tmp_path / "playground.db-studies", question_tries=2)
+    server = serve()
+    finisher, quitter, early, gone, busy, wrong = (Person(server) for _ in range(6))
+    finisher.to_warm_up()
+    finisher.play_on()
+    quitter.to_warm_up()
+    quitter.play_on(until=("ranked",))
+    quitter.call("next")
+    quitter.call("withdraw")
+    early.to_tutorial()
+    early.call("withdraw")
+    gone.to_tutorial()
+    wrong.to_tutorial()
+    wrong.call("next")
+    wrong.call("give-up", {"episode": wrong.frame["episode"], "step": wrong.frame["step"]})
+    wrong.call("advance", {"from": "tutorial"})
+    for _ in range(2):
+        wrong.call("answers", {"answers": [1, 0, 0]})
+    busy.to_warm_up()
+    busy.call("next")
+    busy.play(2)
+    database = "--database", tmp_path / "playground.db"
+    assert command(capsys, "study", "close", "small", "--yes", "--now", *database)[0] == 0
+    server.stop()
+    data = load(tmp_path / "playground.db", "small")
+    cohort = people_of(data)
+    reported = {participant_label(ident): OUTCOME_OF[status] for ident, status in statuses(data, cohort).items()}  # fmt: skip
+    study = Folder(tmp_path / "playground.db-studies").study("small")
+    with closing(Reader.open(tmp_path / "playground.db")) as reader:
+        listed = {payee.label: payee.outcome for payee in payments_of(reader, study, {}).payees}
+    assert listed == reported
+    assert sorted(listed.values()) == [
+        "failed_questions", "finished", "left", "stopped_by_us", "withdrew", "withdrew",
+    ]  # fmt: skip

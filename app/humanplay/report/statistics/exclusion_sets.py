@@ -21,7 +21,8 @@ from humanplay.board.attestation import level_reaches, shows_program, shows_prog
 from humanplay.db.trial import LEFT, Required, Trial
 from humanplay.report.statistics.formatting import percent
 from humanplay.study.data import Person, StudyData
-from humanplay.study.flow import BEGAN, INTERRUPTED, STOPPED, Status
+from humanplay.study.flow import BEGAN, INTERRUPTED, STOPPED, Status, left_as
+from humanplay.study.outcome import Outcome
 from humanplay.study.protocol import Rule
 from marsexplorer.intervals import Floats
 
@@ -214,6 +215,8 @@ def _status(
     if not own:
         if is_interrupted:
             return Status.INTERRUPTED_EARLY
+        if left_as(person.events) is Outcome.FAILED_QUESTIONS:
+            return Status.FAILED_QUESTIONS
         return Status.WITHDREW_EARLY if has_withdrawn else Status.NEVER_BEGAN
     ended = [trial for trial in own if trial.ended_ms is not None]
     # handing what goes badly to a program leaves nobody out of both estimates

@@ -106,6 +106,7 @@ def status_rows(data: StudyData, cohort: Cohort, everybody: Everybody) -> tuple[
     if cohort.kind == "human":
         counts[Status.DECLINED] = data.arrivals.declined
         counts[Status.UNDECIDED] = data.arrivals.undecided
+        counts[Status.UNFIT_DEVICE] = data.arrivals.unfit
         counts[Status.ERASED] = data.arrivals.erased
     rows = []
     for status in (each for each in Status if counts[each]):

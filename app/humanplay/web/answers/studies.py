@@ -127,6 +127,8 @@ class Participation(Answer):
     stage: Stage
     consent: Consent
     questions: list[Question]
+    tries_left: int | None = described("at the questions; null: as many as are wanted")
+    device: str = described("any or computer: with which people may take part")
     right: list[bool] | None = described("which of the answers just given were right")
     why: list[str] | None = described("what explains the wrong ones")
     warm_up: Count
