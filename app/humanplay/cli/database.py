@@ -35,8 +35,16 @@ SERVERS = "The database that the server records in, if it is not the default one
 @option(
     "--who", type=click.Choice(["all", "human"]), default="all", help="human: the counted ones.",
 )  # fmt: skip
+@flag("--parquet", "Write episodes.parquet and steps.parquet beside them too.")
+@option(
+    "--minari",
+    metavar="ID",
+    help="Write the counted episodes of people as this Minari dataset too.",
+)
 @flag("--open-studies", "Take in studies that are not closed; the chain and their reports say so.")
-def export(database: Path, out: Path, who: Who, open_studies: bool) -> None:
+def export(
+    database: Path, out: Path, who: Who, parquet: bool, minari: str | None, open_studies: bool
+) -> None:
     """Write every finished episode, and every step of it, as two tables.
 
     Episodes of open studies are left out: nobody sees figures of people while a study runs. --open-studies takes them in, and
@@ -50,11 +58,17 @@ def export(database: Path, out: Path, who: Who, open_studies: bool) -> None:
     Examples:
       humanplay export --out results
       humanplay export --database lab.db --out results --who human
+      humanplay export --database plays.db --out results --parquet --minari lake/people-v0
     """
     from humanplay.db.export import export_to
+    from humanplay.release.plays import minari_of, to_parquet
 
     with failures(f"cannot write to {out}, choose another --out"), progress("exporting") as advance:
         summary = export_to(database, out, who, advance, open_studies)
+        if parquet:
+            summary += f"; {', '.join(map(str, to_parquet(out)))}"
+        if minari is not None:
+            summary += f"; {minari_of(database, minari)}"
     echo(summary)
 
 

@@ -10,7 +10,7 @@ import os
 import shlex
 import string
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from humanplay.db.trial import Trial
 from humanplay.release.errors import library
 from humanplay.release.manifest import ReleaseHeader
 from humanplay.release.tables import TableRow
@@ -84,27 +85,81 @@ class MinariWriter:
         waiting.clear()
 
     def _create(self, driver: str, row: TableRow, config: Configuration, buffers: list[Any]) -> Any:
-        environment = environment_of(row["task"])
-        low, high = environment.returns(config) or (None, None)
         licence = self._header.protocol.data_licence
-        needs = list(environment.requirements)
-        comes_with = f"Its environment comes with: pip install {shlex.join(needs)}"
-        env = environment.gymnasium_env(config)
         with _datasets_in(self._root):
-            return self._minari.create_dataset_from_buffers(
-                dataset_id=dataset_id(self._header, driver),
-                buffer=buffers,
-                env=env,
-                observation_space=_kept(env.observation_space),
+            return _created(
+                self._minari,
+                dataset_id(self._header, driver),
+                row["task"],
+                config,
+                buffers,
                 algorithm_name=driver,
                 author="the study's participants, under pseudonyms",
-                description=f"{self._header.title} Data licence: {licence}. {comes_with}",
-                requirements=needs,
-                ref_min_score=low,
-                ref_max_score=high,
-                data_format="hdf5",
-                jpeg_encoding=False,
+                description=f"{self._header.title} Data licence: {licence}.",
             ).storage
+
+
+def write_plays(name: str, plays: Iterable[tuple[Trial, Run]]) -> int:
+    """Write episodes of one configuration as a dataset where Minari keeps its own, and count them.
+
+    Args:
+        name: What `minari.load_dataset` takes, such as "lake/people-v0".
+        plays: Each episode with its replay; one without a move is left out.
+    """
+    minari = library("minari")
+    library("h5py")
+    dataset = None
+    for trial, run in plays:
+        if not run.rewards():
+            continue
+        row = {"task": trial.task, "seed": trial.seed, "outcome": trial.outcome}
+        buffers = [_buffer(minari, row, run)]
+        if dataset is not None:
+            dataset.storage.update_episodes(buffers)
+            continue
+        dataset = _created(
+            minari,
+            name,
+            trial.task,
+            trial.config,
+            buffers,
+            algorithm_name="human",
+            author="people, who chose how often to play",
+            description=f"People playing {trial.environment.about.title}.",
+        )
+    return 0 if dataset is None else int(dataset.storage.total_episodes)
+
+
+def _created(
+    minari: ModuleType,
+    name: str,
+    task: str,
+    config: Configuration,
+    buffers: list[Any],
+    description: str,
+    **more: str,
+) -> Any:
+    """A new dataset with its first episodes."""
+    environment = environment_of(task)
+    low, high = environment.returns(config) or (None, None)
+    needs = list(environment.requirements)
+    env = environment.gymnasium_env(config)
+    with warnings.catch_warnings():
+        # it misses an address to write to and a link to the code, which there need not be
+        warnings.filterwarnings("ignore", message=".* is set to None")
+        return minari.create_dataset_from_buffers(
+            dataset_id=name,
+            buffer=buffers,
+            env=env,
+            observation_space=_kept(env.observation_space),
+            description=f"{description} Its environment comes with: pip install {shlex.join(needs)}",
+            requirements=needs,
+            ref_min_score=low,
+            ref_max_score=high,
+            data_format="hdf5",
+            jpeg_encoding=False,
+            **more,
+        )
 
 
 def _buffer(minari: ModuleType, row: TableRow, episode: Run) -> Any:
@@ -158,10 +213,7 @@ def _datasets_in(root: Path) -> Iterator[None]:
     before = os.environ.get("MINARI_DATASETS_PATH")
     os.environ["MINARI_DATASETS_PATH"] = str(root.resolve())  # it looks below a relative one twice
     try:
-        with warnings.catch_warnings():
-            # it misses an address to write to and a link to the code, which a study need not have
-            warnings.filterwarnings("ignore", message=".* is set to None")
-            yield
+        yield
     finally:
         if before is None:
             del os.environ["MINARI_DATASETS_PATH"]

@@ -1,0 +1,58 @@
+"""Plays as other tools read them, without a study."""
+
+import pytest
+
+from humanplay.cli.pilot.errors import PilotError
+from humanplay.cli.pilot.plays import Plays
+from tests.app.pilot.test_score import LAKE, played
+from tests.support.command import command
+from tests.support.recorded import alter, ask
+
+minari = pytest.importorskip("minari")
+parquet = pytest.importorskip("pyarrow.parquet")
+
+
+@pytest.fixture
+def plays(serve, tmp_path, monkeypatch):
+    """Two people's episodes of FrozenLake."""
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    played(serve(task=LAKE), 2)
+    return Plays(tmp_path / "playground.db", LAKE)
+
+
+def test_plays_leave_as_parquet_minari_and_a_page(plays, tmp_path):
+    moves = ask(plays.database, "SELECT count(*) FROM steps")[0][0]
+    assert "2 episodes" in plays.to_parquet(tmp_path / "tables")
+    assert parquet.read_table(tmp_path / "tables" / "steps.parquet").num_rows == moves
+    episodes = parquet.read_table(tmp_path / "tables" / "episodes.parquet").to_pylist()
+    assert [row["verified"] for row in episodes] == [True, True]
+    assert plays.to_minari("lake/people-v0") == "2 episodes in the dataset lake/people-v0"
+    assert minari.load_dataset("lake/people-v0").total_steps == moves
+    page = plays.replay(out=tmp_path / "replay.html")
+    assert page.read_text().startswith("<!doctype html>")
+    assert plays.verify() == []
+    with pytest.raises(PilotError, match="expected a number below 2"):
+        plays.replay(2)
+
+
+def test_the_command_writes_the_same_and_leaves_out_what_does_not_replay(plays, tmp_path, capsys):
+    first = "SELECT min(id) FROM episodes WHERE ended_ms IS NOT NULL"
+    assert alter(plays.database, f"UPDATE episodes SET score = 7 WHERE id = ({first})") == 1
+    out = tmp_path / "out"
+    code, text, error = command(
+        capsys,
+        "export",
+        "--database",
+        plays.database,
+        "--out",
+        out,
+        "--parquet",
+        "--minari",
+        "lake/some-v0",
+    )
+    assert code == 0, error
+    assert "1 episode in the dataset lake/some-v0; 1 episode left out" in text
+    assert sorted(path.name for path in out.iterdir()) == [
+        "episodes.csv", "episodes.parquet", "steps.csv", "steps.parquet",
+    ]  # fmt: skip
+    assert minari.load_dataset("lake/some-v0").total_episodes == 1
