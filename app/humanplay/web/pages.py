@@ -31,6 +31,12 @@ admin_router = APIRouter(include_in_schema=False)
 """The operator's page, for a server that has one."""
 
 
+def offered(environment: Environment) -> tuple[str, ...]:
+    """Return the pages that the bar leads to: an environment without boards has no daily one and no leaderboard."""
+    with_boards = ("daily", "leaderboard") if environment.boards is not None else ()
+    return ("play", *with_boards, "me")
+
+
 def page(request: Request, name: str, headers: dict[str, str] = NO_CACHE) -> Response:
     """Return the page of a folder of `static/`, with the head and the bar that pages share."""
     return _html(request, f"{name}/index.html", headers)

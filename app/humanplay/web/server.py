@@ -182,6 +182,7 @@ def _app_of(
     add_error_handlers(app)
     drawn_by = static_of(settings.task)
     folders = {} if drawn_by is None else {f"task/{environment.assets}/": drawn_by}
+    app.state.offered = pages.offered(environment)
     app.state.files = files.PageFiles({"": STATIC, **folders})
     boards = api.board_router(environment.messages)
     # first what is asked for most: routes are tried in turn

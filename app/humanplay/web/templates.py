@@ -15,10 +15,10 @@ environment = Environment(
 )  # fmt: skip
 
 
-def addresses(request: Request) -> dict[str, str]:
-    """Return the addresses that every page begins with: of the app's root, and of the files."""
-    root = root_of(request)
-    return {"root": root, "files": root + request.app.state.files.address()}
+def addresses(request: Request) -> dict[str, object]:
+    """Return the addresses that every page has: of the app's root, of the files, and the pages that are offered."""
+    root, state = root_of(request), request.app.state
+    return {"root": root, "files": root + state.files.address(), "offered": state.offered}
 
 
 def root_of(connection: HTTPConnection) -> str:

@@ -33,7 +33,7 @@ _TASK_IMPORT = "import(`../task/"
 def render(
     data: dict[str, object],
     course: Course,
-    addresses: Mapping[str, str] = AT_HOME,
+    addresses: Mapping[str, object] = AT_HOME,
     formats: Sequence[str] = (),
     address: str | None = None,
     inlined: dict[str, object] | None = None,
