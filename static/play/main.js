@@ -8,10 +8,11 @@ import { startBoards } from "../common/socket.js";
 import { browserStore, forgets, tabStore } from "../common/storage.js";
 import { loadTask, paintAllowed, promptText, showTask } from "../common/task.js";
 import { many, notCounted } from "../common/words.js";
+import { askedIn, createEntries } from "./address.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
 import { createPanel, endOf, hasStage, hasTwoBoards, offerPolicies, paintBar, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
-import { createLeaving, createSessions, findBoard, modeOn, patiently, showInstead } from "./sessions.js";
+import { createLeaving, createSessions, findBoard, isUnfinished, modeOn, patiently, sessionWish, showInstead } from "./sessions.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
 
@@ -71,7 +72,20 @@ function onFailure({ status, message }) {
   paintNotices(by("notices"), state.notices, dismiss);
 }
 
-const find = () => findBoard({ api, hash: location.hash, storage: tabStore, watch: (id) => showInstead(id, api.watched, location),
+const entries = createEntries(window, {
+  mustAsk: () => isUnfinished(state), ask: (leave) => leaving.ask(leave),
+  show: (session) => sessions.goBack(session, () => {
+    entries.clear();
+    find().then((found) => { if (found) sessions.resume(found); }, (error) => dispatch({ kind: "notice", text: error.message }));
+  }),
+});
+const find = () => findBoard({ api, hash: location.hash, entry: entries.session(), asked: askedIn(location.search), storage: tabStore,
+  async start({ mode, wish: parts }) {
+    const [known, offered] = await Promise.all([api.task(), api.policies()]);
+    const first = (await loadTask(known)).firstWish(offered);
+    return api.createSession(sessionWish(mode, first && { ...first, ...parts }));
+  },
+  watch: (id) => showInstead(id, api.watched, location),
   note: (text) => dispatch({ kind: "notice", text, tone: "note" }) });
 const [found, served, levels, policies, maps] = await patiently(() => Promise.all([
   find(), api.task(), api.levels(), api.policies(), api.maps()]), onFailure);
@@ -92,7 +106,8 @@ const firstWish = task.firstWish(policies);
 if (!task.parts) /** @type {HTMLElement} */ (document.querySelector(".modes")).hidden = !firstWish;
 const wish = () => parts.terrains?.wish() ?? firstWish;
 const sessions = createSessions({
-  api, dispatch, wish, storage: tabStore, setHash: (hash) => history.replaceState(null, "", hash),
+  api, dispatch, wish, storage: tabStore,
+  place: (session, query, hash) => entries.place(session, `${location.pathname}${query ?? location.search}${hash}`),
   onBegun(about) {
     if (about.task.name !== task.name) location.reload();
     begun = about;
@@ -327,7 +342,6 @@ function onEnter() {
 /** @param {typeof found} board that is gone on with */
 const restore = (board) => { if (board) sessions.resume(board); };
 
-window.addEventListener("hashchange", () => location.reload()); // a link pasted over another
 for (const button of all("button[data-mode]")) button.addEventListener("click", () => leaving.start(/** @type {Mode} */ (button.dataset.mode), wish()));
 startDialog("terrain");
 startDialog("display");
@@ -360,7 +374,7 @@ for (const role of ROLES) {
     parts.terrains?.choose(role, value);
     if (firstWish) firstWish[role] = value;
     if (state.mode === "ranked") sessions.replay(state, true);
-    else sessions.start(state.mode);
+    else leaving.start(state.mode, wish());
   });
   startPace(panels[role].part.pace, (pace) => {
     const session = state[role]?.session;

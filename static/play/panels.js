@@ -2,7 +2,7 @@
 import { all, by, paintLink, put } from "../common/page.js";
 import { paintNumbers } from "../common/task.js";
 import { within } from "../common/words.js";
-import { challengeHash } from "./challenge.js";
+import { challengeHash } from "./address.js";
 
 /** Return what stands on the end card of the player's board.
  * @param {Frame} frame of its end @param {Task} task @param {GameState} state

@@ -2,7 +2,7 @@
 import { ApiError } from "../common/api.js";
 import { put } from "../common/page.js";
 import { many } from "../common/words.js";
-import { challengedIn, challengeHash, opponentOf } from "./challenge.js";
+import { challengedIn, challengeHash, queryOf } from "./address.js";
 
 /** @param {Play.Wish | null} wish null where the task leaves nothing to be chosen @param {number | null} [seed] */
 function terrainOf(wish, seed = wish?.seed ?? null) {
@@ -50,16 +50,20 @@ const orNull = (asked) => asked.catch((error) => {
 
 /** Return the board that the address or this tab stands for, else the newest of this browser's player, if any;
  * undefined when somebody else's board is watched instead. A link that challenges stands for the board on which this tab has
- * taken it up, else for a new one.
+ * taken it up, else for a new one, as does a query that asks for a way of playing or a terrain.
+ *   entry     the board of this entry of the history, "" for none
+ *   asked     what the query asks for
+ *   start     begins what a query asks for
  *   storage   of this tab: its session, and the id for watching that it put into the address
  *   watch     shows somebody else's board; ApiError 404 when there is none
- * @param {{api: Api, hash: string, storage: Pick<Store, "getItem" | "setItem">,
+ * @param {{api: Api, hash: string, entry: string, asked: import("./address.js").Asked | null,
+ *   start: (asked: import("./address.js").Asked) => Promise<About>, storage: Pick<Store, "getItem" | "setItem">,
  *   watch: (id: string) => Promise<void>, note: (text: string) => void}} how
- * @returns {Promise<{about: About | null, isNewest: boolean} | undefined>} */
-export async function findBoard({ api, hash, storage, watch, note }) {
+ * @returns {Promise<Found | undefined>} */
+export async function findBoard({ api, hash, entry, asked, start, storage, watch, note }) {
   const watched = watchedInHash(hash);
   const challenged = challengedIn(hash);
-  const before = storage.getItem("humanplay.session") ?? "";
+  const before = entry || (storage.getItem("humanplay.session") ?? "");
   const session = /^[\w-]{1,128}$/.test(before) ? before : null; // the browser may hold anything
   if (watched && watched !== storage.getItem("humanplay.watch")) {
     const about = await api.mySession({ watch: watched });
@@ -76,14 +80,42 @@ export async function findBoard({ api, hash, storage, watch, note }) {
       note(`This challenge cannot be opened: ${error.message} This is a board of your own.`);
     }
   }
-  return about ? { about, isNewest: false } : { about: await api.mySession(), isNewest: true };
+  if (asked && !entry && !challenged && !isAsked(about, asked)) {
+    const open = await api.mySession(); // an address drops no ranked episode
+    if (open && isUnfinished({ mode: open.kind, counts: open.counts, player: open })) return { about: open, isNewest: true };
+    try {
+      return { about: await start(asked), isNewest: false, isAsked: true };
+    } catch (error) {
+      if (!(error instanceof ApiError) || error.status === 0 || error.status === 503) throw error;
+      note(`What this address asks for cannot be played: ${error.message}`);
+    }
+  }
+  return about ? { about, isNewest: false, isAsked: Boolean(entry) } : { about: await api.mySession(), isNewest: true };
 }
 
+/** Return what is to be beaten on a board: the course of the episode that it challenges; null on any other board.
+ * @param {Api} api @param {About} about @returns {Promise<Opponent | null>} */
+async function opponentOf(api, { challenges, frame }) {
+  if (!challenges) return null;
+  const { run } = await api.replay(challenges);
+  return { episode: frame.episode, course: run.name === "You" ? { ...run, name: "Your replay" } : run };
+}
+
+/** A board, whether it is the newest of the player's, and whether the address has asked for it.
+ * @typedef {{about: About | null, isNewest: boolean, isAsked?: boolean}} Found */
+
+/** Return whether a board is what an address asks for.
+ * @param {About | null} about @param {import("./address.js").Asked} asked */
+const isAsked = (about, { mode, wish }) => about?.kind === mode && !Object.keys(wish).length;
+
+/** @param {About} about @returns {Play.Wish} the terrain of a board, without its seed */
+const wishOf = ({ level, map, size }) => ({ level, map, size: size ?? undefined, seed: null, rival: "", player: "" });
+
 /**
- *   setHash   puts the shareable link into the address
+ *   place   puts the address of a board into the browser's history; a query of null stays as it is
  * @param {{api: Api, wish: () => Play.Wish | null, storage: Pick<Store, "getItem" | "setItem">,
- *   dispatch: (event: GameEvent) => void, setHash: (hash: string) => void, onBegun: (about: About) => void}} how */
-export function createSessions({ api, wish, dispatch, storage, setHash, onBegun }) {
+ *   dispatch: (event: GameEvent) => void, place: (session: string, query: string | null, hash: string) => void, onBegun: (about: About) => void}} how */
+export function createSessions({ api, wish, dispatch, storage, place, onBegun }) {
   let isBusy = false;
   /** The episode whose first moves are made again, and how many. */
   let again = { episode: "", moves: 0 };
@@ -117,36 +149,45 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
     isBusy = false;
   }
   const note = (/** @type {string} */ text) => dispatch({ kind: "notice", text, tone: "note" });
-  /** @param {About} about */
-  async function begin(about) {
+  /** Show a board, under the address of the terrain that was wished for; undefined keeps the address.
+   * @param {About} about @param {Play.Wish | null} [chosen] */
+  async function begin(about, chosen) {
     const opponent = await opponentOf(api, about).catch((error) => error);
     storage.setItem("humanplay.session", about.session);
     if (about.watch) storage.setItem("humanplay.watch", about.watch);
     dispatch({ kind: "begun", about });
-    if (about.challenges) setHash(challengeHash(about.challenges));
-    else if (about.watch) setHash(`#watch=${about.watch}`);
+    const hash = about.challenges ? challengeHash(about.challenges) : about.watch ? `#watch=${about.watch}` : "";
+    place(about.session, chosen === undefined ? null : queryOf(about.kind, chosen), hash);
     if (opponent instanceof Error) note(`What is to be beaten here cannot be shown: ${opponent.message}`);
     else if (opponent) dispatch({ kind: "challenged", opponent });
     onBegun(about);
   }
   /** @param {Mode} mode @param {Play.Wish | null} [chosen] */
-  const start = (mode, chosen = wish()) => once(async () => begin(await api.createSession(sessionWish(mode, chosen))));
+  const start = (mode, chosen = wish()) => once(async () => begin(await api.createSession(sessionWish(mode, chosen)), chosen));
   return {
     start,
     /** Take up a challenge, once more where it was taken up before.
      * @param {string} challenges the finished episode */
-    challenge: (challenges) => once(async () => begin(await api.createSession({ challenges }))),
+    challenge: (challenges) => once(async () => begin(await api.createSession({ challenges }), null)),
     /** Go on with a board of one's own, or begin one.
-     * @param {{about: About | null, isNewest: boolean}} found */
-    async resume({ about, isNewest }) {
+     * @param {Found} found */
+    async resume({ about, isNewest, isAsked: isWanted }) {
       if (!about) return start(wish()?.level ? "practice" : "ranked");
-      await begin(about);
+      await begin(about, isWanted ? undefined : wishOf(about));
       if (isNewest && about.counts && about.frame.step > 0 && !about.frame.outcome) note("You are back in your ranked episode, where you left it.");
     },
+    /** Go back to the board of an entry of the history.
+     * @param {string} session @param {() => void} onGone */
+    goBack: (session, onGone) => once(async () => {
+      const about = await orNull(api.about(session));
+      if (about) await begin(about);
+      else onGone();
+    }),
     /** Begin the next terrain of the same session.
      * @param {string} session @param {number | null} seed */
     next: (session, seed) => once(async () => {
-      await begin(await api.nextEpisode(session, terrainOf(wish(), seed)));
+      const chosen = wish();
+      await begin(await api.nextEpisode(session, terrainOf(chosen, seed)), chosen && { ...chosen, seed });
     }),
     /** Begin the terrain just finished once more.
      * @param {string} session @param {string} episode */
@@ -166,7 +207,7 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
       const { session, frame: { episode } } = about;
       onBegun(episode);
       again = { episode, moves };
-      await begin(about);
+      await begin(about, wishOf(about));
       for (const [step, action] of actions.slice(0, moves).entries()) {
         await api.act(session, { episode, step, action }).catch((error) => { again.moves = 0; throw error; });
       }
@@ -189,10 +230,15 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
   };
 }
 
-/** @param {GameState} state @returns whether leaving the board would abandon an episode that counts */
-export function isUnfinished({ mode, counts, player }) {
-  return mode === "ranked" && counts && player !== null && player.frame.step > 0 && player.frame.outcome === null;
-}
+/** @param {GameState["player"] | About} board @returns whether it is between its first move and its end */
+const isInProgress = (board) => board !== null && board.frame.step > 0 && board.frame.outcome === null;
+
+/** Return whether leaving the board would abandon an episode that counts.
+ * @param {{mode: Mode, counts: boolean, player: GameState["player"] | About}} state */
+export const isUnfinished = ({ mode, counts, player }) => mode === "ranked" && counts && isInProgress(player);
+
+/** @param {GameState} state @returns whether somebody is under way on a terrain, which is not to go unasked */
+export const isUnderWay = ({ mode, counts, player }) => isInProgress(player) && (mode === "ranked" ? counts : mode === "practice" || mode === "challenge");
 
 /** Return whether a wish asks for the very board that is being played: it goes on then.
  * @param {GameState} state @param {Mode} wanted @param {Play.Wish | null} wish */
@@ -223,15 +269,22 @@ export function createLeaving(dialog, view, { state, start }) {
     dialog.returnValue = "";
     const { player, task } = state();
     const [cols, rows] = player && task ? task.shape(player.frame) : [0, 0];
+    const counts = isUnfinished(state());
+    put(part("title"), counts ? "This ranked episode is not finished" : `This ${task?.round} is not finished`);
     put(part("moves"), many(player?.frame.step ?? 0, "move"));
     put(part("limit"), String(rows * cols));
+    part("counted").hidden = !counts;
+    part("practice").hidden = counts;
     dialog.showModal();
   }
   return {
-    /** Begin a board, once the player has agreed where that abandons a ranked episode.
+    ask,
+    /** Begin a board, once the player has agreed where one is under way.
      * @param {Mode} mode @param {Play.Wish | null} wish */
     start(mode, wish) {
-      if (!isUnfinished(state()) || isSameBoard(state(), mode, wish)) start(mode, wish);
+      const { mode: now } = state();
+      const goesOn = now === "ranked" && isSameBoard(state(), mode, wish); // the server answers with the open one
+      if (!isUnderWay(state()) || goesOn) start(mode, wish);
       else ask(() => start(mode, wish));
     },
   };

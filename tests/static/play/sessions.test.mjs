@@ -30,13 +30,13 @@ test("the address names what anybody may watch", () => {
 });
 
 /** Sessions over an API that answers as told, and what came of it. */
-function restored({ hash = "", kept = {}, api }) {
+function restored({ hash = "", asked = null, kept = {}, api }) {
   const done = [];
   const storage = { getItem: (name) => kept[name] ?? null, setItem: (name, value) => { kept[name] = value; } };
   const full = { createSession: async () => { done.push("new board"); return about("new"); }, ...api };
   const sessions = createSessions({ api: full, storage, wish: () => ({ level: "random", size: 21, seed: null, rival: "ppo", player: "ppo" }),
-    setHash: (address) => done.push(address), dispatch: (event) => done.push(event.kind), onBegun: () => {} });
-  const find = () => findBoard({ api: full, hash, storage, watch: async (episode) => { done.push(`watch ${episode}`); }, note: () => done.push("note") });
+    place: (_session, query, hash) => done.push(`${query ?? ""}${hash}`), dispatch: (event) => done.push(event.kind), onBegun: () => {} });
+  const find = () => findBoard({ api: full, hash, entry: "", asked, start: async ({ mode }) => full.createSession({ mode }), storage, watch: async (episode) => { done.push(`watch ${episode}`); }, note: () => done.push("note") });
   const restore = async () => { const found = await patiently(find, () => done.push("link")); if (found) await sessions.resume(found); };
   return { restore, done };
 }
@@ -100,7 +100,7 @@ test("a board that has to be compiled says so until it begins", async () => {
   /** @type {(about: unknown) => void} */
   let answer = () => {};
   const api = { createSession: () => new Promise((resolve) => { answer = resolve; }), health: async () => ({ getting_ready: "getting ready: once" }) };
-  const sessions = createSessions({ api, storage: { setItem() {} }, wish: () => null, setHash() {}, onBegun() {},
+  const sessions = createSessions({ api, storage: { setItem() {} }, wish: () => null, place() {}, onBegun() {},
     dispatch: ({ kind, text }) => said.push([kind, text]) });
   const started = sessions.start("practice");
   mock.timers.tick(999);
