@@ -24,7 +24,7 @@ def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, play
     away, back = there_and_back(me)
     me.press(away)
     address, episode = me.page.url, begun["frame"]["episode"]
-    assert address.endswith(f"/#watch={begun['watch']}")
+    assert address.endswith(f"/?mode=ranked&level=random&size=9x12#watch={begun['watch']}")
 
     friend.page.goto(address)
     friend.page.wait_for_url(f"{me.url}/watch/{begun['watch']}")
