@@ -2,7 +2,7 @@
 
 A `Preparer` starts one process, which imports a module once and forks another for each request; `Worker` is the server's end of
 such a one. It is executed anew, with few variables of the environment and none of the server's descriptors, and `confine`s
-itself before it imports the module. Messages are JSON of limited length.
+itself before it imports the module. Messages are JSON of limited length; what may be long leaves it as bytes, in pieces.
 
 `python -m humanplay.tasks.processes MODULE ARGUMENT SETTINGS DESCRIPTOR` is that process. Its module has
 
@@ -73,6 +73,16 @@ SHARED = ("shm", "mqueue")
 """What in /dev is memory and messages of all programs, and no device."""
 OTHER_USER, NO_NETWORK, NO_OTHER_FILES = "another user", "no network", "no other files"
 
+PIECE_BYTES = 2**20
+"""Of bytes that leave a worker in one message."""
+MOST_BYTES = 512 * 2**20
+"""Of one answer in pieces."""
+MORE, LAST = b"\x00", b"\x01"
+"""What a piece begins with; a message of JSON begins with a brace."""
+
+
+Binary = tuple[Any, bytes]
+"""An answer in pieces: what JSON holds, and bytes."""
 Work = Generator[Any, Any, None]
 
 
@@ -85,6 +95,13 @@ class LostError(Exception):
 
 class RaisedError(Exception):
     """What the code in a worker raised; the text is its traceback there."""
+
+
+def variables() -> dict[str, str]:
+    """The variables of a process where an environment steps: few of this one's, and the fixed ones."""
+    paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
+    kept = {name: os.environ[name] for name in KEPT if name in os.environ}
+    return kept | FIXED | {"PYTHONPATH": paths}
 
 
 class Preparer:
@@ -156,9 +173,7 @@ class Preparer:
         mine, theirs = socket.socketpair()
         self.folder = Path(tempfile.mkdtemp(prefix="humanplay-"))
         with mine, theirs:
-            paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
-            environ = {name: os.environ[name] for name in KEPT if name in os.environ} | FIXED
-            environ |= {"PYTHONPATH": paths}
+            environ = variables()
             place = Path.cwd()
             if self._settings["confined"]:
                 place = self.folder
@@ -208,7 +223,8 @@ class Worker:
 
     def __init__(self, connection: Connection, pid: int, shared: int, allowed: int) -> None:
         self.connection, self.pid, self._shared, self._allowed = connection, pid, shared, allowed
-        self._bytes, self._told = bytearray(), dict[str, Any]()
+        self._bytes, self._pieces = bytearray(), bytearray()
+        self._told = dict[str, Any]()
         self._ready = select.poll()
         self._ready.register(connection.fileno(), select.POLLIN)
 
@@ -272,9 +288,21 @@ class Worker:
         end = 4 + int.from_bytes(self._bytes[:4], "big")
         if len(self._bytes) < max(5, end):
             return {}
-        told: dict[str, Any] = json.loads(self._bytes[4:end])
+        content = bytes(self._bytes[4:end])
         del self._bytes[:end]
-        return told
+        if content[:1] not in (MORE, LAST):
+            message: dict[str, Any] = json.loads(content)
+            return message
+        self._pieces += content[1:]
+        if len(self._pieces) > MOST_BYTES:
+            raise OSError("its answer is too long")
+        return self._message() if content[:1] == MORE else self._joined()
+
+    def _joined(self) -> dict[str, Any]:
+        """Return the answer whose last piece has come."""
+        whole, self._pieces = bytes(self._pieces), bytearray()
+        end = 4 + int.from_bytes(whole[:4], "big")
+        return {"answer": (json.loads(whole[4:end]), whole[end:])}
 
     def answer(self, progress: Callable[[int], object] = lambda done: None) -> Any:
         """Return the next answer; `LostError` where none comes, after which the process is ended.
@@ -379,7 +407,7 @@ def _work(
                     told = time.monotonic()
                 question = None
             else:
-                connection.send_bytes(json.dumps({"answer": answer}).encode())
+                _send_answer(connection, answer)
                 signal.setitimer(signal.ITIMER_PROF, 0)
                 question = json.loads(connection.recv_bytes(MESSAGE_BYTES))
             _timed()
@@ -391,6 +419,17 @@ def _work(
         failure = {"error": _said(error), "traceback": trace}
         connection.send_bytes(json.dumps(failure).encode())
         os._exit(1)
+
+
+def _send_answer(connection: Connection, answer: Any) -> None:
+    if not isinstance(answer, tuple):
+        connection.send_bytes(json.dumps({"answer": answer}).encode())
+        return
+    about = json.dumps(answer[0]).encode()
+    whole = len(about).to_bytes(4, "big") + about + answer[1]
+    for start in range(0, len(whole), PIECE_BYTES):
+        end = start + PIECE_BYTES
+        connection.send_bytes((LAST if end >= len(whole) else MORE) + whole[start:end])
 
 
 def _timed() -> None:

@@ -18,6 +18,7 @@ from humanplay.task import Choice, RunEndedError
 from humanplay.tasks import processes
 from humanplay.tasks.gymnasium.description import Description
 from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
+from humanplay.tasks.gymnasium.run import GymnasiumRun
 from humanplay.tasks.gymnasium.task import GymnasiumTask
 from humanplay.tasks.processes import NO_NETWORK, NO_OTHER_FILES
 from tests.support.servers import eventually
@@ -58,7 +59,7 @@ def begun(task, how, once=""):
 
 
 def test_a_run_elsewhere_comes_to_what_a_run_here_comes_to(lake):
-    here = GymnasiumEnvironment("FrozenLake-v1").run(lake.default, 7)
+    here = GymnasiumRun(lake.default, 7)
     here.is_live = True  # its pictures are packed as a board's are
     there = lake.begin(Choice(lake.default, 7))
     while here.outcome == "running":

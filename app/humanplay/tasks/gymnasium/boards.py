@@ -1,11 +1,16 @@
-"""Boards of an environment in processes of their own, so that one that fails ends itself alone."""
+"""Where an environment steps: in processes of its own, whoever asks, so that one that fails ends itself alone.
+
+Boards of a server, and every command that plays, replays or exports, have the same prepared process with the same
+variables of the environment.
+"""
 
 from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -15,7 +20,13 @@ from humanplay.task import Allowed, RunEndedError, SeenByAgent, TaskFullError
 from humanplay.task.registration import environment_of
 from humanplay.tasks.base import FAILED
 from humanplay.tasks.gymnasium.description import described
-from humanplay.tasks.gymnasium.run import GymnasiumConfig, GymnasiumRun, GymnasiumView
+from humanplay.tasks.gymnasium.run import (
+    GymnasiumConfig,
+    GymnasiumRun,
+    GymnasiumView,
+    draw_once,
+)
+from humanplay.tasks.gymnasium.values import packed, plain, unpacked
 from humanplay.tasks.processes import LostError, Preparer, Work, Worker
 
 _log = logging.getLogger(__name__)
@@ -24,6 +35,10 @@ ALL_OF_MEMORY = 0.5
 """Share of the machine's memory that all boards may take before no further one begins."""
 THREADS = 64
 """Steps that can be waited for at once."""
+OBSERVATION, PICTURE, MORE = "observation", "picture", "more"
+"""What a board's process may be asked for beside a move; `MORE` observations of a whole episode."""
+OBSERVATIONS_BYTES = 8 * 2**20
+"""So many bytes of an episode's observations are sent at once."""
 
 
 class Boards:
@@ -65,14 +80,36 @@ class Boards:
         self.preparer.close()
 
 
+@lru_cache(maxsize=64)
+def _boards_of(task: str, process: int) -> Boards:
+    """The boards of a task whose steps this process, which is no server, wants to see."""
+    return Boards(task, confined=False)
+
+
+def boards_of(task: str) -> Boards:
+    """The boards of a task for commands, which guard themselves from nothing: the process is prepared once."""
+    return _boards_of(task, os.getpid())
+
+
 class BoardRun(GymnasiumRun):
     """A run whose environment is in a process of its own, made again by replay once where that process is lost.
 
     ValueError where it cannot be made.
+
+    is_live  somebody waits for its pictures, which come with each move; else one is drawn when it is looked at
     """
 
-    def __init__(self, boards: Boards, config: GymnasiumConfig, seed: int, actions: bytes) -> None:
+    def __init__(
+        self,
+        boards: Boards,
+        config: GymnasiumConfig,
+        seed: int,
+        actions: bytes,
+        is_live: bool = True,
+    ) -> None:
         self.config, self.seed, self._boards = config, seed, boards
+        self.is_live = is_live
+        self._shown: SeenByAgent | None = None
         self._described = config.description
         self.actions, self._rewards, self._scores = bytearray(), list[float](), list[float]()
         self._names = environment_of(boards.task).actions
@@ -85,28 +122,28 @@ class BoardRun(GymnasiumRun):
         except LostError as error:
             raise ValueError(f"{config.level} could not be begun: {error}") from error
         self.actions += actions
-        if self.outcome != "running":
+        self._let_go()
+
+    def _let_go(self) -> None:
+        """Let the process of a live run that has ended end; of any other it ends with the run."""
+        if self.outcome != "running" and self.is_live:
             self._board.close()
 
     def _begun(self, actions: bytes) -> Worker:
-        request = {"config": self.config.to_dict(), "seed": self.seed, "actions": list(actions)}
+        request = request_of(self.config, self.seed, actions) | {"live": self.is_live}
         board = self._boards.begin(request)
         told = board.answer(lambda done: self.tell(done, len(actions)))
         self._rewards, self._scores, self._allowed = [], [], []
         self._take(told)
         return board
 
-    def _take(self, told: Mapping[str, Any]) -> None:
+    def _take(self, answer: Any) -> None:
+        told, self._last = answer if isinstance(answer, tuple) else (answer, b"")
         self._rewards += told["rewards"]
         self._scores += told["scores"]
         self._allowed += [None if codes is None else tuple(codes) for codes in told["allowed"]]
         self.outcome, self.total, self._digest = told["outcome"], told["total"], told["digest"]
-        shown = told["shown"]
-        self._picture, self._text, self._last = (
-            shown["picture"],
-            shown["text"],
-            shown["observation"],
-        )
+        self._shown = told["shown"]
 
     async def ask(self, action: int) -> bool:
         """Ask its process for a move and return whether `step` can make it at once, without waiting on a thread."""
@@ -119,7 +156,7 @@ class BoardRun(GymnasiumRun):
             self._asked = None
             return False
 
-    def _answer(self, question: int | None, is_asked: bool = False) -> Any:
+    def _answer(self, question: int | str, is_asked: bool = False) -> Any:
         """Return what its process answers, made again where it is lost; LostError or ValueError where that fails too."""
         try:
             return self._board.answer() if is_asked else self._board.ask(question)
@@ -128,7 +165,7 @@ class BoardRun(GymnasiumRun):
             self._board = self._begun(bytes(self.actions))
             return self._board.ask(question)
 
-    def _log_failure(self, action: int | None, error: Exception, then: str = "") -> None:
+    def _log_failure(self, action: int | str, error: Exception, then: str = "") -> None:
         """Tell the author, in the server's log, what failed at which move of which episode."""
         _log.error(
             "%s failed%s, seed %d, step %d, action %s: %s",
@@ -136,7 +173,7 @@ class BoardRun(GymnasiumRun):
             f" {then}" if then else "",
             self.seed,
             len(self.actions) + 1,
-            "none" if action is None else f"{action} ({self._names[action]})",
+            f"{action} ({self._names[action]})" if isinstance(action, int) else "none",
             error,
             exc_info=error.__cause__,
         )
@@ -165,34 +202,42 @@ class BoardRun(GymnasiumRun):
             ) from error
         self.actions.append(action)
         self._take(told)
-        if self.outcome != "running":
-            self._board.close()
+        self._let_go()
         return self._rewards[-1]
 
     def abandon(self) -> None:
         """Give up: the episode ends as one that was left, with the score so far."""
         super().abandon()
-        self._board.close()
+        self._let_go()
 
     def view(self) -> GymnasiumView:
         """Return what may be seen of the run as it stands."""
-        return GymnasiumView(self, self._picture, self._text)
+        if self._shown is None:
+            self._shown = self._asked_for(PICTURE)
+        return GymnasiumView(self, self._shown["picture"], self._shown["text"])
 
     def seen(self, picture: bool, observation: bool) -> SeenByAgent:
         """Return picture or text, and the observation, which is asked of the process; ValueError where it is lost twice."""
-        given = self._last if observation else None
-        if observation and self.outcome == "running":
-            try:
-                given = self._answer(None)["observation"]
-            except LostError as error:
-                raise ValueError(f"{self.config.level} cannot be shown: {error}") from error
-        shown = (self._picture, self._text) if picture else (None, None)
+        view = self.view() if picture else None
         return {
-            "picture": shown[0],
-            "text": shown[1],
-            "observation": given,
+            "picture": None if view is None else view.picture,
+            "text": None if view is None else view.text,
+            "observation": self._seen_last() if observation else None,
             "allowed": self.allowed_names,
         }
+
+    def _seen_last(self) -> object:
+        """Return the newest observation as JSON holds it."""
+        if not self._last:
+            _, self._last = self._asked_for(OBSERVATION)
+        (observation,) = unpacked(self._last)
+        return plain(observation)
+
+    def _asked_for(self, question: str) -> Any:
+        try:
+            return self._answer(question)
+        except LostError as error:
+            raise ValueError(f"{self.config.level} cannot be shown: {error}") from error
 
     def observation(self) -> Any:
         """Return what a policy's process is told: what the environment shows it does not leave its own."""
@@ -204,35 +249,87 @@ class BoardRun(GymnasiumRun):
         return str(self._digest)
 
 
+def request_of(config: GymnasiumConfig, seed: int, actions: bytes) -> dict[str, Any]:
+    """The request for a process that has made some moves."""
+    return {"config": config.to_dict(), "seed": seed, "actions": list(actions)}
+
+
+def observations(
+    boards: Boards, config: GymnasiumConfig, seed: int, actions: bytes
+) -> Iterator[Any]:
+    """Yield what was seen before each move of an episode and after the last; ValueError where it cannot be played."""
+    try:
+        board = boards.begin(request_of(config, seed, actions) | {"observations": True})
+        _, piece = board.answer()
+        while piece:
+            yield from unpacked(piece)
+            _, piece = board.ask(MORE)
+    except LostError as error:
+        raise ValueError(f"{config.level} cannot be played again: {error}") from error
+
+
 def prepare(task: str) -> None:
     """Import the environment and draw it once (`humanplay.tasks.processes`)."""
-    environment_of(task).prepare()
+    environment = environment_of(task)
+    _ = environment.actions
+    draw_once(environment.configuration({}))
 
 
 def work(task: str, request: Mapping[str, Any]) -> Work:
     """Play one board: yield what its moves so far came to, then what each action that is sent leads to."""
     run = GymnasiumRun(environment_of(task).configuration(request["config"]), request["seed"])
-    run.is_live = True
-    for step, action in enumerate(request["actions"], 1):
+    if "observations" in request:
+        return _observe(run, request["actions"])
+    run.is_live = request["live"]
+    return _play(run, request["actions"])
+
+
+def _play(run: GymnasiumRun, actions: Sequence[int]) -> Work:
+    for step, action in enumerate(actions, 1):
         run.step(action)
         yield step
     since = -1
     while True:
-        action = yield _told(run, since)
-        while action is None:  # an agent that is shown the observation asks for it
-            action = yield run.seen(picture=False, observation=True)
+        question = yield _told(run, since)
+        while question in (OBSERVATION, PICTURE):
+            if question == OBSERVATION:
+                question = yield None, packed(run.newest_observation)
+            else:
+                question = yield run.seen(picture=True, observation=False)
         since = len(run.actions)
+        run.step(question)
+
+
+def _observe(run: GymnasiumRun, actions: Sequence[int]) -> Work:
+    """Yield the observations of an episode, some megabytes at a time, then nothing."""
+    piece = bytearray(packed(run.newest_observation))
+    for step, action in enumerate(actions, 1):
         run.step(action)
+        piece += packed(run.newest_observation)
+        if len(piece) >= OBSERVATIONS_BYTES:
+            yield None, bytes(piece)
+            piece.clear()
+        else:
+            yield step
+    if piece:
+        yield None, bytes(piece)
+    yield None, b""
 
 
-def _told(run: GymnasiumRun, since: int) -> dict[str, Any]:
-    """Return what is told of a run: its figures, those since so many moves (-1: all), and its picture."""
-    return {
+def _told(run: GymnasiumRun, since: int) -> Any:
+    """Return what is told of a run: its figures, those since so many moves (-1: all), and its picture.
+
+    Of a live run that has ended also what was seen last: nobody can ask for it any more.
+    """
+    told = {
         "rewards": list(run.rewards()[max(since, 0) :]),
         "scores": list(run.scores()[since + 1 :]),
         "allowed": list(run.allowed()[since + 1 :]),
         "outcome": run.outcome,
         "total": run.total,
         "digest": run.digest,
-        "shown": run.seen(picture=True, observation=run.ended),
+        "shown": run.seen(picture=True, observation=False) if run.is_live else None,
     }
+    if run.is_live and run.ended:
+        return told, packed(run.newest_observation)
+    return told

@@ -5,18 +5,18 @@ The environment is made by its id. It must have discrete actions, draw `rgb_arra
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
-import gymnasium
 from pydantic import Field
 
 from humanplay.board.messages import NewBoard, NewEpisode, Sent
 from humanplay.task import About, Messages, Metric, Policies, Texts
-from humanplay.tasks.base import BaseEnvironment
+from humanplay.tasks.base import BaseEnvironment, EpisodeRecord
 from humanplay.tasks.gymnasium.about import about, texts_of
+from humanplay.tasks.gymnasium.boards import BoardRun, Boards, boards_of, observations
 from humanplay.tasks.gymnasium.description import (
     DEFAULT_LIMIT,
     MAX_LIMIT,
@@ -80,6 +80,11 @@ class GymnasiumEnvironment(BaseEnvironment):
         self.level, self._told = self.description.id, described(told).told
         spec_of(self.level)
         self.name = f"gymnasium:{self._told}"
+
+    @property
+    def _boards(self) -> Boards:
+        """Where it steps."""
+        return boards_of(self.name)
 
     @property
     def version(self) -> str:
@@ -184,20 +189,16 @@ class GymnasiumEnvironment(BaseEnvironment):
         config.make().close()
 
     def prepare(self) -> None:
-        """Make the environment and draw it once; ValueError where it has other actions, or what it needs is not installed."""
-        _ = self.actions
-        try:
-            GymnasiumRun(self.default, 0).view()
-        except gymnasium.error.DependencyNotInstalled as error:
-            # the error names the line that suits the installed Gymnasium
-            raise ValueError(f"{self.level} cannot be drawn: {error}") from error
+        """Start the process where it steps; ValueError where it cannot be played, or what it needs is not installed."""
+        self._boards.preparer.confined()
 
     def run(self, config: GymnasiumConfig, seed: int, actions: bytes = b"") -> GymnasiumRun:
-        """Return a run after some actions."""
-        run = GymnasiumRun(config, seed)
-        for action in actions:
-            run.step(action)
-        return run
+        """Return a run after some actions, in a process of its own."""
+        return BoardRun(self._boards, config, seed, actions, is_live=False)
+
+    def observations(self, record: EpisodeRecord) -> Sequence[Any]:
+        """What was seen before each move and after the last."""
+        return [*observations(self._boards, record.config, record.seed, record.actions)]
 
 
 def environment(told: str) -> GymnasiumEnvironment:

@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from humanplay.task import counted
+from humanplay.task.registration import environment_of
 from humanplay.tasks.base import EpisodeRecord, give_up
 from humanplay.tasks.gymnasium.description import Description, canonical, spec_of
 from humanplay.tasks.gymnasium.doctor import examine
-from humanplay.tasks.gymnasium.run import (
-    GymnasiumConfig,
-    GymnasiumRun,
-)
+from humanplay.tasks.gymnasium.run import GymnasiumConfig
 from humanplay.tasks.lock import differences, lock_of
 
 EXAMINED = 200
@@ -51,10 +49,12 @@ class GymnasiumLock:
         played = dict(package.rsplit(" ", 1) for package in record.core_version.split(", "))
         here = dict(package.rsplit(" ", 1) for package in self._description.versions.split(", "))
         said = f"cannot be simulated here: {', '.join(differences(played, here))}"
-        run = GymnasiumRun(record.config, record.seed)
+        run = environment_of(self._task).run(record.config, record.seed)
         for step, (action, reward) in enumerate(zip(record.actions, rewards, strict=True), 1):
             if run.ended or run.step(action) != reward:
                 return f"{said}; first difference at step {step}"
         give_up(record, run)
-        is_same = (run.outcome, run.digest) == (record.outcome, record.trajectory_hash)
+        came_to = run.record()
+        is_same = came_to.outcome == record.outcome
+        is_same = is_same and came_to.trajectory_hash == record.trajectory_hash
         return f"{said}; {'no difference' if is_same else 'other observations'} in {counted(len(rewards), 'step')}"

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from humanplay.task.registration import environment_of
-from humanplay.tasks.gymnasium.run import GymnasiumRun
+from humanplay.tasks.gymnasium.run import GymnasiumRun, draw_once
 from humanplay.tasks.policies import chooser, prepare_source
 from humanplay.tasks.processes import Work
 
@@ -15,7 +15,7 @@ from humanplay.tasks.processes import Work
 def prepare(argument: str) -> None:
     """Import the environment and what the policy needs (`humanplay.tasks.processes`)."""
     task, source = json.loads(argument)
-    environment_of(task).prepare()
+    draw_once(environment_of(task).configuration({}))
     prepare_source(source)
 
 

@@ -69,6 +69,15 @@ class GymnasiumConfig:
         return made
 
 
+def draw_once(config: GymnasiumConfig) -> None:
+    """Begin an episode and draw it; ValueError where it cannot be played, or what it needs is not installed."""
+    try:
+        GymnasiumRun(config, 0).view()
+    except gymnasium.error.DependencyNotInstalled as error:
+        # the error names the line that suits the installed Gymnasium
+        raise ValueError(f"{config.level} cannot be drawn: {error}") from error
+
+
 class GymnasiumRun:
     """One running episode (`humanplay.task.Run`) of an environment that is made for it and reset once.
 
@@ -159,6 +168,11 @@ class GymnasiumRun:
         if not self._env.action_space.contains(np.int64(action)):
             raise ValueError(f"expected an action of {self._env.action_space}, got {action}")
         return action
+
+    @property
+    def newest_observation(self) -> Any:
+        """What the environment showed last, itself."""
+        return self._observation
 
     def observation(self) -> Any:
         """Return a copy of what the environment shows a policy."""

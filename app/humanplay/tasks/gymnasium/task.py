@@ -30,7 +30,7 @@ class GymnasiumTask(BaseTask, GymnasiumEnvironment):
         self._checked = policies
         self._process_policies = ProcessPolicies(self.name, POLICIES, policies, hidden, confined)
         self.policies = self._process_policies
-        self._boards = Boards(self.name, hidden, confined)
+        self._own_boards = Boards(self.name, hidden, confined)
         self.steps_on = self._boards.steps_on
 
     def begin(self, choice: Choice) -> Run:
@@ -41,6 +41,11 @@ class GymnasiumTask(BaseTask, GymnasiumEnvironment):
     def run(self, config: GymnasiumConfig, seed: int, actions: bytes = b"") -> GymnasiumRun:
         """Return a run after some actions, in a process of its own."""
         return BoardRun(self._boards, config, seed, actions)
+
+    @property
+    def _boards(self) -> Boards:
+        """The server's own, guarded."""
+        return self._own_boards
 
     def guards(self) -> str:
         """Return what guards the server; ValueError where a process does not start, PolicyError where a policy cannot play."""
@@ -56,7 +61,11 @@ class GymnasiumTask(BaseTask, GymnasiumEnvironment):
 
 def serve(variant: str, start: Start) -> GymnasiumTask:
     """The task of a server; ValueError if it cannot be played here."""
-    GymnasiumEnvironment(variant).prepare()
-    return GymnasiumTask(
-        variant, [str(path) for path in start.policies], start.hidden, start.confined
-    )
+    policies = [str(path) for path in start.policies]
+    task = GymnasiumTask(variant, policies, start.hidden, start.confined)
+    try:
+        task.prepare()
+    except ValueError:
+        task.close()
+        raise
+    return task

@@ -1,9 +1,11 @@
-"""What an environment of others tells: checked numbers, and observations as bytes and as JSON."""
+"""What an environment of others tells: checked numbers, and observations as bytes, packed, and as JSON."""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping
+import struct
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -28,6 +30,57 @@ def bytes_of(observation: Any) -> bytes:
     array = np.asarray(observation)
     whole = np.ascontiguousarray(array)
     return b"".join((f"{array.dtype.str}{array.shape}".encode(), whole.view(np.uint8).data))
+
+
+def packed(observation: Any) -> bytes:
+    """Pack an observation with the types and shapes of its arrays; ValueError for an array of Python's objects."""
+    arrays: list[bytes] = []
+    shape = json.dumps(_shape_of(observation, arrays)).encode()
+    content = b"".join(arrays)
+    return struct.pack(">IQ", len(shape), len(content)) + shape + content
+
+
+def _shape_of(observation: Any, arrays: list[bytes]) -> list[Any]:
+    """Return what an observation is made of, and add the content of its arrays."""
+    if isinstance(observation, Mapping):
+        parts = [[str(key), _shape_of(part, arrays)] for key, part in observation.items()]
+        return ["dict", parts]
+    if isinstance(observation, tuple):
+        return ["tuple", [_shape_of(part, arrays) for part in observation]]
+    if isinstance(observation, str):
+        return ["text", observation]
+    array = np.asarray(observation)
+    if array.dtype.hasobject:
+        raise ValueError(f"expected an observation of numbers and texts, got {type(observation)}")
+    arrays.append(array.tobytes())
+    return ["array", array.dtype.str, list(array.shape)]
+
+
+def unpacked(content: bytes) -> Iterator[Any]:
+    """Yield the observations that were packed one after the other."""
+    start = 0
+    while start < len(content):
+        shape_bytes, array_bytes = struct.unpack_from(">IQ", content, start)
+        start += 12
+        shape = json.loads(content[start : start + shape_bytes])
+        start += shape_bytes
+        yield _rebuilt(shape, memoryview(content)[start : start + array_bytes], [0])
+        start += array_bytes
+
+
+def _rebuilt(shape: list[Any], content: memoryview, start: list[int]) -> Any:
+    """Return the observation of a shape; `start` holds where its next array begins."""
+    kind, *rest = shape
+    if kind == "dict":
+        return {key: _rebuilt(part, content, start) for key, part in rest[0]}
+    if kind == "tuple":
+        return tuple(_rebuilt(part, content, start) for part in rest[0])
+    if kind == "text":
+        return str(rest[0])
+    dtype, size = np.dtype(rest[0]), tuple(rest[1])
+    array = np.frombuffer(content, dtype, math.prod(size), start[0]).reshape(size).copy()
+    start[0] += array.nbytes
+    return array
 
 
 def plain(observation: Any) -> Any:
