@@ -164,12 +164,12 @@ def _created(
 
 def _buffer(minari: ModuleType, row: TableRow, episode: Run) -> Any:
     record: Record = episode.record()
-    moves = len(record.actions)
+    moves, environment = len(record.actions), environment_of(row["task"])
     terminated = row["outcome"] not in ("timed_out", "abandoned", "environment_failed")
     return minari.data_collector.EpisodeBuffer(
         seed=row["seed"],
-        observations=_stacked(environment_of(row["task"]).observations(record)),
-        actions=np.frombuffer(record.actions, np.uint8).astype(np.int64),
+        observations=_stacked(environment.observations(record)),
+        actions=environment.own_actions(record.config, record.actions),
         rewards=np.array(episode.rewards(), np.float64),
         terminations=np.array([False] * (moves - 1) + [terminated]),
         truncations=np.array([False] * (moves - 1) + [not terminated]),

@@ -15,6 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from humanplay.board.messages import NewBoard
 from humanplay.task import (
     Boards,
@@ -77,6 +80,17 @@ class BaseEnvironment:
     def boards(self) -> Boards | None:
         """None: no leaderboard, and no daily terrain."""
         return None
+
+    def own_actions(self, config: Configuration, actions: bytes) -> NDArray[Any]:
+        """The codes of the moves."""
+        return np.frombuffer(actions, np.uint8).astype(np.int64)
+
+    def code_of(self, config: Configuration, action: object) -> int:
+        """The action itself, a number or an array with one."""
+        array = np.asarray(action)
+        if array.size != 1:
+            raise ValueError(f"expected one action, got {array.size} numbers: {action!r}")
+        return int(array.reshape(-1)[0])
 
     def returns(self, config: Configuration) -> tuple[float, float] | None:
         """None: the bounds of the return are not known."""

@@ -182,18 +182,18 @@ KINDS = {
 }  # fmt: skip
 
 
-def chooser(source: str, seed: int) -> Choose:
-    """Return what decides; `seed` of its random numbers."""
+def chooser(source: str, seed: int, code_of: Callable[[Any], int] = int) -> Choose:
+    """Return what decides by codes; `seed` of its random numbers, `code_of` an action as the environment has it."""
     if source == "random":
         return _random(seed)
     if source.endswith(".onnx"):
-        return _network(source)
+        return _network(source, code_of)
     function = _function(source)
     parameters = inspect.signature(function).parameters
     name = next((name for name in MASKS if name in parameters), None)
     if name is None:
-        return lambda observation, mask: int(function(observation))
-    return lambda observation, mask: int(function(observation, **{name: mask}))
+        return lambda observation, mask: code_of(function(observation))
+    return lambda observation, mask: code_of(function(observation, **{name: mask}))
 
 
 def _function(source: str) -> Callable[..., int]:
@@ -212,12 +212,12 @@ def _random(seed: int) -> Choose:
     return lambda observation, mask: int(dice.choice(np.flatnonzero(mask)))
 
 
-def _network(path: str) -> Choose:
+def _network(path: str, code_of: Callable[[Any], int]) -> Choose:
     """Return what an ONNX file decides, as Stable-Baselines3 documents its export: a batch of one in, actions first out.
 
     An input is the observation, or its entry of that name, in the input's type; a picture is given channels first where the
     input has them so. One that is called as in MASKS is given which actions are allowed. An output of whole numbers is the
-    action, one of several numbers has its largest taken.
+    action, of one that is not whole the largest is taken.
     """
     import onnxruntime
 
@@ -235,6 +235,8 @@ def _network(path: str) -> Choose:
                 batch = batch.transpose(0, 3, 1, 2)
             given[each.name] = batch
         out = np.asarray(session.run(None, given)[0])[0]
-        return int(out) if out.ndim == 0 or out.size == 1 else int(out.argmax())
+        if out.size == 1:
+            return code_of(int(out.item()))
+        return code_of(out) if out.dtype.kind in "iu" else int(out.argmax())
 
     return choose

@@ -430,6 +430,30 @@ def _file_errors() -> Iterator[None]:
         raise ServerError(str(error)) from error
 
 
+def _started(settings: Settings, hidden: Sequence[Path]) -> Task:
+    """The task of the settings, whose processes can start; ValueError, LookupError or OSError where they cannot."""
+    task = _task(settings, hidden=hidden, compiles_beside=True)
+    try:
+        if guards := task.guards():
+            print(f"{task.about.title}: {guards}", flush=True)
+    except ValueError:
+        task.close()
+        raise
+    return task
+
+
+def _check_may_be_missing(settings: Settings, name: str, is_first: bool, error: ValueError) -> None:
+    """Raise a ValueError where an environment that does not start stops the whole start: the first, or one of a study."""
+    if is_first:
+        raise error
+    folder = Folder(settings.studies)
+    running = [study for study in folder.names() if folder.status(study) == "open"]
+    if running:
+        raise ValueError(
+            f"{name} does not start, and its study {running[0]!r} is running: {error}"
+        ) from error
+
+
 def run(settings: Settings, opened: Callable[[str], object] = lambda address: None) -> None:
     """Serve until Ctrl-C or SIGTERM; ServerError or StoreError, before anything starts, when the server cannot.
 
@@ -452,19 +476,23 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
             if len(set(names)) < len(names):
                 said = f"two environments are called alike: {', '.join(names)}"
                 raise ValueError(f"{said}; give one another title in its file")
-            tasks = []
-            for each in served:
-                hidden = [path for other in served for path in (other.database, other.studies)]
-                task = _task(each, hidden=hidden, compiles_beside=True)
-                tasks.append(stack.enter_context(closing(task)))
-                if guards := task.guards():
-                    print(guards, flush=True)
+            hidden = [path for each in served for path in (each.database, each.studies)]
+            tasks = {}
+            for each, name in zip(served, names, strict=True):
+                try:
+                    task = stack.enter_context(closing(_started(each, hidden)))
+                except ValueError as error:
+                    _check_may_be_missing(each, name, each is settings, error)
+                    print(f"{name} is left out: {error}", flush=True)
+                else:
+                    tasks[name] = each, task
             stack.pop_all()  # each app closes its own
         with ExitStack() as stack:
             shared = Prepared(protection=_protection(settings, metrics), jobs=_jobs())
             apps = []
-            for each, name, task in zip(served, ["", *names[1:]], tasks, strict=True):
-                counted = Metrics() if name else metrics
+            for name, (each, task) in tasks.items():
+                is_first = each is settings
+                counted = metrics if is_first else Metrics()
                 # the store comes last: a start that fails leaves no new file behind
                 opened_store = Store(each.database, each.durable, counted, each.accept_loss)
                 store = stack.enter_context(closing(opened_store))
@@ -472,11 +500,11 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
                 if store.missing and (found := quick_check(store.path)) != "ok":
                     raise StoreError(damaged(store.path, found))
                 prepared = replace(shared, task=task, store=store)
-                apps.append(_app_of(each, prepared, password, name))
+                apps.append(_app_of(each, prepared, password, "" if is_first else name))
             if password is not None and password.drawn:
                 what = "the operator's page is /admin, its password until the server stops"
                 print(f"{what}: {password.drawn}", flush=True)
-            app = Offered(apps[0], dict(zip(names[1:], apps[1:], strict=True)))
+            app = Offered(apps[0], dict(zip([*tasks][1:], apps[1:], strict=True)))
             # a policy that decides in a thread lets a move through within a millisecond
             sys.setswitchinterval(0.001)
             try:

@@ -19,6 +19,7 @@ from humanplay.task import Choice
 from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.description import Description, read_description
 from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
+from humanplay.tasks.gymnasium.run import GymnasiumRun
 from humanplay.tasks.gymnasium.task import GymnasiumTask
 from tests.support.command import command
 from tests.support.servers import Running, eventually
@@ -222,7 +223,7 @@ def test_a_photograph_is_shown_as_jpeg_and_everything_else_as_it_is():
     shown = {}
     for codec in ("png", "jpeg"):
         here = GymnasiumEnvironment(Description(id="FrozenLake-v1", codec=codec).told)
-        run = here.run(here.default, 1)
+        run = GymnasiumRun(here.default, 1)
         mime, _, packed = run.view().picture.partition(";base64,")
         assert mime == f"data:image/{codec}"
         shown[codec] = np.asarray(Image.open(io.BytesIO(base64.b64decode(packed)))).astype(int)
@@ -278,7 +279,7 @@ def test_it_is_played_as_text_by_the_file_s_score_and_verified(home, serve, tmp_
         (f'id = "{PATH}"\nwrappers = ["nosuch:Wrapper"]', "cannot be made: No module named 'nosuch'"),
         ('id = "nosuch:X-v0"', "there is no module 'nosuch' in this folder, nor is it installed"),
         ('id = "NoSuch-v0"', "write the module's name before it"),
-        (f'id = "{OURS}:Wheel-v0"', 'such as wrappers = ["mypackage:FewActions"]'),
+        (f'id = "{OURS}:Wheel-v0"', 'wrappers = ["humanplay.tasks.gymnasium.adapters:OneAtATime"]'),
         (f'id = "{OURS}:Blind-v0"', "draws no picture (rgb_array) and no text (ansi), only human"),
     ],
 )  # fmt: skip

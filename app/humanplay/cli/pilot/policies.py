@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -13,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from humanplay.cli.pilot.errors import PilotError
-from humanplay.cli.pilot.stepping import unpacked
 from humanplay.task import Configuration
 from humanplay.task.registration import environment_of
+from humanplay.tasks.gymnasium.values import unpacked
 from humanplay.tasks.policies import chooser
 from humanplay.tasks.processes import LostError, Preparer
 
@@ -49,31 +50,33 @@ class Stepper:
 
     def play(self, policy: object, config: Configuration, seed: int) -> Played:
         """Play an episode on the instance of a seed; PilotError if policy or environment fails."""
-        decide = self._decider(policy, seed)
+        decide = self._decider(policy, config, seed)
         try:
             worker = self._preparer.begin({"config": config.to_dict(), "seed": seed})
             with closing(worker):
-                shown = worker.answer()
+                shown, content = worker.answer()
                 while shown["outcome"] == "running":
                     mask = np.ones(len(self._environment.actions), bool)
                     if shown["allowed"] is not None:
                         mask[:] = False
                         mask[shown["allowed"]] = True
-                    shown = worker.ask(decide(unpacked(shown["observation"]), mask))
+                    (observation,) = unpacked(content)
+                    shown, content = worker.ask(decide(observation, mask))
         except (LostError, ValueError) as error:
             raise PilotError(f"a policy's episode on seed {seed} failed: {error}") from error
         return Played(shown["score"], shown["outcome"])
 
-    def _decider(self, policy: object, seed: int) -> Decide:
+    def _decider(self, policy: object, config: Configuration, seed: int) -> Decide:
         """What decides in one episode."""
+        code_of = partial(self._environment.code_of, config)
         if isinstance(policy, str | Path):
             if str(policy).endswith(".onnx") and not Path(policy).is_file():
                 raise PilotError(f"there is no file {policy}")
-            return chooser(str(policy), seed)
+            return chooser(str(policy), seed, code_of)
         if isinstance(policy, Predicting):
-            return _predicting(policy)
+            return _predicting(policy, code_of)
         if callable(policy):
-            return lambda observation, mask: action_of(policy(observation))
+            return lambda observation, mask: code_of(policy(observation))
         raise PilotError(
             f"expected a policy's file, a function of the observation, or an object with predict; got {type(policy).__name__}"
         )
@@ -83,7 +86,7 @@ class Stepper:
         self._preparer.close()
 
 
-def _predicting(model: Predicting) -> Decide:
+def _predicting(model: Predicting, code_of: Callable[[object], int]) -> Decide:
     """What a model decides, which remembers by the state that it returns."""
     parameters = inspect.signature(model.predict).parameters
     state: object = None
@@ -99,14 +102,6 @@ def _predicting(model: Predicting) -> Decide:
         answer = model.predict(observation, **given)
         action, state = answer if isinstance(answer, tuple) else (answer, None)
         is_start = False
-        return action_of(action)
+        return code_of(action)
 
     return decide
-
-
-def action_of(decision: object) -> int:
-    """The code of an action that a policy returns as a number or as an array with one number."""
-    array = np.asarray(decision)
-    if array.size != 1:
-        raise ValueError(f"expected one action, got {array.size} numbers: {decision!r}")
-    return int(array.reshape(-1)[0])

@@ -12,6 +12,8 @@ from typing import Any, cast
 import gymnasium
 import numpy as np
 
+from humanplay.tasks.gymnasium.codes import MAX_ACTIONS
+
 
 class Fresh(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Makes the environment anew for each episode: what `reset` leaves of the last one (BipedalWalker's) has no effect."""
@@ -29,20 +31,58 @@ class Fresh(gymnasium.Wrapper[Any, Any, Any, Any]):
 
 
 class OneAtATime(gymnasium.ActionWrapper[Any, Any, Any]):
-    """Of an action of n numbers, one at its lowest or its highest and the others 0: 0 is none, 1 and 2 the first, and so on."""
+    """Of an action of several numbers, one is not at its rest and the others are.
+
+    Continuous numbers rest at 0, and go to their lowest or highest: 0 is none, 1 and 2 the first, and so on. Whole numbers
+    rest at their lowest, and take each of their other values in turn.
+    """
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
         super().__init__(env)
-        self._box = cast("gymnasium.spaces.Box", env.action_space)
-        self.action_space = gymnasium.spaces.Discrete(2 * self._box.low.size + 1)
+        self._rest, self._changes = _rest_of(env.action_space)
+        self.action_space = gymnasium.spaces.Discrete(len(self._changes) + 1)
 
     def action(self, action: int) -> Any:
         """Return the numbers."""
-        numbers = np.zeros(self._box.shape, self._box.dtype)
+        numbers = self._rest.copy()
         if action:
-            which, is_high = divmod(int(action) - 1, 2)
-            numbers[which] = (self._box.high if is_high else self._box.low)[which]
+            which, number = self._changes[int(action) - 1]
+            numbers.reshape(-1)[which] = number
         return numbers
+
+
+def _rest_of(space: Any) -> tuple[Any, list[tuple[int, Any]]]:
+    """The numbers of a space at rest, and which can be changed to which."""
+    if isinstance(space, gymnasium.spaces.Box):
+        ends = zip(space.low.ravel(), space.high.ravel(), strict=True)
+        changes = [(which, end) for which, both in enumerate(ends) for end in both]
+        return np.zeros(space.shape, space.dtype), changes
+    if isinstance(space, gymnasium.spaces.MultiBinary):
+        sizes, lowest = [2] * int(np.prod(space.shape)), np.zeros(space.shape, space.dtype)
+    elif isinstance(space, gymnasium.spaces.MultiDiscrete):
+        sizes = space.nvec.ravel().tolist()
+        lowest = np.broadcast_to(getattr(space, "start", 0), space.shape).astype(space.dtype)
+    else:
+        raise ValueError(f"expected an action of several numbers, got {space}")
+    first = lowest.ravel()
+    changes = [
+        (which, first[which] + by) for which, size in enumerate(sizes) for by in range(1, size)
+    ]
+    return lowest, changes
+
+
+class FirstActions(gymnasium.ActionWrapper[Any, Any, Any]):
+    """The first actions of more than can be played."""
+
+    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+        super().__init__(env)
+        space = cast("gymnasium.spaces.Discrete", env.action_space)
+        count = min(MAX_ACTIONS, int(space.n))
+        self.action_space = gymnasium.spaces.Discrete(count, start=int(space.start))
+
+    def action(self, action: int) -> Any:
+        """Return the action itself."""
+        return action
 
 
 class _InOrder(dict[Any, None]):

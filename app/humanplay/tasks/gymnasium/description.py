@@ -8,6 +8,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import entry_points
 from importlib.metadata import version as version_of
@@ -20,13 +21,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from humanplay.board.messages import KEY_CODES
 from humanplay.tasks import held
+from humanplay.tasks.gymnasium.codes import ActionCodes
 from humanplay.tasks.gymnasium.modules import imported, module_of_file, owners_of, source_hash
+from humanplay.tasks.gymnasium.values import two_of
 
 DEFAULT_LIMIT = 1000
 """Moves after which an episode times out where neither the environment nor its description sets a limit."""
 MAX_LIMIT = 100_000
-MAX_ACTIONS = 64
-"""Most actions: each has a button on a phone."""
 SPECIAL = {
     32: "Space", 273: "ArrowUp", 274: "ArrowDown", 275: "ArrowRight", 276: "ArrowLeft", 1073741906: "ArrowUp",
     1073741905: "ArrowDown", 1073741903: "ArrowRight", 1073741904: "ArrowLeft",
@@ -53,6 +54,7 @@ class Description(BaseModel):
         description="Gymnasium's id, before a colon the module that registers it; or MODULE:NAME of a class or function",
     )
     kwargs: dict[str, Any] = Field({}, description="what gymnasium.make is given besides")
+    options: dict[str, Any] = Field({}, description="what reset is given as options")
     wrappers: tuple[str, ...] = Field(
         (), description='put around it, the innermost first: "module:Class", called with the environment alone'
     )  # fmt: skip
@@ -107,6 +109,11 @@ class Description(BaseModel):
         """What describes it in the name of a task: the id alone, or canonical JSON of what was said."""
         said = self.model_dump(mode="json", exclude_unset=True)
         return self.id if said == {"id": self.id} else canonical(said)
+
+    def begin(self, env: Any, seed: int) -> tuple[Any, dict[str, Any]]:
+        """Reset an environment; return its observation and its info."""
+        options = {"options": self.options} if self.options else {}
+        return two_of(env.reset(seed=seed, **options))
 
     def make(self, kwargs: Mapping[str, Any], limit: int, seed: int | None = None) -> Any:
         """Return a new environment; ValueError where something it needs is not installed or it refuses its arguments."""
@@ -191,7 +198,7 @@ def spec_of(env_id: str) -> EnvSpec:
         return EnvSpec(name, held.function_of(name))
     if not module_name:
         try:
-            return gymnasium.spec(name)
+            return _named(gymnasium.spec(name))
         except (gymnasium.error.Error, ImportError) as error:
             raise ValueError(
                 f"Gymnasium knows no environment {env_id!r}: {error}; where a package or a file of yours brings it, "
@@ -204,7 +211,7 @@ def spec_of(env_id: str) -> EnvSpec:
     except ImportError as error:
         raise ValueError(f"{module_name} cannot be imported: {error}") from error
     if name in gymnasium.registry:
-        return gymnasium.spec(name)
+        return _named(gymnasium.spec(name))
     member = getattr(module, name, None)
     if (isinstance(member, type) and issubclass(member, gymnasium.Env)) or inspect.isfunction(
         member
@@ -217,6 +224,15 @@ def spec_of(env_id: str) -> EnvSpec:
             f"{module_name} registers no environment {name!r} and has no class of gymnasium.Env or function "
             f"of that name: {error}"
         ) from error
+
+
+def _named(spec: EnvSpec) -> EnvSpec:
+    """Name a class or function that was registered itself, so that the description can be written down."""
+    entry = spec.entry_point
+    name = getattr(entry, "__qualname__", "")
+    if isinstance(entry, str) or not name.isidentifier():
+        return spec
+    return replace(spec, entry_point=f"{getattr(entry, '__module__', '')}:{name}")
 
 
 def _absent(env_id: str, module_name: str, error: ModuleNotFoundError) -> str:
@@ -339,17 +355,11 @@ def _first(error: ValidationError) -> str:
 def actions_of(described: Description, env: Any) -> tuple[str, ...]:
     """Return the names of the actions of an environment, by their codes; ValueError where they are not discrete.
 
-    They come from the description, else from `get_action_meanings` or an enumeration `actions`, else they are numbers.
+    They come from the description, else from `get_action_meanings` or an enumeration `actions`, else from the numbers of
+    the environment's own actions.
     """
-    space, inner = env.action_space, env.unwrapped
-    is_discrete = isinstance(space, gymnasium.spaces.Discrete)
-    if not is_discrete or space.start != 0 or space.n > MAX_ACTIONS:
-        way = 'a wrapper can choose some, such as wrappers = ["mypackage:FewActions"] in its file'
-        said = (
-            f"expected up to {MAX_ACTIONS} discrete actions from 0 on, {described.id} has {space}"
-        )
-        raise ValueError(f"{said}; {way}")
-    count = int(space.n)
+    inner, codes = env.unwrapped, ActionCodes(described.id, env.action_space)
+    count = codes.count
     named: Iterable[Any] = described.actions
     if not described.actions:
         meanings = getattr(inner, "get_action_meanings", None)
@@ -360,7 +370,7 @@ def actions_of(described: Description, env: Any) -> tuple[str, ...]:
         names = []
     if described.actions and len(names) != count:
         raise ValueError(f"actions: {described.id} has {count}, got {len(names)} names")
-    return tuple(names) if len(set(names)) == len(names) == count else tuple(map(str, range(count)))
+    return tuple(names) if len(set(names)) == len(names) == count else codes.names()
 
 
 def keys_of(described: Description, env: Any, names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
@@ -391,9 +401,9 @@ def keys_of(described: Description, env: Any, names: tuple[str, ...]) -> dict[st
                 taken.add(code)
         free = [f"Digit{each}" for each in "1234567890"]
         free += [f"Key{letter}" for letter in "QERTYUFGHJKLZXCVBM"]
-        for number, name in enumerate(names if len(names) <= len(free) else ()):
+        for name in names if len(names) <= len(free) else ():
             if not found[name]:
-                own = [f"Digit{number}"] if name == str(number) else []
+                own = [f"Digit{name}"] if name in {*"0123456789"} else []
                 codes = [each for each in (*own, *free) if each not in taken and each in KEY_CODES]
                 found[name] = codes[:1]
                 taken.update(found[name])

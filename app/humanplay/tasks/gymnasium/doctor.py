@@ -25,9 +25,10 @@ import numpy as np
 
 from humanplay.task import counted
 from humanplay.task.registration import environment_of
-from humanplay.tasks.gymnasium.masks import Mask, mask_of
+from humanplay.tasks.gymnasium.codes import ActionCodes, Mask
+from humanplay.tasks.gymnasium.description import Description
 from humanplay.tasks.gymnasium.pictures import pixels_of
-from humanplay.tasks.gymnasium.values import bytes_of, finite
+from humanplay.tasks.gymnasium.values import bytes_of, finite, reward_of
 from humanplay.tasks.policies import Choose, chooser
 from humanplay.tasks.processes import variables as fixed_variables
 
@@ -211,13 +212,14 @@ def _child(request: Mapping[str, Any]) -> None:
     """Play a request's seeds and print each episode."""
     environment, variant = environment_of(request["task"]), request["variant"]
     config = environment.configuration(request["config"])
-    score: str = config.description.score
+    described = config.description
     make, seeds = config.make, list(range(request["seeds"]))
     used = make(0) if variant == TOLERATED else None
     if variant == "after other episodes" or used is not None:
         for seed in (10**8, 10**8 + 1):
             env = used or make(seed)
-            _episode(env, seed, _chooser("uniform", seed), 50, True, score)
+            codes = ActionCodes(config.level, env.action_space)
+            _episode(env, codes, seed, _chooser("uniform", seed, codes), 50, True, described)
             if used is None:
                 env.close()
         seeds.reverse()
@@ -227,18 +229,20 @@ def _child(request: Mapping[str, Any]) -> None:
         while episode == 0 or left > 0:
             begun = 10_000 * seed + episode
             env = used or make(begun)
-            choose = _chooser(choosers[seed % len(choosers)], begun)
-            played = _episode(env, begun, choose, left, variant != "without rendering", score)
+            codes = ActionCodes(config.level, env.action_space)
+            choose = _chooser(choosers[seed % len(choosers)], begun, codes)
+            renders = variant != "without rendering"
+            played = _episode(env, codes, begun, choose, left, renders, described)
             if used is None:
                 env.close()
             print(MARK + json.dumps({"seed": seed, "episode": episode, **played}), flush=True)
             left, episode = left - max(1, len(played["hashes"]) - 1), episode + 1
 
 
-def _chooser(name: str, seed: int) -> Choose:
+def _chooser(name: str, seed: int, codes: ActionCodes) -> Choose:
     """Return what chooses an episode's actions from those that are allowed, with random numbers of its own."""
     if name not in ("uniform", "sticky"):
-        return chooser(name, seed)
+        return chooser(name, seed, codes.of_own)
     dice, last, repeated = random.Random(seed), [-1], STICKY if name == "sticky" else 0.0
 
     def choose(observation: Any, mask: Mask) -> int:
@@ -250,7 +254,13 @@ def _chooser(name: str, seed: int) -> Choose:
 
 
 def _episode(
-    env: Any, seed: int, choose: Choose, steps: int, renders: bool, score: str
+    env: Any,
+    codes: ActionCodes,
+    seed: int,
+    choose: Choose,
+    steps: int,
+    renders: bool,
+    described: Description,
 ) -> dict[str, Any]:
     """Return an episode of at most so many steps: the hashes of PARTS at each, what they cost, and the picture's size.
 
@@ -259,8 +269,8 @@ def _episode(
     costs: dict[str, list[float]] = {"step": [], "picture": [], "bytes": []}
     hashes: list[list[str | None]] = []
     shape: Sequence[int] = ()
-    count = int(env.action_space.n)
-    (observation, info), action, reward, ends = env.reset(seed=seed), -1, 0.0, (False, False)
+    (observation, info), action = described.begin(env, seed), -1
+    reward, ends = 0.0, (False, False)
     while True:
         picture = None
         if renders:
@@ -278,20 +288,20 @@ def _episode(
         end = _digest(repr(ends).encode())
         seen, paid = (
             _digest(bytes_of(observation)),
-            _digest(repr(finite("reward", reward)).encode()),
+            _digest(repr(finite("reward", reward_of(described.id, reward))).encode()),
         )
         ended = any(ends) or len(hashes) >= steps
-        mask = None if ended else mask_of(env, observation, info, count)
+        mask = None if ended else codes.mask_of(env, observation, info)
         allowed = "" if mask is None else _digest(bytes_of(mask))
         hashes.append([str(action), seen, paid, end, allowed, picture])
         if ended:
             return {"hashes": hashes, "costs": costs, "picture": shape}
-        action = int(choose(observation, np.ones(count, bool) if mask is None else mask))
+        action = choose(observation, np.ones(codes.count, bool) if mask is None else mask)
         begun = time.process_time()
-        observation, reward, terminated, truncated, info = env.step(action)
+        observation, reward, terminated, truncated, info = env.step(codes.own(action))
         costs["step"].append(1000 * (time.process_time() - begun))
-        if score != "return":
-            finite(score, info.get(score[5:], 0.0))
+        if described.score != "return":
+            finite(described.score, info.get(described.score[5:], 0.0))
         ends = bool(terminated), bool(truncated)
 
 

@@ -10,6 +10,8 @@ from contextlib import closing
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from humanplay.board.messages import NewBoard, NewEpisode, Sent
@@ -17,6 +19,7 @@ from humanplay.task import About, Messages, Metric, Policies, Texts
 from humanplay.tasks.base import BaseEnvironment, EpisodeRecord
 from humanplay.tasks.gymnasium.about import about, texts_of
 from humanplay.tasks.gymnasium.boards import BoardRun, Boards, boards_of, observations
+from humanplay.tasks.gymnasium.codes import ActionCodes
 from humanplay.tasks.gymnasium.description import (
     DEFAULT_LIMIT,
     MAX_LIMIT,
@@ -154,6 +157,20 @@ class GymnasiumEnvironment(BaseEnvironment):
     def gymnasium_env(self, config: GymnasiumConfig) -> Any:
         """Return a new environment."""
         return config.make()
+
+    @cached_property
+    def _codes(self) -> ActionCodes:
+        """By which its actions are called."""
+        with closing(self.default.make(0)) as env:
+            return ActionCodes(self.level, env.action_space)
+
+    def own_actions(self, config: GymnasiumConfig, actions: bytes) -> NDArray[Any]:
+        """The environment's own actions of the moves."""
+        return np.array([self._codes.own(code) for code in actions])
+
+    def code_of(self, config: GymnasiumConfig, action: object) -> int:
+        """The code of the environment's own action; ValueError for none."""
+        return self._codes.of_own(action)
 
     def returns(self, config: GymnasiumConfig) -> tuple[float, float] | None:
         """Return the bounds of the score, where both are known and it is the return; else None."""

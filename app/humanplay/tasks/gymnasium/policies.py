@@ -23,7 +23,7 @@ def work(argument: str, request: Mapping[str, Any]) -> Work:
     """Play one episode: yield an action for the moves that are sent, or, for "play", the whole episode."""
     task, source = json.loads(argument)
     run = GymnasiumRun(environment_of(task).configuration(request["config"]), request["seed"])
-    choose = chooser(source, request["policy_seed"])
+    choose = chooser(source, request["policy_seed"], run.code_of)
     question, decided = (yield "ready"), -1
     while True:
         for action in question if question != "play" else ():

@@ -17,6 +17,7 @@ import numpy as np
 from humanplay.board.pictures import jpeg, png
 from humanplay.task import Allowed, SeenByAgent
 from humanplay.tasks.base import EpisodeRecord
+from humanplay.tasks.gymnasium.codes import ActionCodes, Mask, allowed_in
 from humanplay.tasks.gymnasium.description import (
     Description,
     actions_of,
@@ -24,9 +25,8 @@ from humanplay.tasks.gymnasium.description import (
     completed,
     described,
 )
-from humanplay.tasks.gymnasium.masks import Mask, allowed_in, mask_of
 from humanplay.tasks.gymnasium.pictures import pixels_of
-from humanplay.tasks.gymnasium.values import bytes_of, finite, plain
+from humanplay.tasks.gymnasium.values import bytes_of, finite, plain, reward_of
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,9 @@ class GymnasiumConfig:
 def draw_once(config: GymnasiumConfig) -> None:
     """Begin an episode and draw it; ValueError where it cannot be played, or what it needs is not installed."""
     try:
-        GymnasiumRun(config, 0).view()
+        run = GymnasiumRun(config, 0)
+        run.check_reward()
+        run.view()
     except gymnasium.error.DependencyNotInstalled as error:
         # the error names the line that suits the installed Gymnasium
         raise ValueError(f"{config.level} cannot be drawn: {error}") from error
@@ -92,7 +94,8 @@ class GymnasiumRun:
         self._described = config.description
         self._env = config.make(seed)
         self._names = actions_of(self._described, self._env)
-        self._observation, self._info = self._env.reset(seed=seed)
+        self._codes = ActionCodes(self._described.id, self._env.action_space)
+        self._observation, self._info = self._described.begin(self._env, seed)
         self._hash = hashlib.sha256(f"{config.hash}|{seed}|".encode())
         self._hash.update(bytes_of(self._observation))
         self.actions, self._rewards, self._scores = bytearray(), list[float](), list[float]()
@@ -105,7 +108,7 @@ class GymnasiumRun:
         """Ask the environment what may be chosen next; of an episode that has ended nothing."""
         self._mask: Mask | None = None
         if self.outcome == "running":
-            self._mask = mask_of(self._env, self._observation, self._info, len(self._names))
+            self._mask = self._codes.mask_of(self._env, self._observation, self._info)
             self._allowed.append(allowed_in(self._mask))
 
     def step(self, action: int) -> float:
@@ -115,10 +118,10 @@ class GymnasiumRun:
         """
         if self.outcome != "running":
             raise RuntimeError(f"the episode has ended ({self.outcome}); begin another one")
-        if not self._env.action_space.contains(np.int64(action)):
-            raise ValueError(f"expected an action of {self._env.action_space}, got {action}")
-        self._observation, given, terminated, truncated, self._info = self._env.step(action)
-        reward = float(given)
+        self._check_code(action)
+        own = self._codes.own(action)
+        self._observation, given, terminated, truncated, self._info = self._env.step(own)
+        reward = reward_of(self._described.id, given)
         self.total = finite("return", self.total + reward)
         self.actions.append(action)
         self._rewards.append(reward)
@@ -148,6 +151,11 @@ class GymnasiumRun:
         name = self._described.score
         return self.total if name == "return" else finite(name, self._info.get(name[5:], before))
 
+    def check_reward(self) -> None:
+        """Raise ValueError, with the ways out, where the environment says that it pays several rewards at once."""
+        space = getattr(self._env.unwrapped, "reward_space", None)
+        reward_of(self._described.id, np.zeros(getattr(space, "shape", ())))
+
     def scores(self) -> Sequence[float]:
         """Return the headline metric after 0, 1, 2, ... moves."""
         return self._scores
@@ -165,9 +173,16 @@ class GymnasiumRun:
         """Return what is chosen by the observation and by which actions are allowed; ValueError where that is no action."""
         mask = np.ones(len(self._names), bool) if self._mask is None else self._mask
         action = choose(self.observation(), mask)
-        if not self._env.action_space.contains(np.int64(action)):
-            raise ValueError(f"expected an action of {self._env.action_space}, got {action}")
+        self._check_code(action)
         return action
+
+    def _check_code(self, code: int) -> None:
+        if not 0 <= code < self._codes.count:
+            raise ValueError(f"expected an action of {self._env.action_space}, got {code}")
+
+    def code_of(self, action: Any) -> int:
+        """The code of what a policy chose, which is the environment's own action; ValueError for none."""
+        return self._codes.of_own(action)
 
     @property
     def newest_observation(self) -> Any:

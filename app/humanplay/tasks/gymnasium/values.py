@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 def finite(name: str, given: Any) -> float:
@@ -16,6 +17,26 @@ def finite(name: str, given: Any) -> float:
     if not math.isfinite(value := float(given)):
         raise ValueError(f"its {name} is {value}, which is no finite number")
     return value
+
+
+def two_of(came: Any) -> tuple[Any, dict[str, Any]]:
+    """Return what reset returned as observation and info; ValueError for anything else."""
+    if isinstance(came, tuple) and len(came) == 2 and isinstance(came[1], dict):
+        return came
+    raise ValueError(
+        f"reset returned {type(came).__name__}: expected (observation, info), as Gymnasium has it"
+    )
+
+
+def reward_of(env_id: str, given: Any) -> float:
+    """Return a reward as a number; ValueError, with the ways out, for one of several numbers."""
+    if np.size(given) == 1:
+        return float(np.asarray(given).item())
+    raise ValueError(
+        f"{env_id} pays a reward of {np.size(given)} numbers, and one is expected: name a wrapper such as "
+        "mo_gymnasium.wrappers.LinearReward, with its weights, in a function that makes the environment, and what else "
+        'counts by score = "info.NAME"'
+    )
 
 
 def bytes_of(observation: Any) -> bytes:
@@ -27,13 +48,24 @@ def bytes_of(observation: Any) -> bytes:
         return b"".join(map(bytes_of, observation))
     if isinstance(observation, str):
         return observation.encode()
-    array = np.asarray(observation)
+    array = _numbers(observation)
     whole = np.ascontiguousarray(array)
     return b"".join((f"{array.dtype.str}{array.shape}".encode(), whole.view(np.uint8).data))
 
 
+def _numbers(observation: Any) -> NDArray[Any]:
+    """Return a part of an observation as an array; ValueError where it holds Python's own objects."""
+    array = np.asarray(observation)
+    if array.dtype.hasobject:
+        raise ValueError(
+            f"its observation holds {type(observation).__name__} of objects: return numbers and texts, and dictionaries "
+            "and tuples of them"
+        )
+    return array
+
+
 def packed(observation: Any) -> bytes:
-    """Pack an observation with the types and shapes of its arrays; ValueError for an array of Python's objects."""
+    """Pack an observation with the types and shapes of its arrays."""
     arrays: list[bytes] = []
     shape = json.dumps(_shape_of(observation, arrays)).encode()
     content = b"".join(arrays)
@@ -49,9 +81,7 @@ def _shape_of(observation: Any, arrays: list[bytes]) -> list[Any]:
         return ["tuple", [_shape_of(part, arrays) for part in observation]]
     if isinstance(observation, str):
         return ["text", observation]
-    array = np.asarray(observation)
-    if array.dtype.hasobject:
-        raise ValueError(f"expected an observation of numbers and texts, got {type(observation)}")
+    array = _numbers(observation)
     arrays.append(array.tobytes())
     return ["array", array.dtype.str, list(array.shape)]
 
@@ -78,9 +108,11 @@ def _rebuilt(shape: list[Any], content: memoryview, start: list[int]) -> Any:
     if kind == "text":
         return str(rest[0])
     dtype, size = np.dtype(rest[0]), tuple(rest[1])
-    array = np.frombuffer(content, dtype, math.prod(size), start[0]).reshape(size).copy()
+    array = np.frombuffer(content, dtype, math.prod(size), start[0]).reshape(size)
     start[0] += array.nbytes
-    return array
+    return (
+        array.copy() if size else array[()]
+    )  # a number is one of NumPy's, as environments return them
 
 
 def plain(observation: Any) -> Any:

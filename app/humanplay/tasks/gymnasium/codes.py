@@ -1,0 +1,128 @@
+"""The codes by which the playground calls an environment's actions, whatever it calls them itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_ACTIONS = 64
+"""Most actions: each has a button on a phone."""
+ADAPTERS = "humanplay.tasks.gymnasium.adapters"
+MASK, METHOD = "action_mask", "action_masks"
+"""The key in info and observation as Taxi has it, and the method as sb3-contrib asks for it."""
+
+Mask = NDArray[np.bool_]
+
+
+class ActionCodes:
+    """Codes 0, 1, 2, ... of discrete actions: of one number that need not begin at 0, or of several numbers or bits.
+
+    space  the environment's own
+    count  how many codes there are
+    """
+
+    def __init__(self, env_id: str, space: gymnasium.Space[Any]) -> None:
+        """Take a space; ValueError, naming a wrapper that helps, where it is none of discrete actions or has too many."""
+        self.space = space
+        if isinstance(space, gymnasium.spaces.Discrete):
+            sizes, self._starts = [int(space.n)], np.array([space.start])
+        elif isinstance(space, gymnasium.spaces.MultiDiscrete):
+            sizes = [int(size) for size in space.nvec.ravel()]
+            starts = getattr(space, "start", None)
+            self._starts = np.zeros(len(sizes), int) if starts is None else starts.ravel()
+        elif isinstance(space, gymnasium.spaces.MultiBinary):
+            count = math.prod(space.shape)
+            sizes, self._starts = [2] * count, np.zeros(count, int)
+        else:
+            raise ValueError(_refusal(env_id, space))
+        self._sizes = tuple(sizes)
+        self.count = math.prod(sizes)
+        if self.count > MAX_ACTIONS:
+            raise ValueError(_refusal(env_id, space))
+
+    def own(self, code: int) -> Any:
+        """The environment's own action of a code."""
+        parts = np.array(np.unravel_index(code, self._sizes)) + self._starts
+        if isinstance(self.space, gymnasium.spaces.Discrete):
+            return int(parts[0])
+        return parts.astype(self.space.dtype).reshape(self.space.shape)
+
+    def of_own(self, action: Any) -> int:
+        """The code of an environment's own action; ValueError for none."""
+        parts = np.asarray(action)
+        if parts.size != len(self._sizes) or not np.array_equal(parts, parts.astype(int)):
+            raise ValueError(f"expected an action of {self.space}, got {action}")
+        parts = parts.astype(int).ravel() - self._starts
+        if (parts < 0).any() or (parts >= self._sizes).any():
+            raise ValueError(f"expected an action of {self.space}, got {action}")
+        return int(np.ravel_multi_index(tuple(parts), self._sizes))
+
+    def names(self) -> tuple[str, ...]:
+        """What the actions are called where nobody names them: by the numbers of the environment's own."""
+        every = [np.ravel(self.own(code)).tolist() for code in range(self.count)]
+        return tuple("_".join(map(str, parts)).replace("-", "minus_") for parts in every)
+
+    def mask_of(
+        self, env: gymnasium.Env[Any, Any], observation: object, info: Mapping[str, object]
+    ) -> Mask | None:
+        """Return which actions the environment allows, by their codes.
+
+        Returns:
+            bool[count]; None if it says nothing, or allows nothing: then any may be chosen.
+
+        Raises:
+            ValueError: The mask does not fit the actions.
+        """
+        if MASK in info:
+            told = info[MASK]
+        elif isinstance(observation, Mapping) and MASK in observation:
+            told = observation[MASK]
+        elif env.has_wrapper_attr(METHOD):
+            told = env.get_wrapper_attr(METHOD)()
+        else:
+            return None
+        mask = self._mask(told)
+        return mask if mask.any() else None
+
+    def _mask(self, told: Any) -> Mask:
+        """A mask of all actions; of several numbers also as a tuple of masks, or one after the other."""
+        if isinstance(told, tuple):
+            told = np.concatenate([np.ravel(part) for part in told])
+        mask = np.asarray(told).astype(bool).ravel()
+        if mask.shape == (self.count,):
+            return mask
+        if len(self._sizes) > 1 and mask.shape == (sum(self._sizes),):
+            parts = np.split(mask, np.cumsum(self._sizes)[:-1])
+            indices = [np.unravel_index(code, self._sizes) for code in range(self.count)]
+            return np.array([
+                all(part[number] for part, number in zip(parts, index, strict=True))
+                for index in indices
+            ])  # fmt: skip
+        raise ValueError(
+            f"expected an {MASK} of shape {(self.count,)}, a truth value for each action, got {mask.shape}: "
+            "a wrapper that changes the actions must change it too"
+        )
+
+
+def allowed_in(mask: Mask | None) -> tuple[int, ...] | None:
+    """Return the codes of the allowed actions; None if all are."""
+    return None if mask is None or mask.all() else tuple(map(int, np.flatnonzero(mask)))
+
+
+def _refusal(env_id: str, space: gymnasium.Space[Any]) -> str:
+    """Say that a space is not played, and which wrapper helps."""
+    said = f"expected up to {MAX_ACTIONS} discrete actions, {env_id} has {space}"
+    way = "name a wrapper of your own that has discrete actions"
+    if isinstance(space, gymnasium.spaces.Discrete):
+        way = f'wrappers = ["{ADAPTERS}:FirstActions"] in its file offers the first {MAX_ACTIONS}'
+    elif isinstance(
+        space,
+        gymnasium.spaces.Box | gymnasium.spaces.MultiDiscrete | gymnasium.spaces.MultiBinary,
+    ):
+        way = f'wrappers = ["{ADAPTERS}:OneAtATime"] in its file offers one number at a time'
+    return f"{said}; {way}"
