@@ -1,10 +1,9 @@
 // The card at the end of an episode: its lines, buttons and links stand in end_card.html, and a page says which of them it shows.
 import { by, copied, copyOnClick, create, partsOf, put } from "./page.js";
-import { score } from "./words.js";
 
 /** What a page has for the card's parts: sentences, numbers by their names, the text to share, addresses of links, and which
  * buttons there are.
- * @typedef {{title?: string, line?: string, figures?: [string, string][], score?: number | null, compare?: string, own?: string,
+ * @typedef {{title?: string, line?: string, figures?: [string, string][], compare?: string, own?: string,
  *   note?: string, share?: string, next?: string, again?: boolean, practise?: boolean, copy?: boolean, replay?: string,
  *   beat?: string, watch?: string, play?: string, episodes?: string}} Content */
 
@@ -17,7 +16,6 @@ const asItStands = () => {};
 const FILLS = {
   title: put, line: put, compare: put, own: put, note: put,
   figures: (list, figures) => list.replaceChildren(...figures.map(([name, value]) => create("div", [create("dt", name), create("dd", value)]))),
-  score: (line, value) => put(/** @type {HTMLElement} */ (line.querySelector("b")), score(value)),
   share: (place, text) => { /** @type {HTMLTextAreaElement} */ (place.querySelector("textarea")).value = text; },
   next: (button, text) => put(/** @type {HTMLElement} */ (button.querySelector("span")), text),
   again: asItStands, practise: asItStands, copy: asItStands,
@@ -28,7 +26,7 @@ const NAMES = /** @type {(keyof Content)[]} */ (Object.keys(FILLS));
 
 /** @template {keyof Content} Name @param {HTMLElement} part @param {Name} name @param {Content[Name]} filling */
 function fillPart(part, name, filling) {
-  part.hidden = [undefined, null, false, ""].includes(/** @type {null} */ (filling));
+  part.hidden = !filling;
   if (!part.hidden) /** @type {(part: HTMLElement, filling: unknown) => void} */ (FILLS[name])(part, filling);
 }
 

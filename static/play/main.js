@@ -45,9 +45,8 @@ let hint = null;
 let isCoaching = true;
 const isFirstVisit = () => document.body.dataset.visit === "first";
 
-const template = by("board-template", HTMLTemplateElement);
 const rootOf = (/** @type {string} */ role) => /** @type {HTMLElement} */ (document.querySelector(`[data-role=${role}]`));
-const panels = { player: createPanel(rootOf("player"), template), rival: createPanel(rootOf("rival"), template) };
+const panels = { player: createPanel(rootOf("player")), rival: createPanel(rootOf("rival")) };
 const { part } = panels.player;
 const card = startEndCard();
 /** How the episode that ended stands among the player's own. */

@@ -12,16 +12,15 @@ export function endOf(frame, task, { mode, player, rival }, { tried, own }) {
   const who = mode === "watch" ? task.nameOf(player?.name ?? "") : "You";
   const compared = task.compare(frame, rival?.frame ?? null, task.nameOf(rival?.name ?? ""), who);
   return {
-    ...task.ending(frame), score: frame.score, compare: [tried, compared].filter(Boolean).join(" "), own,
+    ...task.ending(frame), ...task.verdict?.(frame, rival?.frame ?? null, task.nameOf(rival?.name ?? ""), mode === "watch" ? who : null), compare: [tried, compared].filter(Boolean).join(" "), own,
     next: `Next ${task.round}`, again: mode !== "ranked", // a terrain counts once
     replay: `replay/${encodeURIComponent(frame.episode)}`, copy: true, beat: task.assets === "mars" ? challengeHash(frame.episode) : "",
   };
 }
 
-/** Make the panel of a board, its parts named and marked for tests.
- * @param {HTMLElement} root @param {HTMLTemplateElement} template @returns {Play.Panel} */
-export function createPanel(root, template) {
-  root.append(template.content.cloneNode(true));
+/** Return the panel of a board, its parts named and marked for tests.
+ * @param {HTMLElement} root @returns {Play.Panel} */
+export function createPanel(root) {
   const role = /** @type {Role} */ (root.dataset.role);
   /** @type {Record<string, HTMLElement>} */
   const part = {};
@@ -108,7 +107,7 @@ export function paintBar(state, rival) {
   put(by("terrain"), state.mode === "challenge" ? `Challenge \u00b7 ${place}` : place);
   paintLink(by("link"), state.link, "live");
   if (task) put(by("goal"), task.goal(player?.frame ?? null));
-  put(by("standing"), standing(state, rival));
+  if (task) put(by("standing"), standing(state, rival));
   const named = (/** @type {Board | null} */ board) => (task && board && state.mode === "watch" ? task.nameOf(board.name) : null);
   put(by("tab-player"), named(player) ?? "You");
   const beside = task && state.mode === "challenge" && state.rival ? task.nameOf(state.rival.name) : named(state.rival);

@@ -74,6 +74,9 @@ interface TaskOf<F, M, C, H> extends Answers.Task {
   adviceText?(advice: Answers.Advice, course: C, step: number): string;
   /** What the moves of a finished episode cost: above the list of mistakes, the list, and below it. */
   costsInWords?(costs: Answers.Costs): {summary: string, mistakes: string[], rest: string[]};
+  /** The headline of an end beside another board, null where its own ending says more; `watched`
+   * names who has driven, null for the player. */
+  verdict?(mine: F, theirs: F | null, rival: string, watched: string | null): {title: string, line: string} | null;
   /** What is played until somebody chooses; null where the task leaves nothing to be chosen. */
   firstWish(policies: {name: string}[]): Play.Wish | null;
   /** Parts of the playground that this task alone has: a 3-D view before the first frame, the

@@ -73,8 +73,7 @@ def test_a_first_time_visitor_plays_an_episode_by_the_prompts_on_the_screen_alon
 
     title = visitor.sees("end-card", r"(Crashed|Off the map) at ([\d.]+) % after (\d+) moves?")
     assert (title[2], int(title[3])) == (visitor.reads("coverage-player"), end["step"])
-    assert visitor.sees("end-card", r"Score\s+([\d.]+)")[1] == f"{end['score']:.3f}"
-    visitor.sees("end-card", "What it is")
+    assert "score" not in visitor.reads("end-card").lower(), "it stands in tables"
     visitor.sees("board-rival", "Expert")
     assert visitor.reads("coach-player") == ""
     visitor.sees("end-compare", "Expert")

@@ -62,6 +62,21 @@ const LINES = [
   ["most", ({ coverage }) => coverage >= 0.9, "Nearly there. The last dark cells hide behind rocks and in corners."],
 ];
 
+/** Return who did better, where both have ended; "" where the player's own end says more.
+ * @param {Mars.Frame} mine @param {Mars.Frame} theirs @param {string} rival @param {string | null} watched */
+function verdictOf(mine, theirs, rival, watched) {
+  const [a, b] = [stepsToGoal(mine), stepsToGoal(theirs)];
+  const other = within(rival);
+  if (a !== null && b !== null) {
+    const gap = many(Math.abs(a - b), "move");
+    if (watched !== null) return a === b ? `Both needed ${many(a, "move")}` : `${a < b ? watched : rival} won by ${gap}`;
+    return a === b ? `Level with ${other}` : `${gap} ${a < b ? "ahead of" : "behind"} ${other}`;
+  }
+  if (watched === null) return "";
+  if (a === null && b === null) return `Neither mapped ${TARGET}`;
+  return a === null ? `${rival} won: ${watched} ${words.status(mine.outcome)}` : `${watched} won: ${rival} ${words.status(theirs.outcome)}`;
+}
+
 /** @type {Mars.Words} */
 export const words = {
   round: "terrain", target: TARGET,
@@ -84,16 +99,19 @@ export const words = {
     const figures = [["Moves", String(step)], ["Mapped", `${percent(coverage)} %`]];
     return { title, line: line.replace("{target}", wanted), advice, figures: value === null ? figures : [...figures, ["Score", score(value)]] };
   },
+  verdict(mine, theirs, rival, watched) {
+    const title = theirs?.outcome ? verdictOf(mine, theirs, rival, watched) : "";
+    return title ? { title, line: `${words.ending(mine).title}.` } : null;
+  },
   compare(mine, theirs, rival, who = "You") {
     if (!theirs) return "";
     if (theirs.outcome === null) return `${rival} is still exploring: ${many(theirs.step, "move")}, ${percent(theirs.coverage)} % so far.`;
     const [a, b] = [stepsToGoal(mine), stepsToGoal(theirs)];
-    const scored = theirs.score === null ? "" : `, score ${score(theirs.score)}`;
-    if (a === null && b !== null) return `${rival} reached ${TARGET} in ${many(b, "move")}${scored}.`;
+    if (a === null && b !== null) return `${rival} reached ${TARGET} in ${many(b, "move")}.`;
     const other = within(rival);
     if (a === null || b === null) return `${rival} did not reach ${TARGET}${a === null ? " here either" : ""}: ${words.status(theirs.outcome)} after ${many(theirs.step, "move")}.`;
     if (a === b) return `${who} and ${other} both needed ${many(a, "move")}.`;
-    return `${who} needed ${many(Math.abs(a - b), "move")} ${a < b ? "fewer" : "more"} than ${other} (${b}${scored}).`;
+    return `${who} needed ${many(Math.abs(a - b), "move")} ${a < b ? "fewer" : "more"} than ${other} (${b}).`;
   },
   inWords(frame, name) {
     const rows = frame.grid.map((line) => runs(line).map(([, length, mark]) =>

@@ -50,12 +50,12 @@ const board = (changes = {}) => ({ episode: "e", step: 60, rows: 3, cols: 4, gri
 
 test("the comparison says who needed fewer moves", () => {
   const mine = board({ outcome: "explored" });
-  assert.equal(words.compare(mine, board({ outcome: "explored", step: 70 }), "ppo"), "You needed 10 moves fewer than ppo (70, score 0.900).");
-  assert.equal(words.compare(mine, board({ outcome: "explored", step: 59 }), "ppo"), "You needed 1 move more than ppo (59, score 0.900).");
+  assert.equal(words.compare(mine, board({ outcome: "explored", step: 70 }), "ppo"), "You needed 10 moves fewer than ppo (70).");
+  assert.equal(words.compare(mine, board({ outcome: "explored", step: 59 }), "ppo"), "You needed 1 move more than ppo (59).");
   assert.equal(words.compare(mine, board({ outcome: "explored" }), "ppo"), "You and ppo both needed 60 moves.");
   assert.match(words.compare(mine, board(), "ppo"), /still exploring: 60 moves, 50.0 %/);
   assert.match(words.compare(mine, board({ outcome: "timed_out" }), "ppo"), /did not reach 99 %: out of moves/);
-  assert.equal(words.compare(mine, board({ outcome: "explored", step: 70 }), "Your replay"), "You needed 10 moves fewer than your replay (70, score 0.900).");
+  assert.equal(words.compare(mine, board({ outcome: "explored", step: 70 }), "Your replay"), "You needed 10 moves fewer than your replay (70).");
   assert.equal(words.compare(mine, board({ outcome: "explored" }), "A person"), "You and a person both needed 60 moves.");
   assert.match(words.compare(mine, board({ outcome: "timed_out" }), "A script"), /^A script did not reach 99 %/);
   assert.equal(words.compare(mine, null, "ppo"), "");
@@ -90,4 +90,22 @@ test("discoveries, crashes and ends are heard; a move that shows nothing new is 
   for (const [outcome, kind] of [["collided", "crash"], ["out_of_bounds", "crash"], ["explored", "finish"], ["timed_out", "over"]]) {
     assert.deepEqual(words.sound(at(9), at(12, outcome)), { kind });
   }
+});
+
+test("the headline of an end says who did better, a crash and a limit that", () => {
+  const end = (outcome, step) => /** @type {any} */ ({ outcome, step, coverage: 0.5, rows: 21, cols: 21, cells: 441 });
+  /** @type {[any, any, string | null, string | undefined][]} */
+  const cases = [
+    [end("explored", 85), end("explored", 64), null, "21 moves behind Expert"],
+    [end("explored", 60), end("explored", 61), null, "1 move ahead of Expert"],
+    [end("explored", 60), end("explored", 60), null, "Level with Expert"],
+    [end("explored", 60), end(null, 60), null, undefined],
+    [end("collided", 12), end("explored", 64), null, undefined],
+    [end("timed_out", 441), end("explored", 64), null, undefined],
+    [end("explored", 76), end("explored", 64), "Nearest", "Expert won by 12 moves"],
+    [end("explored", 76), end("collided", 4), "Nearest", "Nearest won: Expert collided"],
+    [end("collided", 3), end("timed_out", 441), "Nearest", "Neither mapped 99 %"],
+  ];
+  for (const [mine, theirs, watched, title] of cases) assert.equal(words.verdict(mine, theirs, "Expert", watched)?.title, title);
+  assert.equal(words.verdict(end("explored", 85), end("explored", 64), "Expert", null)?.line, "Mapped in 85 moves.");
 });

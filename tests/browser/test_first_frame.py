@@ -1,0 +1,52 @@
+"""What stands on the page before a board does: nothing moves when it comes, and both boards stand level."""
+
+import pytest
+
+from tests.support.browser import AS_A_PERSON, NO_3D
+
+MOST_SHIFT = 0.05
+WATCH = """(() => {
+  window.shift = 0
+  new PerformanceObserver((list) => {
+    for (const entry of list.getEntries()) if (!entry.hadRecentInput) window.shift += entry.value
+  }).observe({ type: 'layout-shift', buffered: true })
+})()"""
+TOPS = """() => ['canvas-player', 'canvas-rival'].map((name) => {
+    const { top, width } = document.querySelector(`[data-testid=${name}]`).getBoundingClientRect()
+    return [Math.round(top), Math.round(width)]
+})"""
+
+
+@pytest.mark.parametrize(
+    ("width", "height"), [(1440, 900), (1024, 768), (820, 1180), (390, 844), (320, 568)]
+)
+@pytest.mark.parametrize("is_new", [True, False], ids=["first", "again"])
+def test_nothing_moves_when_the_board_comes(server, player, width, height, is_new):
+    me = player(server, NO_3D, width, height, is_new=is_new)
+    me.page.add_init_script(WATCH)
+    me.goto()
+    me.page.wait_for_timeout(500)
+    assert me.page.evaluate("() => window.shift") < MOST_SHIFT
+
+
+@pytest.mark.parametrize(("width", "height"), [(1440, 900), (1366, 768), (1024, 768), (820, 1180)])
+def test_both_boards_stand_level_and_the_pad_goes_at_the_end(server, player, width, height):
+    flags = [*NO_3D, *AS_A_PERSON]
+    me = player(server, flags, width, height, has_touch=True, reduced_motion="reduce").goto()
+    mine, theirs = me.page.evaluate(TOPS)
+    assert mine == theirs
+    pad = me.page.get_by_test_id("pad-north")
+    me.page.get_by_test_id("open-display").click()
+    me.page.get_by_test_id("show-pad").check()
+    me.page.get_by_test_id("close-display").click()
+    pad.wait_for()
+    me.page.get_by_test_id("mode-ranked").click()
+    me.wait("window.playground.state.mode === 'ranked' && window.playground.state.link === 'open'")
+    me.press("north")
+    me.page.get_by_test_id("end-card").wait_for()
+    pad.wait_for(state="hidden")
+    me.wait("window.playground.state.rival")
+    me.page.get_by_test_id("board-rival").wait_for()
+    me.wait("document.querySelector('[data-testid=canvas-rival]').clientWidth > 200")
+    mine, theirs = me.page.evaluate(TOPS)
+    assert mine == theirs
