@@ -30,8 +30,8 @@ export function paintPayments(study, payments) {
   put(by("payment-words"), payments ? [`${many(without, "person", "people")} did not agree.`, pay && `${pay}.`].filter(Boolean).join(" ") : "");
   const files = [["payments.csv", csv], ["bonuses.csv", bulk]].filter(([, text]) => text);
   for (const link of by("payment-files").querySelectorAll("a")) URL.revokeObjectURL(link.href);
-  by("payment-files").replaceChildren(...files.map(([file, text]) => {
+  by("payment-files").replaceChildren(...files.flatMap(([file, text]) => {
     const href = URL.createObjectURL(new Blob([text ?? ""], { type: "text/csv" }));
-    return create("a", `${file} `, { href, download: `${study}-${file}` });
+    return [create("a", file ?? "", { href, download: `${study}-${file}` }), " "];
   }));
 }

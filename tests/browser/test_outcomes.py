@@ -16,11 +16,10 @@ TEXTS = {
     "finished": "C1DONE",
     "unfit_device": "C2DEVICE",
     "no_consent": "C3NO",
-    "failed_questions": "Please return your submission on Prolific; you get 0.50 GBP as a bonus.",
-    "withdrew": "Please return your submission on Prolific.",
     "stopped_by_us": "C4STOPPED",
 }
 PAY = {"currency": "GBP", "base": 2, "each": 0.5, "hour": 9, "outcomes": {"failed_questions": 0.5}}
+RETURN = "Please return your submission on Prolific."
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 
 
@@ -84,7 +83,7 @@ def test_each_outcome_is_read_by_whoever_comes_to_it_and_is_paid_as_the_protocol
     wrong.answer([1, 0, 0])
     wrong.stands("withdrawn")
     assert wrong.page.locator("#withdrawn-title").inner_text() == "The questions are over"
-    assert reads(wrong) == (None, None, TEXTS["failed_questions"])
+    assert reads(wrong) == (None, None, f"{RETURN} You get 0.50 GBP as a bonus.")
     look(wrong, "questions")
 
     leaver = from_prolific("4")
@@ -94,7 +93,7 @@ def test_each_outcome_is_read_by_whoever_comes_to_it_and_is_paid_as_the_protocol
     leaver.choose("open-leave")
     leaver.choose("leave-now")
     leaver.stands("withdrawn")
-    assert reads(leaver) == (None, None, TEXTS["withdrew"])
+    assert reads(leaver) == (None, None, RETURN)
     look(leaver, "withdrew")
 
     finisher = from_prolific("5")

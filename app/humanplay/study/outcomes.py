@@ -157,6 +157,8 @@ def ending(
     text = texts.get(outcome, "")
     if not text and protocol.platform == "code" and outcome not in BEFORE_CONSENT:
         text = f"{{{CODE}}}" if drawn else ""
+    if not text and protocol.platform == "prolific":
+        text = _return_it(protocol, outcome)
     values = {**dict.fromkeys(protocol.outside_ids, ""), **ids, CODE: drawn or ""}
     if not text:
         return Ending(outcome)
@@ -168,6 +170,18 @@ def ending(
         return Ending(outcome, sentence=filled)
     back = PLATFORMS[protocol.platform].back
     return Ending(outcome, code=filled, address=back.format(code=quote(filled)) if back else None)
+
+
+def _return_it(protocol: Protocol, outcome: Outcome) -> str:
+    """What somebody from Prolific reads where no code stands for their outcome."""
+    payment = protocol.payment
+    amount = 0.0 if payment is None else payment.outcomes.get(outcome, 0.0)
+    bonus = (
+        ""
+        if payment is None or not amount
+        else f" You get {amount:.2f} {payment.currency} as a bonus."
+    )
+    return f"Please return your submission on Prolific.{bonus}"
 
 
 def _placeholders(outcome: Outcome, text: str) -> set[str]:

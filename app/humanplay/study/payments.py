@@ -209,7 +209,7 @@ def amounts(
     if outcome is Outcome.STOPPED_BY_US:
         time = Decimal(str(payment.hour)) * Decimal(str(minutes)) / 60
         amount = max(amount, _rounded(payment, time))
-    return amount, amount
+    return amount, Decimal(0) if outcome is payment.screen_out else amount
 
 
 def _bonus(payment: Payment, ranked: Sequence[Trial]) -> Decimal:

@@ -196,6 +196,7 @@ class Payment(_Part):
     most      the bonus is at most this; None: there is no cap. It is never below 0
     hour      by the hour, for whoever we stop
     outcomes  what another outcome gets, as a bonus
+    screen_out  the one of them that the platform pays by itself, as a screen-out; None: it pays none
     bonus_at_once  whether amounts that follow from play are listed before the study is closed
     """
 
@@ -209,6 +210,7 @@ class Payment(_Part):
     most: Money | None = None
     hour: Money = 0
     outcomes: dict[Outcome, Money] = Field(default_factory=dict)
+    screen_out: Outcome | None = None
     bonus_at_once: bool = False
 
     @field_validator("outcomes")
@@ -217,6 +219,14 @@ class Payment(_Part):
         if Outcome.FINISHED in amounts:
             raise ValueError("what finishing gets is base and bonus, and no entry of outcomes")
         return amounts
+
+    @model_validator(mode="after")
+    def _screen_out_is_paid(self) -> Payment:
+        if self.screen_out is not None and self.screen_out not in self.outcomes:
+            raise ValueError(
+                f"screen_out is an outcome that outcomes gives an amount, got {self.screen_out}"
+            )
+        return self
 
     @property
     def follows_from_play(self) -> bool:

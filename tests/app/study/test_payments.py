@@ -190,3 +190,12 @@ def test_a_bonus_is_never_below_nothing_or_above_its_cap(payment, bonus):
     whole, part = amounts(paid, Outcome.FINISHED, played, 10.0)
     assert (f"{part:.2f}", whole) == (bonus, Decimal(3) + Decimal(bonus))
     assert amounts(paid, Outcome.LEFT, played, 10.0) == (0, 0)
+
+
+def test_what_the_platform_pays_as_a_screen_out_is_no_bonus():
+    outcomes = {"failed_questions": 0.4, "withdrew": 0.3}
+    paid = Payment(currency="USD", outcomes=outcomes, screen_out="failed_questions")
+    found = [amounts(paid, Outcome(outcome), [], 10.0) for outcome in outcomes]
+    assert [tuple(map(str, pair)) for pair in found] == [("0.4", "0"), ("0.3", "0.3")]
+    with pytest.raises(ValueError, match="got withdrew"):
+        Payment(currency="USD", screen_out="withdrew")

@@ -287,6 +287,30 @@ def test_an_id_that_is_none_of_the_platforms_is_refused_in_a_sentence_and_nothin
     assert comes(server, outside_ids={**STUDY_LINK, PID: PROLIFIC_ID, "utm": ["a", "b"]})[1] == 201
 
 
+@pytest.mark.parametrize(
+    ("platform", "good", "bad"),
+    [
+        ("sona", {"survey_code": "12345"}, {"survey_code": "12a"}),
+        ("connect", dict.fromkeys(("participantId", "assignmentId", "projectId"), "F51E3A0B99"),
+         {"participantId": "../x", "assignmentId": "F51E3A0B99", "projectId": "F51E3A0B99"}),
+    ],
+)  # fmt: skip
+def test_other_platforms_send_ids_of_their_own_and_take_people_back_by_an_address(
+    serve, tmp_path, platform, good, bad
+):
+    studies, name = tmp_path / "playground.db-studies", next(iter(good))
+    back = f"https://platform.example/credit?who={{{name}}}"
+    freeze(studies, platform=platform, recruitment="panel", outside_ids=tuple(good), outcomes={"finished": back})  # fmt: skip
+    server = serve()
+    _, status, detail = comes(server, outside_ids=bad)
+    assert (status, f"this link has a {name} that is none of" in detail) == (409, True)
+    assert rows(server, "SELECT count(*) FROM participants") == [(0,)]
+    person, status, _ = comes(server, outside_ids=good)
+    person.to_warm_up()
+    person.play_on()
+    assert person.where["ending"]["address"] == back.replace(f"{{{name}}}", good[name])
+
+
 def test_a_preview_says_what_the_study_is(serve, tmp_path):
     study = freeze_for_prolific(tmp_path)
     _, _, detail = comes(serve(), outside_ids={PID: "ASSIGNMENT_ID_NOT_AVAILABLE"})
