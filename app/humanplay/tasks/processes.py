@@ -394,7 +394,8 @@ def _work(
     work: Callable[[str, Any], Work], argument: str, request: Any, connection: Connection
 ) -> NoReturn:
     """Answer in a process forked for one request, until nobody asks any more."""
-    _libc().prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: it ends with what forked it
+    with suppress(AttributeError):  # of Linux alone; elsewhere it ends when nobody listens any more
+        _libc().prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: it ends with what forked it
     told = time.monotonic()
     try:
         _timed()
@@ -462,6 +463,8 @@ def confine(readable: Iterable[str], hidden: Iterable[str], folder: Path) -> dic
     for name, guard in guards.items():
         try:
             guard()
+        except AttributeError as error:  # another system than Linux
+            found[name] = f"this system has none: {error}"
         except (OSError, KeyError) as error:
             found[name] = getattr(error, "strerror", None) or str(error)
         else:
@@ -485,7 +488,8 @@ def guards_of(confined: Mapping[str, str]) -> str:
 
 def _drop_capabilities() -> None:
     """Leave root, where it could become nobody else, without root's rights over others' files and the system."""
-    _libc().capset(struct.pack("Ii", 0x20080522, 0), bytes(24))  # linux/capability.h, version 3
+    with suppress(AttributeError):
+        _libc().capset(struct.pack("Ii", 0x20080522, 0), bytes(24))  # linux/capability.h, version 3
 
 
 def _libc() -> ctypes.CDLL:
@@ -552,6 +556,8 @@ HANDLED = (0, 13, 14, 15, 15, 16)
 
 def _keep_to(may_read: Iterable[str], hidden: Sequence[str], folder: Path) -> None:
     """Restrict files, and TCP, abstract sockets and signals where Landlock knows them; OSError where there is none."""
+    if sys.platform != "linux":  # where these numbers are other calls
+        raise OSError(0, "this system has no Landlock")
     libc = _libc()
     version = _checked(libc.syscall(CREATE_RULESET, None, 0, 1))
     every = (1 << HANDLED[min(version, len(HANDLED) - 1)]) - 1

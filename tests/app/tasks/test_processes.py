@@ -162,3 +162,35 @@ def test_what_guards_and_what_does_not_is_said():
     assert "with no network, no other files; not with another user (the server is not" in said
     assert "against faults, not against malice" in said
     assert "malice" not in guards_of(found | {OTHER_USER: ""})
+
+
+HIDING = """
+import ctypes, sys
+
+class Elsewhere(ctypes.CDLL):
+    def __getattr__(self, name):
+        if name in ("prctl", "unshare", "capset", "syscall"):
+            raise AttributeError(name)
+        return super().__getattr__(name)
+
+ctypes.CDLL = Elsewhere
+sys.platform = "another"
+"""
+"""Hides what Linux alone has from each process that starts."""
+
+
+def test_a_system_without_these_calls_runs_boards_without_guards_and_says_so(
+    begun, tmp_path, monkeypatch
+):
+    (tmp_path / "sitecustomize.py").write_text(HIDING)
+    monkeypatch.syspath_prepend(tmp_path)
+    guards, worker, _ = begun()
+    assert "this system has none" in guards[NO_NETWORK]
+    assert guards[NO_OTHER_FILES] == "this system has no Landlock"
+    assert f"not with {NO_NETWORK} (this system has none" in guards_of(guards)
+    worker.close()
+
+
+def test_what_is_not_confined_does_what_its_user_may(begun):
+    guards, _, _ = begun(confined=False)
+    assert guards_of(guards) == "boards run in processes of their own, which may do what you may"
