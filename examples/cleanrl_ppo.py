@@ -127,6 +127,7 @@ def main() -> None:
         level=given.level,
         size=given.size,
         observation="uint8",
+        autoreset_mode="SameStep",
     )
     rows, cols = envs.single_observation_space.shape
     agent = Agent(rows, cols)

@@ -29,6 +29,7 @@ class AsyncPool:
             "id": "marsexplorer:MarsExplorer-v0",
             "vectorization_mode": "vector_entry_point",
             "observation": "uint8",
+            "autoreset_mode": "SameStep",
         }
         self.stacks = [
             gymnasium.make_vec(num_envs=batch_size, **made, **options)

@@ -45,6 +45,7 @@ class PufferMars:
             level=level,
             size=size,
             observation="uint8",
+            autoreset_mode="SameStep",
             out=buf["observations"],
         )
         self.single_observation_space, self.single_action_space = (

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import copy
 import secrets
+from collections.abc import Collection
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from marsexplorer.config import MAX_SEED, OUTCOMES, RUNNING, TIMED_OUT, EnvConfig, check_seed
+from marsexplorer.config import (
+    ACTIONS,
+    MAX_SEED,
+    OUTCOMES,
+    RUNNING,
+    TIMED_OUT,
+    EnvConfig,
+    check_seed,
+)
 from marsexplorer.episode import score
 from marsexplorer.maps import GridMap, read_map
 from marsexplorer.observation import STATE_VALUES, action_masks
@@ -23,6 +36,15 @@ _RGB = [[14, 11, 13], [201, 122, 74], [255, 179, 71], [107, 74, 58]]
 COLOURS: NDArray[np.uint8] = np.array(_RGB, np.uint8)
 GLYPHS = "?.@#"
 CELL_PIXELS = 12
+
+SHARED = frozenset({"config", "_spec", "_np_random"})
+"""What nobody changes of `packed` attributes, so that copies may share it."""
+PLAIN = frozenset({int, float, str, bool, type(None)})
+
+KEYS = {ord("w"): 0, ord("d"): 1, ord("s"): 2, ord("a"): 3}
+"""Letters of a keyboard and the moves that they make."""
+ARROWS = {1073741906: 0, 1073741903: 1, 1073741905: 2, 1073741904: 3}
+"""The arrow keys as pygame numbers them, and the moves that they make."""
 
 
 class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
@@ -39,6 +61,7 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
     Actions: Discrete(4), 0 north, 1 east, 2 south, 3 west. `reset(seed=s)` gives the terrain of seed s; without a seed the
     terrain of the seed that follows the last. `reset(options={"terrain": bool[rows, cols], "start": (row, col)})` plays a
     given terrain, and options={"map": ...} a robot's map: the path of a map_server file or a `maps.GridMap`, with level="map".
+    A copy by `copy.deepcopy` or `pickle` plays on by itself, with random numbers of its own that go on as the original's do.
     `info`: position, discovered (cells), coverage, score, outcome (None while running), terrain_seed.
     """
 
@@ -55,21 +78,28 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         observation: str = "float32",
         discoverable_only: bool | None = None,
     ) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            known = 'None, "rgb_array" or "ansi"'
-            raise ValueError(f"render_mode must be {known}, got {render_mode!r}")
-        self.render_mode = render_mode
+        self.render_mode = check_render_mode(render_mode)
+        self._spec: EnvSpec | None = None
         limits = (sensor_radius, beta, max_steps, discoverable_only)
         self.config = EnvConfig.of(level, size, *limits)
-        self.observation_space = observation_space(self.config, observation)
-        self.action_space = spaces.Discrete(4)
         self._raw = observation == "uint8"
+        box, discrete = unsampled(self.config, observation)
+        self.observation_space, self.action_space = copy.copy(box), copy.copy(discrete)
         self._worlds = Worlds(self.config)
         self._action = np.zeros(1, np.int64)
         self._seed: int | None = None
         self._scalars = self._worlds.head(0)
         self._total = 0.0
         self._running = False
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The spec that it was made from, with the moves after which an episode ends; no TimeLimit is needed for that."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = limited(spec, self.config)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -133,12 +163,42 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
 
     def render(self) -> Any:
         """Return what the rover knows as an RGB picture (12 pixels a cell) or as text, or None without a render mode."""
-        codes = self._worlds.codes[0]
-        if self.render_mode == "ansi":
-            return "\n".join("".join(GLYPHS[code] for code in row) for row in codes) + "\n"
-        if self.render_mode == "rgb_array":
-            return COLOURS[codes].repeat(CELL_PIXELS, axis=0).repeat(CELL_PIXELS, axis=1)
-        return None
+        return drawn(self._worlds.codes[0], self.render_mode)
+
+    def get_keys_to_action(self) -> dict[tuple[int, ...], int]:
+        """The keys of `gymnasium.utils.play`: WASD and arrows. Give it `wait_on_player=True`: no move stands still."""
+        return {(key,): action for key, action in (KEYS | ARROWS).items()}
+
+    def _spaces(self) -> tuple[spaces.Box, spaces.Discrete]:
+        """The spaces as they are made, which nobody samples."""
+        return unsampled(self.config, "uint8" if self._raw else "float32")
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = packed(self.__dict__, ("_scalars",))  # a live view
+        box, discrete = self._spaces()
+        if (
+            getattr(self.observation_space, "low", None) is box.low
+            and self.action_space == discrete
+        ):
+            # the bounds are as they were made, and take half of a pickle's time
+            state["observation_space"] = self.observation_space._np_random
+            state["action_space"] = self.action_space._np_random
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(unpacked(state))
+        for name, space in zip(("observation_space", "action_space"), self._spaces(), strict=True):
+            generator = state[name]
+            if not isinstance(generator, spaces.Space):
+                setattr(self, name, copy.copy(space))
+                getattr(self, name)._np_random = generator
+        self._scalars = self._worlds.head(0)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        twin = self.__class__.__new__(self.__class__)
+        memo[id(self)] = twin
+        twin.__setstate__(copied(self.__getstate__(), memo))
+        return twin
 
     def _observe(self) -> NDArray[Any]:
         codes = self._worlds.codes[0]
@@ -166,6 +226,74 @@ def observation_space(config: EnvConfig, observation: str) -> spaces.Box:
     raise ValueError(f'observation must be "float32" or "uint8", got {observation!r}')
 
 
+@lru_cache(maxsize=64)
+def unsampled(config: EnvConfig, observation: str) -> tuple[spaces.Box, spaces.Discrete]:
+    """The spaces of an observation and of an action, to be copied and not sampled."""
+    return observation_space(config, observation), spaces.Discrete(len(ACTIONS))
+
+
 def following(seed: int | None) -> int:
     """Return the seed that follows the last one, or a fresh one from the operating system when there was none."""
     return secrets.randbelow(MAX_SEED + 1) if seed is None else next_seed(seed)
+
+
+def check_render_mode(render_mode: str | None) -> str | None:
+    """Return a render mode that is one; ValueError otherwise."""
+    if render_mode not in (None, "rgb_array", "ansi"):
+        raise ValueError(f'render_mode must be None, "rgb_array" or "ansi", got {render_mode!r}')
+    return render_mode
+
+
+def drawn(codes: NDArray[np.uint8], render_mode: str | None) -> Any:
+    """A grid as the picture or the text of a render mode, None without one."""
+    if render_mode == "ansi":
+        return "\n".join("".join(GLYPHS[code] for code in row) for row in codes) + "\n"
+    if render_mode == "rgb_array":
+        return COLOURS[codes].repeat(CELL_PIXELS, axis=0).repeat(CELL_PIXELS, axis=1)
+    return None
+
+
+def limited(spec: EnvSpec | None, config: EnvConfig) -> EnvSpec | None:
+    """A spec with the moves after which an episode of a configuration ends."""
+    return None if spec is None else replace(spec, max_episode_steps=config.limit)
+
+
+def packed(members: dict[str, Any], views: Collection[str]) -> dict[str, Any]:
+    """The attributes of an environment for a pickle or a copy, without its views.
+
+    A random generator becomes the numbers of its state, which takes a quarter of the time.
+    """
+    state = {name: member for name, member in members.items() if name not in views}
+    generator = state.get("_np_random")
+    if generator is not None and type(generator.bit_generator) is np.random.PCG64:
+        state["_np_random"] = generator.bit_generator.state
+    return state
+
+
+def unpacked(state: dict[str, Any]) -> dict[str, Any]:
+    """The attributes of an environment from what `packed` made of them."""
+    if isinstance(state.get("_np_random"), dict):
+        bits = np.random.PCG64(0)
+        bits.state = state["_np_random"]
+        return {**state, "_np_random": np.random.Generator(bits)}
+    return state
+
+
+def copied(state: dict[str, Any], memo: dict[int, Any]) -> dict[str, Any]:
+    """A copy of what `packed` made; what nobody changes is shared."""
+    return {name: _copied(name, member, memo) for name, member in state.items()}
+
+
+def _copied(name: str, member: Any, memo: dict[int, Any]) -> Any:
+    if name in SHARED or type(member) in PLAIN:
+        return member
+    if type(member) in (
+        spaces.Box,
+        spaces.Discrete,
+        spaces.MultiDiscrete,
+    ):  # their bounds do not change
+        space = copy.copy(member)
+        if space._np_random is not None:
+            space._np_random = copy.deepcopy(space._np_random)
+        return space
+    return copy.deepcopy(member, memo)

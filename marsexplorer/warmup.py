@@ -47,10 +47,11 @@ def decide_on_large_board(name: str) -> None:
 
 def step_stacks() -> None:
     """Step environments side by side, and draw terrains without an episode."""
-    envs = MarsExplorerVector(num_envs=2, level="random", size=(6, 8))
-    envs.reset(seed=1)
-    envs.step(envs.action_space.sample())
-    envs.action_masks()
+    for mode in ("NextStep", "SameStep"):
+        envs = MarsExplorerVector(num_envs=2, level="random", size=(6, 8), autoreset_mode=mode)
+        envs.reset(seed=1)
+        envs.step(envs.action_space.sample())
+        envs.action_masks()
     generate(SMALL, next_seed(1))
     worlds = Worlds(SMALL, 2)
     worlds.start(np.arange(2))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -88,6 +88,31 @@ class Worlds:
         self.ended = np.zeros(num, np.bool_)
         self._which = np.zeros(num, np.int64)
         self._without_terrain = set(range(num))
+
+    def __getstate__(self) -> tuple[Any, ...]:
+        changing = [array.tobytes() for array in self._changing()]
+        last_codes = None if self._last_codes is None else self._last_codes.tobytes()
+        return (self.config, self.num, frozenset(self._without_terrain), changing, last_codes)
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        config, num, without_terrain, changing, last_codes = state
+        Worlds.__init__(self, config, num)
+        for array, content in zip(self._changing(), changing, strict=True):
+            array.reshape(-1)[:] = np.frombuffer(content, array.dtype)
+        if last_codes is not None:
+            self.last_codes.reshape(-1)[:] = np.frombuffer(last_codes, np.uint8)
+        self._without_terrain = set(without_terrain)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        twin = self.__class__.__new__(self.__class__)
+        memo[id(self)] = twin
+        twin.__setstate__(self.__getstate__())
+        return twin
+
+    def _changing(self) -> tuple[NDArray[Any], ...]:
+        """The arrays that change with a step or a start, less `last_codes`."""
+        described = (self.shares, self.last_shares, self.ended)
+        return (self._state, self.codes, self.rewards, self.outcomes, self._last, *described)
 
     def start(self, seeds: Iterable[int]) -> None:
         """Start every world on its seed (0..2^53-1); ValueError when a seed is none, or has no solvable terrain."""

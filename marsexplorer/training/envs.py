@@ -196,7 +196,7 @@ class MixedEnvs:
 
 def make_vector_env(config: EnvConfig, num_envs: int) -> MarsExplorerVector:
     """Return `num_envs` environments of this very configuration that observe uint8 codes."""
-    given = config.to_dict() | {"observation": "uint8"}
+    given = config.to_dict() | {"observation": "uint8", "autoreset_mode": "SameStep"}
     given["size"] = (given.pop("rows"), given.pop("cols"))
     env = gymnasium.make_vec("MarsExplorer-v0", num_envs, "vector_entry_point", **given)
     assert isinstance(env, MarsExplorerVector)

@@ -134,7 +134,9 @@ def vector_share(
 
     moves, worlds = moves_of(EnvConfig(), num, rounds, blind), started(EnvConfig(), num)
     shares, rates = [], []
-    envs = gymnasium.make_vec("MarsExplorer-v0", num, "vector_entry_point", observation="uint8")
+    envs = gymnasium.make_vec(
+        "MarsExplorer-v0", num, observation="uint8", autoreset_mode="SameStep"
+    )
     for _ in range(repeats):
         worlds.start(np.arange(num))
         began = time.process_time()

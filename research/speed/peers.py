@@ -100,7 +100,9 @@ def ours(num: int) -> Callable[[], int]:
     if num == 1:
         env = gymnasium.make("MarsExplorer-v0", observation="uint8")
         return lambda: replay(env, moves[:, 0].tolist())
-    envs = gymnasium.make_vec("MarsExplorer-v0", num, "vector_entry_point", observation="uint8")
+    envs = gymnasium.make_vec(
+        "MarsExplorer-v0", num, observation="uint8", autoreset_mode="SameStep"
+    )
 
     def play_some() -> int:
         envs.reset(seed=0)

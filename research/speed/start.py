@@ -24,7 +24,9 @@ import time
 began = time.perf_counter()
 import gymnasium, numpy
 import marsexplorer
-envs = gymnasium.make_vec("MarsExplorer-v0", 1024, "vector_entry_point", observation="uint8")
+envs = gymnasium.make_vec(
+    "MarsExplorer-v0", 1024, observation="uint8", autoreset_mode="SameStep"
+)
 envs.reset(seed=0)
 envs.step(numpy.ones(1024, int))
 print(time.process_time(), time.perf_counter() - began)

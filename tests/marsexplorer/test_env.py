@@ -89,7 +89,7 @@ def test_bad_arguments_say_what_was_expected():
 @pytest.mark.parametrize("observation", ["float32", "uint8"])
 def test_the_vector_environment_equals_single_ones(observation):
     options = {"size": (6, 9), "observation": observation}
-    vector = gymnasium.make_vec("MarsExplorer-v0", 3, "vector_entry_point", **options)
+    vector = gymnasium.make_vec("MarsExplorer-v0", 3, autoreset_mode="SameStep", **options)
     singles = [gymnasium.make("MarsExplorer-v0", **options) for _ in range(3)]
     observations, info = vector.reset(seed=20)
     for i, env in enumerate(singles):

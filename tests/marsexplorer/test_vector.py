@@ -16,7 +16,10 @@ from marsexplorer.world import Worlds
 
 def made(num_envs, **options):
     return gymnasium.make_vec(
-        "MarsExplorer-v0", num_envs, "vector_entry_point", **({"size": (6, 9)} | options)
+        "MarsExplorer-v0",
+        num_envs,
+        "vector_entry_point",
+        **({"size": (6, 9), "autoreset_mode": "SameStep"} | options),
     )
 
 
@@ -71,7 +74,7 @@ def test_no_step_is_made_on_a_board_that_stands_on_no_terrain():
         next(s for s in range(99) if bool(attempts(config, s)) is is_solved)
         for is_solved in (True, False)
     )
-    envs = gymnasium.make_vec("MarsExplorer-v0", 3, "vector_entry_point", size=42, beta=1.0)
+    envs = gymnasium.make_vec("MarsExplorer-v0", 3, size=42, beta=1.0)
     single = gymnasium.make("MarsExplorer-v0", size=42, beta=1.0).unwrapped
     single.reset(seed=ok)
     for env, action in ((envs, np.ones(3, np.int64)), (single, 1)):
