@@ -8,7 +8,6 @@ The first run on a machine compiles for some seconds, and one line on stderr say
 
 from __future__ import annotations
 
-import fcntl
 import multiprocessing
 import os
 import sys
@@ -18,6 +17,13 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from numpy.typing import NDArray
+
+try:
+    import fcntl
+except (
+    ModuleNotFoundError
+):  # Windows: two processes that compile at once may lose what one of them saves
+    fcntl = None  # type: ignore[assignment]
 
 try:
     from llvmlite import ir
@@ -72,7 +78,8 @@ class Compiling:
         """Wait until no other process compiles: numba's index of a kernel loses what two processes write at once."""
         path = Path(FunctionCache(kernel).cache_path) / "compiling.lock"
         self._lock = os.open(path, os.O_RDONLY | os.O_CREAT, 0o644)
-        fcntl.flock(self._lock, fcntl.LOCK_EX)
+        if fcntl is not None:
+            fcntl.flock(self._lock, fcntl.LOCK_EX)
         self._depth_at_lock = self._depth
 
     def unlock(self) -> None:

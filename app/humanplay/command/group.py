@@ -18,6 +18,13 @@ import click
 
 from humanplay.command.extras import missing_extra
 
+POSIX = ("fcntl", "grp", "pwd", "resource", "termios")
+"""Modules of Python's own that Windows has not."""
+NEEDS_POSIX = (
+    "needs Linux, macOS or WSL (Windows Subsystem for Linux); `import marsexplorer` and the commands "
+    "`marsexplorer evaluate` and `marsexplorer policies` work here too"
+)
+
 SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True}
 
 
@@ -83,6 +90,8 @@ def run(group: Commands, name: str, words: Sequence[str]) -> NoReturn:
     except click.ClickException as error:
         _end(name, error.format_message(), 1)
     except ModuleNotFoundError as error:
+        if error.name in POSIX:
+            _end(name, f"{' '.join((name, *words[:1]))} {NEEDS_POSIX}", 2)
         command = next((word for word in words if word in group.table), "")
         extra = group.table[command].extra if command else ""
         sentence = missing_extra(error, f"{name} {command}".strip(), extra)

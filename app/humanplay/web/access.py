@@ -42,11 +42,18 @@ class Cookie:
         return connection.cookies.get(self.name + connection.app.state.cookies, "")
 
     def set(self, response: Response, connection: HTTPConnection, token: str) -> None:
-        """Set the cookie, Secure when the page came by TLS; an empty token deletes it."""
+        """Set the cookie, Secure when the page came by TLS; an empty token deletes it.
+
+        In a frame of another site browsers send none but those that say so: where one may frame us, ours do.
+        """
+        is_framed = bool(connection.app.state.framed_by) and self.samesite == "lax"
         response.set_cookie(
             self.name + connection.app.state.cookies, token, max_age=self.lasts_s if token else 0, httponly=True,
-            samesite=self.samesite, secure=is_secure(connection),
+            samesite="none" if is_framed else self.samesite, secure=is_framed or is_secure(connection),
         )  # fmt: skip
+        if is_framed:  # browsers keep it apart for each site that frames us; Starlette writes that from Python 3.14 on
+            name, cookie = response.raw_headers[-1]
+            response.raw_headers[-1] = name, cookie + b"; Partitioned"
 
 
 PLAYER = Cookie(PLAYER_COOKIE, 2 * 365 * 24 * 3600, "lax")

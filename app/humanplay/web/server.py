@@ -38,6 +38,7 @@ from humanplay.db.backup import Backups
 from humanplay.db.checks import quick_check
 from humanplay.db.database import StoreError, damaged
 from humanplay.db.metrics import Metrics
+from humanplay.db.mounts import NETWORK, network_file_system
 from humanplay.db.series import StudyStore
 from humanplay.db.store import Store
 from humanplay.jobs import Jobs
@@ -210,6 +211,7 @@ def _add_protection(
 ) -> None:
     """Put the middleware around the app; what is added last sees a request first. Its cookies end with its name."""
     app.state.protection, app.state.cookies = protection, f"_{name}" if name else ""
+    app.state.framed_by = settings.framed_by
     what = "Sockets that are open."
     metrics.add_gauge("sockets", what, lambda: protection.sockets)
     for kind in WHERE:
@@ -496,6 +498,8 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
                 # the store comes last: a start that fails leaves no new file behind
                 opened_store = Store(each.database, each.durable, counted, each.accept_loss)
                 store = stack.enter_context(closing(opened_store))
+                if kind := network_file_system(store.path):
+                    _log.warning(NETWORK, store.path, kind)
                 # else it is checked beside play
                 if store.missing and (found := quick_check(store.path)) != "ok":
                     raise StoreError(damaged(store.path, found))

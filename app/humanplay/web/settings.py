@@ -48,6 +48,14 @@ def _checked_url(url: str) -> str:
     return f"{parts.scheme}://{host}{rest}{parts.path.rstrip('/')}"
 
 
+def _checked_site(url: str) -> str:
+    """Return the origin of a site; ValueError when there is more than that, or none."""
+    site = _checked_url(url)
+    if urlsplit(site).path or re.search(r"[^\w.:/\[\]-]", site):  # it stands in a header
+        raise ValueError(f"expected a site without a path, like https://survey.example, got {site}")
+    return site
+
+
 def _checked_proxy(proxy: str) -> str:
     """Return an address or a network of a proxy as text; ValueError when it is neither."""
     try:
@@ -176,6 +184,9 @@ class Settings(Place):
     """Files of further policies to offer (`serve --policy FILE`)."""
     maps: tuple[Path, ...] = ()
     """Maps of map_server (YAML) to offer (`serve --map FILE`)."""
+    framed_by: Annotated[str, AfterValidator(_checked_site)] | None = None
+    """One other site whose pages may show ours in a frame, like https://survey.example; by default
+    none may. A link is better: see the guide on studies."""
     cell_m: float | None = Field(default=None, gt=0)
     """The side of their cells in metres; by default the task's own."""
     confined: bool = True

@@ -8,7 +8,7 @@ from fastapi.responses import RedirectResponse, Response
 from humanplay.board.lobby import UnknownSessionError
 from humanplay.task import View3D, ViewPage
 from humanplay.web.access import close, services_of, session_of
-from humanplay.web.protection import viewer_policy
+from humanplay.web.protection import framing_sites, viewer_policy
 from humanplay.web.sockets import UNKNOWN_SESSION
 
 NO_VIEW = "this server's environment has no 3-D view"
@@ -52,7 +52,7 @@ def client_response(request: Request, page: ViewPage, cache_control: str) -> Res
         "ETag": page.etag,
         "Cache-Control": cache_control,
         "Vary": "Accept-Encoding",
-        "Content-Security-Policy": viewer_policy(page.script_hashes),
+        "Content-Security-Policy": viewer_policy(page.script_hashes, framing_sites(request)),
     }
     if request.headers.get("if-none-match") == page.etag:
         return Response(status_code=304, headers=headers)

@@ -4,7 +4,13 @@
 """
 
 from humanplay.web.protection.gate import Gate, RefusedRequestError, has_own_origin
-from humanplay.web.protection.headers import NO_CACHE, SHARED, page_policy, viewer_policy
+from humanplay.web.protection.headers import (
+    NO_CACHE,
+    SHARED,
+    framing_sites,
+    page_policy,
+    viewer_policy,
+)
 from humanplay.web.protection.hosts import Proxies, client_address, is_secure, own_names
 from humanplay.web.protection.limits import WHERE, BudgetedCharges, LimitedClients, Protection
 
@@ -19,6 +25,7 @@ __all__ = [
     "Proxies",
     "RefusedRequestError",
     "client_address",
+    "framing_sites",
     "has_own_origin",
     "is_secure",
     "own_names",

@@ -28,7 +28,7 @@ def page_policy(framed: str = "'self'") -> str:
     )
 
 
-def viewer_policy(script_hashes: tuple[str, ...]) -> str:
+def viewer_policy(script_hashes: tuple[str, ...], framed: str = "'self'") -> str:
     """Return the Content-Security-Policy of viser's page, whose scripts of its own are known by their hashes ("sha256-...").
 
     They unpack and start the rest ('strict-dynamic'), which compiles WebAssembly and, for decoders of its own, strings.
@@ -37,7 +37,7 @@ def viewer_policy(script_hashes: tuple[str, ...]) -> str:
     return (
         f"default-src 'none'; script-src {own} 'strict-dynamic' 'wasm-unsafe-eval' 'unsafe-eval'; "
         "worker-src blob: data:; style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; "
-        "connect-src 'self' blob: data:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+        f"connect-src 'self' blob: data:; base-uri 'none'; form-action 'none'; frame-ancestors {framed}"
     )
 
 
@@ -58,10 +58,17 @@ ISOLATED = {"cross-origin-opener-policy": "same-origin"}
 
 
 def headers_of(connection: HTTPConnection) -> dict[str, str]:
-    """Return the headers of an answer to a connection.
+    """Return the headers of an answer to a connection; the site that `app.state.framed_by` names may frame it.
 
     Cross-Origin-Opener-Policy goes where browsers heed it: by TLS and on loopback. Elsewhere they complain in their console.
     """
     by_tls = is_secure(connection)
     near = by_tls or is_loopback(name_of(connection.headers.get("host", "")) or "")
-    return {**HEADERS, **(BY_TLS if by_tls else {}), **(ISOLATED if near else {})}
+    headers = {**HEADERS, **(BY_TLS if by_tls else {}), **(ISOLATED if near else {})}
+    return {**headers, "content-security-policy": page_policy(framing_sites(connection))}
+
+
+def framing_sites(connection: HTTPConnection) -> str:
+    """Which sites' pages may show ours in a frame, as a Content-Security-Policy says it."""
+    site: str | None = connection.app.state.framed_by
+    return f"'self' {site}" if site else "'self'"

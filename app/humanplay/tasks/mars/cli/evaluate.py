@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
@@ -98,7 +99,8 @@ def evaluate(
         if plots is not None:
             with written(f"to {plots}", "--plots"):
                 plots.mkdir(parents=True, exist_ok=True)
-        is_long = len(names) * len(configs) * episodes > FEW_EPISODES
+        has_workers = hasattr(os, "fork")  # on Windows this process plays all of them
+        is_long = len(names) * len(configs) * episodes > FEW_EPISODES and has_workers
         with _errors_of_playing(), ExitStack() as playing, progress("playing") as advance:
             executor: Executor | None = None
             if ray or is_long:
