@@ -464,7 +464,7 @@ class Environment(Protocol):
     def observations(self, record: Record) -> Sequence[Any]:
         """Return what was seen before each move and after the last."""
 
-    def own_actions(self, config: Configuration, actions: bytes) -> NDArray[Any]:
+    def own_actions(self, config: Configuration, actions: bytes) -> NDArray[np.generic]:
         """Return moves as the environment itself takes them: what a policy would have chosen."""
 
     def code_of(self, config: Configuration, action: object) -> int:

@@ -81,7 +81,7 @@ class BaseEnvironment:
         """None: no leaderboard, and no daily terrain."""
         return None
 
-    def own_actions(self, config: Configuration, actions: bytes) -> NDArray[Any]:
+    def own_actions(self, config: Configuration, actions: bytes) -> NDArray[np.generic]:
         """The codes of the moves."""
         return np.frombuffer(actions, np.uint8).astype(np.int64)
 

@@ -141,7 +141,7 @@ class Preparer:
             self._started()
         return self._confined
 
-    def begin(self, request: Mapping[str, Any]) -> Worker:
+    def begin(self, request: Mapping[str, object]) -> Worker:
         """Return a new worker, whose first answer is still to come; ValueError, saying why, where there is none."""
         mine, theirs = socket.socketpair()
         with mine, self._changing, theirs:

@@ -7,12 +7,16 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable
-from typing import Any, cast
+from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 from humanplay.tasks.gymnasium.codes import MAX_ACTIONS
+
+Environment = gymnasium.Env[Any, Any]
+ActionWrapper = gymnasium.ActionWrapper[Any, Any, Any]
 
 
 class Fresh(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -30,19 +34,19 @@ class Fresh(gymnasium.Wrapper[Any, Any, Any, Any]):
         return self.env.reset(**given)
 
 
-class OneAtATime(gymnasium.ActionWrapper[Any, Any, Any]):
+class OneAtATime(ActionWrapper):
     """Of an action of several numbers, one is not at its rest and the others are.
 
     Continuous numbers rest at 0, and go to their lowest or highest: 0 is none, 1 and 2 the first, and so on. Whole numbers
     rest at their lowest, and take each of their other values in turn.
     """
 
-    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+    def __init__(self, env: Environment) -> None:
         super().__init__(env)
         self._rest, self._changes = _rest_of(env.action_space)
         self.action_space = gymnasium.spaces.Discrete(len(self._changes) + 1)
 
-    def action(self, action: int) -> Any:
+    def action(self, action: int) -> object:
         """Return the numbers."""
         numbers = self._rest.copy()
         if action:
@@ -51,7 +55,7 @@ class OneAtATime(gymnasium.ActionWrapper[Any, Any, Any]):
         return numbers
 
 
-def _rest_of(space: Any) -> tuple[Any, list[tuple[int, Any]]]:
+def _rest_of(space: object) -> tuple[NDArray[np.generic], list[tuple[int, float]]]:
     """The numbers of a space at rest, and which can be changed to which."""
     if isinstance(space, gymnasium.spaces.Box):
         ends = zip(space.low.ravel(), space.high.ravel(), strict=True)
@@ -71,16 +75,18 @@ def _rest_of(space: Any) -> tuple[Any, list[tuple[int, Any]]]:
     return lowest, changes
 
 
-class FirstActions(gymnasium.ActionWrapper[Any, Any, Any]):
+class FirstActions(ActionWrapper):
     """The first actions of more than can be played."""
 
-    def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+    def __init__(self, env: Environment) -> None:
         super().__init__(env)
-        space = cast("gymnasium.spaces.Discrete", env.action_space)
+        space = env.action_space
+        if not isinstance(space, gymnasium.spaces.Discrete):
+            raise ValueError(f"expected discrete actions, got {space}")
         count = min(MAX_ACTIONS, int(space.n))
         self.action_space = gymnasium.spaces.Discrete(count, start=int(space.start))
 
-    def action(self, action: int) -> Any:
+    def action(self, action: int) -> object:
         """Return the action itself."""
         return action
 
@@ -129,7 +135,7 @@ class Crafter(gymnasium.Env[Any, int]):
         self._frame = self._inner.reset()
         return self._frame, {"unlocked": 0}
 
-    def step(self, action: int) -> Any:
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, int]]:
         """Return the next picture, reward and ends; the player's death terminates."""
         self._frame, reward, ended, info = self._inner.step(int(action))
         counts: Iterable[int] = info["achievements"].values()

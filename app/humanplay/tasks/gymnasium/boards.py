@@ -67,7 +67,7 @@ class Boards:
                 f"the boards take {taken >> 20} MB of memory, of at most {self._most >> 20} MB: try again in a minute"
             )
 
-    def begin(self, request: Mapping[str, Any]) -> Worker:
+    def begin(self, request: Mapping[str, object]) -> Worker:
         """Return a new process that plays what is requested; ValueError, saying why, where there is none."""
         board = self.preparer.begin(request)
         with self._listing:
@@ -239,7 +239,7 @@ class BoardRun(GymnasiumRun):
         except LostError as error:
             raise ValueError(f"{self.config.level} cannot be shown: {error}") from error
 
-    def observation(self) -> Any:
+    def observation(self) -> object:
         """Return what a policy's process is told: what the environment shows it does not leave its own."""
         return self.view().observation()
 
@@ -249,14 +249,14 @@ class BoardRun(GymnasiumRun):
         return str(self._digest)
 
 
-def request_of(config: GymnasiumConfig, seed: int, actions: bytes) -> dict[str, Any]:
+def request_of(config: GymnasiumConfig, seed: int, actions: bytes) -> dict[str, object]:
     """The request for a process that has made some moves."""
     return {"config": config.to_dict(), "seed": seed, "actions": list(actions)}
 
 
 def observations(
     boards: Boards, config: GymnasiumConfig, seed: int, actions: bytes
-) -> Iterator[Any]:
+) -> Iterator[object]:
     """Yield what was seen before each move of an episode and after the last; ValueError where it cannot be played."""
     try:
         board = boards.begin(request_of(config, seed, actions) | {"observations": True})
@@ -316,7 +316,7 @@ def _observe(run: GymnasiumRun, actions: Sequence[int]) -> Work:
     yield None, b""
 
 
-def _told(run: GymnasiumRun, since: int) -> Any:
+def _told(run: GymnasiumRun, since: int) -> object:
     """Return what is told of a run: its figures, those since so many moves (-1: all), and its picture.
 
     Of a live run that has ended also what was seen last: nobody can ask for it any more.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -26,17 +25,21 @@ class ActionCodes:
     count  how many codes there are
     """
 
-    def __init__(self, env_id: str, space: gymnasium.Space[Any]) -> None:
+    def __init__(self, env_id: str, space: object) -> None:
         """Take a space; ValueError, naming a wrapper that helps, where it is none of discrete actions or has too many."""
         self.space = space
+        self._form: tuple[np.dtype[np.generic], tuple[int, ...]] | None = None
         if isinstance(space, gymnasium.spaces.Discrete):
             sizes, self._starts = [int(space.n)], np.array([space.start])
         elif isinstance(space, gymnasium.spaces.MultiDiscrete):
-            sizes = [int(size) for size in space.nvec.ravel()]
+            sizes, self._form = (
+                [int(size) for size in space.nvec.ravel()],
+                (space.dtype, space.shape),
+            )
             starts = getattr(space, "start", None)
             self._starts = np.zeros(len(sizes), int) if starts is None else starts.ravel()
         elif isinstance(space, gymnasium.spaces.MultiBinary):
-            count = math.prod(space.shape)
+            count, self._form = math.prod(space.shape), (space.dtype, space.shape)
             sizes, self._starts = [2] * count, np.zeros(count, int)
         else:
             raise ValueError(_refusal(env_id, space))
@@ -45,14 +48,16 @@ class ActionCodes:
         if self.count > MAX_ACTIONS:
             raise ValueError(_refusal(env_id, space))
 
-    def own(self, code: int) -> Any:
+    def own(self, code: int) -> int | NDArray[np.generic]:
         """The environment's own action of a code."""
         parts = np.array(np.unravel_index(code, self._sizes)) + self._starts
-        if isinstance(self.space, gymnasium.spaces.Discrete):
+        if self._form is None:
             return int(parts[0])
-        return parts.astype(self.space.dtype).reshape(self.space.shape)
+        dtype, shape = self._form
+        own: NDArray[np.generic] = parts.astype(dtype).reshape(shape)
+        return own
 
-    def of_own(self, action: Any) -> int:
+    def of_own(self, action: object) -> int:
         """The code of an environment's own action; ValueError for none."""
         parts = np.asarray(action)
         if parts.size != len(self._sizes) or not np.array_equal(parts, parts.astype(int)):
@@ -68,7 +73,7 @@ class ActionCodes:
         return tuple("_".join(map(str, parts)).replace("-", "minus_") for parts in every)
 
     def mask_of(
-        self, env: gymnasium.Env[Any, Any], observation: object, info: Mapping[str, object]
+        self, env: gymnasium.Env[object, object], observation: object, info: Mapping[str, object]
     ) -> Mask | None:
         """Return which actions the environment allows, by their codes.
 
@@ -89,7 +94,7 @@ class ActionCodes:
         mask = self._mask(told)
         return mask if mask.any() else None
 
-    def _mask(self, told: Any) -> Mask:
+    def _mask(self, told: object) -> Mask:
         """A mask of all actions; of several numbers also as a tuple of masks, or one after the other."""
         if isinstance(told, tuple):
             told = np.concatenate([np.ravel(part) for part in told])
@@ -114,7 +119,7 @@ def allowed_in(mask: Mask | None) -> tuple[int, ...] | None:
     return None if mask is None or mask.all() else tuple(map(int, np.flatnonzero(mask)))
 
 
-def _refusal(env_id: str, space: gymnasium.Space[Any]) -> str:
+def _refusal(env_id: str, space: object) -> str:
     """Say that a space is not played, and which wrapper helps."""
     said = f"expected up to {MAX_ACTIONS} discrete actions, {env_id} has {space}"
     way = "name a wrapper of your own that has discrete actions"

@@ -164,7 +164,7 @@ class GymnasiumEnvironment(BaseEnvironment):
         with closing(self.default.make(0)) as env:
             return ActionCodes(self.level, env.action_space)
 
-    def own_actions(self, config: GymnasiumConfig, actions: bytes) -> NDArray[Any]:
+    def own_actions(self, config: GymnasiumConfig, actions: bytes) -> NDArray[np.generic]:
         """The environment's own actions of the moves."""
         return np.array([self._codes.own(code) for code in actions])
 
@@ -213,7 +213,7 @@ class GymnasiumEnvironment(BaseEnvironment):
         """Return a run after some actions, in a process of its own."""
         return BoardRun(self._boards, config, seed, actions, is_live=False)
 
-    def observations(self, record: EpisodeRecord) -> Sequence[Any]:
+    def observations(self, record: EpisodeRecord) -> Sequence[object]:
         """What was seen before each move and after the last."""
         return [*observations(self._boards, record.config, record.seed, record.actions)]
 

@@ -180,7 +180,7 @@ class GymnasiumRun:
         if not 0 <= code < self._codes.count:
             raise ValueError(f"expected an action of {self._env.action_space}, got {code}")
 
-    def code_of(self, action: Any) -> int:
+    def code_of(self, action: object) -> int:
         """The code of what a policy chose, which is the environment's own action; ValueError for none."""
         return self._codes.of_own(action)
 

@@ -19,7 +19,7 @@ def finite(name: str, given: Any) -> float:
     return value
 
 
-def two_of(came: Any) -> tuple[Any, dict[str, Any]]:
+def two_of(came: object) -> tuple[object, dict[str, object]]:
     """Return what reset returned as observation and info; ValueError for anything else."""
     if isinstance(came, tuple) and len(came) == 2 and isinstance(came[1], dict):
         return came
@@ -28,18 +28,19 @@ def two_of(came: Any) -> tuple[Any, dict[str, Any]]:
     )
 
 
-def reward_of(env_id: str, given: Any) -> float:
+def reward_of(env_id: str, given: object) -> float:
     """Return a reward as a number; ValueError, with the ways out, for one of several numbers."""
-    if np.size(given) == 1:
+    size = np.asarray(given).size
+    if size == 1:
         return float(np.asarray(given).item())
     raise ValueError(
-        f"{env_id} pays a reward of {np.size(given)} numbers, and one is expected: name a wrapper such as "
+        f"{env_id} pays a reward of {size} numbers, and one is expected: name a wrapper such as "
         "mo_gymnasium.wrappers.LinearReward, with its weights, in a function that makes the environment, and what else "
         'counts by score = "info.NAME"'
     )
 
 
-def bytes_of(observation: Any) -> bytes:
+def bytes_of(observation: object) -> bytes:
     """Return an observation as bytes that say its type and shape too."""
     if isinstance(observation, Mapping):
         parts = ((str(key).encode(), bytes_of(observation[key])) for key in sorted(observation))
@@ -53,7 +54,7 @@ def bytes_of(observation: Any) -> bytes:
     return b"".join((f"{array.dtype.str}{array.shape}".encode(), whole.view(np.uint8).data))
 
 
-def _numbers(observation: Any) -> NDArray[Any]:
+def _numbers(observation: object) -> NDArray[np.generic]:
     """Return a part of an observation as an array; ValueError where it holds Python's own objects."""
     array = np.asarray(observation)
     if array.dtype.hasobject:
@@ -64,7 +65,7 @@ def _numbers(observation: Any) -> NDArray[Any]:
     return array
 
 
-def packed(observation: Any) -> bytes:
+def packed(observation: object) -> bytes:
     """Pack an observation with the types and shapes of its arrays."""
     arrays: list[bytes] = []
     shape = json.dumps(_shape_of(observation, arrays)).encode()
@@ -72,7 +73,7 @@ def packed(observation: Any) -> bytes:
     return struct.pack(">IQ", len(shape), len(content)) + shape + content
 
 
-def _shape_of(observation: Any, arrays: list[bytes]) -> list[Any]:
+def _shape_of(observation: object, arrays: list[bytes]) -> list[object]:
     """Return what an observation is made of, and add the content of its arrays."""
     if isinstance(observation, Mapping):
         parts = [[str(key), _shape_of(part, arrays)] for key, part in observation.items()]
@@ -86,7 +87,7 @@ def _shape_of(observation: Any, arrays: list[bytes]) -> list[Any]:
     return ["array", array.dtype.str, list(array.shape)]
 
 
-def unpacked(content: bytes) -> Iterator[Any]:
+def unpacked(content: bytes) -> Iterator[object]:
     """Yield the observations that were packed one after the other."""
     start = 0
     while start < len(content):
@@ -98,7 +99,7 @@ def unpacked(content: bytes) -> Iterator[Any]:
         start += array_bytes
 
 
-def _rebuilt(shape: list[Any], content: memoryview, start: list[int]) -> Any:
+def _rebuilt(shape: list[Any], content: memoryview, start: list[int]) -> object:
     """Return the observation of a shape; `start` holds where its next array begins."""
     kind, *rest = shape
     if kind == "dict":
@@ -115,7 +116,7 @@ def _rebuilt(shape: list[Any], content: memoryview, start: list[int]) -> Any:
     )  # a number is one of NumPy's, as environments return them
 
 
-def plain(observation: Any) -> Any:
+def plain(observation: object) -> object:
     """Return an observation as JSON holds it: arrays as nested lists, numbers that are not finite as null."""
     if isinstance(observation, Mapping):
         return {str(key): plain(value) for key, value in observation.items()}
