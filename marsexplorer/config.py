@@ -171,6 +171,11 @@ class EnvConfig:
             return cls(level, size[0], size[1], *more, **rest)
         raise TypeError(f"size must be a whole number or (rows, cols), got {size!r}")
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """(rows, cols)."""
+        return self.rows, self.cols
+
     @cached_property
     def n(self) -> int:
         """Number of cells (eq. 1)."""

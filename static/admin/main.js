@@ -14,7 +14,7 @@ const typed = by("typed", HTMLInputElement);
 const live = createLive(by("boards"));
 
 /** @type {{chosen: string, overview: Admin.Overview | null, study: Admin.Study | null, task: Task}} */
-let state = { chosen: decodeURIComponent(location.hash.slice(1)), overview: null, study: null, task: await loadTask(null) };
+let state = { chosen: decodeURIComponent(location.hash.slice(1)), overview: null, study: null, task: await loadTask() };
 let timer = 0;
 /** The newest question of `load`: an answer to an earlier one changes nothing. */
 let asked = 0;

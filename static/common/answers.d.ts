@@ -1,11 +1,13 @@
 // What the API answers and sockets carry, drawn from their own description: `make tables` draws it again.
 
 declare namespace Answers {
-  /** What Expert would have done instead of a move. */
+  /** What the expert would have done instead of a move. */
   type Advice = {
-    /** of the actions in their order, 0..1, as its network finds them */
-    shares: number[],
+    /** of the actions in their order, 0..1, as a network finds them; null without one */
+    shares: number[] | null,
     action: string,
+    /** moves to the end after each action, if the expert plays on; null where it does not get there, or is not asked */
+    after: (number | null)[] | null,
     /** moves from there to the end; null where it does not get there */
     needs: number | null,
     /** moves by which the move made lengthened the episode; below 0: a gain */
@@ -30,14 +32,11 @@ declare namespace Answers {
   };
   /** Your best on a configuration. */
   type Best = {
-    level: string,
-    /** cells; null for another environment */
-    rows: number | null,
-    /** cells; null for another environment */
-    cols: number | null,
+    /** the configuration in words */
+    place: string,
     max_steps: number,
     episodes: number,
-    explored: number,
+    successes: number,
     /** the fewest moves on a terrain that was new to you */
     best: OwnEpisode | null,
     people: Standing,
@@ -82,21 +81,21 @@ declare namespace Answers {
     /** paragraphs, split by blank lines */
     text: string,
   };
-  /** An episode beside Expert's, and what its moves cost; every length is in moves. */
+  /** An episode beside the expert's, and what its moves cost; every length is in moves. */
   type Costs = {
-    /** the name of Expert's file */
+    /** the expert's name */
     policy: string,
     /** why no move is judged; null where they are */
     reason: string | null,
     /** length of the episode: the limit where it did not succeed */
     counts: number,
-    /** length of Expert's; null where its file is missing */
+    /** length of the expert's; null where its file is missing */
     expert_moves: number | null,
-    /** moves more than Expert's */
+    /** moves more than the expert's */
     total: number | null,
     /** part of `total` that ending without success cost */
     given_up: number | null,
-    /** moves that were better than Expert's saved, 0 or below */
+    /** moves that were better than the expert's saved, 0 or below */
     gained: number | null,
     /** cost of the mistakes of each kind */
     by_kind: Record<string, number>,
@@ -125,8 +124,8 @@ declare namespace Answers {
     /** like 2026-11-22 */
     day: string,
     level: string,
-    /** rows and columns, cells */
-    size: [number, number],
+    /** rows and columns, cells; null without a grid */
+    size: [number, number] | null,
     /** canonical JSON for which the seed is drawn */
     protocol: string,
     /** SHA-256 of the day's key */
@@ -218,19 +217,19 @@ declare namespace Answers {
   };
   /** What the moves of an ended episode cost. */
   type EpisodeCosts = {
-    /** the name of Expert's file */
+    /** the expert's name */
     policy: string,
     /** why no move is judged; null where they are */
     reason: string | null,
     /** length of the episode: the limit where it did not succeed */
     counts: number,
-    /** length of Expert's; null where its file is missing */
+    /** length of the expert's; null where its file is missing */
     expert_moves: number | null,
-    /** moves more than Expert's */
+    /** moves more than the expert's */
     total: number | null,
     /** part of `total` that ending without success cost */
     given_up: number | null,
-    /** moves that were better than Expert's saved, 0 or below */
+    /** moves that were better than the expert's saved, 0 or below */
     gained: number | null,
     /** cost of the mistakes of each kind */
     by_kind: Record<string, number>,
@@ -281,11 +280,8 @@ declare namespace Answers {
     title: string,
     /** null for a configuration of the playground */
     study: string | null,
-    level: string,
-    /** cells */
-    rows: number,
-    /** cells */
-    cols: number,
+    /** the configuration in words */
+    place: string,
     max_steps: number,
     config_hash: string,
     /** that policies play */
@@ -470,11 +466,8 @@ declare namespace Answers {
     counts: boolean,
     /** the day whose terrain it was */
     day: string | null,
-    level: string,
-    /** cells; null for another environment */
-    rows: number | null,
-    /** cells; null for another environment */
-    cols: number | null,
+    /** where it was played, in words */
+    place: string,
     outcome: string,
     moves: number,
     /** share of the cells, 0..1 */
@@ -616,9 +609,10 @@ declare namespace Answers {
     steps: Interval,
     /** share of the episodes that succeeded, 0..1 */
     completed: number,
-    curve: CoverageCurve,
-    /** visits of each cell in a mean episode, by rows */
-    visits: number[][],
+    /** absent where nothing is discovered */
+    curve?: CoverageCurve | null,
+    /** visits of each cell in a mean episode, by rows; absent without a grid */
+    visits?: number[][] | null,
   };
   /** What a policy came to on a day's terrain. */
   type PolicyOfDay = {
@@ -653,13 +647,9 @@ declare namespace Answers {
   /** An ended episode as its replay draws it; no seed, no player and no session is in it. */
   type Replay = {
     episode: string,
-    level: string,
-    /** cells; 1 where an environment has none */
-    rows: number,
-    /** cells; 1 where an environment has none */
-    cols: number,
-    /** what is played; absent of MarsExplorer */
-    task?: Task | null,
+    /** where it was played, in words */
+    place: string,
+    task: Task,
     /** the episode's own course */
     run: Course,
     /** policies that can be shown beside it */
@@ -674,8 +664,8 @@ declare namespace Answers {
     outcome: string,
     /** null without a success */
     moves: number | null,
-    /** share of the cells, 0..1 */
-    coverage: number,
+    /** share of the cells, 0..1; null where nothing is discovered */
+    coverage: number | null,
     you: boolean,
     rank: number,
   };
@@ -763,14 +753,20 @@ declare namespace Answers {
     clock: number | null,
     /** the headline first */
     metrics: Metric[],
+    /** outcomes that are successes */
+    successes: string[],
+    /** policy that moves are compared with; null without one */
+    expert: string | null,
+    /** whether it has a daily instance and a leaderboard */
+    has_boards: boolean,
   };
   /** Today's terrain and your attempt at it. */
   type Today = {
     /** like 2026-11-22 */
     day: string,
     level: string,
-    /** rows and columns, cells */
-    size: [number, number],
+    /** rows and columns, cells; null without a grid */
+    size: [number, number] | null,
     /** canonical JSON for which the seed is drawn */
     protocol: string,
     /** SHA-256 of the day's key */

@@ -61,7 +61,7 @@ const lasting = async (path) => /** @type {T | undefined} */ (ANSWERS[path]) ?? 
 /** @template {{task?: unknown} | null} T @param {Promise<T>} asked @returns {Promise<T>} an answer with its task's module */
 export async function withTask(asked) {
   const answer = await asked;
-  return answer && { ...answer, task: await loadTask(/** @type {Answers.Task | undefined} */ (answer.task)) };
+  return answer && { ...answer, task: await loadTask(/** @type {Answers.Task} */ (answer.task)) };
 }
 
 /** How long a board may take that has to be compiled for this machine, in ms. */

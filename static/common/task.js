@@ -1,12 +1,14 @@
 // The task of a page: its module, and the parts of the page that differ from task to task.
+import { request } from "./api.js";
 import { create, put } from "./page.js";
 import { capital } from "./words.js";
 
-/** Return what a page knows of a task: MarsExplorer where the server says nothing of it.
- * @param {Answers.Task | undefined | null} about @returns {Promise<Task>} */
+/** Return what a page knows of a task: of the one that the server plays where none is named.
+ * @param {Answers.Task} [about] @returns {Promise<Task>} */
 export async function loadTask(about) {
-  const { taskOf } = await import(`../task/${about?.assets ?? "mars"}/index.js`);
-  return taskOf(about ?? undefined);
+  const task = about ?? /** @type {Answers.Task} */ (await request("task"));
+  const { taskOf } = await import(`../task/${task.assets}/index.js`);
+  return taskOf(task);
 }
 
 /** Say why an action cannot be chosen on a frame; null where it can.
@@ -46,7 +48,8 @@ const DIRECTIONS = { ArrowUp: "M4 13l6-6 6 6", ArrowLeft: "M13 4l-6 6 6 6", Arro
 
 /** Leave out of a page what it says of other tasks, name the keys, and put the task's actions on the pad.
  * @param {Task} task */
-export function showTask({ assets, order, keys, title, chart, parts, round }) {
+export function showTask({ assets, order, keys, title, chart, parts, round, has_boards: hasBoards }) {
+  for (const link of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-of-boards]"))) link.hidden = !hasBoards;
   for (const part of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-world]"))) part.hidden = part.dataset.world !== assets;
   if (assets === "mars") return; // the pages are written for it
   renameTerrain(round);

@@ -6,18 +6,20 @@ import { startEndCard } from "../common/end_card.js";
 import { apply, initialState, isDriven } from "../common/game_state.js";
 import { startBoards } from "../common/socket.js";
 import { browserStore, forgets } from "../common/storage.js";
-import { loadTask, paintNumbers, promptText } from "../common/task.js";
+import { loadTask, paintNumbers, promptText, showTask } from "../common/task.js";
 import { keepFocusOnBoard } from "../play/focus.js";
 import { startInput } from "../play/input.js";
 import { capital, many } from "../common/words.js";
-import { countdown, dayText, pastText, peopleText, policyRows, rankText, resultText, shareText, streakText } from "./words.js";
+import { dayText, pastText, peopleText, policyRows, rankText, resultText, shareText, streakText, untilText } from "./words.js";
 
 let state = initialState();
 /** @type {Answers.Today | null} */
 let today = null;
 Object.defineProperty(window, "playground", { value: Object.freeze({ get state() { return state; } }) });
 
-const task = await loadTask(null);
+const task = await loadTask();
+showTask(task);
+put(by("goal"), task.goal(null));
 const modules = await task.parts?.views();
 const root = by("board");
 const card = startEndCard();
@@ -89,7 +91,7 @@ function dispatch(event) {
 
 /** @param {Answers.Today} of */
 function ended({ day }) {
-  put(by("standing"), "That was your attempt for today. The next terrain comes at midnight UTC.");
+  put(by("standing"), `That was your attempt for today. The next ${task.round} comes at midnight UTC.`);
   showResults(day);
 }
 
@@ -107,10 +109,10 @@ function startCountdown({ now_ms, next_ms }) {
   const offset_ms = now_ms - Date.now();
   const tick = () => {
     const left_ms = next_ms - Date.now() - offset_ms;
-    if (left_ms > 0) put(by("countdown"), `next terrain in ${countdown(left_ms)}`);
+    if (left_ms > 0) put(by("countdown"), untilText(task, left_ms));
     else {
       clearInterval(timer);
-      by("countdown").replaceChildren(create("a", "A new terrain is here", { href: "daily" }));
+      by("countdown").replaceChildren(create("a", `A new ${task.round} is here`, { href: "daily" }));
     }
   };
   const timer = setInterval(tick, 1000);
@@ -193,7 +195,7 @@ function paintResults({ day, attempt, people, policies }) {
     watch: `watch/${encodeURIComponent(attempt.episode)}`, play: "./", episodes: "me",
   });
   const marks = policies.flatMap(({ name, moves }) => (moves === null || name === "lookahead" ? [] : [{ name: task.nameOf(name), moves }]));
-  paintDistribution(by("distribution"), { target: task.target, counts: people.moves, you: attempt.outcome === "explored" ? attempt.moves : null, marks });
+  paintDistribution(by("distribution"), { target: task.target, counts: people.moves, you: task.successes.includes(attempt.outcome ?? "") ? attempt.moves : null, marks });
   put(by("people-note"), peopleText(task, people));
   by("policies").replaceChildren(...policyItems(rows));
   by("results").hidden = false;
@@ -223,7 +225,7 @@ async function showYesterday({ day, commitment, key }) {
   by("key").hidden = by("key-commitment").hidden = by("key-line").hidden = false;
   const { attempt, people, policies } = /** @type {Answers.Results} */ (await request(`daily/${day}/results`));
   put(by("yesterday-title"), `Yesterday, ${dayText(day)}`);
-  const best = people.table.slice(0, 5).map((each) => row(`${each.rank}. ${each.you ? "You" : "A person"}`, resultText(task, { ...each, moves: each.moves ?? 0 }).replace(" after 0 moves", ""), each.you ? "you" : "person", each.episode ?? undefined));
+  const best = people.table.slice(0, 5).map((each) => row(`${each.rank}. ${each.you ? "You" : "A person"}`, resultText(task, each), each.you ? "you" : "person", each.episode ?? undefined));
   by("yesterday-rows").replaceChildren(...best, ...policyItems(policyRows(task, policies.filter(({ moves }) => moves !== null), null)));
   put(by("yesterday-note"), peopleText(task, people));
   by("yesterday").hidden = false;

@@ -1,8 +1,5 @@
 // The sentences of the daily page; no document here, so that node can test every one.
-import { many, percent } from "../common/words.js";
-
-/** The policy that the shared text names. */
-const NAMED = "ppo";
+import { many } from "../common/words.js";
 
 /** @param {number} left_ms @returns how long it is until a time, as hours, minutes and seconds */
 export function countdown(left_ms) {
@@ -10,6 +7,9 @@ export function countdown(left_ms) {
   const two = (/** @type {number} */ value) => String(value).padStart(2, "0");
   return `${Math.floor(seconds / 3600)}:${two(Math.floor(seconds / 60) % 60)}:${two(seconds % 60)}`;
 }
+
+/** @param {Pick<Task, "round">} task @param {number} left_ms */
+export const untilText = ({ round }, left_ms) => `next ${round} in ${countdown(left_ms)}`;
 
 /** @param {string} day "2026-11-22" @returns a day in words: "22 November 2026" */
 export function dayText(day) {
@@ -27,12 +27,14 @@ export function pastText(task, { day, outcome, moves }) {
 }
 
 /** Return what an attempt came to, in a few words.
- * @param {Task} task @param {Pick<Answers.Attempt, "outcome" | "moves" | "coverage">} attempt */
+ * @param {Task} task
+ * @param {{outcome: string | null, moves: number | null, coverage: number | null}} attempt with the moves that are known */
 export function resultText(task, { outcome, moves, coverage }) {
-  const share = `${percent(coverage ?? 0)} %`;
-  if (outcome === "explored") return `${many(moves, "move")}, ${share} mapped`;
+  const share = coverage === null ? null : task.shareText?.(coverage);
+  const made = moves === null ? null : many(moves, "move");
+  if (task.successes.includes(outcome ?? "")) return [made, share].filter(Boolean).join(", ");
   const how = outcome === "abandoned" ? "left" : task.outcome(outcome) || "ended";
-  return `${how} at ${share} after ${many(moves, "move")}`;
+  return [how, share && `with ${share}`, made && `after ${made}`].filter(Boolean).join(" ");
 }
 
 const BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588";
@@ -40,7 +42,7 @@ const BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588";
 /** Return a course as a line of symbols: how much was mapped after each eighth of the moves, and nothing of where.
  * @param {number[]} progress 0..1 after each move */
 export const symbols = (progress) => progress.length < 2 ? "" : Array.from({ length: 8 }, (_, at) => {
-  const share = progress[Math.round((at + 1) / 8 * (progress.length - 1))];
+  const share = Math.max(0, progress[Math.round((at + 1) / 8 * (progress.length - 1))]);
   return BARS[Math.min(BARS.length - 1, Math.floor(share * BARS.length))];
 }).join("");
 
@@ -48,17 +50,17 @@ export const symbols = (progress) => progress.length < 2 ? "" : Array.from({ len
  * @param {Task} task @param {string} day @param {Answers.Attempt} attempt @param {Answers.PolicyOfDay[]} policies
  * @param {string} link @param {number[]} [progress] of the attempt @param {number} [days] in a row */
 export function shareText(task, day, attempt, policies, link, progress = [], days = 0) {
-  const policy = policies.find(({ name, moves }) => name === NAMED && moves !== null);
+  const policy = policies.find(({ name, moves }) => name === task.expert && moves !== null);
   const line = [symbols(progress), streakText(days)].filter(Boolean).join(" ");
   const compared = policy ? `, ${task.nameOf(policy.name)} needed ${policy.moves}` : "";
   return `${task.title} daily ${day}: ${resultText(task, attempt)}${compared}\n${line && `${line}\n`}${link}`;
 }
 
 /** Return the policies of the day as the page lists them: what each came to, and whether it is ready and took more moves.
- * @param {Task} task @param {Answers.PolicyOfDay[]} policies @param {number | null} moves of the player, null where it was not mapped
+ * @param {Task} task @param {Answers.PolicyOfDay[]} policies @param {number | null} moves of the player, null without a success
  * @returns {Daily.PolicyRow[]} */
 export const policyRows = (task, policies, moves) => policies.map((policy) => ({
-  name: task.nameOf(policy.name), text: policyText(policy), isReady: policy.state === "ready",
+  name: task.nameOf(policy.name), text: policyText(task, policy), isReady: policy.state === "ready",
   isBeaten: policy.state === "ready" && moves !== null && (policy.moves === null || policy.moves > moves),
 }));
 
@@ -83,8 +85,10 @@ export function peopleText({ target }, { players, unfinished }) {
   return `${many(players, "person", "people")}${rest}. Each has one attempt.`;
 }
 
-/** @param {Answers.PolicyOfDay} policy @returns what a policy did */
-export function policyText({ state, moves, coverage }) {
-  if (state !== "ready") return state === "failed" ? "not available" : "still exploring";
-  return moves === null ? `stopped at ${percent(coverage ?? 0)} %` : many(moves, "move");
+/** @param {Task} task @param {Answers.PolicyOfDay} policy @returns what a policy did */
+export function policyText(task, { state, moves, coverage }) {
+  if (state !== "ready") return state === "failed" ? "not available" : "still playing";
+  if (moves !== null) return many(moves, "move");
+  const share = coverage === null ? null : task.shareText?.(coverage);
+  return share ? `stopped with ${share}` : `did not reach ${task.target}`;
 }

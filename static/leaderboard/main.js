@@ -1,19 +1,19 @@
 // Wires the leaderboard: address -> question -> answer -> one repaint; asks again while policies are being evaluated.
 import { request } from "../common/api.js";
-import { all, by, create, reader } from "../common/page.js";
-import { loadTask } from "../common/task.js";
-import { levelName } from "../task/mars/names.js";
+import { all, by, create, put, reader } from "../common/page.js";
+import { loadTask, showTask } from "../common/task.js";
 import { paintPeople } from "./people.js";
 import { breakOf, GRADIENT, invitation, paintCoverage, paintMaps, paintRanks, paintTrials, scaleOf, topOf } from "./ranks.js";
 import * as standing from "./standing.js";
 
 const boardSelect = by("board", HTMLSelectElement);
-const task = await loadTask(null);
+const task = await loadTask();
+showTask(task);
 const SOON_MS = 1500;
 const LATER_MS = 20000;
 
 /** @type {Leaderboard.State} */
-let state = { view: location.hash ? "policies" : "people", boards: [], ...fromAddress(), detail: null, evaluates: false };
+let state = { view: location.hash || !task.expert ? "policies" : "people", boards: [], ...fromAddress(), detail: null, evaluates: false };
 let timer = 0;
 /** @type {"week" | "all"} */
 let period = "week";
@@ -46,7 +46,8 @@ async function loadPeople() {
   const wanted = period;
   const answer = /** @type {Answers.People} */ (await request(`people?period=${period}`));
   if (wanted !== period) return;
-  paintPeople(by("named", HTMLTableElement), by("own"), period, answer);
+  put(by("people-place"), answer.title);
+  paintPeople(by("named", HTMLTableElement), by("own"), task, period, answer);
   schedule(answer.comparing ? SOON_MS : LATER_MS);
 }
 
@@ -60,7 +61,7 @@ async function load() {
     const detail = await request(`leaderboard/${encodeURIComponent(state.board)}${state.evaluates ? "?evaluate=true" : ""}`, undefined, 60000);
     if (wanted !== state.board) return;
     set({ detail });
-    schedule(standing.working(detail.policies) ? SOON_MS : LATER_MS);
+    schedule(standing.working(task, detail.policies) ? SOON_MS : LATER_MS);
   } catch (error) {
     by("sentence").textContent = `${/** @type {Error} */ (error).message} Trying again.`;
     schedule(2 * SOON_MS);
@@ -76,7 +77,7 @@ async function loadBoards() {
   const parts = [["Studies", studies], ["Played by people", rest.filter((each) => each.players)],
     ["Not yet played by people", rest.filter((each) => !each.players)]];
   boardSelect.replaceChildren(...parts.filter(([, members]) => members.length)
-    .map(([label, members]) => create("optgroup", members.map(({ id, title, study, level }) => new Option(study ? title : title.replace(level, levelName(level)), id)), { label })));
+    .map(([label, members]) => create("optgroup", members.map(({ id, title }) => new Option(title, id)), { label })));
 }
 
 /** @param {number} ms */
@@ -94,18 +95,19 @@ function paint() {
   const rows = standing.rows(detail, measure).map((row) => ({ ...row, colour: read(row.colour) }));
   const figures = rows.flatMap(({ figure }) => (figure ? [figure] : []));
   by("sentence").textContent = standing.headline(task, detail);
-  [by("reading-people").textContent, by("reading-policies").textContent] = standing.reading(detail);
+  [by("reading-people").textContent, by("reading-policies").textContent] = standing.reading(task, detail);
   by("measure-name").textContent = measure === "steps" ? `Moves to ${task.target}, fewer is better` : "Score, more is better";
-  paintWorking(standing.working(detail.policies));
+  paintWorking(standing.working(task, detail.policies));
   by("missing").hidden = !detail.policies.some((policy) => policy.state === "missing");
   const scale = scaleOf(figures, measure);
-  paintRanks(by("ranks", HTMLTableElement), by("ticks"), rows, scale, measure);
+  paintRanks(by("ranks", HTMLTableElement), by("ticks"), task, rows, scale, measure);
   if (!detail.people) by("ranks", HTMLTableElement).tBodies[0].append(invitation(detail.board));
-  by("ranks-note").textContent = standing.ranksNote(detail, breakOf(scale) !== null);
+  by("ranks-note").textContent = standing.ranksNote(task, detail, breakOf(scale) !== null);
+  /** @type {HTMLElement} */ (document.querySelector(".coverage")).hidden = figures.length > 0 && !figures.some(({ curve }) => curve);
   paintCoverage({ chart: by("coverage"), legend: legendOf("coverage"), note: by("coverage-note") }, task, rows);
   by("trials-part").hidden = !detail.people?.trials.length;
-  paintTrials({ chart: by("trials"), legend: legendOf("trials"), note: by("trials-note") }, detail.people?.trials ?? [],
-    rows, measure);
+  paintTrials({ chart: by("trials"), legend: legendOf("trials"), note: by("trials-note") }, task,
+    detail.people?.trials ?? [], rows, measure);
   paintVisits(rows);
 }
 
@@ -124,7 +126,8 @@ const legendOf = (/** @type {string} */ chart) => /** @type {HTMLElement} */ (by
 function paintVisits(rows) {
   const peopleFirst = [...rows].sort((a, b) => Number(b.who === "people") - Number(a.who === "people"));
   const maps = peopleFirst.flatMap(({ name, colour, figure }) => (figure?.visits ? [{ name, colour, visits: figure.visits }] : []));
-  paintMaps(by("visits"), maps);
+  paintMaps(by("visits"), task, maps);
+  /** @type {HTMLElement} */ (document.querySelector(".visits")).hidden = rows.some(({ figure }) => figure) && !maps.length;
   const note = by("visits-note");
   note.textContent = maps.length ? "Visits of a cell in a mean episode, all on one scale (square root): 0" : "No figures yet.";
   if (!maps.length) return;
@@ -144,4 +147,7 @@ for (const button of all("[data-period]")) {
 }
 for (const button of all("button[data-view]")) button.addEventListener("click", () => show(/** @type {Leaderboard.View} */ (button.dataset.view)));
 new ResizeObserver(() => paint()).observe(by("coverage"));
+put(by("by-steps"), `Moves to ${task.target}`);
+for (const name of all("[data-expert]")) put(name, task.nameOf(task.expert ?? ""));
+/** @type {HTMLElement} */ (document.querySelector(".views")).hidden = !task.expert;
 show(state.view);

@@ -2,21 +2,24 @@
 import { create } from "../common/page.js";
 import { many, signed } from "../common/words.js";
 
-/** @param {"week" | "all"} period @param {Answers.People} answer @returns {string} what fills a table without anybody */
-export function emptyText(period, { you }) {
+/** @param {Pick<Task, "round">} task @param {"week" | "all"} period @param {Answers.People} answer
+ * @returns {string} what fills a table without anybody */
+export function emptyText({ round }, period, { you }) {
   const missing = you ? you.missing : 5;
   const when = period === "week" ? "in the last seven days" : "yet";
-  return `Nobody has five ranked terrains ${when}. Play ranked: ${many(missing, "terrain")}${you?.terrains ? " more" : ""}, about a minute each, and you are the first.`;
+  return `Nobody has five ranked ${round}s ${when}. Play ranked: ${many(missing, round)}${you?.terrains ? " more" : ""}, and you are the first.`;
 }
 
-/** @param {"week" | "all"} period @param {Answers.OwnStanding} you @returns {string} how far somebody is from a place */
-export function missingText(period, { terrains, missing }) {
+/** @param {Pick<Task, "round">} task @param {"week" | "all"} period @param {Answers.OwnStanding} you
+ * @returns {string} how far somebody is from a place */
+export function missingText({ round }, period, { terrains, missing }) {
   const when = period === "week" ? " in the last seven days" : "";
-  return `You have ${many(terrains, "ranked terrain")}${when}: ${missing} more, and you stand here.`;
+  return `You have ${many(terrains, `ranked ${round}`)}${when}: ${missing} more, and you stand here.`;
 }
 
-/** @param {number} comparing terrains @returns {string} "" where Expert has driven on all */
-export const comparingText = (comparing) => (comparing ? `Expert drives on ${many(comparing, "more terrain")} to compare. The figures follow.` : "");
+/** @param {Pick<Task, "round" | "nameOf" | "expert">} task @param {number} comparing
+ * @returns {string} "" where the expert has played all */
+export const comparingText = ({ round, nameOf, expert }, comparing) => (comparing ? `${nameOf(expert ?? "")} plays ${many(comparing, `more ${round}`)} to compare. The figures follow.` : "");
 
 /** Places that are in sight with the head of the table. */
 const NEAR = 8;
@@ -31,19 +34,20 @@ function row(place, name, isYou, { behind, worse, terrains }) {
 }
 
 /** Fill the table; whoever asks stands at its foot, wherever they are in it.
- * @param {HTMLTableElement} table @param {HTMLElement} own @param {"week" | "all"} period @param {Answers.People} answer */
-export function paintPeople(table, own, period, answer) {
+ * @param {HTMLTableElement} table @param {HTMLElement} own @param {Task} task @param {"week" | "all"} period
+ * @param {Answers.People} answer */
+export function paintPeople(table, own, task, period, answer) {
   const { people, you, comparing, ranked } = answer;
   const rows = people.map((person) => row(person.place, person.name ?? (person.you ? "You" : "Somebody"), person.you, person));
   const play = create("a", "Play ranked", { class: "go", href: "./" });
-  const empty = create("tr", [create("td", [create("p", emptyText(period, answer)), create("p", [play], { class: "buttons" })], { class: "empty", colspan: "5" })]);
+  const empty = create("tr", [create("td", [create("p", emptyText(task, period, answer)), create("p", [play], { class: "buttons" })], { class: "empty", colspan: "5" })]);
   table.tBodies[0].replaceChildren(...(rows.length ? rows : [empty]));
   const foot = /** @type {HTMLTableSectionElement} */ (table.tFoot);
   if (you?.place && you.place > NEAR && you.behind !== null && you.worse !== null) {
     const { behind, worse, terrains, place } = you;
     foot.replaceChildren(row(`${place} of ${ranked}`, "You", true, { behind, worse, terrains }));
-  } else if (you && !you.place && rows.length) foot.replaceChildren(create("tr", [create("td", missingText(period, you), { colspan: "5" })]));
+  } else if (you && !you.place && rows.length) foot.replaceChildren(create("tr", [create("td", missingText(task, period, you), { colspan: "5" })]));
   else foot.replaceChildren();
   const choose = create("a", "Choose a name to stand here by it", { href: "me#name" });
-  own.replaceChildren(...(you?.name ? [] : [choose]), " ", comparingText(comparing));
+  own.replaceChildren(...(you?.name ? [] : [choose]), " ", comparingText(task, comparing));
 }

@@ -1,5 +1,4 @@
 // The table of ranks: a row for each explorer, its interval on the common scale, the people's mean as a line through all rows.
-import { policyName } from "../task/mars/names.js";
 import { paintChart, paintLegend } from "../common/chart.js";
 import { ticks, tickText } from "../common/chart_scale.js";
 import { chartColours, create } from "../common/page.js";
@@ -7,8 +6,8 @@ import { many } from "../common/words.js";
 import { coverageEnd, curveText, intervalText, missingText, shown, source } from "./standing.js";
 
 /** @param {HTMLTableElement} table @param {HTMLElement} marks where the scale's numbers go
- * @param {Leaderboard.Row[]} rows @param {Leaderboard.Scale} scale @param {Leaderboard.Measure} measure */
-export function paintRanks(table, marks, rows, scale, measure) {
+ * @param {Task} task @param {Leaderboard.Row[]} rows @param {Leaderboard.Scale} scale @param {Leaderboard.Measure} measure */
+export function paintRanks(table, marks, task, rows, scale, measure) {
   const percent = (/** @type {number} */ share) => `${100 * share}%`;
   const left = (/** @type {number} */ value) => `left: ${percent(placeOf(scale, value) ?? 0)}`;
   const gap = breakOf(scale);
@@ -17,8 +16,8 @@ export function paintRanks(table, marks, rows, scale, measure) {
   const human = rows.find(({ who }) => who === "people")?.figure?.[measure].mean;
   table.tBodies[0].replaceChildren(...rows.map((row) => {
     const summary = row.policy?.summary ? [create("small", row.policy.summary, { class: "wide", title: row.policy.summary })] : [];
-    const head = create("th", [create("i", [], { class: "swatch" }), policyName(row.name), ...summary], { scope: "row" });
-    const cells = row.figure ? standing(row, row.figure[measure]) : [missing(row, 5)];
+    const head = create("th", [create("i", [], { class: "swatch" }), task.nameOf(row.name), ...summary], { scope: "row" });
+    const cells = row.figure ? standing(row, row.figure[measure]) : [missing(task, row, 5)];
     return create("tr", [head, ...cells],
       { "data-who": row.who, "data-testid": `rank-${row.policy?.name ?? row.who}`, style: `--mine: ${row.colour}` });
   }));
@@ -37,7 +36,7 @@ export function paintRanks(table, marks, rows, scale, measure) {
     const wide = { class: "number wide" };
     return [create("td", place, { class: "scale" }), create("td", shown(value.mean, measure), { class: "number" }),
       create("td", intervalText(value, measure), wide), create("td", completed, wide),
-      create("td", source(row), wide)];
+      create("td", source(task, row), wide)];
   }
 }
 
@@ -56,13 +55,14 @@ export function invitation(board) {
   return create("tr", [head, cell], { "data-who": "nobody", "data-testid": "rank-nobody" });
 }
 
-/** @param {Leaderboard.Row} row @param {number} columns @returns the row of a policy without a figure: how far it is */
-function missing({ policy }, columns) {
+/** @param {Task} task @param {Leaderboard.Row} row @param {number} columns
+ * @returns the row of a policy without a figure: how far it is */
+function missing(task, { policy }, columns) {
   const line = create("div", [], { class: "idle" });
   if (policy?.state === "failed") line.append(`No figure: ${policy.error}`);
   else if (policy?.state === "computing") {
-    const bar = create("progress", [], { max: String(policy.of), value: String(policy.done), "aria-label": `Evaluation of ${policyName(policy.name)}` });
-    line.append(bar, `terrain ${Math.min(policy.done + 1, policy.of)} of ${policy.of}`);
+    const bar = create("progress", [], { max: String(policy.of), value: String(policy.done), "aria-label": `Evaluation of ${task.nameOf(policy.name)}` });
+    line.append(bar, `${task.round} ${Math.min(policy.done + 1, policy.of)} of ${policy.of}`);
   } else line.append(policy?.state === "missing" ? "not evaluated here yet" : "waiting to be evaluated");
   return create("td", line, { colspan: String(columns) });
 }
@@ -116,27 +116,28 @@ export function placeOf({ near, far }, value) {
  * @param {Leaderboard.Scale} scale */
 export const breakOf = ({ near, far }) => far && { from: Math.min(near.to, far.to), to: Math.max(near.from, far.from) };
 
-/** @param {Leaderboard.Row} row @returns the row under the name that pages say */
-const titled = (row) => ({ ...row, name: policyName(row.name) });
+/** @param {Task} task @returns what gives a row the name that pages say */
+const titled = (task) => (/** @type {Leaderboard.Row} */ row) => ({ ...row, name: task.nameOf(row.name) });
 const EDGES = { left: 44, right: 12, top: 10, bottom: 40 };
 const dashes = (/** @type {string} */ dash) => (dash ? dash.split(" ").map(Number) : []);
 
 /** @param {Leaderboard.ChartPlace} place @param {Task} task @param {Leaderboard.Row[]} rows */
-export function paintCoverage({ chart, legend, note }, { chart: { goal, axis }, target }, rows) {
+export function paintCoverage({ chart, legend, note }, task, rows) {
+  const { chart: { goal, axis }, target, round } = task;
   const drawn = rows.flatMap((row) => (row.figure?.curve ? [{ ...row, curve: row.figure.curve }] : []));
   const end = coverageEnd(drawn.map(({ curve }) => curve));
   const lines = drawn.map(({ colour, dash, curve: { steps, mean, low, high } }) =>
     ({ colour, dash: dashes(dash), x: steps, y: mean, low, high }));
-  paintLegend(legend, drawn.map(titled));
+  paintLegend(legend, drawn.map(titled(task)));
   paintChart(chart, {
     ...chartColours(chart), lines: lines.reverse(), edges: EDGES, title: "moves", goal,
     x: { low: 0, high: end, ticks: ticks(0, end), text: tickText },
     y: axis(chart.clientHeight, []),
   });
-  const label = drawn.map(({ name, curve }) => curveText(policyName(name), curve)).join(". ");
+  const label = drawn.map(({ name, curve }) => curveText(task.nameOf(name), curve)).join(". ");
   chart.setAttribute("aria-label", label || "No figures yet");
   const band = drawn.some(({ curve }) => curve.low.length) ? ", with the 95 % interval of the mean" : "";
-  const text = `Mean share of the terrain on the map${band}. An episode that has ended keeps what it had. `
+  const text = `Mean share of the ${round} on the map${band}. An episode that has ended keeps what it had. `
     + `The dotted line is ${target}.`;
   note.textContent = drawn.length ? text : "";
 }
@@ -149,9 +150,9 @@ export function footing(trials) {
     + "Bars are 95 % intervals; a single player has none. Policies do not learn here.";
 }
 
-/** @param {Leaderboard.ChartPlace} place @param {Answers.TrialFigure[]} trials @param {Leaderboard.Row[]} rows
- * @param {Leaderboard.Measure} measure */
-export function paintTrials({ chart, legend, note }, trials, rows, measure) {
+/** @param {Leaderboard.ChartPlace} place @param {Task} task @param {Answers.TrialFigure[]} trials
+ * @param {Leaderboard.Row[]} rows @param {Leaderboard.Measure} measure */
+export function paintTrials({ chart, legend, note }, task, trials, rows, measure) {
   const who = rows.find((row) => row.who === "people");
   if (!who || trials.length === 0) return;
   const end = Math.max(2, trials.length);
@@ -167,7 +168,7 @@ export function paintTrials({ chart, legend, note }, trials, rows, measure) {
   const means = [...own.y, ...flat.map(({ mean }) => mean)];
   const room = (Math.max(...means) - Math.min(...means)) * 0.25 || 1;
   const [least, most] = [Math.min(...means) - room, Math.max(...means) + room];
-  paintLegend(legend, [{ ...who, dash: "" }, ...flat].map(titled));
+  paintLegend(legend, [{ ...who, dash: "" }, ...flat].map(titled(task)));
   const whole = ticks(0, end).filter(Number.isInteger).map((tick) => tick || 1);
   paintChart(chart, {
     ...chartColours(chart), lines: [...level, own], edges: EDGES, title: "episode of a player",
@@ -204,16 +205,16 @@ export function topOf(maps) {
 /** The gradient of the key, for CSS. */
 export const GRADIENT = `linear-gradient(90deg, ${STOPS.map((stop) => `rgb(${stop.join(" ")})`).join(", ")})`;
 
-/** @param {HTMLElement} place @param {{name: string, colour: string, visits: number[][]}[]} maps */
-export function paintMaps(place, maps) {
+/** @param {HTMLElement} place @param {Task} task @param {{name: string, colour: string, visits: number[][]}[]} maps */
+export function paintMaps(place, task, maps) {
   const top = topOf(maps);
   place.replaceChildren(...maps.map(({ name, colour, visits }) =>
-    create("figure", [painted(name, visits, top), create("figcaption", [mark("swatch", `--mine: ${colour}`), policyName(name)])])));
+    create("figure", [painted(task.nameOf(name), visits, top), create("figcaption", [mark("swatch", `--mine: ${colour}`), task.nameOf(name)])])));
 }
 
 /** @param {string} name @param {number[][]} visits @param {number} top */
 function painted(name, visits, top) {
-  const canvas = create("canvas", [], { role: "img", "aria-label": `Visits of ${policyName(name)}: ${inWords(visits)}`,
+  const canvas = create("canvas", [], { role: "img", "aria-label": `Visits of ${name}: ${inWords(visits)}`,
     width: String(visits[0].length), height: String(visits.length) });
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
   const image = context.createImageData(canvas.width, canvas.height);

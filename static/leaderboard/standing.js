@@ -1,7 +1,6 @@
 // From the server's answer to what stands on the page: order, scale, sentences. No document here.
 import { roundUp } from "../common/chart_scale.js";
 import { many } from "../common/words.js";
-import { levelName, policyName } from "../task/mars/names.js";
 
 /** Colour (a custom property of base.css) and dash of the policies everybody has, the same on every board; others take
  * the rest in turn.
@@ -67,14 +66,14 @@ function peopleText({ players, episodes, abandoned }, board) {
   return `${many(players, "player")} and ${many(episodes, "episode")}${abandoned ? `, ${abandoned} of them abandoned` : ""}${less}`;
 }
 
-/** @param {Pick<Task, "target">} task @param {Answers.Leaderboard} detail @returns the sentence under the heading */
-export function headline({ target }, { board, people, policies }) {
+/** @param {Task} task @param {Answers.Leaderboard} detail @returns the sentence under the heading */
+export function headline({ target, nameOf }, { board, people, policies }) {
   const fair = policies.filter(({ name }) => name !== "lookahead"); // what knows how terrains are made is not compared with people here
   const ready = fair.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
   const best = ready.length === fair.length ? ready[0] : undefined;
   const which = fair.length < policies.length ? "The best policy that does not know how terrains are made" : "The best policy";
-  const policy = best?.figure ? ` ${which}, ${policyName(best.name)}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
-  const terrain = `${levelName(board.level)} ${board.rows} \u00d7 ${board.cols}`;
+  const policy = best?.figure ? ` ${which}, ${nameOf(best.name)}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
+  const terrain = board.place;
   if (!people) {
     if (board.study) return `No person finished the study ${board.study}, so it has no figure of people.${policy}`;
     return `Volunteers on this playground, ${terrain}: ${missingText(board)}${policy}`;
@@ -87,46 +86,48 @@ export function headline({ target }, { board, people, policies }) {
   return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} moves to ${target} (${spread}), from ${from}.${began}${policy}`;
 }
 
-/** @param {Answers.Leaderboard} detail @returns {[string, string]} who people are here, and what policies play */
-export function reading({ board, people }) {
+/** @param {Task} task @param {Answers.Leaderboard} detail
+ * @returns {[string, string]} who people are here, and what policies play */
+export function reading({ round }, { board, people }) {
   if (!board.study) {
-    return ["Volunteers chose to play ranked on the page, and how often: they stand for nobody but themselves, and their figure is no human level. Terrains were neither chosen nor met before, no policy beside them; an episode that was left counts as abandoned. A mean is over those with at least five ranked episodes and needs five of them; each weighs once, so the interval is over players.",
-      `Policies and frontier rules play ${many(board.terrains, "fixed terrain")} of the same kind, kept from all training; their interval is over terrains. In a closed study both play the very same terrains.`];
+    return ["Volunteers chose to play ranked on the page, and how often: they stand for nobody but themselves, and their figure is no human level. What they played was neither chosen nor met before, no policy beside them; an episode that was left counts as abandoned. A mean is over those with at least five ranked episodes and needs five of them; each weighs once, so the interval is over players.",
+      `Policies play ${many(board.terrains, `fixed ${round}`)} of the same kind, kept from all training; their interval is over ${round}s. In a closed study both play the very same ones.`];
   }
   const set = people?.set === "everybody" ? " who began a ranked episode" : " who finished as its protocol asks";
-  return [`People are the participants of this closed study${set}; each weighs once, and the interval is the one of its report. Coverage and visits are over the ranked episodes of everybody who took part; scripts never enter.`,
-    `Policies and frontier rules play exactly the study's ${many(board.terrains, "ranked terrain")}; their interval is over terrains. The report compares them pair by pair.`];
+  return [`People are the participants of this closed study${set}; each weighs once, and the interval is the one of its report. Curves and visits are over the ranked episodes of everybody who took part; scripts never enter.`,
+    `Policies play exactly the study's ${many(board.terrains, `ranked ${round}`)}; their interval is over ${round}s. The report compares them pair by pair.`];
 }
 
 /** Return what stands under the ranks: the line of the people where it is drawn, the break of the axis where there is
  * one, and the origin of the policies' figures that came with the package.
- * @param {Answers.Leaderboard} detail @param {boolean} isBroken */
-export function ranksNote({ board, people, policies }, isBroken) {
+ * @param {Task} task @param {Answers.Leaderboard} detail @param {boolean} isBroken */
+export function ranksNote({ title, nameOf }, { board, people, policies }, isBroken) {
   const parts = people ? [`The dashed line is the mean of ${board.study ? "the study's people" : "the volunteers"}.`] : [];
   if (isBroken) parts.push("The axis is broken at the hatched strip: who stands beyond it is far off.");
   const came = policies.filter(({ shipped }) => shipped);
   if (came.length) {
-    const whose = came.length === policies.length ? "The policies' figures" : `The figures of ${came.map(({ name }) => policyName(name)).join(", ")}`;
-    parts.push(`${whose} come with MarsExplorer.`);
+    const whose = came.length === policies.length ? "The policies' figures" : `The figures of ${came.map(({ name }) => nameOf(name)).join(", ")}`;
+    parts.push(`${whose} come with ${title}.`);
   }
   return parts.join(" ");
 }
 
-/** @param {Leaderboard.Row} row @returns where a figure comes from */
-export function source({ who, figure }) {
+/** @param {Task} task @param {Leaderboard.Row} row @returns where a figure comes from */
+export function source({ round }, { who, figure }) {
   if (!figure) return "";
-  return who === "people" ? `${many(/** @type {Answers.LeaderboardPeople} */ (figure).players, "player")}, ${many(figure.episodes, "episode")}` : many(figure.episodes, "terrain");
+  return who === "people" ? `${many(/** @type {Answers.LeaderboardPeople} */ (figure).players, "player")}, ${many(figure.episodes, "episode")}` : many(figure.episodes, round);
 }
 
 /** Return what is still being made, or null.
- * @param {Answers.LeaderboardPolicy[]} policies @returns {{text: string, done: number, of: number} | null} */
-export function working(policies) {
+ * @param {Task} task @param {Answers.LeaderboardPolicy[]} policies
+ * @returns {{text: string, done: number, of: number} | null} */
+export function working({ round, nameOf }, policies) {
   const open = policies.filter(({ state }) => state === "waiting" || state === "computing");
   if (open.length === 0) return null;
   const now = open.find(({ state }) => state === "computing");
   const done = policies.reduce((sum, each) => sum + (each.state === "failed" ? each.of : each.done), 0);
   const of = policies.reduce((sum, each) => sum + each.of, 0);
-  const what = now ? `${policyName(now.name)} plays terrain ${Math.min(now.done + 1, now.of)} of ${now.of}` : "about to start";
+  const what = now ? `${nameOf(now.name)} plays ${round} ${Math.min(now.done + 1, now.of)} of ${now.of}` : "about to start";
   return { text: `Evaluating ${many(open.length, "policy", "policies")}: ${what}. The figures appear here as they are done.`, done, of };
 }
 

@@ -3,16 +3,18 @@ import { request } from "../common/api.js";
 import { paintDistribution } from "../common/distribution.js";
 import { paintChart } from "../common/chart.js";
 import { ticks, tickText } from "../common/chart_scale.js";
-import { chartColours, create, by, put } from "../common/page.js";
-import { loadTask } from "../common/task.js";
+import { all, by, chartColours, create, put } from "../common/page.js";
+import { loadTask, showTask } from "../common/task.js";
 import { percent, score } from "../common/words.js";
-import { bestText, gapsText, kindText, standingText, summary, terrainText } from "./words.js";
+import { bestText, gapsText, kindText, standingText, summary } from "./words.js";
 
 /** @type {Task} */
 let task;
 const PAGE = 50;
 let shown = 0;
 let last = "";
+
+const expert = () => task.nameOf(task.expert ?? "");
 
 /** @param {number} at_ms */
 const timeText = (at_ms) => new Date(at_ms).toLocaleString(undefined, { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
@@ -27,25 +29,25 @@ function bestPanel(figure) {
   for (const mean of people.means) counts.set(Math.round(mean), (counts.get(Math.round(mean)) ?? 0) + 1);
   if (people.means.length > 1) paintDistribution(plot, { target: task.target, counts: [...counts], you: people.you });
   return create("section", [
-    create("h2", terrainText(figure)),
+    create("h2", figure.place),
     create("p", [...number, create("small", best ? " moves, your best" : "No best yet")], { class: "best" }),
     create("p", bestText(task, figure), { class: "fine" }),
     plot,
-    create("p", standingText(figure), { class: "fine" }),
+    create("p", standingText(task, figure), { class: "fine" }),
   ], { class: "panel" });
 }
 
 /** @param {Answers.OwnEpisode} episode @returns the row of one episode */
 function episodeRow(episode) {
   const { outcome, moves, coverage } = episode;
-  const [kind, reason] = kindText(episode);
+  const [kind, reason] = kindText(task, episode);
   const when = create("a", timeText(episode.ended_ms), { href: `watch/${encodeURIComponent(episode.episode)}` });
   const kindCell = create("td", kind);
   kindCell.title = reason;
   return create("tr", [
-    create("th", when, { scope: "row" }), create("td", terrainText(episode)), kindCell,
-    create("td", outcome === "abandoned" ? "left" : task.outcome(outcome), { class: outcome === "explored" ? "good" : outcome === "abandoned" ? "left" : "bad" }),
-    create("td", String(moves), { class: "number" }), create("td", coverage === null ? "" : `${percent(coverage)} %`, { class: "number wide" }), create("td", score(episode.score), { class: "number wide" }),
+    create("th", when, { scope: "row" }), create("td", episode.place), kindCell,
+    create("td", outcome === "abandoned" ? "left" : task.outcome(outcome), { class: task.successes.includes(outcome) ? "good" : outcome === "abandoned" ? "left" : "bad" }),
+    create("td", String(moves), { class: "number" }), ...(task.shareText ? [create("td", coverage === null ? "" : `${percent(coverage)} %`, { class: "number wide" })] : []), create("td", score(episode.score), { class: "number wide" }),
   ]);
 }
 
@@ -53,12 +55,17 @@ async function load() {
   const more = by("more", HTMLButtonElement);
   more.disabled = true;
   try {
-    task ??= await loadTask(await request("task"));
+    if (!task) {
+      task = await loadTask();
+      showTask(task);
+      by("mapped").hidden = !task.shareText;
+      for (const name of all("[data-expert]")) put(name, expert());
+    }
     const history = /** @type {Answers.OwnHistory} */ (await request(`me/history?limit=${PAGE}${last && `&after=${last}`}`));
     put(by("sentence"), summary(task, history));
     if (!shown) {
       by("bests").replaceChildren(...history.bests.map(bestPanel));
-      if (history.total && task.parts) loadName();
+      if (history.total && task.expert) loadName();
     }
     by("rows").append(...history.episodes.map(episodeRow));
     shown += history.episodes.length;
@@ -67,7 +74,7 @@ async function load() {
     more.disabled = false;
     by("nothing").hidden = history.total > 0;
     by("history").hidden = by("keep").hidden = history.total === 0;
-    by("gap").hidden = history.total === 0 || !task.parts;
+    by("gap").hidden = history.total === 0 || !task.expert;
     document.body.dataset.state = history.total ? "some" : "none";
   } catch (error) {
     put(by("sentence"), `${/** @type {Error} */ (error).message} Trying again.`);
@@ -112,10 +119,10 @@ async function compare() {
     put(by("gap-note"), `Episode ${index + 1} of ${episodes.length}`);
     const costs = /** @type {Answers.Costs | null} */ (await request(`episodes/${encodeURIComponent(episode)}/costs`, undefined, 120_000).catch(() => null));
     if (!costs || costs.total === null) continue; // today's terrain
-    gaps.push({ gap: costs.total, isFinished: outcome === "explored" });
+    gaps.push({ gap: costs.total, isFinished: task.successes.includes(outcome) });
     paintGaps();
   }
-  put(by("gap-note"), gapsText(gaps));
+  put(by("gap-note"), gapsText(expert(), gaps));
 }
 
 /** Draw the finished episodes as a line, and a cross at the top for each that was not. */
@@ -132,7 +139,7 @@ function paintGaps() {
     lines: [{ colour: you, dash: [], dot: 3.5, hasWhiskers: true, x: finished.map(({ at }) => at), y: moves }],
     x: { low: 0, high: gaps.length, ticks: ticks(0, gaps.length).filter(Number.isInteger), text: (at) => (at ? String(at) : "episode") }, y: { low, high, ticks: ticks(low, high), text: tickText },
     over: (context, at) => numbered.filter(({ isFinished }) => !isFinished).forEach((episode) => paintCross(context, at.x(episode.at), at.y(high) - 8, inks.text)) });
-  chart.setAttribute("aria-label", gapsText(gaps));
+  chart.setAttribute("aria-label", gapsText(expert(), gaps));
 }
 /** @param {CanvasRenderingContext2D} context @param {number} x @param {number} y the middle, CSS pixels @param {string} colour */
 function paintCross(context, x, y, colour) {

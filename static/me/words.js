@@ -1,46 +1,45 @@
 // The sentences of a player's own page; no document here, so that node can test every one.
 import { many, signed, wholePercent } from "../common/words.js";
-import { levelName } from "../task/mars/names.js";
-
-/** @param {{level: string, rows: number | null, cols: number | null}} terrain without a size where a task has none */
-export const terrainText = ({ level, rows, cols }) => levelName(level) + (rows ? ` ${rows} \u00d7 ${cols}` : "");
 
 /** @param {Task} task @param {Answers.OwnHistory} history @returns the sentence below the heading */
-export function summary({ target }, { total, bests }) {
+export function summary({ target, round }, { total, bests }) {
   if (!total) return "Here stand your bests, your place among people and every episode, once you have played.";
-  const explored = bests.reduce((sum, { explored: count }) => sum + count, 0);
-  return `You have driven ${many(total, "episode")} in this browser, and mapped ${many(explored, "terrain")} to ${target}.`;
+  const successes = bests.reduce((sum, { successes: count }) => sum + count, 0);
+  return `You have played ${many(total, "episode")} in this browser, and came to ${target} in ${many(successes, round)}.`;
 }
 
 /** Episodes that the newest one is measured by. */
 const LAST = 10;
 
 /** Return how an episode that has just ended stands among the player's own on terrains like it, "" where nothing is to be said.
- * @param {Answers.OwnHistory} history whose newest episode it is @param {string} episode */
-export function personalText({ episodes, bests }, episode) {
+ * @param {Pick<Task, "successes" | "round">} task @param {Answers.OwnHistory} history whose newest episode it is
+ * @param {string} episode */
+export function personalText({ successes, round }, { episodes, bests }, episode) {
   const own = episodes.find((each) => each.episode === episode);
-  if (own?.outcome !== "explored") return "";
-  const isAlike = (/** @type {{level: string, rows: number | null, cols: number | null}} */ { level, rows, cols }) => level === own.level && rows === own.rows && cols === own.cols;
-  const before = episodes.filter((each) => each !== own && each.ended_ms <= own.ended_ms && each.outcome === "explored" && isAlike(each)).slice(0, LAST);
+  if (!own || !successes.includes(own.outcome)) return "";
+  const isAlike = (/** @type {{place: string}} */ { place }) => place === own.place;
+  const before = episodes.filter((each) => each !== own && each.ended_ms <= own.ended_ms && successes.includes(each.outcome) && isAlike(each)).slice(0, LAST);
   const best = bests.find(isAlike)?.best;
   if (best?.episode === episode) return before.length ? "Your best so far." : "";
   const mean = before.reduce((sum, { moves }) => sum + moves, 0) / before.length;
   const better = before.length === LAST && own.moves < mean ? `Better than your last ten, which took ${mean.toFixed(1)} moves on average.` : "";
-  const why = best && own.moves < best.moves ? "This one is no best: its terrain was chosen or met before, or a script has moved." : "";
-  const record = best ? `Your best on a terrain that was new to you is ${many(best.moves, "move")}.` : "";
+  const why = best && own.moves < best.moves ? `This one is no best: its ${round} was chosen or met before, or a script has moved.` : "";
+  const record = best ? `Your best on a ${round} that was new to you is ${many(best.moves, "move")}.` : "";
   return [better, record, why].filter(Boolean).join(" ");
 }
 
-/** @param {Answers.OwnEpisode} episode @returns what an episode was, and why a ranked one does not count, "" where nothing is to be said */
-export function kindText({ kind, day, counts, not_attested: reason, met_before: isKnown }) {
+/** @param {Pick<Task, "round">} task @param {Answers.OwnEpisode} episode
+ * @returns what an episode was, and why a ranked one does not count, "" where nothing is to be said */
+export function kindText({ round }, { kind, day, counts, not_attested: reason, met_before: isKnown }) {
   if (kind === "daily") return [`daily ${day}`, reason ? `Does not count: ${reason}` : ""];
   if (kind === "practice" || counts) return [kind, ""];
-  const why = reason ?? (isKnown ? "you had met its terrain before" : "");
+  const why = reason ?? (isKnown ? `you had met its ${round} before` : "");
   return ["ranked, does not count", why && `Does not count: ${why}`];
 }
 
-/** @param {Answers.Best} best @returns where a player's ranked episodes stand among the volunteers' */
-export function standingText({ people: { means, you, ranked, missing } }) {
+/** @param {Pick<Task, "round">} task @param {Answers.Best} best
+ * @returns where a player's ranked episodes stand among the volunteers' */
+export function standingText({ round }, { people: { means, you, ranked, missing } }) {
   if (you === null) {
     const own = `${ranked ? `You have ${many(ranked, "ranked episode")} that ${ranked === 1 ? "counts" : "count"}` : "You have none here that counts yet"}`;
     return `A mean and a place need ${many(ranked + missing, "ranked episode")}. ${own}: ${missing} ${missing === 1 ? "is" : "are"} missing. `
@@ -49,17 +48,17 @@ export function standingText({ people: { means, you, ranked, missing } }) {
   const mean = `You need ${you.toFixed(1)} moves on average, over ${many(ranked, "ranked episode")}`;
   if (means.length < 2) return `${mean}. You are the only person with so many so far.`;
   const better = means.filter((each) => each < you).length;
-  return `${mean}: place ${better + 1} of ${many(means.length, "person", "people")}. A terrain that was not finished counts the limit.`;
+  return `${mean}: place ${better + 1} of ${many(means.length, "person", "people")}. A ${round} that was not finished counts the limit.`;
 }
 
 /** @param {Task} task @param {Answers.Best} best */
-export function bestText({ target }, { best, episodes, explored }) {
-  if (!best) return `No terrain mapped to ${target} yet, in ${many(episodes, "episode")}.`;
-  return `${wholePercent(explored / episodes)} of ${many(episodes, "episode")} mapped to ${target}.`;
+export function bestText({ target }, { best, episodes, successes }) {
+  if (!best) return `None came to ${target} yet, of ${many(episodes, "episode")}.`;
+  return `${wholePercent(successes / episodes)} of ${many(episodes, "episode")} came to ${target}.`;
 }
 
-/** @param {Me.Gap[]} gaps the oldest episode first @returns the curve in words */
-export function gapsText(gaps) {
+/** @param {string} expert @param {Me.Gap[]} gaps the oldest episode first @returns the curve in words */
+export function gapsText(expert, gaps) {
   if (!gaps.length) return "No episode of yours can be compared yet: a daily terrain can once its day is over.";
   const mean = (/** @type {number[]} */ moves) => moves.reduce((sum, each) => sum + each, 0) / moves.length;
   const more = gaps.filter(({ isFinished }) => isFinished).map(({ gap }) => gap);
@@ -70,6 +69,6 @@ export function gapsText(gaps) {
   const half = Math.floor(more.length / 2);
   const change = half ? ` ${signed(mean(more.slice(0, half)))} in the first half, ${signed(mean(more.slice(-half)))} in the second.` : "";
   const isEqual = Math.abs(gap) < 0.05;
-  const needed = isEqual ? "as many moves as Expert" : `${Math.abs(gap).toFixed(1)} moves ${gap < 0 ? "fewer" : "more"} than Expert`;
+  const needed = isEqual ? `as many moves as ${expert}` : `${Math.abs(gap).toFixed(1)} moves ${gap < 0 ? "fewer" : "more"} than ${expert}`;
   return `You needed ${needed} ${more.length === 1 ? "in" : "on average, over"} ${many(more.length, "finished episode")}.${change}${unfinished}`;
 }

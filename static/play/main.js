@@ -281,7 +281,7 @@ async function countedEnded() {
 async function sayOwn(episode) {
   if (state.mode === "watch") return;
   const [words, history] = await Promise.all([import("../me/words.js"), api.history()]).catch(() => []);
-  own = { episode, text: words && history ? words.personalText(history, episode) : "" };
+  own = { episode, text: words && history ? words.personalText(task, history, episode) : "" };
   repaint();
 }
 

@@ -14,7 +14,7 @@ export function endOf(frame, task, { mode, player, rival }, { tried, own }) {
   return {
     ...task.ending(frame), ...task.verdict?.(frame, rival?.frame ?? null, task.nameOf(rival?.name ?? ""), mode === "watch" ? who : null), compare: [tried, compared].filter(Boolean).join(" "), own,
     next: `Next ${task.round}`, again: mode !== "ranked", // a terrain counts once
-    replay: `replay/${encodeURIComponent(frame.episode)}`, copy: true, beat: task.assets === "mars" ? challengeHash(frame.episode) : "",
+    replay: `replay/${encodeURIComponent(frame.episode)}`, copy: true, beat: challengeHash(frame.episode),
   };
 }
 

@@ -50,6 +50,9 @@ function inWords() {
 
 /** @type {Answers.Advice[] | null} what Expert would do before each move of the run: null until it is asked for */
 let expert = null;
+const judge = task.nameOf(task.expert ?? "");
+const judgeName = document.getElementById("expert-name");
+if (judgeName) put(judgeName, judge);
 const thinks = /** @type {HTMLInputElement | null} */ (document.getElementById("expert"));
 /** @param {string} text what stands beside the switch, until the moves are there */
 function sayOfExpert(text) {
@@ -60,7 +63,7 @@ async function askExpert() {
   put(by("advice"), "");
   repaint();
   if (!thinks?.checked || expert) return;
-  sayOfExpert("Expert plays on from every move of this episode. That can take a minute on a large board.");
+  sayOfExpert(`${judge} plays on from every move of this episode. That can take a minute on a large board.`);
   try {
     const costs = /** @type {{expert: Answers.Advice[], reason: string | null}} */ (await request(`episodes/${encodeURIComponent(data.episode)}/costs`, undefined, 600_000));
     if (costs.reason !== null) return thinks.checked && sayOfExpert(`${capital(costs.reason)}.`);
@@ -93,7 +96,7 @@ function paint() {
   const step = player.step;
   const dpr = window.devicePixelRatio || 1;
   const { you, policy } = boardColours(scrubber);
-  paintRun(parts.run, data.run, step, { accent: you, other: ghost && { course: ghost, accent: policy }, dpr, shares: adviceAt(step)?.shares });
+  paintRun(parts.run, data.run, step, { accent: you, other: ghost && { course: ghost, accent: policy }, dpr, shares: adviceAt(step)?.shares ?? undefined });
   if (ghost) paintRun(parts.ghost, ghost, step, { accent: policy, other: { course: data.run, accent: you }, dpr });
   const colours = chartColours(scrubber);
   paintCurve(scrubber, task, lines(colours), { step, last: player.playback.last });
@@ -117,7 +120,7 @@ function showGhost(course) {
   document.body.dataset.ghost = String(chosen !== null);
   by("tabs").hidden = chosen === null;
   put(by("ghost-tab-name"), task.nameOf(chosen ?? ""));
-  put(by("compared"), course ? `${task.nameOf(course.name)} ${course.sentence} on the same terrain.` : "");
+  put(by("compared"), course ? `${task.nameOf(course.name)} ${course.sentence} on the same ${task.round}.` : "");
   player.show(withLast(player.playback, Math.max(data.run.actions.length, course ? course.actions.length : 0)));
 }
 /** @param {string | null} name */
@@ -128,7 +131,7 @@ async function choose(name) {
   const waiting = by("waiting");
   parts.ghost.canvas.hidden = true;
   waiting.hidden = false;
-  put(waiting, `${task.nameOf(name)} is exploring the same terrain\u2026`);
+  put(waiting, `${task.nameOf(name)} plays the same ${task.round}\u2026`);
   showGhost(null);
   try {
     const course = /** @type {Course} */ (await request(`episodes/${encodeURIComponent(data.episode)}/ghost?${new URLSearchParams({ policy: name })}`, undefined, 60_000));

@@ -39,6 +39,8 @@ interface TaskOf<F, M, C, H> extends Answers.Task {
   /** The width and the height of a board, in whatever unit, and what is played on, in short. */
   shape(frame: F): [number, number];
   place(level: string, frame: F): string;
+  /** How much of what is to be discovered was, in words; without it nothing is. */
+  shareText?(share: number): string;
   /** The headline so far: its number, its unit, and 0..1 for a bar. */
   headline(frame: F): {value: string, unit: string, share: number};
 

@@ -2,15 +2,18 @@
 
 import json
 import os
+from contextlib import closing
 
 import pytest
 
 from humanplay import ROOT
+from humanplay.db.reader import Reader
 from humanplay.study.verification import verify_database
 from humanplay.task.registration import WORLDS, environment_of, register, static_of
 from humanplay.web.simulate import NoisyPolicy, Plan, simulate
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
+from tests.support.servers import eventually
 
 MAZE = ROOT / "examples" / "worlds" / "maze"
 
@@ -38,7 +41,6 @@ def test_a_world_is_served_and_drawn_from_its_own_folder(serve, maze, tmp_path):
     ):
         assert client.get(f"/static/000000000000/task/maze/{path}").status_code == 404, path
     assert client.get("/static/000000000000/task/picture/index.js").status_code == 200
-    assert client.get("/api/daily").status_code == 404
     policy = NoisyPolicy(environment_of(maze), "far-wall", 0.0, None)
     policy.reset()
     with server.socket(about["session"], client) as socket:
@@ -108,5 +110,147 @@ def test_synthetic_participants_take_part_in_a_study_of_it(serve, maze, tmp_path
     assert command(capsys, "study", "freeze", "way", "--underpowered", *database)[0] == 0
     server = serve(task=maze)
     outcomes = []
-    simulate(Plan(server.url, "way", 2, policy="far-wall", speed=1000.0), outcomes)
+    simulate(Plan(server.url, "way", 2, speed=1000.0), outcomes)
     assert [(each.stage, each.ranked) for each in outcomes] == [("complete", 2)] * 2
+    with closing(Reader.open(tmp_path / "playground.db")) as reader:
+        (script,) = reader.query("SELECT DISTINCT script FROM participants")
+    assert script == {"script": "far-wall, 10% random moves"}
+
+
+def by_keys(server, client, session, policy):
+    """Play a board of the maze to its end by keys, as a policy would, and return the last frame."""
+    policy.reset()
+    with server.socket(session, client) as socket:
+        frame = socket.receive("frame")
+        while frame["outcome"] is None:
+            socket.act(frame, policy.choose(frame), input="key")
+            frame = socket.frame_after(frame["step"])
+    return frame
+
+
+def all_ready(client, path):
+    """The policies of an answer by name, once all have their figures; until then False."""
+    policies = client.get(path).json()["policies"]
+    return all(policy["state"] == "ready" for policy in policies) and {
+        policy["name"]: policy for policy in policies
+    }
+
+
+def with_places(people):
+    """The people's board, once the expert has played what they have; until then False."""
+    return not people["comparing"] and people
+
+
+def far_wall(maze):
+    return NoisyPolicy(environment_of(maze), "far-wall", 0.0, None)
+
+
+def test_it_has_a_daily_maze_with_ranks_and_results_of_its_policies(serve, maze):
+    server = serve(task=maze)
+    client = server.page()
+    assert client.get("/api/task").json()["has_boards"]
+    today = client.get("/api/daily").json()
+    assert (today["level"], today["size"], today["max_steps"]) == ("maze", [9, 9], 120)
+    board = client.post("/api/daily").json()
+    frame = by_keys(server, client, board["session"], far_wall(maze))
+    results = eventually(lambda: client.get(f"/api/daily/{today['day']}/results").json())
+    assert results["attempt"]["unranked"] is None
+    mine = {"outcome": "succeeded", "moves": frame["step"], "coverage": None, "you": True}
+    assert results["people"]["table"] == [{**mine, "rank": 1}]
+    assert results["people"]["moves"] == [[frame["step"], 1]]
+    policies = eventually(lambda: all_ready(client, f"/api/daily/{today['day']}/results"))
+    assert policies["far-wall"]["moves"] == frame["step"]
+    other = server.page()
+    board = other.post("/api/daily").json()
+    with server.socket(board["session"], other) as socket:
+        frame = socket.receive("frame")
+        for _ in range(120):  # up against the wall, to the limit
+            socket.act(frame, "up", input="key")
+            frame = socket.frame_after(frame["step"])
+    people = other.get(f"/api/daily/{today['day']}/results").json()["people"]
+    assert (people["players"], people["unfinished"], people["you"]["rank"]) == (2, 1, 2)
+
+
+def test_its_leaderboard_shows_people_and_policies(serve, maze):
+    server = serve(task=maze)
+    client = server.page()
+    (board,) = client.get("/api/leaderboard").json()
+    assert (board["id"], board["title"], board["place"]) == ("maze", "Maze 9 × 9", "Maze 9 × 9")
+
+    policies = eventually(lambda: all_ready(client, "/api/leaderboard/maze?evaluate=true"))
+    figures = {name: policy["figure"] for name, policy in policies.items()}
+    assert figures["far-wall"]["completed"] == 1
+    assert figures["far-wall"]["steps"]["mean"] < figures["random"]["steps"]["mean"]
+    assert figures["far-wall"].keys().isdisjoint({"curve", "visits"})
+    for _ in range(5):
+        session = client.post("/api/sessions", json={}).json()["session"]
+        by_keys(server, client, session, far_wall(maze))
+    client.put("/api/me/name", json={"name": "Ada"})
+    people = eventually(lambda: with_places(client.get("/api/people").json()))
+    assert people["title"] == "Maze 9 × 9"
+    (ada,) = people["people"]
+    assert (ada["name"], ada["terrains"], ada["behind"]) == ("Ada", 5, 0)
+    bests = client.get("/api/me/history").json()["bests"]
+    assert [(best["place"], best["episodes"], best["successes"]) for best in bests] == [
+        ("Maze 9 × 9", 5, 5)
+    ]
+
+
+def test_the_figures_of_its_policies_are_made_by_the_command(maze, tmp_path, capsys):
+    out = tmp_path / "figures"
+    code, said, _ = command(capsys, "leaderboard", "--env", MAZE, "--out", out)
+    assert (code, said.strip()) == (0, str(out / "maze.json"))
+    figures = json.loads((out / "maze.json").read_text())["policies"]
+    assert [figure["policy"] for figure in figures] == ["far-wall", "random"]
+    assert len(figures[0]["steps"]) == 100
+
+
+def test_its_moves_cost_what_its_policy_then_needs_more(serve, maze):
+    server = serve(task=maze)
+    client = server.page()
+    environment = environment_of(maze)
+    config = environment.configuration({})
+    expert = environment.policies.load("far-wall")
+    shortest = len(environment.policies.play(expert, config, 3, 0).record().actions)
+    about = client.post("/api/sessions", json={"seed": 3}).json()
+    policy = far_wall(maze)
+    policy.reset()
+    with server.socket(about["session"], client) as socket:
+        frame = socket.receive("frame")
+        choices = ["up", "up"]
+        while frame["outcome"] is None:
+            best = policy.choose(frame)
+            socket.act(frame, choices.pop() if choices else best, input="key")
+            frame = socket.frame_after(frame["step"])
+    costs = client.get(f"/api/episodes/{frame['episode']}/costs").json()
+    assert (costs["policy"], costs["expert_moves"]) == ("far-wall", shortest)
+    assert costs["counts"] == frame["step"]
+    assert costs["total"] == frame["step"] - shortest
+    assert sum(move["cost"] for move in costs["expert"]) == costs["total"]
+    first, names = costs["expert"][0], environment.actions
+    assert first["needs"] == first["after"][names.index(first["action"])] + 1 == shortest
+    assert first["after"][names.index("up")] - first["needs"] + 1 == first["cost"]
+    ghost = client.get(f"/api/episodes/{frame['episode']}/ghost").json()
+    assert (ghost["name"], len(ghost["actions"])) == ("far-wall", shortest)
+
+
+def test_an_episode_that_was_left_costs_what_giving_up_does(maze):
+    environment = environment_of(maze)
+    config = environment.configuration({})
+    run = environment.run(config, 3, bytes([1]))
+    run.abandon()
+    record = run.record()
+    costs = environment.courses.estimator("far-wall", None).costs(record)
+    assert len(costs.costs) == 1
+    assert len(costs.advice.actions) == 2
+    assert costs.given_up == config.limit - costs.lengths[-1] > 0
+    assert costs.costs.sum() + costs.given_up == costs.total
+    assert sum(costs.by_kind().values()) + costs.gained == costs.total
+    assert costs.by_tenth().sum() == costs.costs.sum()
+
+
+def test_moves_that_would_take_too_long_to_judge_are_not_judged(maze):
+    environment = environment_of(maze)
+    config = environment.configuration({"limit": 1000})
+    with pytest.raises(ValueError, match=r"at most 1,000,000 moves .* 4 actions need 4,000,000"):
+        environment.courses.check_judged(config)

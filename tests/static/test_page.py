@@ -287,8 +287,8 @@ def test_the_page_and_the_server_name_the_same_messages():
     named = {json.loads(text)["kind"] for text in texts}
     named.update(kind for each in (mars.Frame, mars.History, *answers) for kind in kinds(each))
     assert sorted(listed("FROM_SERVER")) == sorted(named)
-    world = (STATIC / "task/mars/index.js").read_text()
-    assert re.findall(r'"(\w+)"', part(r"actions: \[(.*?)\]", world)) == list(ACTIONS)
+    about = (ROOT / "tests/static/task/mars/about.mjs").read_text()
+    assert re.findall(r'"(\w+)"', part(r"actions: \[(.*?)\]", about)) == list(ACTIONS)
     assert get_args(mars.Outcome) == OUTCOMES[1:]
     asked = (messages.HistoryRequest, messages.Events)
     sent = [

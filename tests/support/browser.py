@@ -11,7 +11,6 @@ from pathlib import Path
 from axe_playwright_python.base import AXE_SCRIPT
 
 from humanplay.board.attestation import FASTEST
-from humanplay.tasks.mars.run import occupancy_codes
 from tests.support.servers import PATIENCE_S, eventually
 
 SCREENSHOTS = Path(__file__).parents[1] / "browser" / "screenshots"
@@ -157,6 +156,8 @@ class Player:
 
     def explore(self, policy, until):
         """Drive as a policy would, key by key, until `until(frame)`."""
+        from humanplay.tasks.mars.run import occupancy_codes
+
         policy.reset(0)
         while not until(frame := self.state()):
             self.press(("north", "east", "south", "west")[policy.act(occupancy_codes(frame))])

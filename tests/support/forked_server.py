@@ -116,11 +116,12 @@ def serve(settings, log, environment, listening=None):
     sys.stdout.flush()
 
 
-def work(environment, folder, connection):
+def work(environment, search, folder, connection):
     """Be a worker of jobs that come over the descriptor of a connection, as `python -m humanplay.jobs` is, but no nicer
     than others: beside other tests it would wait for ever."""
     os.environ.clear()
     os.environ.update(environment)
+    sys.path[:] = search
     os.chdir(folder)
     jobs.work(Connection(connection))
 
@@ -159,7 +160,9 @@ class Worker(jobs._Process):
         self._connection, others = Pipe()
         del nice
         environment = {**os.environ, **jobs.ONE_THREAD}
-        self._process = Forked("work", environment, str(Path.cwd()), handle=others.fileno())
+        self._process = Forked(
+            "work", environment, sys.path, str(Path.cwd()), handle=others.fileno()
+        )
         others.close()
 
 

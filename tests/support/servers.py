@@ -7,16 +7,14 @@ import threading
 import time
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from importlib.util import find_spec
 
 import httpx
 import pytest
 import uvicorn
 from websockets.sync.client import connect
 
-from humanplay.tasks.mars.run import occupancy_codes
 from humanplay.web.simulate import Clock, Socket
-from marsexplorer.config import ACTIONS
-from marsexplorer.policies import load
 
 PACE = random.Random(7)
 PATIENCE_S = 60.0
@@ -146,6 +144,10 @@ class Running:
 
         instead  makes a move in another way, where it returns True
         """
+        from humanplay.tasks.mars.run import occupancy_codes
+        from marsexplorer.config import ACTIONS
+        from marsexplorer.policies import load
+
         policy = load("frontier-cost")
         policy.reset(1)
         with self.socket(session_id, client) as socket:
@@ -198,7 +200,12 @@ def limits():
 
 @pytest.fixture(scope="session")
 def shipped_policies():
-    """What a server without further policies offers: loading each policy once is most of what its start takes."""
+    """What a server without further policies offers: loading each policy once is most of what its start takes.
+
+    None in a tree without MarsExplorer.
+    """
+    if find_spec("humanplay.tasks.mars") is None:
+        return None
     from humanplay.tasks.mars.policies import PolicyCatalogue
 
     return PolicyCatalogue()

@@ -7,16 +7,20 @@ from pathlib import Path
 import click
 from click import UsageError, echo, option
 
+from humanplay.cli.settings import task_name
 from humanplay.command.console import progress, write_file, written
 from humanplay.command.options import COUNT, path_option, several
 
 
 @click.command(short_help="Make the leaderboard's figures of the shipped policies.")
+@option("--env", metavar="ENV", help="Another environment, as for serve.  [default: MarsExplorer]")
 @several("--board", "boards", "A board such as random-21x21; repeatable.  [default: all on offer]")
 @several("--policy", "again", "Play this one alone, and keep the others' figures; repeatable.")
 @path_option("--out", "Folder for the figures, a file a board; made when absent.", required=True)
 @option("--workers", type=COUNT, default=1, help="Processes that play at the same time.")
-def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, workers: int) -> None:
+def leaderboard(
+    env: str | None, boards: tuple[str, ...], again: tuple[str, ...], out: Path, workers: int
+) -> None:
     """Play the shipped policies on the leaderboard's terrains and write their figures, so that a new server shows them at once.
 
     The package comes with the figures that this command wrote to data/leaderboard. Run it again when the rules, a shipped
@@ -29,21 +33,26 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
       humanplay leaderboard --out data/leaderboard
       humanplay leaderboard --board random-21x21 --board 1-1-1-21x21 --out figures --workers 2
       humanplay leaderboard --policy ppo --out data/leaderboard
+      humanplay leaderboard --env examples/worlds/maze --out figures
     """
     from humanplay.jobs import Jobs
     from humanplay.results.entries import make_board, offered_boards
     from humanplay.results.evaluations import ShippedFigures, file_name
     from humanplay.task.registration import DEFAULT_TASK, environment_of
 
-    known = offered_boards()
+    task = DEFAULT_TASK if env is None else task_name(env)
+    environment = environment_of(task)
+    if environment.boards is None:
+        raise UsageError(f"{environment.about.title} has no leaderboard")
+    known = offered_boards(task)
     if unknown := [name for name in boards if name not in known]:
         raise UsageError(f"no board {unknown[0]!r}; choose one of: {', '.join(known)}")
-    names = [offer.name for offer in environment_of(DEFAULT_TASK).policies.offers()]
+    names = [offer.name for offer in environment.policies.offers()]
     if unknown := [name for name in again if name not in names]:
         raise UsageError(f"no policy {unknown[0]!r} is shipped; there are {', '.join(names)}")
     kept = ShippedFigures(out) if again else None
     for name in boards or known:
-        path = out / file_name(known[name].config)
+        path = out / file_name(known[name].config, task)
         with Jobs(workers) as jobs, progress(f"playing {name}") as advance:
             text = make_board(known[name], jobs, advance, kept, again)
         with written(path):

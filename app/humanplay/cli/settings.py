@@ -126,7 +126,7 @@ def config_of(
             f"{environment.about.title} has no levels and sizes: leave --level and --size out"
         )
     try:
-        own = (default.rows, default.cols)
+        own = default.size
         return environment.boards.configuration(
             level or default.level, own if size is None else size
         )

@@ -19,6 +19,7 @@ from humanplay.db.rows import CountedEpisode, MoveRow
 from humanplay.db.study_rows import SeriesRow
 from humanplay.db.trial import Trial
 from humanplay.task import Configuration, Record
+from humanplay.task.registration import environment_of
 
 if TYPE_CHECKING:
     from sqlite_utils import Database
@@ -51,9 +52,9 @@ _SELECT = f"""SELECT {TRIAL}, {HUMAN_SCORE_CONDITION} AS counts FROM episodes e 
 _DRIVEN_BY_PLAYER = " AND s.owner_id = ? AND e.driver NOT LIKE 'policy:%'"
 # SQLite takes `id` and `is_fresh` from the row with the least: the fewest moves, and of these the first.
 _BESTS = """SELECT id, is_fresh, min(iif(is_fresh, steps, 1000000) * 10000000000000 + ended_ms),
-        count(*) AS episodes, sum(outcome = 'explored') AS explored
-    FROM (SELECT *, outcome = 'explored' AND driver = 'human' AND NOT seed_chosen AND NOT terrain_met_before AS is_fresh
-        FROM ({}))
+        count(*) AS episodes, sum(succeeded) AS successes
+    FROM (SELECT *, succeeded AND driver = 'human' AND NOT seed_chosen AND NOT terrain_met_before AS is_fresh
+        FROM (SELECT *, succeeded(task, outcome) AS succeeded FROM ({})))
     GROUP BY config_hash ORDER BY episodes DESC, config_hash"""
 _FILTER = {"all": "", "human": f" AND {HUMAN_SCORE_CONDITION}"}
 
@@ -71,13 +72,14 @@ def utc_day(at_ms: int) -> str:
 class Best(NamedTuple):
     """What a player has played on a configuration.
 
-    episodes, explored  how many, and how many of them were explored
-    best                the explored one with the fewest moves on a terrain that was new to the player, by their own hand
+    episodes, successes  how many, and how many of them succeeded
+    best                 the one that succeeded with the fewest moves on a terrain that was new to the player, by their own hand
     """
 
+    task: str
     config: Configuration
     episodes: int
-    explored: int
+    successes: int
     best: Trial | None
 
 
@@ -174,11 +176,12 @@ class Reader:
     def bests_of(self, player: str) -> list[Best]:
         """What a player has played by configuration (episodes of `played_by`), the most played first."""
         bests = []
+        self._db.conn.create_function("succeeded", 2, _succeeded, deterministic=True)
         for row in self.query(_BESTS.format(self._select_played + _DRIVEN_BY_PLAYER), [player]):
             (shown,) = self.query(f"{self._select_played} AND e.id = ?", [row["id"]])
             trial = Trial.of(shown)
             best = trial if row["is_fresh"] else None
-            bests.append(Best(trial.config, row["episodes"], row["explored"], best))
+            bests.append(Best(trial.task, trial.config, row["episodes"], row["successes"], best))
         return bests
 
     def steps(self, episode_id: str) -> list[MoveRow]:
@@ -252,6 +255,14 @@ class Reader:
         ):
             return Trial.of(row).record(self.steps(episode_id))
         raise StoreError(f"no finished episode {episode_id!r} in {self.path}: see `episodes`")
+
+
+def _succeeded(task: str, outcome: str) -> bool:
+    """Whether an outcome is a success; False if the task is not here."""
+    try:
+        return outcome in environment_of(task).successes
+    except ValueError:
+        return False
 
 
 def _move(step: MoveRow, actions: Sequence[str]) -> dict[str, object]:

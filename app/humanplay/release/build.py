@@ -170,15 +170,14 @@ def _write_report(
     with closing(Reader.open(folder / BUNDLE_DATABASE)) as reader:
         data = load(reader, header.study).with_policies_in(folder / FOLDER)
         played = [synthetic for synthetic in REPORT_STEMS if has_played(data, synthetic)]
-        courses = data.protocol.environment.courses
+        expert = data.protocol.environment.expert
         compared, without = compared_policies(data.protocol), request.without_policies
         names = [name for name in compared if name not in without]
         episodes: tuple[PolicyEpisode, ...] = ()
         costs: list[CostRow] = []
         if request.with_report:
             kept = PolicyFiles.of(header.protocol, request.policy_folder)
-            experts = [] if courses is None else [courses.expert]
-            kept.copy_to(folder / FOLDER, sorted({*names, *experts}))
+            kept.copy_to(folder / FOLDER, sorted({*names, *([expert] if expert else [])}))
         if request.with_report and played:
             episodes = play_compared(data, closed_seeds(data), names, bar)
         cache = cost_cache(request.database)
@@ -188,11 +187,11 @@ def _write_report(
             report = make_report(reader, data, episodes, synthetic, bar, found)
             for name, content in report_files(report).items():
                 (folder / name).write_bytes(content)
-        if courses and request.with_report and False in played and why_not_judged(data) is None:
+        if expert and request.with_report and False in played and why_not_judged(data) is None:
             estimator = study_estimator(data, cache)
             with bar("cost of each move") as advance:
                 costs = list(cost_rows(reader, data, ranked_of_people(data), estimator, advance))
-            header = replace(header, expert_hash=data.policy_files.hashes[courses.expert])
+            header = replace(header, expert_hash=data.policy_files.hashes.get(expert, ""))
     _write_derived(folder / BUNDLE_DATABASE, data, episodes, costs)
     return header
 

@@ -57,8 +57,8 @@ class Bundle:
             raise
         played = {each.policy: each.policy_hash for each in self.policy_episodes}
         recorded = dict(played)
-        if (courses := data.protocol.environment.courses) is not None:
-            recorded[courses.expert] = self.expert_hash
+        if (expert := data.protocol.environment.expert) is not None:
+            recorded[expert] = self.expert_hash
         known = {name: digest for name, digest in recorded.items() if digest}
         hashes = {**data.policy_files.hashes, **known}
         files = replace(data.policy_files, hashes=hashes, folder=folder / FOLDER)

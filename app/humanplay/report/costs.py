@@ -1,6 +1,6 @@
-"""What the moves of a study's players cost, beside Expert's own episodes.
+"""What the moves of a study's players cost, beside the expert's own episodes.
 
-`marsexplorer.evaluation.cost` says what a cost is. Ranked episodes of an open study are refused here, so that nothing of
+`humanplay.tasks.costs` says what a cost is. Ranked episodes of an open study are refused here, so that nothing of
 their terrains leaves before it is closed.
 """
 
@@ -59,7 +59,7 @@ class CostRow:
 
 @dataclass(frozen=True)
 class PlayerCosts:
-    """One player's mean cost per episode, in moves: what it counts more than Expert's, and the parts of that."""
+    """One player's mean cost per episode, in moves: what it counts more than the expert's, and the parts of that."""
 
     player: str
     episodes: int
@@ -85,13 +85,13 @@ class CostSummary:
     """Cost per episode over players.
 
     counts        moves that an episode counts, the mean over players
-    expert_moves  of Expert's own episodes on the same terrains, likewise
+    expert_moves  of the expert's own episodes on the same terrains, likewise
     total         the difference of the two
     by_kind       of mistakes, and `ended early` with what giving up cost
     gained        below 0: of the moves outside all mistakes; with `by_kind` it adds up to `total`
-    by_tenth      of the moves made while 0-10 %, 10-20 %, ... of the cells were known
+    by_tenth      of the moves made at 0-10 %, 10-20 %, ... of the way
     without_move  what ends without a move, such as giving up, cost; with `by_tenth` it adds up to `total`
-    policy        that is Expert
+    policy        that is the expert
     """
 
     phase: str
@@ -119,24 +119,24 @@ def forget_costs(database: Path) -> None:
 
 def why_not_judged(data: StudyData) -> str | None:
     """Return the sentence that says why no move of a study is judged; None where moves are."""
-    courses = data.protocol.environment.courses
-    if courses is None:
-        return f"the moves of {data.protocol.environment.about.title} are not judged"
+    environment = data.protocol.environment
+    if environment.courses is None or environment.expert is None:
+        return f"the moves of {environment.about.title} are not judged"
     try:
-        courses.check_judged(data.protocol.env_config)
-        data.policy_files.expert(courses.expert)
+        environment.courses.check_judged(data.protocol.env_config)
+        data.policy_files.expert(environment.expert)
     except (ValueError, PolicyError) as error:
         return str(error)
     return None
 
 
 def study_estimator(data: StudyData, cache: Path | None) -> CostEstimator:
-    """Return what works out a study's costs, by Expert's file of the time at which the study was frozen.
+    """Return what works out a study's costs, by the expert's file of the time at which the study was frozen.
 
     cache  the folder in which costs are kept; None keeps nothing
     """
-    courses = _courses(data)
-    return courses.estimator(data.policy_files.expert(courses.expert), cache)
+    courses, expert = _courses(data)
+    return courses.estimator(data.policy_files.expert(expert), cache)
 
 
 def trial_costs(
@@ -178,7 +178,7 @@ def cost_rows(
             words = None if kind is None else str(kind)
             yield CostRow(trial.id, step, names[action], int(cost), names[expert_action], words)
         if len(costs.advice.actions) > (last := len(costs.actions)):
-            kind = _courses(data).ended_early if costs.given_up else None
+            kind = _courses(data)[0].ended_early if costs.given_up else None
             expert_action = names[costs.advice.actions[last]]
             yield CostRow(trial.id, last, None, costs.given_up, expert_action, kind and str(kind))
 
@@ -232,7 +232,7 @@ def summarize_costs(
         terrains[trial.terrain_index] = None
     if not episodes:
         return None
-    courses = _courses(data)
+    courses, expert = _courses(data)
     kinds = courses.kinds
     gap = [np.nan] * (5 + len(kinds) + 10)
     table = [
@@ -255,7 +255,7 @@ def summarize_costs(
         gained=gained,
         by_tenth=tuple(parts[-10:]),
         without_move=without_move,
-        policy=courses.expert,
+        policy=expert,
         by_player=tuple(
             _player(player, list(played.values()), kinds) for player, played in episodes.items()
         ),
@@ -275,12 +275,12 @@ def _part(table: Floats, terrains_drawn: bool) -> CostPart:
     return CostPart(float(player_means(table).mean()), ends)
 
 
-def _courses(data: StudyData) -> Courses:
-    """What prices the moves of a study; ValueError if they are not judged."""
-    courses = data.protocol.environment.courses
-    if courses is None:
-        raise ValueError(f"the moves of {data.protocol.environment.about.title} are not judged")
-    return courses
+def _courses(data: StudyData) -> tuple[Courses, str]:
+    """What prices the moves of a study, and the expert's name; ValueError if they are not judged."""
+    environment = data.protocol.environment
+    if environment.courses is None or environment.expert is None:
+        raise ValueError(f"the moves of {environment.about.title} are not judged")
+    return environment.courses, environment.expert
 
 
 def _player(player: str, episodes: Sequence[EpisodeCosts], kinds: Sequence[str]) -> PlayerCosts:

@@ -138,8 +138,7 @@ def _run(name: str, episodes: Mapping[int, PolicyEpisode], protocol: Protocol) -
         if record.outcome in LEFT and np.isfinite(lowest):
             score[index] = lowest
         steps[index] = record.steps if record.outcome in environment.successes else config.limit
-        if environment.courses is not None:
-            groups.append([summary_of(environment, run)])
+        groups.append([summary_of(environment, run)])
     return PolicyRun(name, score, steps, tuple(outcomes), curve_and_visits(config, groups))
 
 

@@ -1,13 +1,14 @@
 """What the daily terrain came to: people's ranks, the distribution of moves, a player's place and streak, the shipped policies.
 
 A player sees the results of today when their own attempt is over; those of an earlier day are everybody's. Only attempts whose
-every move is attested as a person's own key or touch, and that ended before their day did, have a rank. Those who came to 99 %
-stand first, the fewest moves first; the others follow by how much they had mapped.
+every move is attested as a person's own key or touch, and that ended before their day did, have a rank. Successes stand
+first, the fewest moves first; the others follow by how much they had discovered, or else by their score.
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +20,7 @@ from humanplay.db.trial import Trial
 from humanplay.jobs import Jobs
 from humanplay.results.evaluations import Evaluation, FigureState, PolicyEvaluations, State
 from humanplay.study.days import DailyTerrain, day_before
-from humanplay.task import PolicyOffer, drawn
+from humanplay.task import Environment, PolicyOffer, drawn
 from humanplay.task.registration import DEFAULT_TASK, environment_of
 
 SHOWN = 10
@@ -34,8 +35,8 @@ _SLOW = ("random", "lookahead")
 class DayRow(TypedDict):
     """A row of the table of results.
 
-    moves     to 99 %; None without
-    coverage  0..1
+    moves     of a success; None without
+    coverage  0..1; None where nothing is discovered
     you       whether it is the player's who asks
     episode   its id, once the day is over
     """
@@ -43,7 +44,7 @@ class DayRow(TypedDict):
     rank: int
     outcome: str
     moves: int | None
-    coverage: float
+    coverage: float | None
     you: bool
     episode: NotRequired[str]
 
@@ -51,8 +52,8 @@ class DayRow(TypedDict):
 class PolicyResult(TypedDict):
     """What a policy came to on a day's terrain.
 
-    moves     to 99 %; None if it was not reached or is not known yet
-    coverage  0..1 at the end; None while it is not known
+    moves     of a success; None without, or if it is not known yet
+    coverage  0..1 at the end; None while it is not known, and where nothing is discovered
     """
 
     name: str
@@ -68,17 +69,23 @@ def people_on(
 
     names_episodes  True once the day is over: the rows of the table then say which episode they are
 
-    `moves` is the distribution, [moves, how many people] of those who came to 99 %; `unfinished` counts the others. `you` is
+    `moves` is the distribution, [moves, how many people] of those who succeeded; `unfinished` counts the others. `you` is
     the player's own row, None where they have none.
     """
-    cells, ended = (_cells(terrain), results(reader, terrain.series.name, terrain.ends_ms))
-    table = sorted((_row(result, cells, player_id) for result in ended), key=_order)
-    for number, row in enumerate(table):
-        before = table[number - 1] if number else None
-        is_alike = before is not None and _order(before) == _order(row)
-        row["rank"] = before["rank"] if before and is_alike else number + 1
+    environment = environment_of(terrain.task)
+    cells = environment.cells(drawn(environment, terrain.config, terrain.seed))
+    ended = sorted(
+        results(reader, terrain.series.name, terrain.ends_ms),
+        key=lambda result: _order(result, environment),
+    )
+    table: list[DayRow] = []
+    for number, result in enumerate(ended):
+        is_alike = number and _order(ended[number - 1], environment) == _order(result, environment)
+        row = _row(result, environment, cells, player_id)
+        row["rank"] = table[-1]["rank"] if is_alike else number + 1
         if not names_episodes:
             del row["episode"]
+        table.append(row)
     counts = Counter(row["moves"] for row in table if row["moves"] is not None)
     return {
         "players": len(table),
@@ -99,9 +106,7 @@ def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, 
         "episode": attempt.id,
         "outcome": attempt.outcome,
         "moves": attempt.moves,
-        "coverage": attempt.discovered / _cells(terrain)
-        if attempt.discovered is not None
-        else None,
+        "coverage": attempt.coverage,
         "score": attempt.score,
         "unranked": _why_unranked(attempt, terrain) if ended else None,
     }
@@ -119,13 +124,13 @@ def streak(attempts: Sequence[Trial], today: str) -> int:
 
 
 def calendar(attempts: Sequence[Trial]) -> list[dict[str, object]]:
-    """Return what a player's newest attempts came to, at most CALENDAR, the oldest first; `moves` is None without 99 %."""
+    """Return what a player's newest attempts came to, at most CALENDAR, the oldest first; `moves` is None without success."""
     ended = [attempt for attempt in attempts if attempt.ended_ms is not None]
     return [
         {
             "day": attempt.day,
             "outcome": attempt.outcome,
-            "moves": attempt.moves if attempt.outcome == "explored" else None,
+            "moves": attempt.moves if attempt.succeeded else None,
         }
         for attempt in sorted(ended, key=_day)[-CALENDAR:]
     ]
@@ -147,27 +152,22 @@ def _why_unranked(attempt: Trial, terrain: DailyTerrain) -> str | None:
     return None
 
 
-def _cells(terrain: DailyTerrain) -> int:
-    """How many cells coverage refers to."""
-    environment = environment_of(terrain.task)
-    return environment.cells(drawn(environment, terrain.config, terrain.seed))
-
-
-def _row(result: DayResult, cells: int, player_id: str | None) -> DayRow:
+def _row(result: DayResult, environment: Environment, cells: int, player_id: str | None) -> DayRow:
     return {
         "rank": 0,
         "outcome": result.outcome,
-        "moves": result.steps if result.outcome == "explored" else None,
-        "coverage": result.discovered / cells,
+        "moves": result.steps if result.outcome in environment.successes else None,
+        "coverage": result.discovered / cells if cells else None,
         "you": result.player_id == player_id,
         "episode": result.episode_id,
     }
 
 
-def _order(row: DayRow) -> tuple[float, float]:
-    """Return what rows are sorted by: moves to 99 %, then how little was mapped."""
-    moves, mapped = row["moves"], row["coverage"]
-    return (float("inf"), -mapped) if moves is None else (moves, 0.0)
+def _order(result: DayResult, environment: Environment) -> tuple[float, float, float]:
+    """What results are sorted by: the moves of a success, then how little was discovered, then the score."""
+    if result.outcome in environment.successes:
+        return result.steps, 0, 0
+    return math.inf, -result.discovered, -result.score
 
 
 class DailyPolicies:
@@ -219,4 +219,5 @@ def _described(name: str, state: FigureState) -> PolicyResult:
     if figure is None:
         return {"name": name, "state": state["state"], "moves": None, "coverage": None}
     moves = round(figure["steps"]["mean"]) if figure["completed"] else None
-    return {"name": name, "state": "ready", "moves": moves, "coverage": figure["curve"]["mean"][-1]}
+    coverage = figure["curve"]["mean"][-1] if "curve" in figure else None
+    return {"name": name, "state": "ready", "moves": moves, "coverage": coverage}

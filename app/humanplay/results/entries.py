@@ -40,7 +40,7 @@ from humanplay.results.evaluations import (
 from humanplay.study.data import StudyData, load
 from humanplay.study.policy_episodes import closed_seeds
 from humanplay.study.policy_files import FOLDER, PolicyFiles
-from humanplay.task import Configuration, PolicyError
+from humanplay.task import Configuration, PolicyError, place_of
 from humanplay.task.registration import DEFAULT_TASK, environment_of
 
 
@@ -96,8 +96,8 @@ class LeaderboardEntry:
         """Return the entry as the list of the leaderboard shows it."""
         figure, config = self.people or self.volunteers, self.config
         return {
-            "id": self.id, "title": self.title, "study": self.study, "level": config.level,
-            "rows": config.rows, "cols": config.cols, "max_steps": config.limit,
+            "id": self.id, "title": self.title, "study": self.study, "place": place_of(environment_of(self.task), config),
+            "max_steps": config.limit,
             "config_hash": config.hash, "terrains": len(self.seeds),
             "players": 0 if figure is None else figure["players"],
             "episodes": 0 if figure is None else figure["episodes"],
@@ -159,7 +159,7 @@ def _people(reader: Reader, data: StudyData) -> StudyPeople | None:
     if not people:  # nothing that may be drawn is attested
         return None
     groups = [[_totals_of(trial) for trial in cohort.ranked[person]] for person in people]
-    shares = [np.mean([trial.outcome == "explored" for trial in group]) for group in groups]
+    shares = [np.mean([trial.succeeded for trial in group]) for group in groups]
     pictures = summarize_groups(reader, data, synthetic=False).get("people", Pictures())
     return {
         "claim": figure["claim"],
@@ -178,7 +178,7 @@ def _people(reader: Reader, data: StudyData) -> StudyPeople | None:
 
 def _totals_of(trial: Trial) -> EpisodeSummary:
     steps = trial.steps_to_target or 0
-    return EpisodeSummary(trial.outcome or "", trial.score or 0.0, steps, (), ())
+    return EpisodeSummary(trial.succeeded, trial.score or 0.0, steps, (), (), 0)
 
 
 def list_entries(

@@ -56,7 +56,7 @@ class Evaluation:
         return "|".join((environment_of(self.task).version, *parts))
 
     def play(self, progress: Progress | None = None) -> tuple[EpisodesFigure, list[int]]:
-        """Return the figure and the steps to 99 % on each terrain; `progress` is called with (episodes played, in all)."""
+        """Return the figure and the counted moves on each terrain; `progress` is called with (episodes played, in all)."""
         environment = environment_of(self.task)
         policy = environment.policies.load(self.policy, self.config)
         played: list[EpisodeSummary] = []
@@ -87,7 +87,7 @@ class ShippedFigure:
     """A policy's figure.
 
     command  made its file
-    steps    to 99 % on each terrain, in the order of the seeds
+    steps    moves of a success on each terrain, else the limit, in the order of the seeds
     figure  as `humanplay.report.statistics.summaries.summarize_episodes` returns it
     """
 
@@ -255,11 +255,7 @@ def _read_kept(path: Path, task: str) -> dict[str, EpisodesFigure]:
     """Return the figures of this core version in a file; none when it is absent or not whole."""
     try:
         figures, own = json.loads(path.read_bytes()), f"{environment_of(task).version}|"
-        return {
-            key: figure
-            for key, figure in figures.items()
-            if key.startswith(own) and "curve" in figure
-        }
+        return {key: figure for key, figure in figures.items() if key.startswith(own)}
     except (OSError, ValueError, AttributeError, TypeError):
         return {}
 

@@ -22,10 +22,9 @@ from humanplay.report.statistics.human_level import (
 from humanplay.report.statistics.study_figures import MeanInterval
 from humanplay.report.statistics.summaries import (
     EpisodeSummary,
-    coverage_curve,
+    curve_and_visits,
     summary_of_record,
     trial_summaries,
-    visit_counts,
 )
 from humanplay.results.entries import (
     BoardPictures,
@@ -207,8 +206,8 @@ def _pictures(reader: Reader, config: Configuration, known: Replays, now: Replay
     groups = [own for own in people.values() if len(own) >= LEAST_EPISODES]
     if not groups:
         return {"curve": None, "visits": None, "trials": []}
-    curve, visits = coverage_curve(config, groups), visit_counts(config, groups)
-    return {"curve": curve, "visits": visits, "trials": trial_summaries(groups)}
+    drawn, trials = curve_and_visits(config, groups), trial_summaries(groups)
+    return {"curve": drawn.get("curve"), "visits": drawn.get("visits"), "trials": trials}
 
 
 def _replayed(reader: Reader, trial: Trial) -> EpisodeSummary | None:

@@ -126,9 +126,8 @@ def _worse_ends(people: Sequence[Sequence[float]]) -> list[float | None]:
 def expert_moves(task: str, config: Configuration, seeds: Sequence[int]) -> list[int]:
     """Moves that Expert needs on terrains; a job."""
     environment = environment_of(task)
-    courses = environment.courses
-    assert courses is not None
-    policy = environment.policies.load(courses.expert, config)
+    assert environment.expert is not None
+    policy = environment.policies.load(environment.expert, config)
     runs = (environment.policies.play(policy, config, seed, seed) for seed in seeds)
     return [summary_of(environment, run).steps for run in runs]
 
@@ -175,8 +174,7 @@ class ExpertRuns:
 
     def _depends_on(self) -> str:
         environment = environment_of(self._task)
-        courses = environment.courses
-        source = "" if courses is None else courses.expert
+        source = environment.expert or ""
         digest = policy_hash(source, self._task)
         return "|".join((environment.version, source, digest, self._config.hash))
 

@@ -403,7 +403,7 @@ def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
             environment.policies.load(policy, protocol.env_config)
         except PolicyError as error:
             raise StudyError(f"the policy {policy!r} cannot be loaded: {error}") from error
-    kept = named if environment.courses is None else {*named, environment.courses.expert}
+    kept = named if environment.expert is None else {*named, environment.expert}
     found = record_files(kept, folder, environment.policies)
     for policy, given in protocol.policy_hashes.items():
         if found.get(policy) != given:

@@ -61,10 +61,12 @@ class PolicyFiles:
         )
 
     def expert(self, name: str) -> str:
-        """The source of the file that the study's moves are judged by (`Courses.expert`).
+        """The source of the file that the study's moves are judged by (`Environment.expert`).
 
         PolicyError if none was recorded when the study was frozen, and as `source`.
         """
+        if self._policies.is_rule(name):
+            return name
         if name not in self.hashes:
             raise PolicyError(
                 f"no file of {name} was kept when the study was frozen, so none of its moves is judged"

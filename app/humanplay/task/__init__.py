@@ -31,6 +31,7 @@ Configuration = Any
 """What fixes an environment but for the instance: frozen, comparable, hashable; the task's own type.
 
 level      its kind in a word or two
+size       (rows, cols) of its grid; None without one
 limit      moves after which an episode times out
 hash       SHA-256 (hex) of its canonical JSON
 to_dict()  the values that `Environment.configuration` takes
@@ -485,6 +486,10 @@ class Environment(Protocol):
         """Drawn replays and the cost of moves; None where moves cannot be drawn and priced."""
 
     @property
+    def expert(self) -> str | None:
+        """The policy that people's moves are compared with; None without one."""
+
+    @property
     def boards(self) -> Boards | None:
         """What the leaderboard and the daily terrain are played on; None for a task without them."""
 
@@ -552,7 +557,16 @@ def describe(environment: Environment) -> dict[str, Any]:
         "keys": {action: list(keys) for action, keys in environment.keys.items()},
         "clock": environment.clock,
         "metrics": [asdict(metric) for metric in environment.metrics],
+        "successes": sorted(environment.successes),
+        "expert": environment.expert,
+        "has_boards": environment.boards is not None,
     }
+
+
+def place_of(environment: Environment, config: Configuration) -> str:
+    """Where episodes of a configuration are played, in words."""
+    boards = environment.boards
+    return environment.texts(config).setting if boards is None else boards.name_of(config)[1]
 
 
 class Policy(Protocol):
@@ -585,7 +599,7 @@ class PolicyOffer:
 
     def plays(self, config: Configuration) -> bool:
         """Whether it plays boards of a configuration."""
-        return self.size is None or self.size == (config.rows, config.cols)
+        return self.size in (None, config.size)
 
 
 class Policies(Protocol):
@@ -602,6 +616,10 @@ class Policies(Protocol):
     @property
     def sees_frames(self) -> bool:
         """Whether a public frame holds what a policy is given, so that one can take part as people do."""
+
+    @property
+    def simulated(self) -> str | None:
+        """The one that synthetic participants follow, if frames hold what it is given; None for random moves."""
 
     def offers(self) -> Sequence[PolicyOffer]:
         """What may be chosen by name."""
@@ -686,6 +704,14 @@ class Course(Protocol):
         """Who drove."""
 
     @property
+    def task(self) -> str:
+        """The name of what was played."""
+
+    @property
+    def config(self) -> Configuration:
+        """Its configuration."""
+
+    @property
     def moves(self) -> int:
         """Moves in all."""
 
@@ -694,18 +720,11 @@ class Course(Protocol):
         """Who did what, in words."""
 
     @property
-    def place(self) -> str:
-        """Where, in words."""
-
-    @property
     def is_large(self) -> bool:
         """Whether a move changes much of a large picture."""
 
     def renamed(self, name: str) -> Course:
         """The same course under another name."""
-
-    def about(self) -> dict[str, Any]:
-        """What the page is told of where it was played."""
 
     def to_dict(self) -> dict[str, Any]:
         """The course as the page reads it."""
@@ -795,14 +814,12 @@ class CostEstimator(Protocol):
 
 
 class Courses(DrawnReplays, Protocol):
-    """Drawn replays, and the cost of moves beside an expert policy that plays on from each of them.
+    """Drawn replays, and the cost of moves beside the policy `Environment.expert`, which plays on from each of them.
 
-    expert       its name
     kinds        of mistakes, in the order in which they are shown
     ended_early  the kind of an end without a move
     """
 
-    expert: str
     kinds: tuple[str, ...]
     ended_early: str
 
@@ -829,7 +846,7 @@ class Boards(Protocol):
     daily: Configuration
     offered: tuple[Configuration, ...]
 
-    def configuration(self, level: str, size: int | tuple[int, int]) -> Configuration:
+    def configuration(self, level: str, size: int | tuple[int, int] | None) -> Configuration:
         """The configuration of a level at a size; ValueError if there is none."""
 
     def name_of(self, config: Configuration) -> tuple[str, str]:

@@ -9,9 +9,11 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +35,16 @@ from humanplay.task import (
     Run,
     View3D,
 )
+from humanplay.tasks.courses import FrameCourses
 
 FAILED = "environment_failed"
 """The outcome of an episode whose environment failed twice at the same move; it counts as one that was left there."""
 MOST_FRAMES = 3000
 """Frames of a replay, at most."""
+FIRST_SEED = 1_000_000_000
+"""Policies play the instances of this seed and the next ones on a board."""
+INSTANCES = 100
+"""Instances that policies play on a board."""
 
 
 @dataclass(frozen=True)
@@ -72,14 +79,19 @@ class BaseEnvironment:
         return None
 
     @property
-    def courses(self) -> Courses | None:
-        """None: replays are frames, and moves are not priced."""
-        return None
+    def expert(self: Environment) -> str | None:
+        """The policy that is shown to participants."""
+        return self.policies.shown
 
     @property
-    def boards(self) -> Boards | None:
-        """None: no leaderboard, and no daily terrain."""
-        return None
+    def courses(self: Environment) -> Courses | None:
+        """Replays are frames, and moves cost what the expert then needs more."""
+        return FrameCourses(self)
+
+    @property
+    def boards(self: Environment) -> Boards | None:
+        """One board: the default configuration, on new instances every day."""
+        return DefaultBoards(self)
 
     def own_actions(self, config: Configuration, actions: bytes) -> NDArray[np.generic]:
         """The codes of the moves."""
@@ -279,11 +291,45 @@ class ExactLock:
         return f"{self._version} here: only the release that made it can simulate it"
 
 
+class DefaultBoards:
+    """One board, on which the daily instance is played too (`humanplay.task.Boards`)."""
+
+    def __init__(self, environment: Environment) -> None:
+        self._environment = environment
+        self.daily = environment.configuration({})
+        self.offered = (self.daily,)
+
+    def configuration(self, level: str, size: int | tuple[int, int] | None) -> Configuration:
+        """The default configuration; ValueError for another level or size."""
+        own = self.daily
+        sides = (size, size) if isinstance(size, int) else size
+        if level != own.level or sides != own.size:
+            raise ValueError(
+                f"{self._environment.about.title} is played on {self.name_of(own)[1]} alone: "
+                "leave level and size out"
+            )
+        return own
+
+    def name_of(self, config: Configuration) -> tuple[str, str]:
+        """The level, and of other settings than the default ones a part of their hash."""
+        title = self._environment.about.title
+        if config.size is not None:
+            title += f" {config.size[0]} × {config.size[1]}"
+        if config == self.daily:
+            return config.level, title
+        return f"{config.level}-{config.hash[:8]}", f"{title} (settings {config.hash[:8]})"
+
+    def seeds(self, config: Configuration) -> tuple[int, ...]:
+        """Those of `INSTANCES`."""
+        return tuple(range(FIRST_SEED, FIRST_SEED + INSTANCES))
+
+
 class BasePolicies:
     """Policies that decide one by one, on boards of any size; none is shipped (`humanplay.task.Policies`)."""
 
     compared: tuple[str, ...] = ("random",)
     shown: str | None = None
+    simulated: str | None = None
     sees_frames: bool = False
 
     def offers(self) -> Sequence[PolicyOffer]:
@@ -345,10 +391,29 @@ class BasePolicies:
         return name
 
 
-class CodePolicies(BasePolicies):
-    """Policies that are classes, each with a `name`, and told of by its docstring.
+class RandomPolicy:
+    """Any action at random."""
 
-    run          begins a run (`Environment.run`)
+    name = "random"
+
+    def __init__(self, actions: int) -> None:
+        self._actions, self._dice = actions, random.Random()
+
+    def reset(self, seed: int) -> None:
+        """Begin an episode."""
+        self._dice = random.Random(seed)
+
+    def act(self, observation: object) -> int:
+        """One of the actions."""
+        return self._dice.randrange(self._actions)
+
+
+class CodePolicies(BasePolicies):
+    """Policies that are classes, each with a `name`, and told of by its docstring; and `random`.
+
+    The first is the expert, is shown to participants, and is what synthetic ones follow.
+
+    environment  whose policies they are
     classes      of them, made anew for each board
     observation  what they are given of a public frame
     """
@@ -357,18 +422,24 @@ class CodePolicies(BasePolicies):
 
     def __init__(
         self,
-        run: Callable[[Configuration, int], Run],
+        environment: Environment,
         classes: Sequence[Callable[[], Policy]],
         observation: Callable[[Mapping[str, object]], object],
     ) -> None:
-        self._run, self._observation = run, observation
-        self._classes = {made().name: made for made in classes}
+        self._run, self._observation = environment.run, observation
+        makers: tuple[Callable[[], Policy], ...] = (
+            *classes,
+            partial(RandomPolicy, len(environment.actions)),
+        )
+        self._classes = {make().name: make for make in makers}
+        self.compared = tuple(self._classes)
+        self.shown = self.simulated = next(name for name in self._classes)
 
     def offers(self) -> list[PolicyOffer]:
         """Each, with its docstring's first line."""
         return [
-            PolicyOffer(name, (made.__doc__ or "").partition("\n")[0], name, None, True)
-            for name, made in self._classes.items()
+            PolicyOffer(name, (type(make()).__doc__ or "").partition("\n")[0], name, None, True)
+            for name, make in self._classes.items()
         ]
 
     def load(self, source: str, config: Configuration | None = None) -> Policy:

@@ -124,7 +124,7 @@ def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, obj
     return {
         "day": terrain.day,
         "level": terrain.config.level,
-        "size": [terrain.config.rows, terrain.config.cols],
+        "size": terrain.config.size,
         "protocol": terrain.series.protocol,
         "commitment": terrain.series.commitment,
         "key": terrain.series.secret if is_over else None,

@@ -21,7 +21,8 @@ from humanplay.report.statistics.human_level import LEAST_EPISODES
 from humanplay.report.statistics.human_level import HumanLevel as Figures
 from humanplay.results.leaderboard import UnknownEntryError
 from humanplay.study.policy_files import PolicyFiles
-from humanplay.task import Configuration, PolicyError, Record
+from humanplay.task import Configuration, PolicyError, Record, place_of
+from humanplay.task.registration import environment_of
 from humanplay.web.access import owner_of, player_of, services_of
 from humanplay.web.answers.leaderboard import HumanLevel, LeaderboardEntry
 from humanplay.web.answers.leaderboard import Leaderboard as LeaderboardAnswer
@@ -120,12 +121,11 @@ def get_episode(request: Request, episode_id: str) -> dict[str, object]:
     summary="What the moves of a finished episode cost",
 )
 async def get_costs(request: Request, episode_id: str) -> dict[str, object]:
-    """Return the episode beside Expert's, its greatest mistakes, and for each move what Expert would have done.
+    """Return the episode beside the expert's, its greatest mistakes, and for each move what the expert would have done.
 
     docs/evaluation.md says what a cost is.
 
-    Each mistake has the map as it was known before its costliest move, and the cells that Expert's move would soon have shown.
-    On boards of more than 42x42 cells and on given maps no move is judged: `reason` says so. 404 as for the episode itself;
+    Each mistake has what the environment says of it. Where no move is judged, `reason` says why. 404 as for the episode itself;
     503 when too many ask.
     """
     record = await asyncio.to_thread(_public_record, request, episode_id)
@@ -140,14 +140,16 @@ async def costs_of(
     files  of the study that the episode is of; None: the shipped ones
     """
     services = services_of(request)
-    if (courses := services.lobby.task.courses) is None:
-        raise HTTPException(422, f"moves of {services.lobby.task.about.title} are not judged")
+    task = services.lobby.task
+    courses, expert = task.courses, task.expert
+    if courses is None or expert is None:
+        raise HTTPException(422, f"moves of {task.about.title} are not judged")
     cache, owner = cost_cache(services.store.path), owner_of(request)
     try:
         try:
-            source = courses.expert if files is None else files.expert(courses.expert)
+            source = expert if files is None else files.expert(expert)
         except PolicyError as error:
-            return {"policy": courses.expert, **courses.unjudged(record, str(error))}
+            return {"policy": expert, **courses.unjudged(record, str(error))}
         cause = (record.config.hash, record.terrain, record.trajectory_hash, record.outcome)
         costs = await services.jobs.run(
             courses.explain,
@@ -158,7 +160,7 @@ async def costs_of(
             key=("costs", source, *cause),
             limit_s=COSTS_S,
         )
-        return {"policy": courses.expert, **costs}
+        return {"policy": expert, **costs}
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
 
@@ -206,16 +208,13 @@ def describe_own(trial: Trial) -> dict[str, object]:
 
     `counts` says whether a ranked one enters the volunteers' figures.
     """
-    config = trial.config
     is_practice = trial.assisted or trial.seed_chosen or trial.driver != HUMAN
     return {
         "episode": trial.id,
         "kind": "daily" if trial.day else "practice" if is_practice else "ranked",
         "counts": trial.counts,
         "day": trial.day,
-        "level": config.level,
-        "rows": getattr(config, "rows", None),
-        "cols": getattr(config, "cols", None),
+        "place": place_of(trial.environment, trial.config),
         "outcome": trial.outcome,
         "moves": trial.steps,
         "coverage": trial.coverage,
@@ -235,19 +234,17 @@ def _figure(reader: Reader, player: str, played: Best) -> dict[str, object]:
     """Describe one configuration; `people` places the player's ranked episodes among the volunteers'."""
     config = played.config
     return {
-        "level": config.level,
-        "rows": getattr(config, "rows", None),
-        "cols": getattr(config, "cols", None),
+        "place": place_of(environment_of(played.task), config),
         "max_steps": config.limit,
         "episodes": played.episodes,
-        "explored": played.explored,
+        "successes": played.successes,
         "best": None if played.best is None else describe_own(played.best),
         "people": _standing(reader, config, player),
     }
 
 
 def _standing(reader: Reader, config: Configuration, player: str) -> dict[str, object]:
-    """Return volunteers' mean moves to 99 %, sorted and without names, and the player's own.
+    """Return volunteers' mean moves, sorted and without names, and the player's own.
 
     A mean is of LEAST_EPISODES ranked episodes that count, or more; `you` is None while `missing` are missing.
     """

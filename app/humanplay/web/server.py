@@ -291,7 +291,7 @@ def _services(
         progress=progress,
         debriefs=Debriefs(store, task),
         leaderboard=Leaderboard(store.path, offers, jobs, task.name),
-        people=None if task.boards is None else PeopleBoard(store.path, jobs, task.name),
+        people=PeopleBoard(store.path, jobs, task.name) if task.boards and task.expert else None,
         replays=Replays(store.path, offers, jobs, task, replayer),
         health=health,
         admin=None

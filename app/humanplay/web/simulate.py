@@ -12,7 +12,7 @@ import secrets
 import ssl
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -41,12 +41,13 @@ JOIN_EVERY_MS = 500.0
 MOVES_BEFORE_LEAVING = 3
 """Moves in the ranked episode in which a participant leaves."""
 
-KEY_CODES = {
+KEY_CODES: Mapping[str, str] = {
     **dict.fromkeys(("north", "up", "forward"), "ArrowUp"),
     **dict.fromkeys(("east", "right"), "ArrowRight"),
     **dict.fromkeys(("south", "down"), "ArrowDown"),
     **dict.fromkeys(("west", "left"), "ArrowLeft"),
 }
+"""The arrow key of each direction, where a task says nothing else."""
 
 
 class RefusedError(Exception):
@@ -87,8 +88,15 @@ class Clock:
 class Socket:
     """The socket of one board: JSON messages, and moves with the input events of their presses."""
 
-    def __init__(self, connection: Connection, clock: Clock, tempo: random.Random) -> None:
-        self.connection, self.clock, self._tempo = connection, clock, tempo
+    def __init__(
+        self,
+        connection: Connection,
+        clock: Clock,
+        tempo: random.Random,
+        keys: Mapping[str, str] = KEY_CODES,
+    ) -> None:
+        """Begin; `keys` are the actions' (`event.code`)."""
+        self.connection, self.clock, self._tempo, self._keys = connection, clock, tempo, keys
         self._released: list[dict[str, object]] = []
         self._load = {"page_load": secrets.token_hex(16), "tab": secrets.token_hex(16)}
 
@@ -126,7 +134,7 @@ class Socket:
         """
         self.clock.wait(self._tempo.randint(90, 250))
         now = self.clock.page_ms()
-        code = KEY_CODES[action] if input == "key" else action
+        code = self._keys[action] if input == "key" else action
         kind = "keydown" if input == "key" else "touchdown"
         event = {"kind": kind, "code": code, "repeat": False, "trusted": True, "client_ms": now}
         event |= {"step": frame["step"], **changes}
@@ -146,6 +154,21 @@ class Socket:
             if message["kind"] in ("refused", "error") and not is_waiting:
                 raise RefusedError(None, message.get("reason") or message["detail"])
         return message
+
+
+class RandomMoves:
+    """Any action that has a key, at random."""
+
+    def __init__(self, keys: Mapping[str, Sequence[str]], seed: int = 0) -> None:
+        self._actions = [action for action, codes in keys.items() if codes]
+        self._dice = random.Random(seed)
+
+    def reset(self) -> None:
+        """Begin another episode: nothing is remembered."""
+
+    def choose(self, frame: Frame) -> str:
+        """The action that answers a frame."""
+        return self._dice.choice(self._actions)
 
 
 class NoisyPolicy:
@@ -184,7 +207,12 @@ class Participant:
     """One participant of a study, with a cookie of their own; `where` is the server's last answer."""
 
     def __init__(
-        self, client: httpx.Client, study: str, policy: NoisyPolicy, clock: Clock, tempo: int = 0
+        self,
+        client: httpx.Client,
+        study: str,
+        policy: NoisyPolicy | RandomMoves,
+        clock: Clock,
+        tempo: int = 0,
     ) -> None:
         """Begin without joining.
 
@@ -232,7 +260,9 @@ class Participant:
             open_timeout=ANSWER_TIMEOUT_S, close_timeout=1.0,
         )  # fmt: skip
         with opened as connection:
-            yield Socket(connection, self._clock, self._tempo)
+            keys = self.where["about"]["task"]["keys"]
+            first = {action: codes[0] for action, codes in keys.items() if codes}
+            yield Socket(connection, self._clock, self._tempo, first)
 
     def play(self, moves: int | None = None, **act: Any) -> list[Frame]:
         """Play the running episode to its end, or for some moves, and return its frames.
@@ -285,8 +315,8 @@ class Plan:
     """What is simulated.
 
     url       address of the server
-    policy    name or path of the policy that the participants follow
-    noise     share (0..1) of their moves that are random valid ones
+    policy    name or path of the policy that the participants follow; None for the task's, or random moves without one
+    noise     share (0..1) of their moves that are random ones
     leaving   share (0..1) of them who leave in a ranked episode: half withdraw, half close the page
     speed     times as fast as people
     wait_s    how long a server that has gone away is waited for
@@ -297,7 +327,7 @@ class Plan:
     study: str
     participants: int
     seed: int = 0
-    policy: str = "frontier-cost"
+    policy: str | None = None
     noise: float = 0.1
     leaving: float = 0.0
     speed: float = 20.0
@@ -343,26 +373,42 @@ def open_client(plan: Plan) -> httpx.Client:
 
 
 def fetch_study(plan: Plan) -> dict[str, Any]:
-    """Return what the server says of the study; RefusedError when nobody can take part in it, or no policy plays it."""
+    """Return what the server says of the study; RefusedError if nobody can take part in it, or be simulated."""
     with open_client(plan) as client:
         found = _content(client.get(f"/api/studies/{quote(plan.study, safe='')}"))
     if found["status"] == "closed":
         raise RefusedError(409, f"the study {plan.study!r} is closed: nobody can take part in it")
-    if not _is_simulated(found["task"]["name"]):
-        title = found["task"]["title"]
+    title = found["task"]["title"]
+    if found["task"]["clock"] is not None:
+        raise RefusedError(
+            409, f"the study {plan.study!r} is of {title}, where time runs: nobody can be simulated"
+        )
+    if plan.policy is not None and _followed(found) is None:
         raise RefusedError(
             409,
-            f"the study {plan.study!r} is of {title}: no policy sees what its frames show, so nobody can be simulated",
+            f"the study {plan.study!r} is of {title}: no policy sees what its frames show; "
+            "without --policy, participants move at random",
         )
     return found
 
 
-def _is_simulated(task: str) -> bool:
-    """Whether a task's frames hold what its policies are given."""
+def _followed(study: dict[str, Any]) -> tuple[Environment, str] | None:
+    """A study's environment and the policy to follow; None if its frames do not hold what policies are given."""
     try:
-        return environment_of(task).policies.sees_frames
-    except ValueError:
-        return False
+        environment = environment_of(study["task"]["name"])
+    except ValueError:  # a task of many environments, which pages are not told apart
+        return None
+    simulated = environment.policies.simulated if environment.policies.sees_frames else None
+    return None if simulated is None else (environment, simulated)
+
+
+def _player(plan: Plan, study: dict[str, Any], seed: int) -> NoisyPolicy | RandomMoves:
+    """What decides for a participant."""
+    if (followed := _followed(study)) is None:
+        return RandomMoves(study["task"]["keys"], seed)
+    environment, simulated = followed
+    config = environment.configuration(study["config"])
+    return NoisyPolicy(environment, plan.policy or simulated, plan.noise, config, seed)
 
 
 def simulate(
@@ -398,12 +444,13 @@ def _take_part(
 ) -> None:
     """Let one participant take part, to the completion code or until they leave."""
     dice = random.Random(f"{plan.seed} {outcome.number}")
-    clock, environment = Clock(plan.speed, stop), environment_of(study["task"]["name"])
-    config = environment.configuration(study["config"])
-    policy = NoisyPolicy(environment, plan.policy, plan.noise, config, dice.getrandbits(31))
+    clock, policy = Clock(plan.speed, stop), _player(plan, study, dice.getrandbits(31))
     leaves_at = dice.randrange(study["ranked"]) if dice.random() < plan.leaving else None
     withdraws = dice.random() < 0.5
-    script = f"{plan.policy}, {plan.noise:.0%} random moves"
+    followed = _followed(study)
+    script = "random moves"
+    if followed is not None:
+        script = f"{plan.policy or followed[1]}, {plan.noise:.0%} random moves"
     join = {"outside_ids": {"PROLIFIC_PID": outside_id}, "script": script}
     with open_client(plan) as client:
         clock.wait(JOIN_EVERY_MS * outcome.number)

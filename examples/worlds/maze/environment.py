@@ -39,6 +39,11 @@ class MazeConfig:
     limit: int = 120
     level = "maze"
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """(rows, cols)."""
+        return self.side, self.side
+
     def __post_init__(self) -> None:
         if not (self.side % 2 and 5 <= self.side <= 41 and 1 <= self.limit <= 10_000):
             raise ValueError(
@@ -78,7 +83,8 @@ class MazeRun:
     def __init__(self, config: MazeConfig, seed: int) -> None:
         self.config, self.seed, self.outcome = config, seed, "running"
         self._free = drawn(config.side, seed)
-        self.actions, self._counts, self.place_now = bytearray(), list[int](), (0, 0)
+        self.actions, self._counts = bytearray(), list[int]()
+        self.place_now, self.way = (0, 0), list[Cell]()
         self._seen: set[Cell] = set()
         self._look()
 
@@ -86,6 +92,7 @@ class MazeRun:
         row, col = self.place_now
         self._seen |= {(row + down, col + right) for down in (-1, 0, 1) for right in (-1, 0, 1)}
         self._counts.append(len(self._seen & self._free))
+        self.way.append(self.place_now)
 
     @property
     def ended(self) -> bool:
@@ -170,7 +177,7 @@ class MazeView:
     def __init__(self, run: MazeRun) -> None:
         self.steps, self.ended, self.outcome = len(run.actions), run.ended, run.outcome
         self.discovered, self.actions = run.counts()[-1], bytes(run.actions)
-        self._text, self._score = run.observation(), run.score
+        self._text, self._score, self._way = run.observation(), run.score, list(run.way)
         self._reward = (0.0, *run.rewards())[-1]
 
     def observation(self) -> str:
@@ -188,7 +195,9 @@ class MazeView:
     def history(self, episode_id: str, hides_scores: bool = False) -> str:
         headlines = [0.0] * self.steps + [self._score]
         told = [None if hides_scores else value for value in headlines]
-        return json.dumps({"kind": "history", "episode": episode_id, "headlines": told})
+        return json.dumps(
+            {"kind": "history", "episode": episode_id, "headlines": told, "cells": self._way}
+        )
 
 
 class Frame(Sent):
@@ -207,11 +216,12 @@ class Frame(Sent):
 
 
 class History(Sent):
-    """The score after 0, 1, 2, ... moves."""
+    """The score and the cell after 0, 1, 2, ... moves."""
 
     kind: Literal["history"]
     episode: str
     headlines: list[float | None]
+    cells: list[Cell]
 
 
 class FarWall:
@@ -241,20 +251,6 @@ class FarWall:
         )
 
 
-class Dice:
-    """Moves at random."""
-
-    name = "random"
-
-    def reset(self, seed: int) -> None:
-        """Begin an episode."""
-        self._dice = random.Random(seed)
-
-    def act(self, observation: str) -> int:
-        """Any action."""
-        return self._dice.randrange(len(ACTIONS))
-
-
 class MazeEnvironment(BaseEnvironment):
     """The maze (`humanplay.task.Environment`)."""
 
@@ -270,8 +266,8 @@ class MazeEnvironment(BaseEnvironment):
 
     @cached_property
     def policies(self) -> CodePolicies:
-        """Two, of which the page and synthetic participants see what people see."""
-        return CodePolicies(self.run, (FarWall, Dice), lambda frame: frame["text"])
+        """One of its own, which sees what people see."""
+        return CodePolicies(self, (FarWall,), lambda frame: frame["text"])
 
     def configuration(self, values: Mapping[str, Any]) -> MazeConfig:
         return MazeConfig(**values)

@@ -7,15 +7,8 @@ import { ahead } from "./ground.js";
 import { firstWish, policyName } from "./names.js";
 import { words } from "./words.js";
 
-/** What a server says that has this task alone.
- * @type {Answers.Task} */
-const ABOUT = {
-  name: "mars", title: "MarsExplorer", instructions: "", assets: "mars", actions: ["north", "east", "south", "west"], metrics: [],
-  clock: null, keys: { north: ["ArrowUp", "KeyW"], east: ["ArrowRight", "KeyD"], south: ["ArrowDown", "KeyS"], west: ["ArrowLeft", "KeyA"] },
-};
-
-/** @param {Answers.Task} [about] @returns {Mars.Task} */
-export const taskOf = (about = ABOUT) => ({
+/** @param {Answers.Task} about @returns {Mars.Task} */
+export const taskOf = (about) => ({
   ...about, ...words, nameOf: policyName, firstWish, order: ["north", "west", "south", "east"], paint, ahead, courseOf, boardAt, progressAt, paintEvents, adviceText, costsInWords,
   mark: ({ position }) => position,
   progress: ({ discovered, cells }) => discovered / cells,

@@ -49,6 +49,31 @@ function inWords({ text, step, outcome }, clock) {
   return { line: [...rows, `${words(outcome) || "running"} after ${took(clock, step)}`].join("; "), rows };
 }
 
+/** @param {number | null} moves */
+const needed = (moves) => (moves === null ? "not within the limit" : many(moves, "move"));
+
+/** Return what the expert would do before a move, and how many moves it needs after each action.
+ * @param {Answers.Task} about @param {Answers.Advice} advice @param {string} made */
+function adviceText({ actions }, { action, needs, cost, after }, made) {
+  const choice = `It would choose ${words(action)} and needs ${needed(needs)} from here.`;
+  const others = (after ?? []).map((moves, index) => `${words(actions[index])}: ${needed(moves)}`).join("; ");
+  const price = made && made !== action ? ` The move made, ${words(made)}, cost ${many(cost, "move")}.` : "";
+  return `${choice}${price}${others && ` After ${others}.`}`;
+}
+
+/** Return what the moves of an episode cost, in sentences.
+ * @param {Answers.Costs} costs */
+function costsInWords({ policy, reason, counts, expert_moves: expert, given_up, mistakes }) {
+  const whole = expert === null ? "" : `Your episode counts ${many(counts, "move")}, ${policy}'s ${expert}. `;
+  if (reason !== null) return { summary: `${whole}${capital(reason)}.`, mistakes: [], rest: [] };
+  const end = given_up ? `Ending without a move cost ${many(given_up, "move")}. ` : "";
+  return {
+    summary: `${whole}${end}${mistakes.length ? "" : "No move cost 2 moves or more."}`.trim(), rest: [],
+    mistakes: mistakes.map(({ step, cost, action, expert_action: better }) =>
+      `Move ${step + 1}, ${words(action)}, cost ${many(cost, "move")}: ${words(better)} was better.`),
+  };
+}
+
 /** @param {Answers.Task} about @returns {TaskOf<Picture.Frame, null, Picture.Course, Picture.History>} */
 export function taskOf(about) {
   const metric = about.metrics[0] ?? { name: "return", unit: "", lowest: null, highest: null };
@@ -112,6 +137,8 @@ export function taskOf(about) {
       return end ? { name, frames, outcome: end.outcome, score: end.score, sentence: ending(end).title, actions: Array(end.step).fill("") } : null;
     },
     boardAt: (course, step) => ({ frame: frameAt(course, step), trail: [] }),
+    adviceText: (advice, course, step) => adviceText(about, advice, step === course.actions.length ? "" : course.actions[step]),
+    costsInWords: (costs) => costsInWords(costs),
     progressAt: (course, step) => progress(frameAt(course, step)),
   };
 }

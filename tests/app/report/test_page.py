@@ -19,10 +19,11 @@ SCORES = np.random.default_rng(1).normal(0.85, 0.08, (4, 6)).clip(0, 0.97)
 
 
 def pictures():
-    games = [EpisodeSummary("explored", 0.9, 3, [9, 20, 40, 63], [(0, 0), (0, 1), (1, 1), (1, 2)])]
+    path = [(0, 0), (0, 1), (1, 1), (1, 2)]
+    games = [EpisodeSummary(True, 0.9, 3, [9, 20, 40, 63], path, CONFIG.n)]
     return {
-        "curve": coverage_curve(CONFIG, [games, games]),
-        "visits": visit_counts(CONFIG, [games]),
+        "curve": coverage_curve([games, games]),
+        "visits": visit_counts(CONFIG.size, [games]),
     }
 
 

@@ -16,12 +16,12 @@ from marsexplorer.config import EnvConfig
 TINY = EnvConfig("random", 5, 7)
 
 
-def episode(discoveries, path=((0, 0), (0, 1)), steps=9, score=0.5, outcome="explored"):
-    return EpisodeSummary(outcome, score, steps, discoveries, path)
+def episode(discoveries, path=((0, 0), (0, 1)), steps=9, score=0.5, succeeded=True):
+    return EpisodeSummary(succeeded, score, steps, discoveries, path, TINY.n)
 
 
 def test_a_curve_is_the_mean_over_groups_and_an_ended_episode_keeps_what_it_had():
-    made = coverage_curve(TINY, [[episode([7, 14]), episode([7, 21])], [episode([7, 7, 35])]])
+    made = coverage_curve([[episode([7, 14]), episode([7, 21])], [episode([7, 7, 35])]])
     assert made["steps"] == [0, 1, 2]
     first, second = np.array([7, 17.5, 17.5]) / 35, np.array([7, 7, 35]) / 35
     assert made["mean"] == pytest.approx((first + second) / 2, abs=1e-4)
@@ -29,14 +29,14 @@ def test_a_curve_is_the_mean_over_groups_and_an_ended_episode_keeps_what_it_had(
         0.95, 1, loc=(first[2] + second[2]) / 2, scale=scipy.stats.sem([first[2], second[2]])
     )
     assert (made["low"][2], made["high"][2]) == pytest.approx((low, high), abs=1e-4)
-    alone = coverage_curve(TINY, [[episode([7, 14])]])
+    alone = coverage_curve([[episode([7, 14])]])
     assert (alone["low"], alone["high"]) == ([], []), "one group gives no interval"
 
 
 def test_visits_count_every_move_and_leave_out_what_lies_off_the_grid():
     found = np.array(
         visit_counts(
-            TINY,
+            TINY.size,
             [[episode([1], [(0, 0), (0, 1), (0, 0), (-1, 0)])], [episode([1], [(0, 0), (4, 6)])]],
         )
     )
@@ -59,7 +59,7 @@ def test_the_unit_of_a_figure_is_the_group():
     made = summarize_episodes(
         TINY,
         [
-            [episode([1], steps=10), episode([1], steps=20, outcome="collided")],
+            [episode([1], steps=10), episode([1], steps=20, succeeded=False)],
             [episode([1], steps=30)],
         ],
     )

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from humanplay.web.replays.frames import FrameCourses
 from PIL import Image
 
 from humanplay.study.verification import verify_database
@@ -18,7 +19,6 @@ from humanplay.tasks.gymnasium.description import Description
 from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from humanplay.tasks.gymnasium.task import GymnasiumTask
 from humanplay.web.replays import frames as of_frames
-from humanplay.web.replays.frames import FrameCourses
 from humanplay.web.settings import Settings
 from tests.support.command import command, run
 from tests.support.recorded import alter

@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
+import { MARS } from "../task/mars/about.mjs";
 import { boardAfter, caption } from "../../../static/admin/live.js";
 import { ago, attention, endings, exportText, flags, invitationCounts, place, size, summary } from "../../../static/admin/words.js";
 
@@ -48,7 +49,7 @@ test("invitations are counted by their state", () => {
 });
 
 test("endings, places and exports in words", () => {
-  assert.equal(endings(taskOf(), { collided: 1, explored: 4 }), "4 mapped, 1 collided");
+  assert.equal(endings(taskOf(MARS), { collided: 1, explored: 4 }), "4 mapped, 1 collided");
   assert.deepEqual([place(0, 0, 2), place(1, 0, 2), place(9, 0, 2)], [0, 50, 100]);
   assert.equal(exportText(null, "Not yet.", 0), "Not yet.");
   assert.equal(exportText({ state: "failed", began_ms: 0, error: "no room", files: [] }, "", 0), "Not made: no room");
@@ -56,7 +57,7 @@ test("endings, places and exports in words", () => {
 
 test("a watched board keeps its path, begins anew with an episode, and heals by a history", () => {
   const frame = (episode, step, position) => ({ kind: "frame", episode, step, position, discovered: 1, cells: 4 });
-  const task = taskOf();
+  const task = taskOf(MARS);
   let board = boardAfter(task, null, frame("a", 0, [0, 0]));
   board = boardAfter(task, board, frame("a", 1, [0, 1]));
   assert.deepEqual(board.trail, [[0, 0], [0, 1]]);

@@ -1,12 +1,13 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
+import { MARS } from "../task/mars/about.mjs";
 import { apply, ghostOf, initialState, isDriven, isPractice, withFrame } from "../../../static/common/game_state.js";
 
 /** @param {object} [changes] */
 export const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@.?", "#??"], position: [0, 0],
   discovered: 3, cells: 6, coverage: 0.5, heading: "east", reward: 0, return: 0, score: 0.4, outcome: null, ...changes });
-const task = taskOf();
+const task = taskOf(MARS);
 const about = (changes = {}) => ({ task, session: "s1", kind: "practice", challenges: null, player: "human", level: "random", size: [2, 3], counts: false, frame: frame(),
   rival: { session: "r1", policy: "frontier-cost", pace: { kind: "pace", mode: "follow", moves_per_second: 4 }, frame: frame({ episode: "x" }) }, ...changes });
 const begun = (changes) => apply(initialState(), { kind: "begun", about: about(changes) });

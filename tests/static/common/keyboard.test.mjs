@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
+import { MARS } from "../task/mars/about.mjs";
 import { actionOf, codesOf, hookKeys, ownsKeys, timeOf_ms } from "../../../static/common/keyboard.js";
 
 test("fields, sliders, tabs and dialogs keep their keys; buttons do not", () => {
@@ -15,7 +16,7 @@ test("fields, sliders, tabs and dialogs keep their keys; buttons do not", () => 
   assert.equal(ownsKeys(null), false);
 });
 
-const { keys: KEYS } = taskOf();
+const { keys: KEYS } = taskOf(MARS);
 const PAGE = { performance: { timeOrigin: 1000, now: () => 200 } };
 
 /** A window that only listens, 100 ms younger than the page. */

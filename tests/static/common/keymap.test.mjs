@@ -3,9 +3,10 @@ import test from "node:test";
 import { actionOf } from "../../../static/common/keyboard.js";
 import { keyName } from "../../../static/common/task.js";
 import { taskOf } from "../../../static/task/mars/index.js";
+import { MARS } from "../task/mars/about.mjs";
 import { assign, mayDrive, ownCode } from "../../../static/common/keymap.js";
 
-const { keys: DEFAULT_KEYS } = taskOf();
+const { keys: DEFAULT_KEYS } = taskOf(MARS);
 
 test("a key drives in one direction: one that is taken changes places", () => {
   assert.equal(actionOf(DEFAULT_KEYS, "KeyW"), "north");

@@ -1,9 +1,10 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
+import { MARS } from "../task/mars/about.mjs";
 import { countdown, dayText, peopleText, policyRows, policyText, rankText, resultText, shareText, streakText } from "../../../static/daily/words.js";
 
-const task = taskOf();
+const task = taskOf(MARS);
 const explored = { state: "ended", episode: "e1", outcome: "explored", moves: 87, coverage: 0.9932, score: 0.9, unranked: null };
 const crashed = { ...explored, outcome: "collided", moves: 16, coverage: 0.2857 };
 const ppo = { name: "ppo", state: "ready", moves: 75, coverage: 0.99 };
@@ -11,7 +12,7 @@ const people = (you, players = 3) => ({ players, unfinished: 1, moves: [[87, 2]]
 
 test("a shared text says the day, the result and the policy, and nothing else", () => {
   assert.equal(shareText(task, "2026-11-22", explored, [ppo], "http://here/daily"), "MarsExplorer daily 2026-11-22: 87 moves, 99.3 % mapped, Expert needed 75\nhttp://here/daily");
-  assert.equal(shareText(task, "2026-11-22", crashed, [{ ...ppo, moves: null }], "x"), "MarsExplorer daily 2026-11-22: crashed at 28.5 % after 16 moves\nx");
+  assert.equal(shareText(task, "2026-11-22", crashed, [{ ...ppo, moves: null }], "x"), "MarsExplorer daily 2026-11-22: crashed with 28.5 % mapped after 16 moves\nx");
 });
 
 test("each ending has words of its own", () => {
@@ -31,7 +32,7 @@ test("the rank counts the very policies that are listed", () => {
   ];
   for (const [policies, moves, said] of cases) {
     const rows = policyRows(task, policies, moves);
-    assert.deepEqual(rows.map(({ name, text }) => [name, text]), policies.map((policy) => [task.nameOf(policy.name), policyText(policy)]));
+    assert.deepEqual(rows.map(({ name, text }) => [name, text]), policies.map((policy) => [task.nameOf(policy.name), policyText(task, policy)]));
     assert.equal(rankText(explored, people(mine(moves)), rows), `Rank 2 of 3 people today, and ${said}.`);
   }
 });
@@ -52,5 +53,5 @@ test("times, days, streaks and counts are said as people say them", () => {
   assert.deepEqual([streakText(0), streakText(1), streakText(3)], ["", "", "3 days in a row"]);
   assert.equal(peopleText(task, people(null)), "3 people; 1 of them did not reach 99 %. Each has one attempt.");
   assert.equal(peopleText(task, { ...people(null), players: 0 }), "Nobody has a rank yet.");
-  assert.deepEqual([ppo, { ...ppo, moves: null, coverage: 0.56 }, { ...ppo, state: "waiting" }].map(policyText), ["75 moves", "stopped at 56.0 %", "still exploring"]);
+  assert.deepEqual([ppo, { ...ppo, moves: null, coverage: 0.56 }, { ...ppo, state: "waiting" }].map((policy) => policyText(task, policy)), ["75 moves", "stopped with 56.0 % mapped", "still playing"]);
 });

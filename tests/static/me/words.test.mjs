@@ -1,18 +1,19 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { bestText, gapsText, kindText, personalText, standingText, summary, terrainText } from "../../../static/me/words.js";
+import { MARS } from "../task/mars/about.mjs";
+import { bestText, gapsText, kindText, personalText, standingText, summary } from "../../../static/me/words.js";
 
-const task = taskOf();
-const best = { level: "random", rows: 21, cols: 42, max_steps: 882, episodes: 4, explored: 3, best: null, people: { means: [80, 90.5, 120], you: 90.5, ranked: 5, missing: 0 } };
+const task = taskOf(MARS);
+const best = { place: "Scattered 21 \u00d7 42", max_steps: 882, episodes: 4, successes: 3, best: null, people: { means: [80, 90.5, 120], you: 90.5, ranked: 5, missing: 0 } };
 
 test("a player's place is among the people, by their mean", () => {
-  assert.equal(standingText(best), "You need 90.5 moves on average, over 5 ranked episodes: place 2 of 3 people. A terrain that was not finished counts the limit.");
-  assert.match(standingText({ ...best, people: { means: [80], you: 80, ranked: 6, missing: 0 } }), /only person with so many so far/);
+  assert.equal(standingText(task, best), "You need 90.5 moves on average, over 5 ranked episodes: place 2 of 3 people. A terrain that was not finished counts the limit.");
+  assert.match(standingText(task, { ...best, people: { means: [80], you: 80, ranked: 6, missing: 0 } }), /only person with so many so far/);
 });
 
 test("below five ranked episodes there is no mean and no place, and the page says how many are missing", () => {
-  const of = (ranked, means) => standingText({ ...best, people: { means, you: null, ranked, missing: 5 - ranked } });
+  const of = (ranked, means) => standingText(task, { ...best, people: { means, you: null, ranked, missing: 5 - ranked } });
   const needs = "A mean and a place need 5 ranked episodes.";
   assert.equal(of(0, []), `${needs} You have none here that counts yet: 5 are missing. Nobody has so many yet.`);
   assert.equal(of(1, [80]), `${needs} You have 1 ranked episode that counts: 4 are missing. 1 person has so many.`);
@@ -20,7 +21,7 @@ test("below five ranked episodes there is no mean and no place, and the page say
 });
 
 test("a ranked episode that does not count is called that, and says why", () => {
-  const of = (episode) => kindText({ kind: "ranked", counts: false, day: null, not_attested: null, met_before: false, ...episode });
+  const of = (episode) => kindText(task, { kind: "ranked", counts: false, day: null, not_attested: null, met_before: false, ...episode });
   assert.deepEqual(of({ counts: true }), ["ranked", ""]);
   assert.deepEqual(of({ kind: "practice" }), ["practice", ""]);
   assert.deepEqual(of({ kind: "daily", day: "2026-01-02" }), ["daily 2026-01-02", ""]);
@@ -30,27 +31,26 @@ test("a ranked episode that does not count is called that, and says why", () => 
 
 test("the page says in a sentence what was driven", () => {
   assert.match(summary(task, { total: 0, episodes: [], bests: [] }), /once you have played/);
-  assert.equal(summary(task, { total: 5, episodes: [], bests: [best] }), "You have driven 5 episodes in this browser, and mapped 3 terrains to 99 %.");
-  assert.equal(bestText(task, { ...best, best: {} }), "75 % of 4 episodes mapped to 99 %.");
-  assert.match(bestText(task, { ...best, explored: 0 }), /No terrain/);
-  assert.equal(terrainText(best), "Scattered 21 \u00d7 42");
+  assert.equal(summary(task, { total: 5, episodes: [], bests: [best] }), "You have played 5 episodes in this browser, and came to 99 % in 3 terrains.");
+  assert.equal(bestText(task, { ...best, best: {} }), "75 % of 4 episodes came to 99 %.");
+  assert.match(bestText(task, { ...best, successes: 0 }), /None came to 99 %/);
   assert.equal(task.outcome("collided"), "crashed");
 });
 
 test("an episode is measured by one's own best and by the last ten on terrains like it", () => {
-  const played = (number, moves, rest = {}) => ({ episode: `e${number}`, level: "random", rows: 21, cols: 21, outcome: "explored", moves, ended_ms: number, ...rest });
-  const older = Array.from({ length: 12 }, (_, at) => played(12 - at, 100)), other = played(13, 1, { rows: 42 });
-  const history = (newest, best) => ({ total: 14, episodes: [newest, other, ...older], bests: [{ level: "random", rows: 21, cols: 21, best }] });
-  assert.equal(personalText(history(played(14, 80), played(14, 80)), "e14"), "Your best so far.");
-  assert.equal(personalText(history(played(14, 90), played(3, 70)), "e14"), "Better than your last ten, which took 100.0 moves on average. Your best on a terrain that was new to you is 70 moves.");
-  assert.equal(personalText(history(played(14, 110), played(3, 70)), "e14"), "Your best on a terrain that was new to you is 70 moves.");
-  assert.equal(personalText(history(played(14, 60), played(3, 82)), "e14"), "Better than your last ten, which took 100.0 moves on average. Your best on a terrain that was new to you is 82 moves. This one is no best: its terrain was chosen or met before, or a script has moved.");
-  assert.equal(personalText(history(played(14, 90, { outcome: "collided" }), played(3, 70)), "e14"), "");
-  assert.equal(personalText({ total: 1, episodes: [played(1, 80)], bests: [{ level: "random", rows: 21, cols: 21, best: played(1, 80) }] }, "e1"), "", "a first one has nothing before it");
+  const played = (number, moves, rest = {}) => ({ episode: `e${number}`, place: "Scattered 21 \u00d7 21", outcome: "explored", moves, ended_ms: number, ...rest });
+  const older = Array.from({ length: 12 }, (_, at) => played(12 - at, 100)), other = played(13, 1, { place: "Scattered 42 \u00d7 42" });
+  const history = (newest, best) => ({ total: 14, episodes: [newest, other, ...older], bests: [{ place: "Scattered 21 \u00d7 21", best }] });
+  assert.equal(personalText(task, history(played(14, 80), played(14, 80)), "e14"), "Your best so far.");
+  assert.equal(personalText(task, history(played(14, 90), played(3, 70)), "e14"), "Better than your last ten, which took 100.0 moves on average. Your best on a terrain that was new to you is 70 moves.");
+  assert.equal(personalText(task, history(played(14, 110), played(3, 70)), "e14"), "Your best on a terrain that was new to you is 70 moves.");
+  assert.equal(personalText(task, history(played(14, 60), played(3, 82)), "e14"), "Better than your last ten, which took 100.0 moves on average. Your best on a terrain that was new to you is 82 moves. This one is no best: its terrain was chosen or met before, or a script has moved.");
+  assert.equal(personalText(task, history(played(14, 90, { outcome: "collided" }), played(3, 70)), "e14"), "");
+  assert.equal(personalText(task, { total: 1, episodes: [played(1, 80)], bests: [{ place: "Scattered 21 \u00d7 21", best: played(1, 80) }] }, "e1"), "", "a first one has nothing before it");
 });
 
 test("the curve of gaps to Expert is said in words, and an unfinished episode enters no mean", () => {
-  const of = (...gaps) => gapsText(gaps.map((gap) => ({ gap: gap ?? 400, isFinished: gap !== null })));
+  const of = (...gaps) => gapsText("Expert", gaps.map((gap) => ({ gap: gap ?? 400, isFinished: gap !== null })));
   assert.match(of(), /^No episode of yours can be compared yet/);
   assert.equal(of(40, 20, 10), "You needed 23.3 moves more than Expert on average, over 3 finished episodes. +40.0 in the first half, +10.0 in the second.");
   assert.equal(of(7, null), "You needed 7.0 moves more than Expert in 1 finished episode. 1 episode was not finished (a cross).");

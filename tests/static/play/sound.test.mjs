@@ -2,8 +2,9 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { createSound, soundOf, SOUND_SETTING, tonesOf } from "../../../static/play/input.js";
 import { taskOf } from "../../../static/task/mars/index.js";
+import { MARS } from "../task/mars/about.mjs";
 
-const task = taskOf();
+const task = taskOf(MARS);
 const frame = (step, discovered, changes = {}) => ({ episode: "e1", step, discovered, outcome: null, ...changes });
 
 test("moves are heard as the task has it; a new terrain and an old frame are not", () => {

@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { ROOT } from "../../../static/common/api.js";
 import { createStudyApi, outsideIds, studyName } from "../../../static/study/api.js";
+import { MARS } from "../task/mars/about.mjs";
 
 test("the name of the study and the ids of another site are read from the address", () => {
   assert.equal(studyName("/study/demo"), "demo");
@@ -13,7 +14,7 @@ test("the name of the study and the ids of another site are read from the addres
 
 test("calls go below api, wherever the app is mounted", async () => {
   const asked = [];
-  globalThis.fetch = async (path, options) => { asked.push([path.replace(ROOT, ""), options.body]); return { ok: true, json: async () => ({}) }; };
+  globalThis.fetch = async (path, options) => { asked.push([path.replace(ROOT, ""), options.body]); return { ok: true, json: async () => ({ task: MARS }) }; };
   const study = createStudyApi("demo");
   await study.join({ A: "1" });
   await study.giveUp("e1", 3);

@@ -3,8 +3,9 @@ import test from "node:test";
 import { assign, readKeys } from "../../../static/common/keymap.js";
 import { readChoices, readPalette } from "../../../static/study/settings.js";
 import { taskOf } from "../../../static/task/mars/index.js";
+import { MARS } from "../task/mars/about.mjs";
 
-const { keys: DEFAULT_KEYS } = taskOf();
+const { keys: DEFAULT_KEYS } = taskOf(MARS);
 
 test("kept keys and colours are whole or none", () => {
   assert.deepEqual(readKeys(null, DEFAULT_KEYS), { ...DEFAULT_KEYS });

@@ -1,12 +1,13 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
+import { MARS } from "../task/mars/about.mjs";
 import * as words from "../../../static/study/words.js";
 
 const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@.?", "#??"], position: [0, 0],
   discovered: 3, coverage: 0.5, heading: "east", reward: null, return: null, score: null, outcome: null, ...changes });
 const about = (changes = {}) => ({ session: "s1", player: "human", level: "random", size: [2, 3], counts: false, rival: null, frame: frame(changes) });
-const task = taskOf();
+const task = taskOf(MARS);
 const { announcement } = task;
 const participant = (changes = {}) => ({ task, study: "demo", title: "Demo", participant: "P-1", stage: "ranked", consent: { version: "1", text: "a\n\nb" }, questions: [],
   right: null, warm_up: { done: 1, of: 1 }, ranked: { done: 0, of: 2 }, tutorial: { done: true }, break_due: false, can_be_erased: true, pause_after_s: 60, rules: { coverage: "96.5 %", lidar_radius: "4", max_steps: "63" }, session: null, about: null,

@@ -25,8 +25,10 @@ SHARE = click.FloatRange(0, 1)
     type=click.IntRange(1, 1000),
     help="How many take part side by side.  [default: as many as the study plans]",
 )
-@option("--policy", default="frontier-cost", help="Name or path of what they follow.")
-@option("--noise", type=SHARE, default=0.1, help="Share of random valid moves.")
+@option(
+    "--policy", help="Name or path of what they follow.  [default: the environment's, else none]"
+)
+@option("--noise", type=SHARE, default=0.1, help="Share of random moves; all without a policy.")
 @option("--leaving", type=SHARE, default=0.0, help="Share who leave in a ranked episode.")
 @option("--speed", type=click.FloatRange(0.1, 1e6), default=20.0, help="Times faster than people.")
 @option("--seed", default=0, help="Fixes moves, tempo and who leaves.")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypedDict
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from humanplay.report.statistics.exclusion_sets import (
 from humanplay.report.statistics.human_level import mean_interval
 from humanplay.report.statistics.study_figures import MeanInterval
 from humanplay.study.data import StudyData, trial_records
-from humanplay.task import Configuration, Environment, Record
+from humanplay.task import Configuration, Environment, Record, Run
 from marsexplorer.intervals import Floats, t_interval
 
 POINTS = 120
@@ -37,18 +37,17 @@ class EpisodeSummary:
     """One finished episode, as far as figures need it.
 
     score        normalized
-    steps        to 99 %, `max_steps` where it was not reached
-    discoveries  discovered cells after 0, 1, ... moves, of `cells` that coverage refers to
-    path         (row, col) after 0, 1, ... moves
-    cells        that coverage refers to; None: all
+    steps        moves of a success, the limit for any other ending
+    discoveries  discovered cells after 0, 1, ... moves, of `cells` that coverage refers to; none if nothing is discovered
+    path         (row, col) after 0, 1, ... moves; none without a grid
     """
 
-    outcome: str
+    succeeded: bool
     score: float
     steps: int
     discoveries: Sequence[int] | NDArray[np.int32]
     path: Sequence[tuple[int, int]] | NDArray[np.int16]
-    cells: int | None = None
+    cells: int
 
 
 class Curve(TypedDict):
@@ -61,7 +60,7 @@ class Curve(TypedDict):
 
 
 class Pictures(TypedDict, total=False):
-    """The coverage curve and the visits of each cell; empty if no episodes were replayed."""
+    """The coverage curve and the visits of each cell, where a task has them and episodes were replayed."""
 
     curve: Curve
     visits: list[list[float]]
@@ -86,16 +85,18 @@ class TrialSummary(TypedDict):
     steps: MeanInterval
 
 
-def summary_of(environment: Environment, run: Any) -> EpisodeSummary:
-    """Return what figures need of an ended run of a task with courses, in 8 bytes a move."""
-    record = run.record()
+def summary_of(environment: Environment, run: Run) -> EpisodeSummary:
+    """Return what figures need of an ended run, in 8 bytes a move."""
+    record, cells = run.record(), environment.cells(run.record())
+    places = [run.place(step) for step in range(record.steps + 1)] if record.config.size else []
+    succeeded = record.outcome in environment.successes
     return EpisodeSummary(
-        outcome=record.outcome,
+        succeeded=succeeded,
         score=record.score,
-        steps=record.steps if record.outcome in environment.successes else record.config.limit,
-        discoveries=np.array(run.counts(), np.int32),
-        path=np.array(run.path, np.int16),
-        cells=run.cells,
+        steps=record.steps if succeeded else record.config.limit,
+        discoveries=np.array(run.counts() if cells else [], np.int32),
+        path=np.array([(place["row"], place["col"]) for place in places if place], np.int16),
+        cells=cells,
     )
 
 
@@ -114,40 +115,38 @@ def summarize_episodes(config: Configuration, groups: Sequence[EpisodeGroup]) ->
         "episodes": sum(map(len, groups)),
         "score": mean_interval([_mean(each.score for each in group) for group in groups]),
         "steps": mean_interval([_mean(each.steps for each in group) for group in groups]),
-        "completed": _mean(
-            _mean(episode.outcome == "explored" for episode in group) for group in groups
-        ),
+        "completed": _mean(_mean(episode.succeeded for episode in group) for group in groups),
         **curve_and_visits(config, groups),
     }
 
 
 def curve_and_visits(config: Configuration, groups: Sequence[EpisodeGroup]) -> Pictures:
-    """The coverage curve and visit counts of some groups; nothing for none."""
-    if not groups:
-        return {}
-    return {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)}
+    """The coverage curve and visit counts of some groups, where they have such."""
+    pictures: Pictures = {}
+    if any(len(each.discoveries) for group in groups for each in group):
+        pictures["curve"] = coverage_curve(groups)
+    if config.size and any(len(each.path) for group in groups for each in group):
+        pictures["visits"] = visit_counts(config.size, groups)
+    return pictures
 
 
 def _mean(values: Iterable[float]) -> float:
     return float(np.mean(list(values)))
 
 
-def coverage_curve(config: Configuration, groups: Sequence[EpisodeGroup]) -> Curve:
+def coverage_curve(groups: Sequence[EpisodeGroup]) -> Curve:
     """Return mean coverage (0..1) with its interval at some step counts; an episode that has ended keeps what it had."""
     longest = max(len(each.discoveries) for group in groups for each in group) - 1
     steps = np.unique(np.linspace(0, longest, min(POINTS, longest + 1)).astype(np.int64))
-    held = [
-        [_held(each.discoveries, steps) * (config.n / (each.cells or config.n)) for each in group]
-        for group in groups
-    ]
-    means = np.array([np.mean(group, axis=0) for group in held]) / config.n
+    held = [[_held(each.discoveries, steps) / each.cells for each in group] for group in groups]
+    means = np.array([np.mean(group, axis=0) for group in held])
     low, high = map(_short, t_interval(means.T)) if len(means) > 1 else ([], [])
     return {"steps": steps.tolist(), "mean": _short(means.mean(axis=0)), "low": low, "high": high}
 
 
-def visit_counts(config: Configuration, groups: Sequence[EpisodeGroup]) -> list[list[float]]:
-    """Return how often the rover is on each cell in a mean episode, [rows][cols]; the start counts."""
-    total = np.zeros((config.rows, config.cols))
+def visit_counts(size: tuple[int, int], groups: Sequence[EpisodeGroup]) -> list[list[float]]:
+    """Return how often the player is on each cell of a grid in a mean episode, [rows][cols]; the start counts."""
+    total = np.zeros(size)
     for group in groups:
         for each in group:
             cells = np.array(each.path)
@@ -184,11 +183,11 @@ def summarize_groups(
 ) -> dict[str, Pictures]:
     """The pictures of each group, over the ranked episodes of everybody (a player weighs once).
 
-    Nothing where episodes have no courses. Those of another core version cannot be replayed, and spoilt ones are not their
+    Nothing without a grid. Those of another core version cannot be replayed, and spoilt ones are not their
     player's: both are left out.
     progress: (episodes replayed, in all)
     """
-    if data.protocol.environment.courses is None:
+    if data.protocol.env_config.size is None:
         return {}
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
     total = sum(len(unspoilt(own)) for cohort in cohorts for own in cohort.ranked.values())

@@ -76,6 +76,8 @@ class GymnasiumEnvironment(BaseEnvironment):
     """The environment that a description names (`humanplay.task.Environment`)."""
 
     assets: ClassVar[str] = "picture"
+    courses: ClassVar[None] = None  # its server's task draws its replays, in a process of its own
+    boards: ClassVar[None] = None
     messages: ClassVar[Messages] = Messages(NewBoard, NewEpisode, Frame, History)
 
     def __init__(self, told: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from humanplay.tasks.mars.drawn import PLAIN_LEVELS
 from marsexplorer.config import LEVELS, EnvConfig
 
 FIRST_SEED = 1_000_000_000
@@ -19,14 +20,14 @@ class MarsBoards:
     )
     """Those of the page's terrain dialog."""
 
-    def configuration(self, level: str, size: int | tuple[int, int]) -> EnvConfig:
+    def configuration(self, level: str, size: int | tuple[int, int] | None) -> EnvConfig:
         """The configuration of a level at a size, a side or (rows, cols); ValueError if there is none."""
-        return EnvConfig.of(level, size)
+        return EnvConfig.of(level, self.daily.size if size is None else size)
 
     def name_of(self, config: EnvConfig) -> tuple[str, str]:
         """Level and size, and of other settings than the level's own a part of their hash."""
         name = f"{config.level}-{config.rows}x{config.cols}"
-        title = f"{config.level} {config.rows} × {config.cols}"
+        title = f"{PLAIN_LEVELS.get(config.level, config.level)} {config.rows} × {config.cols}"
         if config == EnvConfig.of(config.level, (config.rows, config.cols)):
             return name, title
         return f"{name}-{config.hash[:8]}", f"{title} (settings {config.hash[:8]})"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ NextAction = Callable[[NDArray[np.uint8]], int | None]
 class Course(DrawnEpisode):
     """What a replay shows of one episode."""
 
+    task: ClassVar[str] = "mars"
+
     def renamed(self, name: str) -> Course:
         """The same course under another name."""
         return replace(self, name=name)
@@ -51,11 +53,6 @@ class Course(DrawnEpisode):
     def is_large(self) -> bool:
         """Whether a move changes much of a picture of the board."""
         return max(self.config.rows, self.config.cols) > LARGE_SIDE
-
-    def about(self) -> dict[str, Any]:
-        """Return what the page is told of where it was played."""
-        config = self.config
-        return {"level": config.level, "rows": config.rows, "cols": config.cols}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the course as the page reads it."""

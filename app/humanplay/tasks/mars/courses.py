@@ -18,7 +18,6 @@ from marsexplorer.evaluation.mistakes import MistakeKind
 class MarsCourses:
     """The courses of MarsExplorer, and Expert's judgement (`humanplay.task.Courses`)."""
 
-    expert = "ppo"
     kinds: tuple[str, ...] = tuple(MistakeKind)
     ended_early: str = MistakeKind.ENDED_EARLY
 

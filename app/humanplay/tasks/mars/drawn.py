@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from humanplay.task import counted
-from marsexplorer.config import MAP, EnvConfig
+from marsexplorer.config import EnvConfig
 
 NEVER = -1
 """The move at which a cell became known that never did."""
@@ -50,12 +50,6 @@ class DrawnEpisode:
     known_since: NDArray[np.int32]
     outcome: str
     score: float
-
-    @property
-    def place(self) -> str:
-        """Where it was played, in words."""
-        level = self.config.level
-        return "a map" if level == MAP else PLAIN_LEVELS.get(level) or f"level {level}"
 
     @property
     def moves(self) -> int:

@@ -92,6 +92,7 @@ class MarsEnvironment(BaseEnvironment):
         return float(-config.r_invalid), float(config.r_bonus + config.n)
 
     boards: ClassVar[MarsBoards] = MarsBoards()
+    expert: ClassVar[str] = "ppo"
     requirements: ClassVar[tuple[str, ...]] = ("humanplay[mars]",)
 
     @cached_property

@@ -84,6 +84,7 @@ def describe_expert(costs: EpisodeCosts, limit: int) -> list[dict[str, Any]]:
         {
             "shares": [round(float(share), 3) for share in costs.advice.shares[step]],
             "action": ACTIONS[costs.advice.actions[step]],
+            "after": None,
             "needs": lengths[step] - step if lengths[step] < limit else None,
             "cost": cost,
         }

@@ -35,6 +35,7 @@ class PolicyCatalogue(BasePolicies):
 
     compared = ("ppo", "frontier-cost", "frontier-utility", "random")
     shown = "ppo"
+    simulated = "frontier-cost"
     sees_frames = True
 
     def __init__(self, paths: Iterable[Path] = ()) -> None:

@@ -12,7 +12,7 @@ class Day(Answer):
 
     day: str = described("like 2026-11-22")
     level: str
-    size: tuple[int, int] = described("rows and columns, cells")
+    size: tuple[int, int] | None = described("rows and columns, cells; null without a grid")
     protocol: str = described("canonical JSON for which the seed is drawn")
     commitment: str = described("SHA-256 of the day's key")
     key: str | None = described("null until the day is over")
@@ -58,7 +58,7 @@ class Result(Answer):
     episode: str | None = absent("absent until the day is over")
     outcome: str
     moves: int | None = described("null without a success")
-    coverage: float = described("share of the cells, 0..1")
+    coverage: float | None = described("share of the cells, 0..1; null where nothing is discovered")
     you: bool
     rank: int
 

@@ -65,9 +65,7 @@ class LeaderboardEntry(Answer):
     id: str
     title: str
     study: str | None = described("null for a configuration of the playground")
-    level: str
-    rows: int = described("cells")
-    cols: int = described("cells")
+    place: str = described("the configuration in words")
     max_steps: int
     config_hash: str
     terrains: int = described("that policies play")
@@ -129,8 +127,10 @@ class PolicyFigure(Answer):
     score: Interval
     steps: Interval = described("moves")
     completed: float = described("share of the episodes that succeeded, 0..1")
-    curve: CoverageCurve
-    visits: list[list[float]] = described("visits of each cell in a mean episode, by rows")
+    curve: CoverageCurve | None = absent("absent where nothing is discovered")
+    visits: list[list[float]] | None = absent(
+        "visits of each cell in a mean episode, by rows; absent without a grid"
+    )
 
 
 class Shipped(Answer):

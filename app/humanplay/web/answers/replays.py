@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from humanplay.web.answers.base import Answer, Course, Frame, Mistake, absent, described
+from humanplay.web.answers.base import Answer, Course, Frame, Mistake, described
 from humanplay.web.answers.server import Task
 
 
@@ -21,22 +21,23 @@ class Replay(Answer):
     """An ended episode as its replay draws it; no seed, no player and no session is in it."""
 
     episode: str
-    level: str
-    rows: int = described("cells; 1 where an environment has none")
-    cols: int = described("cells; 1 where an environment has none")
-    task: Task | None = absent("what is played; absent of MarsExplorer")
+    place: str = described("where it was played, in words")
+    task: Task
     run: Course = described("the episode's own course")
     ghosts: list[str] = described("policies that can be shown beside it")
     preferred: str | None = described("the policy that is shown where none is named")
 
 
 class Advice(Answer):
-    """What Expert would have done instead of a move."""
+    """What the expert would have done instead of a move."""
 
-    shares: list[float] = described(
-        "of the actions in their order, 0..1, as its network finds them"
+    shares: list[float] | None = described(
+        "of the actions in their order, 0..1, as a network finds them; null without one"
     )
     action: str
+    after: list[int | None] | None = described(
+        "moves to the end after each action, if the expert plays on; null where it does not get there, or is not asked"
+    )
     needs: int | None = described("moves from there to the end; null where it does not get there")
     cost: int = described("moves by which the move made lengthened the episode; below 0: a gain")
 
@@ -55,15 +56,15 @@ class PlainMistake(Answer):
 
 
 class Costs(Answer):
-    """An episode beside Expert's, and what its moves cost; every length is in moves."""
+    """An episode beside the expert's, and what its moves cost; every length is in moves."""
 
-    policy: str = described("the name of Expert's file")
+    policy: str = described("the expert's name")
     reason: str | None = described("why no move is judged; null where they are")
     counts: int = described("length of the episode: the limit where it did not succeed")
-    expert_moves: int | None = described("length of Expert's; null where its file is missing")
-    total: int | None = described("moves more than Expert's")
+    expert_moves: int | None = described("length of the expert's; null where its file is missing")
+    total: int | None = described("moves more than the expert's")
     given_up: int | None = described("part of `total` that ending without success cost")
-    gained: int | None = described("moves that were better than Expert's saved, 0 or below")
+    gained: int | None = described("moves that were better than the expert's saved, 0 or below")
     by_kind: dict[str, int] = described("cost of the mistakes of each kind")
     mistakes: list[Mistake] = described("the costliest first")
     expert: list[Advice] = described("for each move; empty where none is judged")

@@ -81,9 +81,7 @@ class OwnEpisode(Answer):
     kind: Literal["daily", "ranked", "practice"]
     counts: bool = described("whether it enters the volunteers' figures")
     day: str | None = described("the day whose terrain it was")
-    level: str
-    rows: int | None = described("cells; null for another environment")
-    cols: int | None = described("cells; null for another environment")
+    place: str = described("where it was played, in words")
     outcome: str
     moves: int
     coverage: float | None = described("share of the cells, 0..1")
@@ -105,12 +103,10 @@ class Standing(Answer):
 class Best(Answer):
     """Your best on a configuration."""
 
-    level: str
-    rows: int | None = described("cells; null for another environment")
-    cols: int | None = described("cells; null for another environment")
+    place: str = described("the configuration in words")
     max_steps: int
     episodes: int
-    explored: int
+    successes: int
     best: OwnEpisode | None = described("the fewest moves on a terrain that was new to you")
     people: Standing
 

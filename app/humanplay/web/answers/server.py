@@ -47,6 +47,9 @@ class Task(Answer):
         "frames a second where time runs; null where each move is waited for"
     )
     metrics: list[Metric] = described("the headline first")
+    successes: list[str] = described("outcomes that are successes")
+    expert: str | None = described("policy that moves are compared with; null without one")
+    has_boards: bool = described("whether it has a daily instance and a leaderboard")
 
 
 class Level(Answer):

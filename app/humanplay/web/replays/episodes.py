@@ -11,7 +11,7 @@ from humanplay.db.reader import Reader
 from humanplay.db.trial import Trial
 from humanplay.task import DrawnReplays, Environment, Record
 from humanplay.task.registration import environment_of
-from humanplay.web.replays.frames import FrameCourses
+from humanplay.tasks.courses import FrameCourses
 
 NAMES = {"you": "You", "human": "A person", "synthetic": "A synthetic player", "script": "A script"}
 """Who drove an episode -> how a replay names them; a policy has its own name."""

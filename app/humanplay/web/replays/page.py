@@ -16,14 +16,13 @@ from pathlib import Path
 from markupsafe import Markup
 
 from humanplay import STATIC
-from humanplay.task import Course
+from humanplay.task import Course, describe, place_of
+from humanplay.task.registration import environment_of, static_of
+from humanplay.web import templates
 from humanplay.web.files import joined
-from humanplay.web.templates import environment
 
 STYLES = "replay/index.css"
 ENTRY = "replay/main.js"
-TASKS = ("task/mars/index.js", "task/picture/index.js")
-"""What the page asks for by the assets of its task."""
 AT_HOME = {"root": "", "files": ""}
 """Of a page that stands in one file."""
 _IMPORT = re.compile(r'^((?:im|ex)port\s[^"]*?\sfrom\s+)"(\.{1,2}/[^"]+)";', re.M)
@@ -45,12 +44,8 @@ def render(
     address  of the page, absolute, for whoever shows a preview of the link
     inlined  what a page that stands in one file holds itself, see `_inlined`
     """
-    about = course.about()
-    terrain = course.place
-    if "task" not in about:
-        terrain += f", {about['rows']} \u00d7 {about['cols']} cells"
-    text: str = environment.get_template("replay/index.html").render(
-        **addresses, data=data, headline=course.headline, terrain=terrain,
+    text: str = templates.environment.get_template("replay/index.html").render(
+        **addresses, data=data, headline=course.headline, terrain=data["place"],
         formats=formats, address=address, inlined=inlined,
     )  # fmt: skip
     return text
@@ -60,48 +55,58 @@ def document(
     episode_id: str, course: Course, ghosts: Sequence[str], preferred: str | None
 ) -> dict[str, object]:
     """Return what the page of a replay reads; no seed, no player and no session is in it."""
-    told = {"run": course.to_dict(), "ghosts": list(ghosts), "preferred": preferred}
-    return {"episode": episode_id, **course.about(), **told}
+    environment = environment_of(course.task)
+    return {
+        "episode": episode_id,
+        "place": place_of(environment, course.config),
+        "task": describe(environment),
+        "run": course.to_dict(),
+        "ghosts": list(ghosts),
+        "preferred": preferred,
+    }
 
 
 def single_file(episode_id: str, course: Course, ghost: Course | None) -> str:
     """Return the HTML of a replay that needs neither server nor network."""
     name, shown = (None, None) if ghost is None else (ghost.name, ghost.to_dict())
     data = document(episode_id, course, [] if name is None else [name], name)
-    return render({**data, "ghost": shown}, course, inlined=_inlined())
+    return render({**data, "ghost": shown}, course, inlined=_inlined(course.task))
 
 
-@lru_cache(maxsize=1)
-def _inlined() -> dict[str, object]:
+@lru_cache(maxsize=16)
+def _inlined(task: str) -> dict[str, object]:
     """Return styles and the script that chooses their theme; modules by name and the icon, as data URLs."""
     style = joined(STYLES, lambda name: (STATIC / name).read_bytes()).decode()
     icon = base64.b64encode((STATIC / "common" / "icon.svg").read_bytes()).decode()
     return {
         "style": Markup(style),
         "theme": Markup((STATIC / "common" / "theme.js").read_text()),
-        "modules": {name: _data_url(text) for name, text in modules(ENTRY).items()},
+        "modules": {name: _data_url(text) for name, text in modules(ENTRY, task).items()},
         "entry": ENTRY,
         "icon": f"data:image/svg+xml;base64,{icon}",
     }
 
 
-def modules(entry: str) -> dict[str, str]:
-    """Return the text of a module, of the tasks and of all that they import, by path below `static/`, by which they import."""
-    found: dict[str, str] = {}
-    waiting = [entry, *TASKS]
+def modules(entry: str, task: str) -> dict[str, str]:
+    """Return the text of a module, of a task's and of all that they import, by path below `static/`, by which they import."""
+    texts: dict[str, str] = {}
+    of_task = f"task/{environment_of(task).assets}"
+    waiting = [entry, f"{of_task}/index.js"]
     while waiting:
         name = waiting.pop()
-        if name in found:
+        if name in texts:
             continue
-        text = (STATIC / name).read_text()
+        world = static_of(task) if name.startswith(f"{of_task}/") else None
+        path = STATIC / name if world is None else world / name.removeprefix(f"{of_task}/")
 
         def by_name(match: re.Match[str], folder: Path = Path(name).parent) -> str:
             target = (STATIC / folder / match[2]).resolve().relative_to(STATIC.resolve()).as_posix()
             waiting.append(target)
             return f'{match[1]}"{target}";'
 
-        found[name] = _IMPORT.sub(by_name, text).replace(_TASK_IMPORT, "import(`task/")
-    return found
+        text = _IMPORT.sub(by_name, path.read_text())
+        texts[name] = text.replace(_TASK_IMPORT, "import(`task/")
+    return texts
 
 
 def _data_url(script: str) -> str:

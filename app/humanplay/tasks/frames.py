@@ -1,4 +1,4 @@
-"""The course of an episode whose task draws none of its own: its frames, each a picture or a text, as a replay shows them."""
+"""An episode as its frames, each a picture or a text: how a replay shows it unless the task draws its own."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ import io
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NoReturn
+from typing import Any
 
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
-from humanplay.task import Environment, GhostError, PolicyOffer, Record, describe
+from humanplay.task import Configuration, counted
+from humanplay.task.registration import environment_of
 
-MOST_BYTES = 16 * 2**20
-"""Bytes of pictures that a replay holds; of one with more every second, third, ... frame is left out."""
 PREVIEW = (1200, 630)
 LARGE_PX = 400
 """A picture with a longer side than this changes much in a GIF; a smaller one is enlarged to it."""
@@ -27,14 +26,14 @@ class FrameCourse:
     """What a replay draws of one episode of any task.
 
     name     who drove
-    task     `humanplay.task.describe` of it
+    task     its name
     actions  the names of the moves
     frames   its public frames (`Environment.frames`), from the start to the end, some left out
     """
 
     name: str
-    task: dict[str, Any]
-    level: str
+    task: str
+    config: Configuration
     actions: tuple[str, ...]
     frames: tuple[dict[str, Any], ...]
 
@@ -44,19 +43,15 @@ class FrameCourse:
         return len(self.actions)
 
     @property
-    def place(self) -> str:
-        """What was played, in words."""
-        return str(self.task["title"])
-
-    @property
     def sentence(self) -> str:
         """What it came to, after the name: `succeeded after 12 moves: return 0.96`."""
-        end, clock, metric = self.frames[-1], self.task["clock"], self.task["metrics"][0]
-        took = f"{self.moves} move{'s' * (self.moves != 1)}"
+        environment, end = environment_of(self.task), self.frames[-1]
+        clock, metric = environment.clock, environment.metrics[0]
+        took = counted(self.moves, "move")
         if clock:
             took = f"{self.moves / clock:.1f} s"
         outcome = WORDS.get(end["outcome"], str(end["outcome"]).replace("_", " "))
-        return f"{outcome} after {took}: {metric['name']} {end['headline']:g}{metric['unit']}"
+        return f"{outcome} after {took}: {metric.name} {end['headline']:g}{metric.unit}"
 
     @property
     def headline(self) -> str:
@@ -67,10 +62,6 @@ class FrameCourse:
     def is_large(self) -> bool:
         """Whether each move may change much of a large picture."""
         return max(_picture(self.frames[0]).size) > LARGE_PX
-
-    def about(self) -> dict[str, Any]:
-        """Return what the page is told of where it was played."""
-        return {"level": self.level, "rows": 1, "cols": 1, "task": self.task}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the course as the page reads it."""
@@ -120,31 +111,3 @@ def _picture(frame: dict[str, Any]) -> Image.Image:
     drawn = Image.new("RGB", size, GROUND)
     ImageDraw.Draw(drawn).multiline_text((8, 8), "\n".join(rows), INK, font, spacing=1)
     return drawn
-
-
-@dataclass(frozen=True)
-class FrameCourses:
-    """The courses of a task without `Environment.courses`; no policy is beside them."""
-
-    environment: Environment
-
-    def course_of(self, name: str, record: Record) -> FrameCourse:
-        """Return the course of a finished episode, played again; ValueError where it cannot be played here."""
-        if record.core_version != self.environment.version:
-            raise ValueError(f"the episode was played under {record.core_version}")
-        frames = self.environment.frames(record, "")
-        size = sum(len(frame["picture"] or frame["text"] or "") for frame in frames)
-        kept = (*frames[: -1 : 1 + size // MOST_BYTES], frames[-1])
-        actions = tuple(self.environment.actions[action] for action in record.actions)
-        return FrameCourse(name, describe(self.environment), record.config.level, actions, kept)
-
-    def choices(self, offers: Sequence[PolicyOffer], config: Any) -> list[str]:
-        """Return no policy."""
-        return []
-
-    def preferred(self, driver: str, names: Sequence[str] | None = None) -> None:
-        """Return no policy."""
-
-    def play_ghost(self, source: str, record: Record) -> NoReturn:
-        """Raise GhostError."""
-        raise GhostError(f"no policy is shown beside an episode of {self.environment.about.title}")
