@@ -196,7 +196,8 @@ class Campaign:
             "players": len(self.honest_people),
         }
         rest |= {"break_every": self.ranked, "policies": (RULE,), "debrief_policy": RULE}
-        rest |= {"recruitment": recruitment, "declarations": DECLARATIONS}
+        rest |= {"recruitment": recruitment, "outside_ids": (PANEL_ID,)}
+        rest |= {"declarations": DECLARATIONS}
         folder.create(default_protocol(name, CONFIG, **rest))
         study = folder.freeze(name, draw=lambda _: secret or self.secret())
         links = [""] * len(people)
