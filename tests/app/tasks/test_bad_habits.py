@@ -4,9 +4,12 @@ import re
 
 import pytest
 
+from humanplay.study.folder import Folder
 from humanplay.task import Choice, RunEndedError
 from humanplay.task.registration import Start, environment_of, serve
 from humanplay.tasks.gymnasium.task import GymnasiumTask
+from humanplay.web import server
+from humanplay.web.settings import Settings
 from tests.support import bad_habits
 
 ADAPTERS = 'wrappers = ["humanplay.tasks.gymnasium.adapters'
@@ -102,3 +105,24 @@ def test_policies_and_exports_have_the_environment_s_own_action():
         task.close()
     own = environment_of(task.name).own_actions(config, bytes(run.actions))
     assert own.tolist() == [[2, 1]] * 3
+
+
+def test_one_that_does_not_start_is_left_out_and_named_unless_a_study_of_it_runs(tmp_path, capsys):
+    first, other = "gymnasium:FrozenLake-v1", task_of("NoPicture")
+    settings = Settings(database=tmp_path / "play.db", port=0, task=first, more=(other,))
+
+    class OpenedError(Exception):
+        """The server answers: the test has seen enough."""
+
+    def opened(address):
+        raise OpenedError
+
+    with pytest.raises(OpenedError):
+        server.run(settings, opened)
+    assert "nopicture is left out: render returned nothing" in capsys.readouterr().out
+    rooms = Folder.beside(tmp_path / "play-nopicture.db").root / "rooms"
+    rooms.mkdir(parents=True)
+    for file in ("protocol.json", "frozen.json"):
+        (rooms / file).write_text("{}")
+    with pytest.raises(server.ServerError, match="nopicture does not start, and its study 'rooms'"):
+        server.run(settings, opened)
