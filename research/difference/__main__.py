@@ -6,7 +6,6 @@ import signal
 from collections.abc import Iterable
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -55,7 +54,7 @@ def main(
         fields = [{**vars(training), "moves": moves} for training in trainings]
         trainings = [Training(**own) for own in fields]
     if is_table:
-        click.echo(table(read_records([DATA])))
+        click.echo(table(read_stored()))
     elif is_list:
         for training in trainings:
             click.echo(f"{training.name}{': done' if training.is_done(out) else ''}")
@@ -69,30 +68,43 @@ def main(
 
 
 def export(out: Path) -> None:
-    """Write the logs of a folder to the stored data, beside those of other trainings."""
-    records = {**read_records([DATA]), **read_records(sorted(out.glob("*/log.jsonl")))}
-    lines: list[dict[str, Any]] = []
+    """Write the logs of a folder to the stored data, a line a training, beside those of other trainings."""
+    records = {**read_stored(), **read_records(sorted(out.glob("*/log.jsonl")))}
+    lines = []
     for record in records.values():
-        head = {"kind": "training", "training": vars(record.training)}
-        lines.append({**head, "machines": record.machines})
-        lines += map(dict, record.lines)
-        lines += [dict(record.result)] if record.result else []
+        columns = sorted({name for line in record.lines for name in line} - {"kind"})
+        lines.append(
+            {
+                "training": vars(record.training),
+                "machines": record.machines,
+                "curve": {name: [line.get(name) for line in record.lines] for name in columns},
+                "result": record.result,
+            }
+        )
     write_lines(DATA, lines)
+
+
+def read_stored(path: Path = DATA) -> Records:
+    """Return the stored trainings."""
+    records: dict[Training, Record] = {}
+    for own in read_lines(path):
+        rows = zip(*own["curve"].values(), strict=True)
+        curve = tuple(dict(zip(own["curve"], row, strict=True)) for row in rows)
+        training = Training(**own["training"])
+        records[training] = Record(training, tuple(own["machines"]), curve, own["result"])
+    return records
 
 
 def read_records(paths: Iterable[Path]) -> Records:
     """Return the trainings of some logs."""
     records: dict[Training, Record] = {}
     for path in paths:
-        lines = read_lines(path)
-        heads = [i for i, line in enumerate(lines) if line["kind"] == "training"]
-        for start, end in zip(heads, [*heads[1:], len(lines)], strict=True):
-            head, *own = lines[start:end]
+        head, *lines = read_lines(path) or [{}]
+        curve = tuple(line for line in lines if line["kind"] == "curve")
+        result = next((line for line in lines if line["kind"] == "result"), None)
+        if curve:
             training = Training(**head["training"])
-            curve = tuple(line for line in own if line["kind"] == "curve")
-            result = next((line for line in own if line["kind"] == "result"), None)
-            if curve:
-                records[training] = Record(training, tuple(head["machines"]), curve, result)
+            records[training] = Record(training, tuple(head["machines"]), curve, result)
     return records
 
 

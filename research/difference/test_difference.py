@@ -1,9 +1,12 @@
 """Each verdict of the design comes out both ways, and a training goes on where it stopped."""
 
 from dataclasses import replace
+from itertools import pairwise
 
+import numpy as np
 import pytest
 
+from marsexplorer.compat import make
 from research.difference.__main__ import read_records, table
 from research.difference.answers import (
     Interval,
@@ -14,6 +17,8 @@ from research.difference.answers import (
     verdict,
 )
 from research.difference.design import Training, combinations, full_passes, random_level
+from research.difference.picture import PANELS, VIDEOS, draw
+from research.paper.jobs import read_lines
 
 
 def record(training, coverage, finished=True):
@@ -107,3 +112,23 @@ def test_a_training_that_was_stopped_ends_as_one_that_was_not(world, tmp_path):
     (own,) = read_records(logs[:1]).values()
     assert len(own.result["actions"]) == 20
     assert own.result["coverage"] > 0
+
+
+def test_the_paths_of_the_videos_are_played_in_the_codes_world():
+    actions = {(1, 0): 0, (-1, 0): 1, (0, 1): 2, (0, -1): 3}
+    for video in read_lines(VIDEOS):
+        terrain = np.zeros((21, 21), bool)
+        terrain[tuple(np.transpose(video["blocked"]))] = True
+        env = make(preset="videos")
+        env.reset(options={"terrain": terrain})
+        for (x, y), (next_x, next_y) in pairwise(video["path"]):
+            _, _, done, _, info = env.step(actions[next_x - x, next_y - y])
+            assert not done
+        assert 0.947 < info["coverage"] < 0.955
+        assert env.step(3)[2:] == (True, False, {**info, "outcome": "out_of_bounds"})
+        assert terrain.sum() == 9
+
+
+def test_the_picture_shows_four_panels(tmp_path):
+    text = draw(tmp_path).read_text()
+    assert all(title in text for title, _ in PANELS)

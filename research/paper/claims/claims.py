@@ -134,6 +134,34 @@ CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
 }
 """Name of the claim, as the first column of its row has it -> how it is judged."""
 
+FINDINGS = frozenset(
+    {
+        "players",
+        "human-share",
+        "rainbow-human-share",
+        "best",
+        "second",
+        "half",
+        "millions",
+        "shares",
+        "morphology-first",
+        "morphology-degrades",
+        "hardest",
+        "generalises",
+        "harder-generalises",
+        "bonus-little",
+        "discovered-obstacles",
+        "same-family",
+        "hilbert",
+        "dexterous",
+        "less-distance",
+        "knee",
+        "no-knee",
+        "scales",
+    }
+)
+"""The claims about what was found; the others say how something is defined or made."""
+
 
 def cells(name: str, results: Results) -> tuple[str, str]:
     """Return the last two cells of a claim's row, as Markdown: what was measured with its command, and the verdict."""

@@ -13,7 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from research.paper.claims.claims import CLAIMS, cells
+from research.difference import picture
+from research.paper.claims.claims import CLAIMS, FINDINGS, cells
 from research.paper.claims.results import FOLDER, VERDICTS, Results, read
 from research.paper.claims.settings_table import as_table
 from research.paper.claims.training_claims import BLOCKS
@@ -32,6 +33,9 @@ BLOCK = re.compile(r"^<!-- drawn: (?P<name>[a-z0-9 -]+) -->\n.*?^<!-- end -->$",
 
 
 SHOWN = {
+    "difference": {
+        "paths": "the paths of the authors' videos, of PPO in their world, and of PPO in the text's",
+    },
     "figure4": {
         "figure4-moves": "score, coverage and completion of the four algorithms against moves",
         "figure4-cpu": "the same against CPU minutes",
@@ -70,6 +74,7 @@ def draw_pictures(target: Path, source: Path = FOLDER) -> list[Path]:
         for figure in (figure6, figure7):
             with suppress(FileNotFoundError):  # no results of the figure
                 figure.draw(source, scratch)
+        picture.draw(scratch)
         names = (name for pictures in SHOWN.values() for name in pictures)
         return [
             shutil.copyfile(scratch / f"{name}.svg", target / f"{name}.svg")
@@ -125,26 +130,23 @@ def draw_block(name: str, text: str, results: Results) -> str:
     return pictures_as_markdown(what, PICTURES) if kind == "pictures" else BLOCKS[name](results)
 
 
+IMPLEMENTED = "what is implemented"
+FOUND = "what was found"
+
+
 def summary(text: str, results: Results) -> str:
-    """Return how many claims of each section of the document have which verdict, as a table in Markdown."""
-    rows, totals = [], Counter[str]()
-    for section in re.split(r"^## ", text, flags=re.M)[1:]:
-        if counts := Counter(CLAIMS[name].decide(results).verdict for name in names_of(section)):
-            totals += counts
-            heading = section.split("\n", 1)[0]
-            rows.append((f"[{heading}](#{anchor(heading)})", counts))
+    """Return how many definitions and how many findings of the paper have which verdict, as a table in Markdown."""
+    counts = {IMPLEMENTED: Counter[str](), FOUND: Counter[str]()}
+    for name in names_of(text):
+        kind = FOUND if name in FINDINGS else IMPLEMENTED
+        counts[kind][CLAIMS[name].decide(results).verdict] += 1
     return markdown_table(
-        ("section", *VERDICTS),
+        ("", *VERDICTS),
         [
-            [name, *(str(counts[verdict] or "") for verdict in VERDICTS)]
-            for name, counts in (*rows, ("together", totals))
+            [kind, *(str(own[verdict] or "") for verdict in VERDICTS)]
+            for kind, own in counts.items()
         ],
     )
-
-
-def anchor(heading: str) -> str:
-    """Return the anchor that the site gives a heading."""
-    return re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 
 def main(page: Path = PAGE) -> None:
