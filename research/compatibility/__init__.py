@@ -1,0 +1,1 @@
+"""Which versions of Gymnasium, NumPy and Python, and which libraries, does the environment run with?"""
