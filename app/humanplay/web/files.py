@@ -20,7 +20,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 from starlette.exceptions import HTTPException
 
-from humanplay.web.protection import NO_CACHE
+from humanplay.web.protection import NO_CACHE, SHARED
 
 router = APIRouter(include_in_schema=False)
 
@@ -136,6 +136,26 @@ class PageFiles:
         )
 
 
+ASKED_FOR = {
+    "/favicon.ico": "common/icon.ico",
+    "/apple-touch-icon.png": "common/touch_icon.png",
+    "/robots.txt": "common/robots.txt",
+}
+"""What browsers and search engines ask for by addresses of their own."""
+
+
+def _serve(path: str, name: str) -> None:
+    async def serve(request: Request) -> Response:
+        files: PageFiles = request.app.state.files
+        return (await files.file(name)).answer(request, NO_CACHE)
+
+    router.add_api_route(path, serve, methods=["GET"])
+
+
+for _path, _name in ASKED_FOR.items():
+    _serve(_path, _name)
+
+
 @router.get("/static/{version}/{name:path}")
 async def page_file(request: Request, version: str, name: str) -> Response:
     """Serve a file of the pages."""
@@ -146,7 +166,9 @@ async def page_file(request: Request, version: str, name: str) -> Response:
         file = await files.file(name)
     except (KeyError, FileNotFoundError) as error:
         raise HTTPException(404) from error
-    return file.answer(request, KEPT if files.is_hashed(version, file) else NO_CACHE)
+    kept = KEPT if files.is_hashed(version, file) else NO_CACHE
+    # pages of other sites may show the picture of a preview
+    return file.answer(request, {**kept, **(SHARED if file.media_type == "image/png" else {})})
 
 
 def joined(name: str, read: Callable[[str], bytes]) -> bytes:

@@ -14,11 +14,11 @@ from humanplay.web.access import asker_of, owner_of, services_of
 from humanplay.web.answers.base import Course, file_of
 from humanplay.web.answers.replays import Replay
 from humanplay.web.errors import bad_input
-from humanplay.web.protection import SHARED, is_secure
+from humanplay.web.protection import SHARED
 from humanplay.web.replays.episodes import UnknownReplayError
 from humanplay.web.replays.files import MEDIA_TYPES, Format, offered
 from humanplay.web.replays.page import render
-from humanplay.web.templates import addresses
+from humanplay.web.templates import absolute_address, addresses
 
 FILES = file_of(*MEDIA_TYPES.values(), meaning="the replay")
 router = APIRouter()
@@ -112,11 +112,3 @@ async def replay_page(request: Request, episode_id: str) -> Response:
         absolute_address(request),
     )
     return HTMLResponse(page)
-
-
-def absolute_address(request: Request) -> str:
-    """Return the address that was asked for, without its query, as the browser of whoever asked wrote it."""
-    headers = request.headers
-    host = headers.get("host", "")
-    prefix = headers.get("x-forwarded-prefix", "").split(",")[0].strip().rstrip("/")
-    return f"{'https' if is_secure(request) else 'http'}://{host}{prefix}{request.url.path}"

@@ -183,6 +183,7 @@ def _app_of(
     add_error_handlers(app)
     drawn_by = static_of(settings.task)
     folders = {} if drawn_by is None else {f"task/{environment.assets}/": drawn_by}
+    app.state.public_url = settings.public_url
     app.state.offered = pages.offered(environment)
     app.state.files = files.PageFiles({"": STATIC, **folders})
     boards = api.board_router(environment.messages)

@@ -8,6 +8,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.requests import HTTPConnection, Request
 
 from humanplay import STATIC
+from humanplay.web.protection import is_secure
 
 environment = Environment(
     loader=FileSystemLoader([Path(__file__).parent, STATIC]), autoescape=True,
@@ -16,9 +17,29 @@ environment = Environment(
 
 
 def addresses(request: Request) -> dict[str, object]:
-    """Return the addresses that every page has: of the app's root, of the files, and the pages that are offered."""
-    root, state = root_of(request), request.app.state
-    return {"root": root, "files": root + state.files.address(), "offered": state.offered}
+    """Return what every page has: relative and absolute addresses, and the pages that are offered."""
+    root, state, address = root_of(request), request.app.state, absolute_address(request)
+    folder = state.files.address()
+    return {
+        "root": root,
+        "files": root + folder,
+        "offered": state.offered,
+        "address": address,
+        "site": f"{address.removesuffix(path_of(request))}/",
+        "folder": folder,
+    }
+
+
+def absolute_address(request: Request) -> str:
+    """Return the address that was asked for, without its query, as others open it.
+
+    It begins with the server's public address, else as whoever asked wrote it.
+    """
+    headers, public = request.headers, request.app.state.public_url
+    prefix = headers.get("x-forwarded-prefix", "").split(",")[0].strip().rstrip("/")
+    scheme = "https" if is_secure(request) else "http"
+    own = f"{scheme}://{headers.get('host', '')}{prefix}"
+    return f"{own if public is None else public.rstrip('/')}{request.url.path}"
 
 
 def root_of(connection: HTTPConnection) -> str:

@@ -45,8 +45,8 @@ def render(
     inlined  what a page that stands in one file holds itself, see `_inlined`
     """
     text: str = templates.environment.get_template("replay/index.html").render(
-        **addresses, data=data, headline=course.headline, terrain=data["place"],
-        formats=formats, address=address, inlined=inlined,
+        **{**addresses, "address": address}, data=data, headline=course.headline, terrain=data["place"],
+        formats=formats, inlined=inlined,
     )  # fmt: skip
     return text
 

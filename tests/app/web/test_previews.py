@@ -1,0 +1,67 @@
+"""What a chat program or a search engine sees of an address: tags, a picture, and nothing of anybody's episodes."""
+
+import re
+from io import BytesIO
+
+from PIL import Image
+
+from tests.support.study import freeze
+
+SITE = "https://mars.example/lab/"
+TAG = re.compile(r'<meta (?:property|name)="([^"]+)" content="([^"]*)">')
+PAGES = ("", "daily", "leaderboard", "about", "study", "study/open")
+
+
+def tags(page):
+    return dict(TAG.findall(page.text))
+
+
+def test_every_address_that_people_share_has_a_preview_with_a_picture(serve, tmp_path):
+    freeze(tmp_path / "playground.db-studies", "open", recruitment="open")
+    server = serve(public_url=SITE)
+    stranger = server.client(headers={"User-Agent": "a chat program"})
+    titles = set()
+    for path in PAGES:
+        page = stranger.get(f"/{path}?utm_source=chat")
+        assert (page.status_code, page.headers.get("set-cookie")) == (200, None), path
+        found = tags(page)
+        assert found["og:url"] == SITE + path
+        assert f'<link rel="canonical" href="{SITE}{path}">' in page.text
+        assert found["description"] == found["og:description"] == found["twitter:description"]
+        assert found["og:image"].startswith(SITE)
+        picture = stranger.get(found["og:image"].replace(SITE, "/"))
+        assert picture.headers["cross-origin-resource-policy"] == "cross-origin"
+        size = (int(found["og:image:width"]), int(found["og:image:height"]))
+        assert Image.open(BytesIO(picture.content)).size == size == (1200, 630)
+        titles.add(found["og:title"])
+    assert len(titles) == len(PAGES)
+    assert len(server.services.lobby) == 0
+
+
+def test_a_stranger_sees_nothing_of_an_episode_that_is_not_to_be_seen(serve):
+    server = serve()
+    player, stranger = server.page(), server.client()
+    running = player.post("/api/sessions", json={"size": [7, 9]}).json()
+    today = player.post("/api/daily").json()
+    for board in (running, today):
+        for form in ("", ".png", ".gif", ".html"):
+            answer = stranger.get(
+                f"/replay/{board['frame']['episode']}{form}", follow_redirects=False
+            )
+            assert answer.status_code in (303, 404)
+            assert "og:image" not in answer.text
+            assert "set-cookie" not in answer.headers
+    assert "seed" not in str(tags(stranger.get("/daily")))
+
+
+def test_what_browsers_and_search_engines_ask_for_is_there(server):
+    client = server.client()
+    icon = client.get("/favicon.ico")
+    assert Image.open(BytesIO(icon.content)).format == "ICO"
+    assert Image.open(BytesIO(client.get("/apple-touch-icon.png").content)).size == (180, 180)
+    robots = client.get("/robots.txt")
+    assert (robots.headers["content-type"].split(";")[0], "Disallow: /api/" in robots.text) == (
+        "text/plain",
+        True,
+    )
+    assert client.head("/favicon.ico").status_code == 200
