@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -41,6 +41,7 @@ class GymnasiumConfig:
     told: str
     arguments: str
     limit: int
+    size: ClassVar[None] = None
 
     @property
     def description(self) -> Description:
