@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from humanplay.task import Configuration, Environment, Policy, Record, Run
+from humanplay.task import Configuration, Environment, Policy, Record, Run, counted
 
 LOSS, ENDED_EARLY = "longer way", "ended early"
 """Kinds of mistakes: moves that cost some, and an end before the limit without success."""
@@ -168,7 +168,7 @@ def check_judged(environment: Environment, config: Configuration) -> None:
     if steps > MOST_STEPS:
         raise ValueError(
             f"moves are judged if the expert needs at most {MOST_STEPS:,} moves to try all actions; "
-            f"episodes of {config.limit:,} moves and {len(environment.actions)} actions need {steps:,}"
+            f"episodes of {counted(config.limit, 'move')} and {counted(len(environment.actions), 'action')} need {steps:,}"
         )
 
 
