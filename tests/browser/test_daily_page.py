@@ -68,7 +68,7 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     assert shared.startswith("MarsExplorer daily 20")
     assert shared.endswith(f"{server.url}/daily")
     # the sentence counts the rows that stand below it
-    eventually(lambda: "still exploring" not in page.get_by_test_id("policies").inner_text())
+    eventually(lambda: "still playing" not in page.get_by_test_id("policies").inner_text())
     took = page.locator("#policies li b").all_inner_texts()
     beaten = sum("stopped" in text or int(text.split()[0]) > moves for text in took)
     counted = {0: "none of", len(took): "all"}.get(beaten, f"{beaten} of")
@@ -143,7 +143,7 @@ def test_the_page_of_ones_own_episodes_heals_and_shows_each_once(serve, player, 
     for path in ("task", "people", "me/history?limit=50*"):
         page.route(f"**/api/{path}", fail_once)
     page.goto(f"{server.url}/me")
-    page.get_by_text("You have driven 5 episodes").wait_for()
+    page.get_by_text("You have played 5 episodes").wait_for()
     page.get_by_test_id("name").wait_for()
     rows = page.get_by_test_id("history").locator("tbody tr")
     assert rows.count() == 2
