@@ -76,10 +76,10 @@ SETTINGS = (
 """By the size of the grid: the first that is large enough."""
 
 
-class _Arrays:
-    """What is kept of one board, and scratch arrays, for one shape and radius."""
+class LookaheadArrays:
+    """What is kept of one board, and scratch arrays; `samples` terrains, or those of the settings."""
 
-    def __init__(self, shape: tuple[int, int], radius: int) -> None:
+    def __init__(self, shape: tuple[int, int], radius: int, samples: int | None = None) -> None:
         rows, cols = shape
         n = rows * cols
         self.shape, self.settings = shape, next(each for each in SETTINGS if n <= each.cells)
@@ -96,7 +96,7 @@ class _Arrays:
         self.rule = (
             tables.prices, tables.highest, tables.limits, tables.weights, search, squares.copy(), path,
         )  # fmt: skip
-        samples = self.settings.samples
+        samples = samples or self.settings.samples
         self.chains = posterior_chains(shape, samples)
         self.truths = np.zeros((samples, len(self.board.board[2][0])), np.uint64)
         self.values, self.goals = np.zeros(n), np.zeros(MOST_CANDIDATES, np.int64)
@@ -116,7 +116,7 @@ class Lookahead:
     def __init__(self, base: Policy, sensor_radius: int = 6) -> None:
         self._base, self._radius, self._level = base, sensor_radius, LEVEL
         self._memory = Memory()
-        self._arrays: _Arrays | None = None
+        self._arrays: LookaheadArrays | None = None
         self._state = np.zeros(1, np.uint64)
         self.reset(0)
 
@@ -159,7 +159,7 @@ class Lookahead:
         rows, cols = memory.codes.shape
         arrays = self._arrays
         if arrays is None or arrays.shape != (rows, cols):
-            arrays = self._arrays = _Arrays((rows, cols), self._radius)
+            arrays = self._arrays = LookaheadArrays((rows, cols), self._radius)
         settings, board = arrays.settings, arrays.board
         cell = memory.position[0] * cols + memory.position[1]
         self._key = mix(self._key ^ (cell + 1))

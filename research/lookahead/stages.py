@@ -25,7 +25,7 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.policies.base import Memory
 from marsexplorer.policies.kernels.rollouts import compare, fill_truths
-from marsexplorer.policies.lookahead import Lookahead, _Arrays
+from marsexplorer.policies.lookahead import Lookahead, LookaheadArrays
 from marsexplorer.terrain import generate
 from research.lookahead.__main__ import FIRST_SEED
 from research.paper.tables import Estimate
@@ -54,7 +54,7 @@ class Watched(Lookahead):
     def _look_ahead(self, memory: Memory, action: int) -> int | None:
         rows, cols = shape = memory.codes.shape
         if self._arrays is None or self._arrays.shape != shape:
-            self._arrays = _Arrays((rows, cols), self._radius)
+            self._arrays = LookaheadArrays((rows, cols), self._radius)
             self._begins = self._arrays.settings.begins
             self._arrays.settings = replace(self._arrays.settings, begins=EARLIEST)
         found = super()._look_ahead(memory, action)

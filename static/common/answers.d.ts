@@ -631,6 +631,39 @@ declare namespace Answers {
     /** what was expected and what came */
     detail: string,
   };
+  /** A position in which one first move is clearly better than each other. */
+  type Puzzle = {
+    id: string,
+    frame: Frame,
+    /** cells that the rover has stood on */
+    trail: [number, number][],
+    /** those to choose from */
+    moves: string[],
+  };
+  /** The best first move of a puzzle, and what it saves against the next best. */
+  type PuzzleAnswer = {
+    best: string,
+    /** moves to the goal on average, by the first move */
+    means: Record<string, number>,
+    /** moves on average */
+    saves: number,
+    /** its standard error, moves */
+    error: number,
+    /** that agree with what is seen, over which it is the average */
+    terrains: number,
+    /** moves that it saves on the terrain itself */
+    here: number,
+  };
+  /** The puzzles of today (UTC), the same for everybody. */
+  type Puzzles = {
+    /** like 2026-11-22 */
+    day: string,
+    /** server time, milliseconds since 1970 */
+    now_ms: number,
+    /** when the next day begins */
+    next_ms: number,
+    puzzles: Puzzle[],
+  };
   /** A question that shows whether the instructions were understood. */
   type Question = {
     question: string,

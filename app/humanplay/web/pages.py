@@ -22,7 +22,7 @@ from humanplay.web.templates import addresses, environment, root_of
 
 PAGES = {
     "/study": "studies", "/leaderboard": "leaderboard", "/about": "about",
-    "/daily": "daily", "/me": "me",
+    "/daily": "daily", "/me": "me", "/puzzles": "puzzles",
 }  # fmt: skip
 """The folders of `static/` whose pages are served, by their addresses."""
 

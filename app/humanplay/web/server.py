@@ -61,6 +61,7 @@ from humanplay.web import (
     files,
     pages,
     people,
+    puzzles,
     replay,
     results,
     sockets,
@@ -188,7 +189,7 @@ def _app_of(
     app.state.files = files.PageFiles({"": STATIC, **folders})
     boards = api.board_router(environment.messages)
     # first what is asked for most: routes are tried in turn
-    modules = [files, pages, sockets, api, watch, results, people, replay, daily, study]
+    modules = [files, pages, sockets, api, watch, results, people, replay, daily, puzzles, study]
     modules += [viewer]
     further = (results.mine, results.leaderboard, api.probes)
     for router in (boards, *(module.router for module in modules), *further):

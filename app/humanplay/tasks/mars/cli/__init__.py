@@ -14,6 +14,7 @@ from humanplay.command.group import SETTINGS, Commands, Entry, run
 COMMANDS = {
     "evaluate": Entry("evaluate", "play", "Score policies on the same terrains."),
     "train": Entry("train", "train", "Train a policy on this machine."),
+    "puzzles": Entry("puzzles", "play", "Make the puzzles that come with the package."),
     "policies": Entry(
         "policies", "play", "List policies, show their cards, share them on the Hugging Face hub."
     ),

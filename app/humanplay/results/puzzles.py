@@ -1,0 +1,69 @@
+"""Puzzles: positions that come with the package, three a day, the same for everybody.
+
+Nothing of them is stored here: which move somebody chose stays in their browser, and no figure reads it.
+"""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, date, datetime, timedelta
+from functools import lru_cache
+from typing import NamedTuple
+
+from humanplay import SHIPPED_DATA
+
+A_DAY = 3
+"""Puzzles a day."""
+FOLDER = SHIPPED_DATA / "puzzles"
+
+
+class Answer(NamedTuple):
+    """The first move that is best, and what it saves against the next best.
+
+    means     moves to the goal on average, by the first move
+    saves     moves on average over `terrains`, with the standard error
+    here      moves on the terrain itself
+    """
+
+    best: str
+    means: dict[str, float]
+    saves: float
+    error: float
+    terrains: int
+    here: int
+
+
+class Puzzle(NamedTuple):
+    """A position: its frame, and the marks of the way so far."""
+
+    id: str
+    frame: dict[str, object]
+    trail: list[tuple[int, int]]
+    answer: Answer
+
+
+@lru_cache
+def puzzles_of(task: str) -> dict[str, Puzzle]:
+    """The puzzles of a task by their ids; none where it has no file."""
+    path = FOLDER / f"{task}.json"
+    if not path.exists():
+        return {}
+    rows = json.loads(path.read_text())["puzzles"]
+    return {
+        row["id"]: Puzzle(row["id"], row["frame"], row["trail"], Answer(**row["answer"]))
+        for row in rows
+    }
+
+
+def puzzles_on(task: str, day: str) -> list[Puzzle]:
+    """The puzzles of a day (UTC, "2026-11-22"): the next three each day, then from the first again."""
+    puzzles = list(puzzles_of(task).values())
+    first = A_DAY * date.fromisoformat(day).toordinal()
+    count = min(A_DAY, len(puzzles))
+    return [puzzles[(first + number) % len(puzzles)] for number in range(count)]
+
+
+def day_ends_ms(day: str) -> int:
+    """When a day is over, in milliseconds since 1970."""
+    after = date.fromisoformat(day) + timedelta(days=1)
+    return int(datetime(after.year, after.month, after.day, tzinfo=UTC).timestamp() * 1000)

@@ -1,0 +1,49 @@
+"""The puzzles' page: a position is answered by a key or a button, and what was chosen stays in the browser."""
+
+from humanplay.results.puzzles import puzzles_of
+from tests.support.browser import KEY_OF, NO_3D, judged
+
+
+def test_three_puzzles_are_answered_by_keys_and_buttons_and_a_reload_keeps_them(serve, player):
+    me = player(serve(), NO_3D)
+    page, wrong = me.page, []
+    sent = []
+    page.on("request", lambda request: sent.append(request) if request.method != "GET" else None)
+
+    def begin():
+        page.goto(f"{me.url}/puzzles")
+        me.wait("window.puzzles.today && document.body.dataset.state === 'ready'")
+
+    begin()
+    wrong += judged(page, "puzzle-open")
+    puzzles = puzzles_of("mars")
+    ids = [puzzle["id"] for puzzle in page.evaluate("() => window.puzzles.today.puzzles")]
+    answers = [puzzles[each].answer for each in ids]
+    blocked = next((each for each in KEY_OF if each not in answers[0].means), None)
+    if blocked:
+        page.keyboard.press(KEY_OF[blocked])
+        assert page.get_by_test_id("verdict").is_hidden(), "a rock is no answer"
+    page.keyboard.press(KEY_OF[answers[0].best])
+    page.get_by_text(f"{answers[0].best.capitalize()} is right.").wait_for()
+    text = page.get_by_test_id("verdict").inner_text()
+    assert f"saves {round(answers[0].saves)} moves on average" in text
+    wrong += judged(page, "puzzle-right")
+    page.get_by_test_id("next").click()
+    other = next(each for each in answers[1].means if each != answers[1].best)
+    page.get_by_test_id(f"move-{other}").click()
+    page.get_by_text(f"{answers[1].best.capitalize()} was better than {other}.").wait_for()
+    wrong += judged(page, "puzzle-wrong")
+    begin()
+    assert page.evaluate("() => window.puzzles.number") == 2, "the first that is open"
+    page.keyboard.press(KEY_OF[answers[2].best])
+    page.get_by_text("That was today: 2 of 3 right.").wait_for()
+    wrong += judged(page, "puzzle-done")
+    begin()
+    page.get_by_text("That was today: 2 of 3 right.").wait_for()
+    stored = page.evaluate("() => JSON.parse(localStorage.getItem('humanplay.puzzles'))")
+    (choices,) = stored.values()
+    assert [each["answer"] for each in choices] == [answers[0].best, other, answers[2].best]
+    assert all(set(each) == {"id", "answer", "ms"} and each["ms"] > 0 for each in choices)
+    assert sent == []
+    assert wrong == []
+    assert me.errors == []
