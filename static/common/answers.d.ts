@@ -479,9 +479,13 @@ declare namespace Answers {
     not_attested: string | null,
     /** whether the terrain was known from an earlier episode */
     met_before: boolean,
+    /** Expert's on the same terrain; null except for ranked ones of the people's board */
+    expert_moves: number | null,
   };
   /** What you have driven. */
   type OwnHistory = {
+    /** of these episodes, on whose terrains Expert has yet to drive */
+    comparing: number,
     total: number,
     /** the newest first */
     episodes: OwnEpisode[],
@@ -635,7 +639,7 @@ declare namespace Answers {
   type Puzzle = {
     id: string,
     frame: Frame,
-    /** cells that the rover has stood on */
+    /** the way here, row and column after each move */
     trail: [number, number][],
     /** those to choose from */
     moves: string[],

@@ -1,12 +1,13 @@
 // A player's own page: bests, place among people, every episode. The only module of this page that knows all the others.
-import { request } from "../common/api.js";
+import { api, request } from "../common/api.js";
 import { paintDistribution } from "../common/distribution.js";
 import { paintChart } from "../common/chart.js";
 import { ticks, tickText } from "../common/chart_scale.js";
-import { all, by, chartColours, create, put } from "../common/page.js";
+import { all, boardColours, by, chartColours, create, put } from "../common/page.js";
+import { browserStore } from "../common/storage.js";
 import { loadTask, showTask } from "../common/task.js";
-import { percent, score } from "../common/words.js";
-import { bestText, gapsText, kindText, standingText, summary } from "./words.js";
+import { many, percent, score } from "../common/words.js";
+import { bestText, dailyText, gapsText, kindText, puzzlesText, standingText, summary } from "./words.js";
 
 /** @type {Task} */
 let task;
@@ -37,6 +38,10 @@ function bestPanel(figure) {
   ], { class: "panel" });
 }
 
+const outcomeOf = (/** @type {string} */ outcome) => (outcome === "abandoned" ? "left" : task.outcome(outcome));
+/** @param {Answers.OwnEpisode} episode */
+const resultOf = ({ outcome, moves }) => (task.successes.includes(outcome) ? many(moves, "move") : `${outcomeOf(outcome)} after ${many(moves, "move")}`);
+
 /** @param {Answers.OwnEpisode} episode @returns the row of one episode */
 function episodeRow(episode) {
   const { outcome, moves, coverage } = episode;
@@ -46,7 +51,7 @@ function episodeRow(episode) {
   kindCell.title = reason;
   return create("tr", [
     create("th", when, { scope: "row" }), create("td", episode.place), kindCell,
-    create("td", outcome === "abandoned" ? "left" : task.outcome(outcome), { class: task.successes.includes(outcome) ? "good" : outcome === "abandoned" ? "left" : "bad" }),
+    create("td", outcomeOf(outcome), { class: task.successes.includes(outcome) ? "good" : outcome === "abandoned" ? "left" : "bad" }),
     create("td", String(moves), { class: "number" }), ...(task.shareText ? [create("td", coverage === null ? "" : `${percent(coverage)} %`, { class: "number wide" })] : []), create("td", score(episode.score), { class: "number wide" }),
   ]);
 }
@@ -65,7 +70,12 @@ async function load() {
     put(by("sentence"), summary(task, history));
     if (!shown) {
       by("bests").replaceChildren(...history.bests.map(bestPanel));
-      if (history.total && task.expert) loadName();
+      if (history.total && task.expert) {
+        loadName();
+        compare().catch((error) => put(by("gap-note"), error.message));
+        paintPictures(history.episodes);
+      }
+      showStreaks();
     }
     by("rows").append(...history.episodes.map(episodeRow));
     shown += history.episodes.length;
@@ -105,24 +115,57 @@ async function setName(body) {
   }
 }
 
-/** How many of the newest episodes the curve has. */
-const CURVE = 20;
-/** Each of them beside Expert's, the oldest first.
+/** How many of the newest episodes are asked for at a time to be compared. */
+const NEWEST = 200;
+const SOON_MS = 2000;
+/** Ranked terrains beside Expert's run on each, the oldest first.
  * @type {Me.Gap[]} */
-const gaps = [];
+let gaps = [];
 
-/** Compare each of the newest episodes with Expert's, the oldest first, and draw the curve as it comes. */
+/** Draw the curve of the ranked terrains on which Expert has driven, and again while it drives on more. */
 async function compare() {
-  by("compare").hidden = true;
-  const { episodes } = /** @type {Answers.OwnHistory} */ (await request(`me/history?limit=${CURVE}`));
-  for (const [index, { episode, outcome }] of episodes.reverse().entries()) {
-    put(by("gap-note"), `Episode ${index + 1} of ${episodes.length}`);
-    const costs = /** @type {Answers.Costs | null} */ (await request(`episodes/${encodeURIComponent(episode)}/costs`, undefined, 120_000).catch(() => null));
-    if (!costs || costs.total === null) continue; // today's terrain
-    gaps.push({ gap: costs.total, isFinished: task.successes.includes(outcome) });
-    paintGaps();
+  const { episodes, comparing } = /** @type {Answers.OwnHistory} */ (await request(`me/history?limit=${NEWEST}`));
+  gaps = episodes.reverse().flatMap(({ moves, outcome, expert_moves: others }) =>
+    (others === null ? [] : [{ gap: moves - others, isFinished: task.successes.includes(outcome) }]));
+  put(by("gap-note"), comparing ? `${expert()} drives on ${many(comparing, "more terrain")} of yours.` : gapsText(expert(), gaps));
+  paintGaps();
+  if (comparing) setTimeout(() => compare().catch(() => {}), SOON_MS);
+}
+
+/** How many of the newest replays stand there as pictures. */
+const PICTURES = 6;
+
+/** Draw the newest episodes as small pictures that lead to their replays.
+ * @param {Answers.OwnEpisode[]} episodes the newest first */
+async function paintPictures(episodes) {
+  const { you } = boardColours(document.documentElement);
+  for (const episode of episodes) {
+    if (by("pictures").children.length === PICTURES) return;
+    const replay = await api.replay(episode.episode).catch(() => null);
+    if (!replay) continue; // today's terrain, or one of another version
+    const place = create("div", create("canvas", [], { role: "img" }), { class: "matrix" });
+    const says = `${resultOf(episode)}, ${episode.place}`;
+    const link = create("a", [place, create("span", says)], { href: `replay/${encodeURIComponent(episode.episode)}` });
+    by("pictures").append(create("li", link));
+    by("replays").hidden = false;
+    const side = place.clientWidth;
+    task.paint(place, task.boardAt(replay.run, replay.run.actions.length), { name: "You", accent: you, width_px: side, height_px: side, dpr: devicePixelRatio || 1 });
+    /** @type {HTMLElement} */ (place.firstElementChild).setAttribute("aria-hidden", "true");
   }
-  put(by("gap-note"), gapsText(expert(), gaps));
+}
+
+/** Say the days in a row, of the daily terrain and of the puzzles. */
+async function showStreaks() {
+  const [daily, puzzles] = await Promise.all([
+    /** @type {Promise<Answers.Today | null>} */ (request("daily").catch(() => null)),
+    /** @type {Promise<Answers.Puzzles | null>} */ (request("puzzles").catch(() => null))]);
+  const answered = /** @type {Puzzles.Answered} */ (browserStore.read("humanplay.puzzles"));
+  const lines = [
+    ...(daily ? [["Today's terrain", "daily", dailyText(task, daily)]] : []),
+    ...(puzzles ? [["Puzzles", "puzzles", puzzlesText(puzzles, answered)]] : []),
+  ];
+  by("streaks").replaceChildren(...lines.map(([name, href, text]) => create("li", [create("a", name, { href }), create("span", text)])));
+  by("streaks-part").hidden = lines.length === 0;
 }
 
 /** Draw the finished episodes as a line, and a cross at the top for each that was not. */
@@ -137,7 +180,7 @@ function paintGaps() {
   const [low, high] = [Math.min(0, ...moves), Math.max(10, ...moves)];
   paintChart(chart, { inks, font, base: 0, edges: { left: 44, right: 14, top: 16, bottom: 22 },
     lines: [{ colour: you, dash: [], dot: 3.5, hasWhiskers: true, x: finished.map(({ at }) => at), y: moves }],
-    x: { low: 0, high: gaps.length, ticks: ticks(0, gaps.length).filter(Number.isInteger), text: (at) => (at ? String(at) : "episode") }, y: { low, high, ticks: ticks(low, high), text: tickText },
+    x: { low: 0, high: gaps.length, ticks: ticks(0, gaps.length).filter(Number.isInteger), text: (at) => (at ? String(at) : "terrain") }, y: { low, high, ticks: ticks(low, high), text: tickText },
     over: (context, at) => numbered.filter(({ isFinished }) => !isFinished).forEach((episode) => paintCross(context, at.x(episode.at), at.y(high) - 8, inks.text)) });
   chart.setAttribute("aria-label", gapsText(expert(), gaps));
 }
@@ -153,7 +196,6 @@ function paintCross(context, x, y, colour) {
   context.stroke();
 }
 
-by("compare").addEventListener("click", () => compare().catch((error) => put(by("gap-note"), error.message)));
 by("name-form").addEventListener("submit", (event) => {
   event.preventDefault();
   setName({ name: by("name", HTMLInputElement).value });

@@ -1,5 +1,6 @@
 // The sentences of a player's own page; no document here, so that node can test every one.
 import { many, signed, wholePercent } from "../common/words.js";
+import { choicesOn, streak } from "../puzzles/words.js";
 
 /** @param {Task} task @param {Answers.OwnHistory} history @returns the sentence below the heading */
 export function summary({ target, round }, { total, bests }) {
@@ -59,7 +60,7 @@ export function bestText({ target }, { best, episodes, successes }) {
 
 /** @param {string} expert @param {Me.Gap[]} gaps the oldest episode first @returns the curve in words */
 export function gapsText(expert, gaps) {
-  if (!gaps.length) return "No episode of yours can be compared yet: a daily terrain can once its day is over.";
+  if (!gaps.length) return `No ranked terrain yet. Each one of the kind that the leaderboard has is compared with ${expert}'s own run on it.`;
   const mean = (/** @type {number[]} */ moves) => moves.reduce((sum, each) => sum + each, 0) / moves.length;
   const more = gaps.filter(({ isFinished }) => isFinished).map(({ gap }) => gap);
   const open = gaps.length - more.length;
@@ -71,4 +72,20 @@ export function gapsText(expert, gaps) {
   const isEqual = Math.abs(gap) < 0.05;
   const needed = isEqual ? `as many moves as ${expert}` : `${Math.abs(gap).toFixed(1)} moves ${gap < 0 ? "fewer" : "more"} than ${expert}`;
   return `You needed ${needed} ${more.length === 1 ? "in" : "on average, over"} ${many(more.length, "finished episode")}.${change}${unfinished}`;
+}
+
+/** @param {number} days @returns {string} */
+const inARow = (days) => (days > 1 ? `, ${days} days in a row` : "");
+
+/** @param {Task} task @param {Pick<Answers.Today, "attempt" | "streak">} today @returns {string} how the daily terrain stands */
+export function dailyText({ successes }, { attempt, streak: days }) {
+  const state = !attempt ? "not played today" : attempt.state === "open" ? "begun" : successes.includes(attempt.outcome ?? "") ? `${many(attempt.moves, "move")} today` : "played today";
+  return `${state}${inARow(days)}`;
+}
+
+/** @param {Pick<Answers.Puzzles, "day" | "puzzles">} today @param {Puzzles.Answered} answered @returns {string} how today's puzzles stand */
+export function puzzlesText({ day, puzzles }, answered) {
+  const done = choicesOn(answered, day).length;
+  const state = done ? `${done} of ${puzzles.length} answered today` : "not answered today";
+  return `${state}${inARow(streak(answered, day, puzzles.length))}`;
 }

@@ -126,7 +126,7 @@ CURVE = """() => {
 def test_the_page_of_ones_own_episodes_heals_and_shows_each_once(serve, player, tmp_path):
     with closing(Store(tmp_path / "playground.db")) as store:
         for seed in range(5):
-            play(store, seed, explore=seed != 2)
+            play(store, seed, explore=seed != 2, config=EnvConfig.of("random", 21))
     server = serve()
     me = player(server, NO_3D)
     page, failed = me.page, set()
@@ -154,8 +154,10 @@ def test_the_page_of_ones_own_episodes_heals_and_shows_each_once(serve, player, 
     page.keyboard.press("Enter")
     page.get_by_test_id("more").wait_for(state="hidden")
     assert rows.count() == 5
-    page.get_by_test_id("compare").click()
-    page.get_by_text("on average, over 4 finished episodes").wait_for()
+    page.get_by_text("on average, over 4 finished episodes").wait_for(timeout=120_000)
+    assert page.get_by_test_id("pictures").locator("canvas").count() == 2, "of the page of two"
+    assert page.get_by_test_id("streaks").get_by_text("not played today").count() == 1
+    assert page.get_by_test_id("streaks").get_by_text("not answered today").count() == 1
     page.get_by_text("1 episode was not finished (a cross).").wait_for()
     keep_picture(page, "me-gaps-1440")
     page.set_viewport_size({"width": 390, "height": 844})

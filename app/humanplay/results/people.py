@@ -204,6 +204,17 @@ class PeopleBoard:
         self._state: str | None = None
         self._runs: list[RankedRun] = []
 
+    @property
+    def config_hash(self) -> str:
+        """The hash of the configuration that it is played on."""
+        return str(self._config.hash)
+
+    def expert_moves(self, seeds: Sequence[int]) -> dict[int, int]:
+        """Expert's moves on terrains by their seeds, where it has driven; it drives on the others soon."""
+        moves = self._expert.moves()
+        self._expert.play([seed for seed in seeds if seed not in moves])
+        return {seed: moves[seed] for seed in seeds if seed in moves}
+
     def table(self, player_id: str | None, since_ms: int) -> PeopleTable:
         """The board of the ranked episodes that ended since a time, for whoever asks; in a thread."""
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:

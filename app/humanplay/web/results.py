@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
@@ -20,6 +20,7 @@ from humanplay.report.costs import cost_cache
 from humanplay.report.statistics.human_level import LEAST_EPISODES
 from humanplay.report.statistics.human_level import HumanLevel as Figures
 from humanplay.results.leaderboard import UnknownEntryError
+from humanplay.results.people import PeopleBoard
 from humanplay.study.policy_files import PolicyFiles
 from humanplay.task import Configuration, PolicyError, Record, place_of
 from humanplay.task.registration import environment_of
@@ -203,15 +204,14 @@ async def export_human_scores(request: Request) -> Response:
     return await downloads.answer(owner_of(request), *asked)
 
 
-def describe_own(trial: Trial) -> dict[str, object]:
+def describe_own(trial: Trial, expert_moves: int | None = None) -> dict[str, object]:
     """Return an episode of a player's own list; `kind` is "daily", "ranked" or "practice".
 
     `counts` says whether a ranked one enters the volunteers' figures.
     """
-    is_practice = trial.assisted or trial.seed_chosen or trial.driver != HUMAN
     return {
         "episode": trial.id,
-        "kind": "daily" if trial.day else "practice" if is_practice else "ranked",
+        "kind": _kind(trial),
         "counts": trial.counts,
         "day": trial.day,
         "place": place_of(trial.environment, trial.config),
@@ -222,7 +222,30 @@ def describe_own(trial: Trial) -> dict[str, object]:
         "ended_ms": trial.ended_ms,
         "not_attested": trial.attestation_reason,
         "met_before": trial.terrain_met_before,
+        "expert_moves": expert_moves,
     }
+
+
+def _kind(trial: Trial) -> str:
+    if trial.day:
+        return "daily"
+    is_practice = trial.assisted or trial.seed_chosen or trial.driver != HUMAN
+    return "practice" if is_practice else "ranked"
+
+
+def _compared(trials: Sequence[Trial], board: PeopleBoard | None) -> tuple[dict[str, int], int]:
+    """Expert's moves by a ranked episode's id, and on how many more of the terrains it has yet to drive."""
+    if board is None:
+        return {}, 0
+    ranked = [
+        (trial.id, trial.seed)
+        for trial in trials
+        if _kind(trial) == "ranked" and trial.config_hash == board.config_hash
+    ]
+    seeds = {episode: seed for episode, seed in ranked if seed is not None}
+    moves = board.expert_moves(list(seeds.values()))
+    expert = {episode: moves[seed] for episode, seed in seeds.items() if seed in moves}
+    return expert, len(seeds) - len(expert)
 
 
 def personal_bests(reader: Reader, player: str) -> list[dict[str, object]]:
@@ -277,7 +300,7 @@ def get_own_history(
     """
     player_id = player_of(request)
     if player_id is None:
-        return {"total": 0, "episodes": [], "bests": []}
+        return {"total": 0, "episodes": [], "bests": [], "comparing": 0}
     with closing(Reader.open(services_of(request).store.path, public=True)) as reader:
         try:
             shown = reader.played_by(player_id, limit, after)
@@ -285,9 +308,11 @@ def get_own_history(
             why = f"no episode {after!r} of yours to go on after; begin without one"
             raise HTTPException(404, why) from error
         played = reader.bests_of(player_id)
+        expert, comparing = _compared(shown, services_of(request).people)
         return {
             "total": sum(best.episodes for best in played),
-            "episodes": list(map(describe_own, shown)),
+            "comparing": comparing,
+            "episodes": [describe_own(trial, expert.get(trial.id)) for trial in shown],
             "bests": [_figure(reader, player_id, best) for best in played],
         }
 

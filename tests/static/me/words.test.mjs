@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
 import { MARS } from "../task/mars/about.mjs";
-import { bestText, gapsText, kindText, personalText, standingText, summary } from "../../../static/me/words.js";
+import { bestText, dailyText, gapsText, kindText, personalText, puzzlesText, standingText, summary } from "../../../static/me/words.js";
 
 const task = taskOf(MARS);
 const best = { place: "Scattered 21 \u00d7 42", max_steps: 882, episodes: 4, successes: 3, best: null, people: { means: [80, 90.5, 120], you: 90.5, ranked: 5, missing: 0 } };
@@ -51,10 +51,23 @@ test("an episode is measured by one's own best and by the last ten on terrains l
 
 test("the curve of gaps to Expert is said in words, and an unfinished episode enters no mean", () => {
   const of = (...gaps) => gapsText("Expert", gaps.map((gap) => ({ gap: gap ?? 400, isFinished: gap !== null })));
-  assert.match(of(), /^No episode of yours can be compared yet/);
+  assert.match(of(), /^No ranked terrain yet/);
   assert.equal(of(40, 20, 10), "You needed 23.3 moves more than Expert on average, over 3 finished episodes. +40.0 in the first half, +10.0 in the second.");
   assert.equal(of(7, null), "You needed 7.0 moves more than Expert in 1 finished episode. 1 episode was not finished (a cross).");
   assert.equal(of(-7, null, null), "You needed 7.0 moves fewer than Expert in 1 finished episode. 2 episodes were not finished (crosses).");
   assert.equal(of(1, -1), "You needed as many moves as Expert on average, over 2 finished episodes. +1.0 in the first half, \u22121.0 in the second.");
   assert.equal(of(null), "1 episode was not finished (a cross).");
+});
+
+test("the daily terrain and the puzzles say how today stands, and the days in a row", () => {
+  const attempt = { state: "ended", outcome: "explored", moves: 71 };
+  assert.equal(dailyText(task, { attempt: null, streak: 0 }), "not played today");
+  assert.equal(dailyText(task, { attempt, streak: 3 }), "71 moves today, 3 days in a row");
+  assert.equal(dailyText(task, { attempt: { ...attempt, outcome: "collided" }, streak: 1 }), "played today");
+  assert.equal(dailyText(task, { attempt: { ...attempt, state: "open" }, streak: 2 }), "begun, 2 days in a row");
+  const today = { day: "2026-03-02", puzzles: [1, 2, 3] };
+  const chosen = [1, 2, 3].map((id) => ({ id: String(id), answer: "east", ms: 9 }));
+  assert.equal(puzzlesText(today, null), "not answered today");
+  assert.equal(puzzlesText(today, { "2026-03-01": chosen, "2026-03-02": chosen.slice(1) }), "2 of 3 answered today");
+  assert.equal(puzzlesText(today, { "2026-03-01": chosen, "2026-03-02": chosen }), "3 of 3 answered today, 2 days in a row");
 });

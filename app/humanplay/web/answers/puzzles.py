@@ -10,7 +10,7 @@ class Puzzle(Answer):
 
     id: str
     frame: Frame
-    trail: list[tuple[int, int]] = described("cells that the rover has stood on")
+    trail: list[tuple[int, int]] = described("the way here, row and column after each move")
     moves: list[str] = described("those to choose from")
 
 

@@ -89,6 +89,9 @@ class OwnEpisode(Answer):
     ended_ms: int = described("server time, milliseconds since 1970")
     not_attested: str | None = described("why it is not attested")
     met_before: bool = described("whether the terrain was known from an earlier episode")
+    expert_moves: int | None = described(
+        "Expert's on the same terrain; null except for ranked ones of the people's board"
+    )
 
 
 class Standing(Answer):
@@ -114,6 +117,7 @@ class Best(Answer):
 class OwnHistory(Answer):
     """What you have driven."""
 
+    comparing: int = described("of these episodes, on whose terrains Expert has yet to drive")
     total: int
     episodes: list[OwnEpisode] = described("the newest first")
     bests: list[Best] = described("the most played configuration first")
