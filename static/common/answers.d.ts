@@ -75,6 +75,12 @@ declare namespace Answers {
     /** null without a success */
     moves: number | null,
   };
+  /** Somebody who succeeded on the terrain that a link challenged them to. */
+  type Challenger = {
+    /** null where none was chosen */
+    name: string | null,
+    moves: number,
+  };
   /** What a participant agrees to. */
   type Consent = {
     version: string,

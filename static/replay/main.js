@@ -1,4 +1,5 @@
 // Wires the page of a replay: keys, scrubber and clock -> playback -> one scheduled repaint. It runs on the server's page and in one file.
+import { challengerText } from "../challenge/words.js";
 import { ApiError, request } from "../common/api.js";
 import { paintLegend } from "../common/chart.js";
 import { all, boardColours, by, chartColours, copyOnClick, create, createRepaint, createSizes, partsOf, put } from "../common/page.js";
@@ -172,6 +173,12 @@ if (copy) copyOnClick(copy, address, (text) => put(by("announcer"), text));
 for (const each of [parts.run.ground, parts.ghost.ground, scrubber]) sizes.watch(each);
 for (const what of ["theme", "resize"]) window.addEventListener(what, () => repaint());
 
+const taken = document.getElementById("challengers"); // a page in one file has none
+if (taken) {
+  /** @type {Promise<Answers.Challenger[]>} */ (request(`episodes/${encodeURIComponent(data.episode)}/challengers`)).then((people) => {
+    put(taken, people.length ? `${people.slice(0, 3).map(challengerText).join("; ")}.` : "");
+  }, () => {});
+}
 document.body.dataset.tab = "run";
 const wanted = moveInHash(location.hash);
 if (wanted !== null) player.goTo(wanted); // as far as the run itself goes, until the policy's has come

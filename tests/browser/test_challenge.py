@@ -10,12 +10,18 @@ from tests.support.recorded import play
 def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player, tmp_path):
     store = Store(tmp_path / "playground.db")
     against = play(store, 4, explore=True, config=EnvConfig.of("random", (9, 12)), driver="script")
+    store_actions = store.steps(against.id)
     store.close()
     server = serve()
     me = player(server, (*NO_3D, *AS_A_PERSON))
     page = me.page
     page.goto(f"{server.url}/replay/{against.id}")
     page.get_by_test_id("beat-this").click()
+    page.get_by_text(f"{len(store_actions)} moves. Beat it.").wait_for()
+    assert page.url.endswith(f"/challenge/{against.id}")
+    assert judged(page, "challenge") == []
+    assert page.get_by_test_id("people").locator("li").count() == 0
+    page.get_by_test_id("take").click()
     me.wait("window.playground?.state.player && window.playground.state.link === 'open'")
     begun = me.state()
     assert page.url.endswith(f"#challenge={against.id}")
@@ -67,4 +73,9 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     page.goto("about:blank")
     page.goto(f"{server.url}/#challenge=0123456789abcdef")
     page.get_by_text("This challenge cannot be opened").wait_for()
+    page.goto(f"{server.url}/challenge/{against.id}")
+    page.get_by_test_id("people").get_by_text(f"{mine['step']} moves, by somebody").wait_for()
+    page.goto(f"{server.url}/replay/{against.id}")
+    page.get_by_test_id("challengers").get_by_text("by somebody").wait_for()
+    assert fetched(page, f"{server.url}/challenge/0123456789abcdef").status == 404
     assert me.errors == []

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import sqlite3
-from typing import TypedDict
+from collections.abc import Collection
+from typing import NamedTuple, TypedDict
 
 from humanplay.db.reader import Reader
+
+MOST_CHALLENGERS = 20
+"""People in the list of a challenge."""
 
 SHOWN = 100
 """Names in the operator's list."""
@@ -34,6 +38,23 @@ def shown_names(reader: Reader) -> dict[str, str]:
     """The names by player, without those that an operator has hidden."""
     rows = reader.query("SELECT player_id, name FROM names WHERE NOT hidden")
     return {row["player_id"]: row["name"] for row in rows}
+
+
+class Beaten(NamedTuple):
+    """Somebody's success at a challenge: their name, if they chose one, and their moves."""
+
+    name: str | None
+    moves: int
+
+
+def challengers(reader: Reader, episode_id: str, successes: Collection[str]) -> list[Beaten]:
+    """Who took up a challenge and succeeded, the fewest moves first."""
+    marks = ", ".join("?" for _ in successes)
+    sql = f"""SELECT n.name, e.steps AS moves FROM sessions s CROSS JOIN episodes e ON e.session_id = s.id
+        LEFT JOIN names n ON n.player_id = s.owner_id AND NOT n.hidden
+        WHERE s.challenges = ? AND e.ended_ms IS NOT NULL AND e.driver = 'human' AND e.outcome IN ({marks})
+        ORDER BY e.steps, e.ended_ms LIMIT {MOST_CHALLENGERS}"""
+    return [Beaten(**row) for row in reader.query(sql, [episode_id, *successes])]
 
 
 def own(reader: Reader, player_id: str) -> OwnName:

@@ -9,11 +9,15 @@ from urllib.parse import quote
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
+from humanplay.db.names import challengers
 from humanplay.db.playground import watchable_session
+from humanplay.task.registration import environment_of
 from humanplay.web.access import asker_of, owner_of, services_of
 from humanplay.web.answers.base import Course, file_of
+from humanplay.web.answers.people import Challenger
 from humanplay.web.answers.replays import Replay
 from humanplay.web.errors import bad_input
+from humanplay.web.pages import page
 from humanplay.web.protection import SHARED
 from humanplay.web.replays.episodes import UnknownReplayError
 from humanplay.web.replays.files import MEDIA_TYPES, Format, offered
@@ -88,6 +92,32 @@ async def replay_file(
     return Response(content, media_type=MEDIA_TYPES[form], headers=headers)
 
 
+@router.get(
+    "/api/episodes/{episode_id}/challengers",
+    response_model=list[Challenger],
+    tags=["results"],
+    summary="Who took up the challenge of an episode",
+)
+async def get_challengers(request: Request, episode_id: str) -> list[dict[str, object]]:
+    """List who succeeded on its terrain when challenged to it, the fewest moves first; 404 as for the replay."""
+    services, replays = services_of(request), services_of(request).replays
+    with bad_input():
+        await replays.replay(episode_id, asker_of(request), owner_of(request))
+    successes = environment_of(services.lobby.task.name).successes
+    found = await services.store.read(
+        lambda: challengers(services.store, episode_id, tuple(successes))
+    )
+    return [person._asdict() for person in found]
+
+
+@router.get("/challenge/{episode_id}", include_in_schema=False)
+async def challenge_page(request: Request, episode_id: str) -> Response:
+    """Serve the page that challenges to an episode; 404 as for its replay. It begins no board."""
+    with bad_input():
+        await services_of(request).replays.replay(episode_id, asker_of(request), owner_of(request))
+    return page(request, "challenge")
+
+
 @router.get("/replay/{episode_id}", include_in_schema=False)
 async def replay_page(request: Request, episode_id: str) -> Response:
     """Serve the page of a replay; where the episode of somebody on the playground still runs, lead to its live view."""
@@ -104,11 +134,11 @@ async def replay_page(request: Request, episode_id: str) -> Response:
         if watchable is not None and not watchable[1]:
             return RedirectResponse(f"../watch/{episode_id}", 303)
         raise
-    page = render(
+    rendered = render(
         replay.document(),
         replay.course,
         addresses(request),
         offered(),
         absolute_address(request),
     )
-    return HTMLResponse(page)
+    return HTMLResponse(rendered)

@@ -16,6 +16,13 @@ class Person(Answer):
     you: bool
 
 
+class Challenger(Answer):
+    """Somebody who succeeded on the terrain that a link challenged them to."""
+
+    name: str | None = described("null where none was chosen")
+    moves: int
+
+
 class OwnName(Answer):
     """The name of whoever asks."""
 
