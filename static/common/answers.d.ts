@@ -824,6 +824,8 @@ declare namespace Answers {
     next_ms: number,
     max_steps: number,
     attempt: Attempt | null,
+    /** people whose attempt of today is over and has a rank */
+    players: number,
     /** days in a row on which you came to the end */
     streak: number,
     /** attempts that are over */

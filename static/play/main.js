@@ -1,5 +1,5 @@
 // Wires everything: messages -> apply -> one scheduled repaint. The only module that knows all the others.
-import { api, ApiError } from "../common/api.js";
+import { api, ApiError, request } from "../common/api.js";
 import { startEndCard } from "../common/end_card.js";
 import { apply, ghostOf, initialState, isDriven, isPractice } from "../common/game_state.js";
 import { codesOf } from "../common/keyboard.js";
@@ -301,7 +301,15 @@ async function loadCharts() {
   repaint(true);
 }
 
+/** Show how today's terrain stands; a first visit has its own to begin with. */
+async function showDaily() {
+  const [words, today] = await loadLater(() => Promise.all([import("../daily/words.js"), /** @type {Promise<Answers.Today>} */ (request("daily"))]));
+  put(/** @type {HTMLElement} */ (by("daily-pill").querySelector("span")), words.pillText(task, today));
+  by("daily-pill").hidden = false;
+}
+
 async function loadRest() {
+  if (!isFirstVisit() && levels.length) showDaily();
   if (!isFirstVisit()) loadCharts(); // before its first move a first visit shows none
   if (task.parts) {
     const { createTerrainDialog } = await loadLater(task.parts.terrains);

@@ -9,7 +9,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 
 from humanplay.db.reader import Reader
-from humanplay.db.series import attempts_of
+from humanplay.db.series import attempts_of, results
 from humanplay.results.daily import DailyPlayedError
 from humanplay.results.daily_table import calendar, describe_attempt, people_on, streak
 from humanplay.study.days import DailyTerrain, day_before
@@ -43,12 +43,14 @@ async def get_today(request: Request) -> dict[str, object]:
     terrain, store = await services.daily_boards.today(), services.store
     attempts = [] if player_id is None else await store.read(lambda: attempts_of(store, player_id))
     mine = next((each for each in attempts if each.day == terrain.day), None)
+    ended = await store.read(lambda: results(store, terrain.series.name, terrain.ends_ms))
     return {
         **describe_terrain(services, terrain),
         "now_ms": services.lobby.sources.clock_ms(),
         "next_ms": terrain.ends_ms,
         "max_steps": terrain.config.limit,
         "attempt": describe_attempt(mine, terrain),
+        "players": len(ended),
         "streak": streak(attempts, terrain.day),
         "played": sum(each.ended_ms is not None for each in attempts),
         "calendar": calendar(attempts),

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
 import { MARS } from "../task/mars/about.mjs";
-import { countdown, dayText, peopleText, policyRows, policyText, rankText, resultText, shareText, streakText } from "../../../static/daily/words.js";
+import { countdown, dayText, peopleText, policyRows, policyText, rankText, resultText, shareText, streakText, pillText } from "../../../static/daily/words.js";
 
 const task = taskOf(MARS);
 const explored = { state: "ended", episode: "e1", outcome: "explored", moves: 87, coverage: 0.9932, score: 0.9, unranked: null };
@@ -54,4 +54,12 @@ test("times, days, streaks and counts are said as people say them", () => {
   assert.equal(peopleText(task, people(null)), "3 people; 1 of them did not reach 99 %. Each has one attempt.");
   assert.equal(peopleText(task, { ...people(null), players: 0 }), "Nobody has a rank yet.");
   assert.deepEqual([ppo, { ...ppo, moves: null, coverage: 0.56 }, { ...ppo, state: "waiting" }].map((policy) => policyText(task, policy)), ["75 moves", "stopped with 56.0 % mapped", "still playing"]);
+});
+
+test("the link to the daily page says how today stands", () => {
+  assert.equal(pillText(task, { attempt: null, players: 14, streak: 3 }), "not played \u00b7 14 people \u00b7 streak 3");
+  assert.equal(pillText(task, { attempt: { state: "open" }, players: 1, streak: 1 }), "begun \u00b7 1 person");
+  const attempt = { state: "ended", outcome: "explored", moves: 71 };
+  assert.equal(pillText(task, { attempt, players: 0, streak: 0 }), "71 moves \u00b7 0 people");
+  assert.equal(pillText(task, { attempt: { ...attempt, outcome: "collided" }, players: 2, streak: 0 }), "played \u00b7 2 people");
 });

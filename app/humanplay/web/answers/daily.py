@@ -46,6 +46,7 @@ class Today(Day):
     next_ms: int = described("when the next day begins")
     max_steps: int
     attempt: Attempt | None
+    players: int = described("people whose attempt of today is over and has a rank")
     streak: int = described("days in a row on which you came to the end")
     played: int = described("attempts that are over")
     calendar: list[CalendarDay] = described("your newest attempts, the oldest first")
