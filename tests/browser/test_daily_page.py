@@ -167,3 +167,12 @@ def test_the_page_of_ones_own_episodes_heals_and_shows_each_once(serve, player, 
     page.get_by_test_id("theme").click()
     eventually(lambda: page.evaluate(CURVE)["drawn"] != before["drawn"])
     assert me.errors == []
+
+
+def test_the_front_page_says_how_today_stands(serve, player):
+    me = player(serve(), NO_3D).goto()
+    pill = me.page.get_by_test_id("daily-pill")
+    pill.get_by_text("not played \u00b7 0 people").wait_for()
+    pill.get_by_role("link").click()
+    me.page.wait_for_url("**/daily")
+    assert me.errors == []

@@ -12,6 +12,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from starlette.exceptions import HTTPException
 
 from humanplay.db import names
+from humanplay.results.puzzles import puzzles_of
 from humanplay.study.folder import Folder
 from humanplay.task import Environment
 from humanplay.web import api, api_docs
@@ -32,9 +33,16 @@ admin_router = APIRouter(include_in_schema=False)
 
 
 def offered(environment: Environment) -> tuple[str, ...]:
-    """Return the pages that the bar leads to: an environment without boards has no daily one and no leaderboard."""
-    with_boards = ("daily", "leaderboard") if environment.boards is not None else ()
-    return ("play", *with_boards, "me")
+    """Return the pages that the bar leads to: one without boards has no daily one and no leaderboard."""
+    has_puzzles = bool(puzzles_of(environment.name))
+    pages = {
+        "play": True,
+        "daily": environment.boards is not None,
+        "puzzles": has_puzzles,
+        "leaderboard": environment.boards is not None,
+        "me": True,
+    }
+    return tuple(name for name, is_there in pages.items() if is_there)
 
 
 def page(request: Request, name: str, headers: dict[str, str] = NO_CACHE) -> Response:
