@@ -20,7 +20,7 @@ async function load() {
   try {
     const [about, { run }] = await Promise.all([/** @type {Promise<Answers.Task>} */ (request("task")), api.replay(episode)]);
     shown = { task: await loadTask(about), run };
-    put(by("headline"), headline(run));
+    put(by("headline"), headline(shown.task, run));
     by("take").setAttribute("href", `../#challenge=${encodeURIComponent(episode)}`);
     repaint();
     const people = /** @type {Answers.Challenger[]} */ (await request(`episodes/${encodeURIComponent(episode)}/challengers`));

@@ -39,7 +39,7 @@ function row(place, name, isYou, { behind, worse, terrains }) {
 export function paintPeople(table, own, task, period, answer) {
   const { people, you, comparing, ranked } = answer;
   const rows = people.map((person) => row(person.place, person.name ?? (person.you ? "You" : "Somebody"), person.you, person));
-  const play = create("a", "Play ranked", { class: "go", href: "./" });
+  const play = create("a", "Play ranked", { class: "go", href: "./?mode=ranked" });
   const empty = create("tr", [create("td", [create("p", emptyText(task, period, answer)), create("p", [play], { class: "buttons" })], { class: "empty", colspan: "5" })]);
   table.tBodies[0].replaceChildren(...(rows.length ? rows : [empty]));
   const foot = /** @type {HTMLTableSectionElement} */ (table.tFoot);
