@@ -75,7 +75,7 @@ async function load() {
         compare().catch((error) => put(by("gap-note"), error.message));
         paintPictures(history.episodes);
       }
-      showStreaks();
+      if (history.total) showStreaks();
     }
     by("rows").append(...history.episodes.map(episodeRow));
     shown += history.episodes.length;

@@ -301,9 +301,14 @@ async function loadCharts() {
   repaint(true);
 }
 
+let isDailyAsked = false;
 /** Show how today's terrain stands; a first visit has its own to begin with. */
 async function showDaily() {
-  const [words, today] = await loadLater(() => Promise.all([import("../daily/words.js"), /** @type {Promise<Answers.Today>} */ (request("daily"))]));
+  if (isDailyAsked) return;
+  isDailyAsked = true;
+  const asked = /** @type {Promise<Answers.Today>} */ (request("daily"));
+  const [words, today] = await Promise.all([import("../daily/words.js"), asked]).catch(() => []);
+  if (!words || !today) return;
   put(/** @type {HTMLElement} */ (by("daily-pill").querySelector("span")), words.pillText(task, today));
   by("daily-pill").hidden = false;
 }
