@@ -96,7 +96,7 @@ def test_every_page_has_the_same_bar_and_its_files_are_there(server):
         if path not in ("/", "/study/none"):
             bar = re.search('<nav class="pages site".*?</nav>', answer.text, re.DOTALL)[0]
             links = re.findall(r'<a href="([^"]+)"', bar)
-            assert links == ["./", "daily", "leaderboard", "me"], path
+            assert links == ["./", "daily", "puzzles", "leaderboard", "me"], path
 
 
 def test_the_list_of_studies_says_who_may_join(serve, tmp_path):
