@@ -316,9 +316,10 @@ class Cards:
                 why = f"step {step} is not the current one, {attempt.moves}"
                 raise CardError(409, f"instance {index}: {why}")
             run = await self._take(card, attempt)
-            refusal = not_allowed(self._task.actions, run.view().allowed, action)
-            if refusal:
+            allowed = run.view().allowed
+            if allowed is not None and action not in allowed:
                 self._runs[attempt.id] = run
+                refusal = not_allowed(self._task.actions, allowed, action)
                 raise CardError(409, f"instance {index}: {refusal}")
             try:
                 await self._step(run, action)

@@ -329,10 +329,14 @@ class Session:
                 )
             if self.clock is not None and move.driver == HUMAN:
                 raise RefusedError(TAKES_KEYS)
-            if move.driver in (HUMAN, SCRIPT):  # a policy's move is between it and the environment
-                refusal = not_allowed(self.task.actions, self.shown.allowed, move.action)
-                if refusal:
-                    raise RefusedError(refusal)
+            allowed = self.shown.allowed
+            # a policy's move is between it and the environment
+            if (
+                allowed is not None
+                and move.action not in allowed
+                and move.driver in (HUMAN, SCRIPT)
+            ):
+                raise RefusedError(not_allowed(self.task.actions, allowed, move.action))
             await self._make(move, self.now_ms(), notice)
 
     async def seen(self, picture: bool, observation: bool) -> tuple[View, SeenByAgent]:

@@ -174,10 +174,8 @@ Allowed = tuple[int, ...] | None
 """The codes of the actions that may be chosen before a move; None: all of them."""
 
 
-def not_allowed(actions: Sequence[str], allowed: Allowed, action: int) -> str:
-    """Say that an action cannot be chosen now, and which can; empty if it can."""
-    if allowed is None or action in allowed:
-        return ""
+def not_allowed(actions: Sequence[str], allowed: Sequence[int], action: int) -> str:
+    """Say that an action cannot be chosen now, and which can."""
     return f"{actions[action]} cannot be chosen now: expected {', '.join(actions[code] for code in allowed)}"
 
 
