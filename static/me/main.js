@@ -161,7 +161,7 @@ async function showStreaks() {
     /** @type {Promise<Answers.Puzzles | null>} */ (request("puzzles").catch(() => null))]);
   const answered = /** @type {Puzzles.Answered} */ (browserStore.read("humanplay.puzzles"));
   const lines = [
-    ...(daily ? [["Today's terrain", "daily", dailyText(task, daily)]] : []),
+    ...(daily ? [[`Today's ${task.round}`, "daily", dailyText(task, daily)]] : []),
     ...(puzzles ? [["Puzzles", "puzzles", puzzlesText(puzzles, answered)]] : []),
   ];
   by("streaks").replaceChildren(...lines.map(([name, href, text]) => create("li", [create("a", name, { href }), create("span", text)])));

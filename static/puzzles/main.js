@@ -5,6 +5,7 @@ import { boardColours, by, create, createRepaint, createSizes, put } from "../co
 import { browserStore, forgets } from "../common/storage.js";
 import { loadTask } from "../common/task.js";
 import { countdown, dayText } from "../daily/words.js";
+import { many } from "../common/words.js";
 import * as words from "./words.js";
 
 /** By day, what was chosen; nothing of it leaves the browser. */
@@ -48,7 +49,7 @@ function paint() {
   const answer = choice && answers[shown.id];
   paintBoard(shown, choice?.answer);
   put(by("number"), `Puzzle ${number + 1} of ${today.puzzles.length}`);
-  put(by("moves"), `${shown.trail.length - 1} moves made`);
+  put(by("moves"), `${many(shown.trail.length - 1, "move")} made`);
   for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-action]"))) {
     const action = button.dataset.action ?? "";
     button.disabled = Boolean(choice) || !shown.moves.includes(action);

@@ -219,7 +219,7 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     page = me.page
     page.goto(server.url)
     page.get_by_test_id("leaderboard-link").click()
-    page.get_by_text("Nobody with a name has five ranked terrains yet").wait_for()
+    page.get_by_text("Nobody has five ranked terrains in the last seven days").wait_for()
     look(page, "leaderboard-people-empty")
     page.get_by_test_id("view-policies").click()
     until(page, "window.playground && window.playground.state.detail")

@@ -3,8 +3,8 @@
 import pytest
 
 from tests.browser.test_attested import ATTESTED, begun, end, level_of, there_and_back
-from tests.browser.test_proxy import CONFIG
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, free_port
+from tests.support.nginx import PREFIXED
 from tests.support.study import freeze
 
 BLOCKED = """for (const name of ["localStorage", "sessionStorage"]) Object.defineProperty(window, name, {
@@ -110,7 +110,7 @@ def test_a_browser_that_keeps_nothing_is_told_what_it_forgets(serve, player):
 
 def test_a_proxy_that_holds_sockets_back_is_named_with_what_to_ask(serve, player, nginx):
     server, port = serve(trusted_proxies=["127.0.0.1"]), free_port()
-    without = CONFIG.replace("proxy_set_header Upgrade $http_upgrade;", "")
+    without = PREFIXED.replace("proxy_set_header Upgrade $http_upgrade;", "")
     without = without.replace("proxy_set_header Connection $connection_upgrade;", "")
     assert without.count("proxy_set_header") == 2
     without = without.format(folder="{folder}", port=port, upstream=server.port)

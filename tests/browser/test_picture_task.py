@@ -83,6 +83,7 @@ def test_policies_play_beside_a_person_after_a_ranked_episode_and_by_themselves(
     me.hand.press(page.keyboard, "ArrowLeft")
     me.wait(f"String({STEPS}) === '1,1'")
     page.get_by_test_id("mode-watch").click()
+    page.get_by_test_id("leave-episode").click()
     me.wait(f"window.playground.state.mode === 'watch' && {STEPS}.every((step) => step > 0)")
 
 

@@ -22,6 +22,7 @@ from humanplay.db.backup import check_room
 from humanplay.db.chain import Thing
 from humanplay.db.database import (
     COUNT_COMMIT,
+    RUNS,
     StoreError,
     open_database,
     reading,
@@ -95,15 +96,29 @@ def forget(
 
     A server may go on; it lets the person's board go.
     """
-    with _rewritten(database) as conn:
+    with _lock_unless_served(database) as lock, _rewritten(database, lock) as conn:
         return _erase_rows(conn, _find(conn, database, name, study), asked_by)
 
 
 @contextmanager
-def _rewritten(database: Path) -> Iterator[sqlite3.Connection]:
+def _lock_unless_served(database: Path) -> Iterator[DatabaseLock | None]:
+    """Keep servers out of the database during the block; None if one has it."""
+    try:
+        lock = DatabaseLock(database)
+    except StoreError:
+        yield None
+        return
+    with closing(lock):
+        yield lock
+
+
+@contextmanager
+def _rewritten(database: Path, lock: DatabaseLock | None) -> Iterator[sqlite3.Connection]:
     """Let the block delete rows, and write the file anew and empty its log, so that nothing of them is left.
 
-    A server may go on writing. StoreError where the disk has too little room for a copy of the database, and where another
+    lock  what keeps servers out; None: one may go on writing
+
+    StoreError where the disk has too little room for a copy of the database, and where another
     program reads an older moment for so long that copies stay in the log: the message says what is left to do.
     """
     if not database.exists():
@@ -118,7 +133,12 @@ def _rewritten(database: Path) -> Iterator[sqlite3.Connection]:
                 conn.execute("PRAGMA defer_foreign_keys = ON")
                 yield conn
                 (commits,) = conn.execute(COUNT_COMMIT).fetchone()
-            note_commit(database, commits)
+                if lock is not None:  # a file that is written anew has nothing to compare
+                    conn.execute("DELETE FROM meta WHERE name = ?", [RUNS])
+            if lock is None:
+                note_commit(database, commits)
+            else:
+                lock.clear_note()
             _write_anew(conn, database)
         finally:
             conn.close()
@@ -157,7 +177,7 @@ def unlink(database: Path, study: SeriesRow) -> int:
     """
     linked = """SELECT id FROM participants p WHERE study = ? AND (completion_code IS NOT NULL
         OR EXISTS (SELECT 1 FROM identities WHERE participant_id = p.id)) ORDER BY id"""
-    with _rewritten(database) as conn:
+    with _lock_unless_served(database) as lock, _rewritten(database, lock) as conn:
         people = [row[0] for row in conn.execute(linked, [study.name])]
         for person in people:
             with chain.changing(conn, "participant", person):
@@ -235,7 +255,7 @@ def forget_player(database: Path, name: str) -> int:
     ParticipantLookupError where nobody has the name; StoreError while a server has the database, whose boards it would not
     know to be gone.
     """
-    with closing(DatabaseLock(database)), _rewritten(database) as conn:
+    with closing(DatabaseLock(database)) as lock, _rewritten(database, lock) as conn:
         player = _named(conn, database, name)
         now = int(time.time() * 1000)
         of_player = """SELECT id FROM sessions s WHERE ?1 IN (player_id, owner_id)

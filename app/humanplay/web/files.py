@@ -156,6 +156,12 @@ for _path, _name in ASKED_FOR.items():
     _serve(_path, _name)
 
 
+@router.get("/static/{name}")
+async def no_page_file(name: str) -> Response:
+    """Answer that nothing stands without a hash; else the router would send to `/static/NAME/`."""
+    raise HTTPException(404)
+
+
 @router.get("/static/{version}/{name:path}")
 async def page_file(request: Request, version: str, name: str) -> Response:
     """Serve a file of the pages."""

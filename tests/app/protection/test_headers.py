@@ -11,7 +11,7 @@ from tests.support.study import freeze
 
 SAME_FOR_ALL = {
     "/", "/study/{name}", "/leaderboard", "/about", "/study", "/daily", "/me", "/docs", "/evaluations", "/play",
-    "/favicon.ico", "/apple-touch-icon.png", "/robots.txt",
+    "/puzzles", "/favicon.ico", "/apple-touch-icon.png", "/robots.txt",
 }  # fmt: skip
 """Pages that are the same for everybody: what is on them comes over the API. All other answers are stored nowhere."""
 VIEWER = {"/viewer/client/", "/viewer/client/{version}/", "/viewer/{session_id}/"}

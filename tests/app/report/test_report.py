@@ -568,6 +568,7 @@ def test_the_checklist_counts_who_is_left_out_and_names_how_people_came():
     power = {"policy_better": 0.81, "people_better": 0.72, "half_width": 6.0, "studies": 10_000}
     given = {
         "recruitment": "panel",
+        "outside_ids": ("PROLIFIC_PID",),
         "players": 10,
         **assumed,
         "policy_difference": 9.0,

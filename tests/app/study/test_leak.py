@@ -269,7 +269,7 @@ def all_reads(server, person):
     ids = {"session_id": person.where["session"], "watch_id": person.frame["episode"],
            "episode_id": person.frame["episode"], "name": "small", "index": "0", "table": "episodes", "form": "html",
            "board": "1", "day": "2026-11-22", "token": "none", "env": "none", "version": "none", "file": "small-report.json",
-           "file:path": "opening.json", "name:path": "common/base.css"}  # fmt: skip
+           "file:path": "opening.json", "puzzle": "1", "name:path": "common/base.css"}  # fmt: skip
     for route in server.app.routes:
         if "GET" not in (getattr(route, "methods", None) or ()):
             continue

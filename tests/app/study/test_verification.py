@@ -444,7 +444,9 @@ def test_a_burst_is_attested_on_the_playground_alone(copy):
         row = {"id": ident, "task": "mars",
                "driver": "human", "attestation": level, "attestation_reason": reason, "control": "cookie",
                "started_ms": STARTED, "ended_ms": STARTED + 3_600_000}  # fmt: skip
-        return not list(check_attestation(conn, CheckedEpisode(row, typed.moves, typed.events, [])))
+        return not list(
+            check_attestation(conn, CheckedEpisode(row, typed.moves, typed.events, [], None))
+        )
 
     of_a_study = ("spoilt", "step 15: the press answers the frame of step 6")
     assert (is_right("attested"), is_right(*of_a_study), is_right("unattested", "slow")) == (

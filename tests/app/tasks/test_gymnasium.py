@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from humanplay.web.replays.frames import FrameCourses
 from PIL import Image
 
 from humanplay.study.verification import verify_database
 from humanplay.task import Choice, describe
 from humanplay.task.registration import environment_of
+from humanplay.tasks.courses import FrameCourses
 from humanplay.tasks.gymnasium.description import Description
 from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from humanplay.tasks.gymnasium.task import GymnasiumTask

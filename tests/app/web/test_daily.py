@@ -120,7 +120,7 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
     (own_row,) = page.get("/api/me/history").json()["episodes"]
     assert (own_row["kind"], own_row["day"], own_row["moves"]) == ("daily", day, moves)
     theirs = server.client().get("/api/me/history").json()
-    assert theirs == {"total": 0, "episodes": [], "bests": []}
+    assert theirs == {"total": 0, "episodes": [], "bests": [], "comparing": 0}
     assert page.get("/api/me/export/episodes.csv").text.count(frame["episode"]) == 0
     assert server.client().get("/api/me/export/episodes.csv").status_code == 404
 

@@ -26,7 +26,6 @@ def test_what_cannot_be_done_is_refused_before_anything_is_asked(tmp_path, capsy
     in_use = f"{path} is in use by another server"
     with closing(Store(path)):
         for words, refused in (
-            (("forget", person), in_use),
             (("restore", tmp_path / "backup.db"), in_use),
             (("restore", tmp_path / "none.db"), "no backup at"),
         ):

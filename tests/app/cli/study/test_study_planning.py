@@ -234,7 +234,7 @@ def test_the_guide_lists_every_declaration_with_its_question():
 
 def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
     study("new", "mine", *SHORT)
-    edit(tmp_path, recruitment="panel")
+    edit(tmp_path, recruitment="panel", outside_ids=["PROLIFIC_PID"])
     code, draft, _ = study("preregister", "mine")
     assert (code, "> **DRAFT.**" in draft, "protocol hash" in draft) == (0, True, False)
     assert draft.count("TO BE STATED") == 1
