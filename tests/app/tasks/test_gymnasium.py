@@ -14,11 +14,11 @@ from PIL import Image
 from humanplay.study.verification import verify_database
 from humanplay.task import Choice, describe
 from humanplay.task.registration import environment_of
+from humanplay.tasks import courses
 from humanplay.tasks.courses import FrameCourses
 from humanplay.tasks.gymnasium.description import Description
 from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from humanplay.tasks.gymnasium.task import GymnasiumTask
-from humanplay.web.replays import frames as of_frames
 from humanplay.web.settings import Settings
 from tests.support.command import command, run
 from tests.support.recorded import alter
@@ -81,7 +81,7 @@ def test_an_episode_played_by_keys_is_attested_shown_and_verified(lake, tmp_path
     assert set(found["actions"]) <= {"left", "down", "right", "up"}
     own = client.get("/api/me/history").json()
     (best,), (mine,) = own["bests"], own["episodes"]
-    assert (best["level"], best["rows"]) == ("FrozenLake-v1", None)
+    assert best["place"] == "FrozenLake-v1"
     assert (mine["episode"], mine["moves"]) == (last["episode"], last["step"])
     again = client.get(f"/api/watch/{last['episode']}").json()
     assert [frame["picture"] for frame in again["frames"]] == [frame["picture"] for frame in frames]
@@ -210,7 +210,7 @@ def test_a_replay_of_texts_is_drawn_and_one_of_many_pictures_leaves_some_out(mon
     assert (np.asarray(drawn.at(0, 0)) != np.asarray(drawn.at(1, 0))).any(), "it has moved"
     assert (np.asarray(drawn.at(0, 0)) == np.asarray(drawn.at(2, 1))).all(), "and come back"
     size = sum(len(frame["text"]) for frame in course.frames)
-    monkeypatch.setattr(of_frames, "MOST_BYTES", size // 3)
+    monkeypatch.setattr(courses, "MOST_BYTES", size // 3)
     fewer = FrameCourses(here).course_of("A person", run.record())
     assert len(fewer.frames) < len(course.frames) / 3
     assert (fewer.frames[0], fewer.frames[-1]) == (course.frames[0], course.frames[-1])
