@@ -24,6 +24,7 @@ from humanplay.db.database import (
     COUNT_COMMIT,
     RUNS,
     StoreError,
+    check_writable,
     open_database,
     reading,
     rows,
@@ -103,6 +104,7 @@ def forget(
 @contextmanager
 def _lock_unless_served(database: Path) -> Iterator[DatabaseLock | None]:
     """Keep servers out of the database during the block; None if one has it."""
+    check_writable(database)  # the lock would wait for the other end of a pipe
     try:
         lock = DatabaseLock(database)
     except StoreError:
