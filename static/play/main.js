@@ -51,7 +51,10 @@ const { part } = panels.player;
 const card = startEndCard();
 /** How the episode that ended stands among the player's own. */
 let own = { episode: "", text: "" };
-const sizes = createSizes(() => repaint(true));
+const sizes = createSizes(() => {
+  paintBoards(null); // in this very frame: both boards stand level in each that is shown
+  repaint(true);
+});
 const announce = (/** @type {string} */ text) => { by("announcer").textContent = text; };
 const dismiss = (/** @type {number} */ id) => dispatch({ kind: "dismiss", id });
 const showTab = startTabs();
@@ -162,8 +165,9 @@ function dispatch(event) {
   repaint();
 }
 
-/** @param {GameState | null} before @param {number} dpr */
-function paintBoards(before, dpr) {
+/** @param {GameState | null} before */
+function paintBoards(before) {
+  const dpr = window.devicePixelRatio || 1;
   const { you, policy } = boardColours(document.documentElement);
   const colours = { player: you, rival: policy };
   for (const role of ROLES) {
@@ -220,9 +224,8 @@ function paintCurves() {
 function paint() {
   const before = painted;
   painted = state;
-  const dpr = window.devicePixelRatio || 1;
   document.body.dataset.boards = hasTwoBoards(state, isFirstVisit()) ? "2" : "1";
-  paintBoards(before, dpr);
+  paintBoards(before);
   paintPanels(before);
   parts.views?.paintCamera(state.player?.frame);
   if (state.player !== before?.player || state.rival !== before?.rival) dueCurves();
