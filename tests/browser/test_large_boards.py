@@ -9,6 +9,7 @@ MATRIX = "[data-role=player] .matrix"
 
 
 def cell_px(me):
+    me.wait(f"document.querySelector('{MATRIX}').dataset.cell")
     return float(me.page.locator(MATRIX).get_attribute("data-cell"))
 
 
