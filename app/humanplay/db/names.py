@@ -80,6 +80,14 @@ def set_name(
         ) from error
 
 
+def introduce(
+    conn: sqlite3.Connection, player_id: str, name: str, likeness: str, at_ms: int
+) -> bool:
+    """Name a player as `set_name` does, who need not have played."""
+    conn.execute("INSERT OR IGNORE INTO players (id, created_ms) VALUES (?, ?)", [player_id, at_ms])
+    return set_name(conn, player_id, name, likeness, at_ms)
+
+
 def remove_name(conn: sqlite3.Connection, player_id: str) -> None:
     """Remove a player's name, unless it is hidden: a hidden name stays, so that nobody can choose it again."""
     conn.execute("DELETE FROM names WHERE player_id = ? AND NOT hidden", [player_id])

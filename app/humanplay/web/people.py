@@ -82,8 +82,9 @@ def cleaned(text: str) -> str:
 async def get_people(request: Request, period: Period = "all") -> PeopleTable:
     """Return the people's board: who plays ranked terrains of the daily's kind, the nearest to Expert first.
 
-    All ranked terrains of the period that are attested count, 100 moves at most each, as one that was not finished does. From
-    five on a person has a place, by the worse end of the interval. `comparing` terrains wait for Expert's own run on them.
+    All ranked terrains of the period count that Expert finishes, `most_behind` moves at most each;
+    one that was not finished, or with moves that fit no key, counts as many. From `fewest` on a
+    person has a place, by the worse end of the interval. `comparing` terrains wait for Expert's own run on them.
     404 where the environment has no leaderboard.
     """
     services, player_id = services_of(request), player_of(request)
@@ -100,20 +101,19 @@ async def set_name(request: Request, response: Response, wanted: NewName) -> dic
     A server that asks for names takes one before it too.
     """
     services = services_of(request)
-    if services.asks_name:
-        player_id = await _new_player(request, response)
-    else:
-        player_id = _own_player(request)
+    store, sources = services.store, services.lobby.sources
+    player_id = _new_player(request) if services.asks_name else _own_player(request)
+    change = names.introduce if services.asks_name else names.set_name
     try:
         name = cleaned(wanted.name)
-        store, at_ms = services.store, services.lobby.sources.clock_ms()
-        chosen = player_id, name, likeness(name), at_ms
-        if not await store.change(names.set_name, *chosen):
+        if not await store.change(change, player_id, name, likeness(name), sources.clock_ms()):
             raise HTTPException(409, NOTHING_PLAYED)
     except names.NameTakenError as error:
         raise HTTPException(409, str(error)) from error
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
+    if services.asks_name:
+        remember_player(response, request, player_id)
     return {**await store.read(partial(names.own, store, player_id))}
 
 
@@ -125,16 +125,11 @@ async def remove_name(request: Request) -> dict[str, object]:
     return {**await store.read(partial(names.own, store, player_id))}
 
 
-async def _new_player(request: Request, response: Response) -> str:
+def _new_player(request: Request) -> str:
     """The player who asks, a new one without a cookie; HTTPException 403 unless a page of this server asks."""
     if not has_own_origin(request):
         raise HTTPException(403, "a name is chosen on this server's page")
-    services = services_of(request)
-    sources, store = services.lobby.sources, services.store
-    player_id = player_of(request) or sources.player_id()
-    await store.write(partial(store.add_player, player_id, sources.clock_ms()))
-    remember_player(response, request, player_id)
-    return player_id
+    return player_of(request) or services_of(request).lobby.sources.player_id()
 
 
 def _own_player(request: Request) -> str:

@@ -112,6 +112,10 @@ def test_whoever_comes_is_asked_for_a_name_before_the_first_episode(opened, brow
     assert "What are you called?" not in browser.get("/").text
     taken = browser_of(plays).put("/api/me/name", json={"name": "Ada"})
     assert taken.status_code == 409
+    wrong = browser_of(plays).put("/api/me/name", json={"name": "?"})
+    assert wrong.status_code == 422
+    with closing(sqlite3.connect(plays.database)) as conn:
+        assert conn.execute("SELECT count(*) FROM players").fetchone() == (1,), "Ada alone"
 
 
 def test_invited_people_have_a_link_each_which_stays_theirs(opened, browser_of):
