@@ -485,7 +485,7 @@ declare namespace Answers {
     not_attested: string | null,
     /** whether the terrain was known from an earlier episode */
     met_before: boolean,
-    /** Expert's on the same terrain; null except for ranked ones of the people's board */
+    /** Expert's on the same terrain, of ranked ones of the people's board that it finishes */
     expert_moves: number | null,
   };
   /** What you have driven. */
@@ -509,11 +509,11 @@ declare namespace Answers {
     name: string | null,
     /** an operator has hidden it */
     hidden: boolean,
-    /** null below five terrains */
+    /** null below `fewest` terrains */
     place: number | null,
     /** null before the first terrain */
     behind: number | null,
-    /** null below five terrains */
+    /** null below `fewest` terrains */
     worse: number | null,
     terrains: number,
     /** terrains before there is a place */
@@ -575,6 +575,10 @@ declare namespace Answers {
     ranked: number,
     /** terrains on which Expert has not driven yet */
     comparing: number,
+    /** terrains from which on somebody has a place */
+    fewest: number,
+    /** moves that a terrain counts at most, and one that was not finished */
+    most_behind: number,
     /** null without a cookie */
     you: OwnStanding | null,
   };
@@ -593,7 +597,7 @@ declare namespace Answers {
     place: number,
     /** null where none was chosen */
     name: string | null,
-    /** mean moves more than Expert; a terrain counts 100 at most */
+    /** mean moves more than Expert */
     behind: number,
     /** the worse end of its 95 % interval, by which people are ranked */
     worse: number,

@@ -1,7 +1,12 @@
 // Which keys drive: chosen in a dialog by pressing them (keymap.html).
 import { codesOf } from "./keyboard.js";
 import { by, create, put } from "./page.js";
+import { browserStore } from "./storage.js";
 import { keyName } from "./task.js";
+import { actionText } from "./words.js";
+
+/** Where the keys are that were chosen to drive, a map for each task. */
+const CHOSEN = "humanplay.keys";
 
 /** Let the keys in a dialog be chosen.
  *   keys      those that drive now
@@ -27,7 +32,7 @@ export function startKeymap(dialog, { keys, onChange, onLayout }) {
       put(button, isAwaited ? "press a key" : keyName(code, layout));
       button.dataset.awaited = String(isAwaited);
       const spoken = isAwaited ? "press the key you want" : spokenKey(code, layout);
-      button.setAttribute("aria-label", `${action}, ${slot === 0 ? "first" : "second"} key: ${spoken}`);
+      button.setAttribute("aria-label", `${actionText(action)}, ${slot === 0 ? "first" : "second"} key: ${spoken}`);
     }
   }
   /** @param {Action} action @param {number} slot */
@@ -44,13 +49,13 @@ export function startKeymap(dialog, { keys, onChange, onLayout }) {
     awaited = null;
     onChange({ ...own });
     paint();
-    say("The keys are as they were at first.");
+    say("The keys are reset.");
   });
   by("keymap").addEventListener("click", (event) => {
     const button = /** @type {Element} */ (event.target).closest("button");
     if (!button) return;
     awaited = { action: /** @type {Action} */ (button.dataset.drive), slot: Number(button.dataset.slot) };
-    say(`Press the key that should drive ${button.dataset.drive}; Escape leaves it as it is.`);
+    say(`Press the key that should drive ${actionText(awaited.action)}; Escape leaves it as it is.`);
     paint();
   });
   dialog.addEventListener("keydown", (event) => {
@@ -66,7 +71,7 @@ export function startKeymap(dialog, { keys, onChange, onLayout }) {
     awaited = null;
     onChange(changed);
     paint();
-    say(`${keyName(code, layout)} now drives ${action}.`);
+    say(`${keyName(code, layout)} now drives ${actionText(action)}.`);
   });
   dialog.addEventListener("close", leave);
   /** @type {Navigator & {keyboard?: {getLayoutMap?: () => Promise<Study.Layout>}}} */ (navigator).keyboard?.getLayoutMap?.().then((map) => {
@@ -81,7 +86,7 @@ export function startKeymap(dialog, { keys, onChange, onLayout }) {
       own = first;
       by("keymap-part").hidden = !canChange(own);
       by("keymap").replaceChildren(...Object.entries(own).map(([action, codes]) =>
-        create("tr", [create("th", action, { scope: "row" }), ...codes.map((_, slot) => cell(action, slot))])));
+        create("tr", [create("th", actionText(action), { scope: "row" }), ...codes.map((_, slot) => cell(action, slot))])));
       paint();
     },
     paint,
@@ -120,6 +125,12 @@ export function readKeys(stored, own) {
   return Object.fromEntries(Object.keys(own).map((action, index) => [action, /** @type {string[]} */ (lists[index].list)]));
 }
 
+/** @param {Pick<Task, "name" | "keys">} task @returns {Keys} those that were chosen in this browser, else the task's own */
+export const chosenKeys = ({ name, keys }) => readKeys(browserStore.read(CHOSEN)?.[name], keys);
+
+/** @param {Pick<Task, "name">} task @param {Keys} keys */
+export const storeKeys = ({ name }, keys) => browserStore.setItem(CHOSEN, JSON.stringify({ ...browserStore.read(CHOSEN), [name]: keys }));
+
 /** Return the task's own code of a key that was chosen in its place: the episode is recorded as everybody's.
  * @param {Keys} keys that were chosen @param {Keys} own @param {string} code @returns {string | undefined} */
 export function ownCode(keys, own, code) {
@@ -133,12 +144,17 @@ export function ownCode(keys, own, code) {
 /** @param {string} code @param {Study.Layout} [layout] @returns the same for a screen reader */
 export const spokenKey = (code, layout) => /** @type {Record<string, string>} */ (SPOKEN)[code] ?? keyName(code, layout);
 
-/** Paint the keys as they drive now, wherever the page shows them.
- * @param {Action[]} order @param {Keys} keys @param {Study.Layout} [layout] */
-export function paintKeys(order, keys, layout) {
+/** Paint the keys as they drive now, wherever the page shows them: with what they do, or alone; the first of each, or two.
+ * @param {Pick<Task, "assets" | "order">} task @param {Keys} keys @param {Study.Layout} [layout] */
+export function paintKeys({ assets, order }, keys, layout) {
   const slots = [...Array(Math.min(2, ...order.map((action) => keys[action]?.length ?? 0))).keys()];
-  for (const line of document.querySelectorAll("[data-keys]")) {
-    line.replaceChildren(...slots.flatMap((slot) =>
-      [...(slot ? [" or "] : []), ...order.map((action) => create("kbd", keyName(keys[action][slot] ?? "", layout)))]), ` drive ${order.join(", ")}`);
+  const key = (/** @type {Action} */ action, slot = 0) => create("kbd", keyName(keys[action][slot] ?? "", layout));
+  const alone = () => slots.flatMap((slot) => [...(slot ? [" or "] : []), ...order.map((action) => key(action, slot))]);
+  const named = () => order.flatMap((action) => [create("span", [key(action), ` ${actionText(action)}`], { "data-key-of": action }), " "]);
+  for (const line of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-keys]"))) {
+    if (line.dataset.keys === "alone") line.replaceChildren(...alone());
+    else if (line.dataset.keys === "first") line.replaceChildren(...order.map((action) => key(action)));
+    else if (assets === "mars" || !line.matches(".keys")) line.replaceChildren(...alone(), ` drive ${order.map(actionText).join(", ")}`);
+    else line.replaceChildren(...named());
   }
 }

@@ -1,7 +1,7 @@
 // The task of a page: its module, and the parts of the page that differ from task to task.
 import { request } from "./api.js";
 import { create, put } from "./page.js";
-import { capital } from "./words.js";
+import { actionText, capital } from "./words.js";
 
 /** Return what a page knows of a task: of the one that the server plays where none is named.
  * @param {Answers.Task} [about] @returns {Promise<Task>} */
@@ -15,7 +15,7 @@ export async function loadTask(about) {
  * @param {Pick<Task, "allowed">} task @param {Frame} frame @param {Action} action */
 export function forbidden(task, frame, action) {
   const allowed = task.allowed?.(frame) ?? null;
-  return allowed === null || allowed.includes(action) ? null : `${capital(action.replaceAll("_", " "))} cannot be chosen now`;
+  return allowed === null || allowed.includes(action) ? null : `${capital(actionText(action))} cannot be chosen now`;
 }
 
 /** Paint the buttons and the named keys of what cannot be chosen grey.
@@ -46,7 +46,7 @@ export function paintNumbers(part, task, frame) {
 
 const DIRECTIONS = { ArrowUp: "M4 13l6-6 6 6", ArrowLeft: "M13 4l-6 6 6 6", ArrowDown: "M4 7l6 6 6-6", ArrowRight: "M7 4l6 6-6 6" };
 
-/** Leave out of a page what it says of other tasks, name the keys, and put the task's actions on the pad.
+/** Leave out of a page what it says of other tasks, and put the task's actions on the pad.
  * @param {Task} task */
 export function showTask({ assets, order, keys, title, chart, parts, round, has_boards: hasBoards }) {
   for (const link of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-of-boards]"))) link.hidden = !hasBoards;
@@ -56,10 +56,6 @@ export function showTask({ assets, order, keys, title, chart, parts, round, has_
   if (!parts) document.body.dataset.view = "matrix";
   for (const name of document.querySelectorAll("#chart-title, [data-part=chart-title]")) name.textContent = chart.title;
   document.title = document.title.replace("MarsExplorer", title);
-  for (const line of document.querySelectorAll(".keys")) {
-    line.replaceChildren(...order.flatMap((action) => [
-      create("span", [create("kbd", keyName(keys[action]?.[0] ?? "")), ` ${action.replaceAll("_", " ")}`], { "data-key-of": action }), " "]));
-  }
   const pad = document.querySelector(".pad");
   const isRow = !order.every((action) => keys[action]?.[0] in DIRECTIONS);
   pad?.classList.toggle("is-row", isRow);
@@ -82,7 +78,7 @@ function padButton(action, code) {
   const button = create("button", [], { type: "button", "data-action": action, "data-testid": `pad-${action}`, "aria-label": action });
   const path = /** @type {Record<string, string>} */ (DIRECTIONS)[code];
   if (path) button.innerHTML = `<svg viewBox="0 0 20 20" aria-hidden="true"><path d="${path}"/></svg>`;
-  else button.append(action.replaceAll("_", " "));
+  else button.append(actionText(action));
   if (path) button.dataset.toward = code;
   return button;
 }
@@ -97,5 +93,8 @@ export function keyName(code, layout) {
   return (printed ?? code.replace(/^(Key|Digit)/, "").replace(/^Numpad/, "Num ")).toUpperCase().replace("NUM ", "Num ");
 }
 
-/** @param {boolean} isTouch @returns what asks for the first move */
-export const promptText = (isTouch) => (isTouch ? "Swipe or tap an arrow" : "Press an arrow key");
+/** @param {boolean} isTouch @param {Keys} keys that drive @returns what asks for the first move */
+export function promptText(isTouch, keys) {
+  if (isTouch) return "Swipe or tap an arrow";
+  return Object.values(keys).every(([code]) => code in DIRECTIONS) ? "Press an arrow key" : "Press one of your keys";
+}

@@ -12,6 +12,8 @@ export const score = (value) => value === null ? "\u2013" : value.toFixed(3).rep
 export const sizeText = (size) => (Array.isArray(size) ? size : [size, size]).join(" \u00d7 ");
 /** @param {string} text @returns the text with a capital in front */
 export const capital = (text) => text.replace(/^./, (first) => first.toUpperCase());
+/** @param {string} action @returns {string} "pick_up" as "pick up" */
+export const actionText = (action) => action.replaceAll("_", " ");
 /** @param {string} name "A person", "Your replay" or a policy's @returns the name as it stands within a sentence */
 export const within = (name) => name.replace(/^(A|Your) /, (article) => article.toLowerCase());
 /** Return a count with its noun.

@@ -19,11 +19,17 @@ export function dayText(day) {
 /** @param {number} days in a row */
 export const streakText = (days) => (days > 1 ? `${days} days in a row` : "");
 
+/** @param {Pick<Task, "successes">} task @param {Answers.Today["attempt"]} attempt @returns {string} how an attempt stands */
+export function attemptText({ successes }, attempt) {
+  if (!attempt) return "not played";
+  if (attempt.state === "open") return "begun";
+  return successes.includes(attempt.outcome ?? "") ? many(attempt.moves, "move") : "played";
+}
+
 /** Return how today stands, for a link to the daily page.
  * @param {Task} task @param {Pick<Answers.Today, "attempt" | "players" | "streak">} today */
-export function pillText({ successes }, { attempt, players, streak }) {
-  const own = !attempt ? "not played" : attempt.state === "open" ? "begun" : successes.includes(attempt.outcome ?? "") ? many(attempt.moves, "move") : "played";
-  return [own, many(players, "person", "people"), ...(streak > 1 ? [`streak ${streak}`] : [])].join(" \u00b7 ");
+export function pillText(task, { attempt, players, streak }) {
+  return [attemptText(task, attempt), many(players, "person", "people"), ...(streak > 1 ? [`streak ${streak}`] : [])].join(" \u00b7 ");
 }
 
 /** Return a day of the calendar: what stands in it, and in words.

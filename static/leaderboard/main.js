@@ -47,6 +47,9 @@ async function loadPeople() {
   const answer = /** @type {Answers.People} */ (await request(`people?period=${period}`));
   if (wanted !== period) return;
   put(by("people-place"), answer.title);
+  put(by("fewest"), String(answer.fewest));
+  put(by("most-behind"), String(answer.most_behind));
+  by("people-rules").hidden = false;
   paintPeople(by("named", HTMLTableElement), by("own"), task, period, answer);
   schedule(answer.comparing ? SOON_MS : LATER_MS);
 }

@@ -4,10 +4,10 @@ import { many, signed } from "../common/words.js";
 
 /** @param {Pick<Task, "round">} task @param {"week" | "all"} period @param {Answers.People} answer
  * @returns {string} what fills a table without anybody */
-export function emptyText({ round }, period, { you }) {
-  const missing = you ? you.missing : 5;
+export function emptyText({ round }, period, { you, fewest }) {
+  const missing = you ? you.missing : fewest;
   const when = period === "week" ? "in the last seven days" : "yet";
-  return `Nobody has five ranked ${round}s ${when}. Play ranked: ${many(missing, round)}${you?.terrains ? " more" : ""}, and you are the first.`;
+  return `Nobody has ${fewest} ranked ${round}s ${when}. Play ranked: ${many(missing, round)}${you?.terrains ? " more" : ""}, and you are the first.`;
 }
 
 /** @param {Pick<Task, "round">} task @param {"week" | "all"} period @param {Answers.OwnStanding} you
@@ -41,12 +41,13 @@ export function paintPeople(table, own, task, period, answer) {
   const rows = people.map((person) => row(person.place, person.name ?? (person.you ? "You" : "Somebody"), person.you, person));
   const play = create("a", "Play ranked", { class: "go", href: "./?mode=ranked" });
   const empty = create("tr", [create("td", [create("p", emptyText(task, period, answer)), create("p", [play], { class: "buttons" })], { class: "empty", colspan: "5" })]);
-  table.tBodies[0].replaceChildren(...(rows.length ? rows : [empty]));
+  // while the expert plays, nobody can say who has how many
+  table.tBodies[0].replaceChildren(...(rows.length || comparing ? rows : [empty]));
   const foot = /** @type {HTMLTableSectionElement} */ (table.tFoot);
   if (you?.place && you.place > NEAR && you.behind !== null && you.worse !== null) {
     const { behind, worse, terrains, place } = you;
     foot.replaceChildren(row(`${place} of ${ranked}`, "You", true, { behind, worse, terrains }));
-  } else if (you && !you.place && rows.length) foot.replaceChildren(create("tr", [create("td", missingText(task, period, you), { colspan: "5" })]));
+  } else if (you && !you.place && rows.length && !comparing) foot.replaceChildren(create("tr", [create("td", missingText(task, period, you), { colspan: "5" })]));
   else foot.replaceChildren();
   const choose = create("a", "Choose a name to stand here by it", { href: "me#name" });
   own.replaceChildren(...(you?.name ? [] : [choose]), " ", comparingText(task, comparing));

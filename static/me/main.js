@@ -7,7 +7,7 @@ import { all, boardColours, by, chartColours, create, put } from "../common/page
 import { browserStore } from "../common/storage.js";
 import { loadTask, showTask } from "../common/task.js";
 import { many, percent, score } from "../common/words.js";
-import { bestText, dailyText, gapsText, kindText, puzzlesText, standingText, summary } from "./words.js";
+import { bestText, dailyText, gapsText, isFinished, kindText, puzzlesText, standingText, summary } from "./words.js";
 
 /** @type {Task} */
 let task;
@@ -125,9 +125,9 @@ let gaps = [];
 /** Draw the curve of the ranked terrains on which Expert has driven, and again while it drives on more. */
 async function compare() {
   const { episodes, comparing } = /** @type {Answers.OwnHistory} */ (await request(`me/history?limit=${NEWEST}`));
-  gaps = episodes.reverse().flatMap(({ moves, outcome, expert_moves: others }) =>
-    (others === null ? [] : [{ gap: moves - others, isFinished: task.successes.includes(outcome) }]));
-  put(by("gap-note"), comparing ? `${expert()} drives on ${many(comparing, "more terrain")} of yours.` : gapsText(expert(), gaps));
+  gaps = episodes.reverse().flatMap((episode) => (episode.expert_moves === null ? []
+    : [{ gap: episode.moves - episode.expert_moves, isFinished: isFinished(task, episode) }]));
+  put(by("gap-note"), comparing ? `${expert()} drives on ${many(comparing, `more ${task.round}`)} of yours.` : gapsText(expert(), gaps));
   paintGaps();
   if (comparing) setTimeout(() => compare().catch(() => {}), SOON_MS);
 }
@@ -180,7 +180,7 @@ function paintGaps() {
   const [low, high] = [Math.min(0, ...moves), Math.max(10, ...moves)];
   paintChart(chart, { inks, font, base: 0, edges: { left: 44, right: 14, top: 16, bottom: 22 },
     lines: [{ colour: you, dash: [], dot: 3.5, hasWhiskers: true, x: finished.map(({ at }) => at), y: moves }],
-    x: { low: 0, high: gaps.length, ticks: ticks(0, gaps.length).filter(Number.isInteger), text: (at) => (at ? String(at) : "terrain") }, y: { low, high, ticks: ticks(low, high), text: tickText },
+    x: { low: 0, high: gaps.length, ticks: ticks(0, gaps.length).filter(Number.isInteger), text: (at) => (at ? String(at) : task.round) }, y: { low, high, ticks: ticks(low, high), text: tickText },
     over: (context, at) => numbered.filter(({ isFinished }) => !isFinished).forEach((episode) => paintCross(context, at.x(episode.at), at.y(high) - 8, inks.text)) });
   chart.setAttribute("aria-label", gapsText(expert(), gaps));
 }

@@ -1,5 +1,6 @@
 // The sentences of a player's own page; no document here, so that node can test every one.
 import { many, signed, wholePercent } from "../common/words.js";
+import { attemptText, streakText } from "../daily/words.js";
 import { choicesOn, streak } from "../puzzles/words.js";
 
 /** @param {Task} task @param {Answers.OwnHistory} history @returns the sentence below the heading */
@@ -28,6 +29,10 @@ export function personalText({ successes, round }, { episodes, bests }, episode)
   const record = best ? `Your best on a ${round} that was new to you is ${many(best.moves, "move")}.` : "";
   return [better, record, why].filter(Boolean).join(" ");
 }
+
+/** @param {Pick<Task, "successes">} task @param {Pick<Answers.OwnEpisode, "outcome" | "counts" | "not_attested">} episode
+ * @returns whether it succeeded, and did not count as abandoned because of a move without a key or touch */
+export const isFinished = ({ successes }, { outcome, counts, not_attested: reason }) => successes.includes(outcome) && !(counts && reason);
 
 /** @param {Pick<Task, "round">} task @param {Answers.OwnEpisode} episode
  * @returns what an episode was, and why a ranked one does not count, "" where nothing is to be said */
@@ -74,18 +79,15 @@ export function gapsText(expert, gaps) {
   return `You needed ${needed} ${more.length === 1 ? "in" : "on average, over"} ${many(more.length, "finished episode")}.${change}${unfinished}`;
 }
 
-/** @param {number} days @returns {string} */
-const inARow = (days) => (days > 1 ? `, ${days} days in a row` : "");
+/** @param {string} state @param {number} days @returns {string} */
+const withStreak = (state, days) => [state, streakText(days)].filter(Boolean).join(", ");
 
 /** @param {Task} task @param {Pick<Answers.Today, "attempt" | "streak">} today @returns {string} how the daily terrain stands */
-export function dailyText({ successes }, { attempt, streak: days }) {
-  const state = !attempt ? "not played today" : attempt.state === "open" ? "begun" : successes.includes(attempt.outcome ?? "") ? `${many(attempt.moves, "move")} today` : "played today";
-  return `${state}${inARow(days)}`;
-}
+export const dailyText = (task, { attempt, streak: days }) => withStreak(`${attemptText(task, attempt)} today`, days);
 
 /** @param {Pick<Answers.Puzzles, "day" | "puzzles">} today @param {Puzzles.Answered} answered @returns {string} how today's puzzles stand */
 export function puzzlesText({ day, puzzles }, answered) {
   const done = choicesOn(answered, day).length;
   const state = done ? `${done} of ${puzzles.length} answered today` : "not answered today";
-  return `${state}${inARow(streak(answered, day, puzzles.length))}`;
+  return withStreak(state, streak(answered, day, puzzles.length));
 }

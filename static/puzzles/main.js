@@ -1,10 +1,11 @@
 // The puzzles of the day: a position, one first move to choose, and what it saves. The only module of this page that knows all the others.
 import { request } from "../common/api.js";
 import { codesOf, ownsKeys, actionOf } from "../common/keyboard.js";
+import { chosenKeys } from "../common/keymap.js";
 import { boardColours, by, create, createRepaint, createSizes, put } from "../common/page.js";
 import { browserStore, forgets } from "../common/storage.js";
 import { loadTask } from "../common/task.js";
-import { countdown, dayText } from "../daily/words.js";
+import { countdown, dayText, streakText } from "../daily/words.js";
 import { many } from "../common/words.js";
 import * as words from "./words.js";
 
@@ -66,7 +67,7 @@ function paint() {
   by("next").hidden = !choice || isLast;
   by("done").hidden = !isLast;
   put(by("done-text"), words.doneText(choices(), answers));
-  put(by("streak"), words.streakText(words.streak(stored(), today.day, today.puzzles.length)));
+  put(by("streak"), streakText(words.streak(stored(), today.day, today.puzzles.length)));
   by("dots").replaceChildren(...today.puzzles.map((each, index) => {
     const made = choices().find(({ id }) => id === each.id);
     const state = made && answers[each.id] ? (made.answer === answers[each.id].best ? "right" : "wrong") : made ? "answered" : "open";
@@ -110,7 +111,8 @@ function next() {
 async function retried(work) {
   for (;;) {
     try {
-      return await work();
+      await work();
+      return put(by("status"), forgets());
     } catch (error) {
       const { status, message } = /** @type {{status?: number, message: string}} */ (error);
       put(by("status"), status === 404 ? message : `${message} Trying again.`);
@@ -135,7 +137,7 @@ function startCountdown({ now_ms, next_ms }) {
 
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || ownsKeys(/** @type {HTMLElement} */ (event.target))) return;
-  const action = task && codesOf(event).map((code) => actionOf(task.keys, code)).find(Boolean);
+  const action = task && codesOf(event).map((code) => actionOf(chosenKeys(task), code)).find(Boolean);
   if (!action) return;
   event.preventDefault();
   choose(action);
@@ -144,12 +146,11 @@ for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.quer
 by("next").addEventListener("click", next);
 
 await retried(async () => {
-  task ??= await loadTask(await request("task"));
+  task ??= await loadTask();
   const loaded = /** @type {Answers.Puzzles} */ (await request("puzzles"));
   await Promise.all(words.choicesOn(stored(), loaded.day).map(({ id }) => loadAnswer(id)));
   today = loaded;
 }).then(() => {
-  put(by("status"), forgets());
   put(by("day"), dayText(/** @type {Answers.Puzzles} */ (today).day));
   startCountdown(/** @type {Answers.Puzzles} */ (today));
   document.body.dataset.state = "ready";

@@ -19,9 +19,6 @@ export function streak(stored, today, count) {
   return days;
 }
 
-/** @param {number} days in a row @returns {string} */
-export const streakText = (days) => (days > 1 ? `${days} days in a row` : "");
-
 /** @param {number} moves rounded @returns {string} */
 const hereText = (moves) => (moves > 0 ? `on this very terrain ${many(moves, "move")}` : moves === 0 ? "on this very terrain nothing" : `on this very terrain it would have cost ${many(-moves, "move")}`);
 

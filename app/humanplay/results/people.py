@@ -1,7 +1,8 @@
 """People on one board, by how many moves more than Expert they need on ranked terrains.
 
-All ranked terrains of a period count, so nobody picks their best. A terrain counts MOST_BEHIND at most, and so does one
-that was not finished. People are ranked by the worse end of their mean's interval: whoever stops while ahead gains nothing.
+All ranked terrains of a period count that Expert finishes, so nobody picks their best. A terrain
+counts MOST_BEHIND at most, and so does one that was not finished. People are ranked by the worse
+end of their mean's interval, so that a few lucky terrains count for little.
 """
 
 from __future__ import annotations
@@ -76,39 +77,44 @@ class PeopleTable(TypedDict):
     """The board.
 
     title      of the board's terrains
-    ranked     how many people have a place
-    comparing  terrains on which Expert has not driven yet
+    ranked       how many people have a place
+    comparing    terrains on which Expert has not driven yet
+    fewest       terrains from which on somebody has a place
+    most_behind  moves that a terrain counts at most
     """
 
     title: str
     people: list[PersonRow]
     ranked: int
     comparing: int
+    fewest: int
+    most_behind: int
     you: OwnStanding | None
 
 
-def standings(runs: Iterable[RankedRun], expert: Mapping[int, int]) -> list[Standing]:
+def standings(runs: Iterable[RankedRun], expert: Mapping[int, int | None]) -> list[Standing]:
     """Everybody's standing: the ranked ones first, by the worse end of their interval.
 
     Args:
-        runs: Ranked episodes; one whose terrain Expert has not driven yet is left out.
-        expert: Expert's moves by a terrain's seed.
+        runs: Ranked episodes, left out where Expert has not driven yet or did not finish.
+        expert: Expert's moves by a terrain's seed; None where it did not finish.
     """
     behind: dict[str, list[float]] = {}
     for run in runs:
-        if run.moves is None:
-            behind.setdefault(run.player_id, []).append(MOST_BEHIND)
-        elif run.seed in expert:
-            moves = min(MOST_BEHIND, run.moves - expert[run.seed])
-            behind.setdefault(run.player_id, []).append(moves)
+        if (moves := expert.get(run.seed)) is None:
+            continue
+        gap = MOST_BEHIND if run.moves is None else min(MOST_BEHIND, run.moves - moves)
+        behind.setdefault(run.player_id, []).append(gap)
     people = list(behind.items())
-    worse = _worse_ends([moves for _, moves in people])
-    found = [
-        Standing(player, len(moves), float(np.mean(moves)), end)
-        for (player, moves), end in zip(people, worse, strict=True)
+    worse = _worse_ends([gaps for _, gaps in people])
+    everybody = [
+        Standing(player, len(gaps), float(np.mean(gaps)), end)
+        for (player, gaps), end in zip(people, worse, strict=True)
     ]
     unranked = float("inf")
-    return sorted(found, key=lambda one: (unranked if one.worse is None else one.worse, one.behind))
+    return sorted(
+        everybody, key=lambda one: (unranked if one.worse is None else one.worse, one.behind)
+    )
 
 
 def _worse_ends(people: Sequence[Sequence[float]]) -> list[float | None]:
@@ -123,54 +129,53 @@ def _worse_ends(people: Sequence[Sequence[float]]) -> list[float | None]:
     return ends
 
 
-def expert_moves(task: str, config: Configuration, seeds: Sequence[int]) -> list[int]:
-    """Moves that Expert needs on terrains; a job."""
+def expert_moves(task: str, config: Configuration, seeds: Sequence[int]) -> list[int | None]:
+    """Moves that Expert needs on terrains, None where it does not finish; a job."""
     environment = environment_of(task)
     assert environment.expert is not None
     policy = environment.policies.load(environment.expert, config)
     runs = (environment.policies.play(policy, config, seed, seed) for seed in seeds)
-    return [summary_of(environment, run).steps for run in runs]
+    episodes = [summary_of(environment, run) for run in runs]
+    return [episode.steps if episode.succeeded else None for episode in episodes]
 
 
 class ExpertRuns:
     """Expert's moves on the terrains of ranked episodes: a run for each, by a job, kept in a file.
 
-    path  JSON lines: what the moves depend on, the seed, the moves
+    path  JSON lines: what the moves depend on, the seed, the moves (null where it did not finish)
     """
 
     def __init__(self, path: Path, jobs: Jobs, config: Configuration, task: str) -> None:
         self._path, self._jobs, self._config, self._task = path, jobs, config, task
         self._lock = threading.Lock()
-        self._running: Future[list[int]] | None = None
+        self._running: Future[list[int | None]] | None = None
+        self._batch = BATCH
         self._key = ""
-        self._moves: dict[int, int] = {}
+        self._moves: dict[int, int | None] = {}
 
-    def moves(self) -> dict[int, int]:
-        """Expert's moves by the seed, of what has been played so far."""
-        if not self._key:
-            self._key, self._moves = self._depends_on(), {}
-            for line in self._path.read_text().splitlines() if self._path.exists() else ():
-                try:
-                    key, seed, moves = json.loads(line)
-                except ValueError:
-                    continue  # the server ended while it was written
-                if key == self._key:
-                    self._moves[seed] = moves
-        return self._moves
+    def moves(self) -> dict[int, int | None]:
+        """Expert's moves by the seed of what it has played; None where it did not finish."""
+        with self._lock:
+            if not self._key:
+                self._key = self._depends_on()
+                self._moves = self._stored()
+            return dict(self._moves)
 
     def play(self, seeds: Sequence[int]) -> None:
         """Have some of the terrains played that were not yet."""
         with self._lock:
-            if not seeds or (self._running is not None and not self._running.done()):
+            missing = [seed for seed in seeds if seed not in self._moves]
+            if not missing or self._running is not None:
                 return
-            batch = tuple(seeds[:BATCH])
+            batch = tuple(missing[: self._batch])
             call = partial(expert_moves, self._task, self._config, batch)
             key = ("expert", self._key, batch)
             try:
-                self._running = self._jobs.submit(call, owner=OWNER, key=key, limit_s=LIMIT_S)
+                running = self._jobs.submit(call, owner=OWNER, key=key, limit_s=LIMIT_S)
             except JobsFullError:
                 return
-        self._running.add_done_callback(partial(self._keep, batch))
+            self._running = running
+        running.add_done_callback(partial(self._keep, batch))
 
     def _depends_on(self) -> str:
         environment = environment_of(self._task)
@@ -178,15 +183,32 @@ class ExpertRuns:
         digest = policy_hash(source, self._task)
         return "|".join((environment.version, source, digest, self._config.hash))
 
-    def _keep(self, seeds: Sequence[int], played: Future[list[int]]) -> None:
-        if played.cancelled() or (error := played.exception()) is not None:
-            _log.warning("Expert's runs for the people's board failed: %s", error)
-            return
-        lines = zip(seeds, played.result(), strict=True)
-        with self._lock, self._path.open("a") as file:
-            for seed, moves in lines:
-                self._moves[seed] = moves
-                file.write(json.dumps([self._key, seed, moves]) + "\n")
+    def _stored(self) -> dict[int, int | None]:
+        stored: dict[int, int | None] = {}
+        for line in self._path.read_text().splitlines() if self._path.exists() else ():
+            try:
+                key, seed, moves = json.loads(line)
+            except ValueError:
+                continue  # the server ended while it was written
+            if key == self._key:
+                stored[seed] = moves
+        return stored
+
+    def _keep(self, seeds: Sequence[int], played: Future[list[int | None]]) -> None:
+        with self._lock:
+            self._running = None
+            if played.cancelled():
+                return
+            if (error := played.exception()) is not None:
+                _log.warning("Expert's runs for the people's board failed: %s", error)
+                if len(seeds) == 1:  # left out until the server starts again
+                    self._moves[seeds[0]] = None
+                self._batch = 1  # so that one terrain stops no other
+                return
+            with self._path.open("a") as file:
+                for seed, moves in zip(seeds, played.result(), strict=True):
+                    self._moves[seed] = moves
+                    file.write(json.dumps([self._key, seed, moves]) + "\n")
 
 
 class PeopleBoard:
@@ -203,16 +225,20 @@ class PeopleBoard:
         self._reading = threading.Lock()
         self._state: str | None = None
         self._runs: list[RankedRun] = []
+        self._standings: dict[bool, tuple[object, list[Standing]]] = {}
 
     @property
     def config_hash(self) -> str:
         """The hash of the configuration that it is played on."""
         return str(self._config.hash)
 
-    def expert_moves(self, seeds: Sequence[int]) -> dict[int, int]:
-        """Expert's moves on terrains by their seeds, where it has driven; it drives on the others soon."""
+    def expert_moves(self, seeds: Sequence[int]) -> dict[int, int | None]:
+        """Expert's moves by the seed, where it has driven; it drives on the others soon.
+
+        None where it did not finish.
+        """
         moves = self._expert.moves()
-        self._expert.play([seed for seed in seeds if seed not in moves])
+        self._expert.play(seeds)
         return {seed: moves[seed] for seed in seeds if seed in moves}
 
     def table(self, player_id: str | None, since_ms: int) -> PeopleTable:
@@ -224,13 +250,13 @@ class PeopleBoard:
                 self._state = state
             names = shown_names(reader)
             name = None if player_id is None else own(reader, player_id)
-        expert = self._expert.moves()
-        runs = [run for run in self._runs if run.ended_ms >= since_ms]
-        missing = [run.seed for run in runs if run.moves is not None and run.seed not in expert]
+            expert = self._expert.moves()
+            runs = [run for run in self._runs if run.ended_ms >= since_ms]
+            everybody = self._ranked(runs, expert, is_whole=since_ms == 0)
+        missing = [run.seed for run in runs if run.seed not in expert]
         self._expert.play(missing)
-        found = standings(runs, expert)
-        ranked = [one for one in found if one.worse is not None]
-        mine = next((one for one in found if one.player_id == player_id), None)
+        ranked = [one for one in everybody if one.worse is not None]
+        mine = next((one for one in everybody if one.player_id == player_id), None)
         place = ranked.index(mine) + 1 if mine in ranked and mine is not None else None
         return {
             "title": self._title,
@@ -240,8 +266,21 @@ class PeopleBoard:
             ],
             "ranked": len(ranked),
             "comparing": len(missing),
+            "fewest": FEWEST,
+            "most_behind": MOST_BEHIND,
             "you": None if name is None else _own(name, mine, place),
         }
+
+    def _ranked(
+        self, runs: Sequence[RankedRun], expert: Mapping[int, int | None], is_whole: bool
+    ) -> list[Standing]:
+        """The standings, which change only with the episodes of a period and with Expert's runs."""
+        state = (self._state, len(runs), len(expert))
+        known_state, everybody = self._standings.get(is_whole, (None, []))
+        if known_state != state:
+            everybody = standings(runs, expert)
+            self._standings[is_whole] = state, everybody
+        return everybody
 
 
 def _row(place: int, one: Standing, name: str | None, is_you: bool) -> PersonRow:

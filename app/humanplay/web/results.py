@@ -244,8 +244,9 @@ def _compared(trials: Sequence[Trial], board: PeopleBoard | None) -> tuple[dict[
     ]
     seeds = {episode: seed for episode, seed in ranked if seed is not None}
     moves = board.expert_moves(list(seeds.values()))
-    expert = {episode: moves[seed] for episode, seed in seeds.items() if seed in moves}
-    return expert, len(seeds) - len(expert)
+    counts = {episode: moves.get(seed) for episode, seed in seeds.items()}
+    expert = {episode: count for episode, count in counts.items() if count is not None}
+    return expert, sum(seed not in moves for seed in seeds.values())
 
 
 def personal_bests(reader: Reader, player: str) -> list[dict[str, object]]:

@@ -3,6 +3,7 @@
 import io
 import json
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import pytest
@@ -14,7 +15,8 @@ from humanplay.db.erasure import forget_player
 from humanplay.db.reader import utc_day
 from humanplay.db.store import Store
 from humanplay.db.volunteers import RankedRun
-from humanplay.results.people import PeopleBoard, standings
+from humanplay.jobs import Jobs
+from humanplay.results.people import ExpertRuns, PeopleBoard, expert_moves, standings
 from humanplay.study.days import day_before
 from humanplay.study.verification import verify_database
 from humanplay.web.access import PARTICIPANT_COOKIE, PLAYER_COOKIE
@@ -119,7 +121,9 @@ def test_whoever_plays_on_as_well_stands_better_than_whoever_stops():
     stopped = [RankedRun("stopped", seed, 60 + behind[seed], 0) for seed in range(6)]
     lucky = [RankedRun("lucky", seed, 60 + behind[seed] - 9 * (seed == 5), 0) for seed in range(6)]
     left = [RankedRun("left", seed, None, 0) for seed in range(4)]
-    table = standings([*left, *stopped, *often, *lucky], dict.fromkeys(range(24), 60))
+    table = standings(
+        [*left, *stopped, *often, *lucky], dict[int, int | None].fromkeys(range(24), 60)
+    )
     assert [each.player_id for each in table] == ["often", "lucky", "stopped", "left"]
     assert table[0].behind == pytest.approx(table[2].behind)
     assert table[3] == ("left", 4, 100.0, None)
@@ -130,10 +134,54 @@ def test_experts_runs_are_kept_beside_the_database(serve, played):
     people(server)
     path = played.with_name(f"{played.name}-expert.jsonl")
     seeds = [json.loads(line)[1] for line in path.read_text().splitlines()]
-    assert sorted(seeds) == [*range(5), *range(21, 25)], "Bob finished none"
+    assert sorted(seeds) == [*range(5), *range(10, 15), *range(21, 25)]
     path.write_text(path.read_text() + '["half a li')
     restarted = PeopleBoard(played, server.services.jobs)
     assert restarted.table(None, 0)["comparing"] == 0
+
+
+def test_a_terrain_that_expert_does_not_finish_counts_for_nobody(serve, played):
+    server = serve()
+    people(server)
+    path = played.with_name(f"{played.name}-expert.jsonl")
+    runs = [json.loads(line) for line in path.read_text().splitlines()]
+    unfinished = [[key, seed, moves if seed not in (3, 12) else None] for key, seed, moves in runs]
+    path.write_text("".join(f"{json.dumps(run)}\n" for run in unfinished))
+    board = PeopleBoard(played, server.services.jobs).table("ada", 0)
+    assert (board["comparing"], board["ranked"]) == (0, 0), "Ada and Bob have four each"
+    assert board["you"]["terrains"] == 4
+    assert expert_moves("mars", EnvConfig.of("random", 21, max_steps=5), [3]) == [None]
+
+
+def test_a_terrain_that_expert_fails_on_stops_no_other(tmp_path, caplog):
+    with Jobs(1) as jobs:
+        runs = ExpertRuns(tmp_path / "expert.jsonl", jobs, RANDOM_21, "mars")
+
+        def played():
+            moves = runs.moves()
+            runs.play([1, -1, 2])
+            return moves if len(moves) == 3 else None
+
+        moves = eventually(played)
+    assert moves[-1] is None
+    assert moves[1]
+    assert moves[2]
+    assert len(caplog.records) == 2, "of the batch, and of the terrain"
+
+
+def test_all_who_ask_at_the_start_see_all_of_experts_runs(serve, played):
+    server = serve()
+    people(server)
+    path = played.with_name(f"{played.name}-expert.jsonl")
+    lines = path.read_text()
+    key = json.loads(lines.splitlines()[0])[0]
+    path.write_text(
+        "".join(f"{json.dumps([key, seed, 9])}\n" for seed in range(100, 40_000)) + lines
+    )
+    restarted = PeopleBoard(played, server.services.jobs)
+    with ThreadPoolExecutor(4) as threads:
+        tables = [threads.submit(restarted.table, None, 0) for _ in range(4)]
+    assert [table.result()["comparing"] for table in tables] == [0] * 4
 
 
 def test_a_name_is_changed_hidden_and_removed_and_no_two_look_alike(serve, played):

@@ -7,8 +7,8 @@ import { comparingText, emptyText, missingText } from "../../../static/leaderboa
 const task = taskOf(MARS);
 
 test("what is empty says what fills it, and how far somebody is from a place", () => {
-  assert.match(emptyText(task, "week", { you: null }), /^Nobody .* in the last seven days\. Play ranked: 5 terrains,/);
-  assert.match(emptyText(task, "all", { you: { terrains: 4, missing: 1 } }), /^Nobody .* yet\. Play ranked: 1 terrain more,/);
+  assert.match(emptyText(task, "week", { fewest: 6, you: null }), /^Nobody has 6 ranked terrains in the last seven days\. Play ranked: 6 terrains,/);
+  assert.match(emptyText(task, "all", { fewest: 5, you: { terrains: 4, missing: 1 } }), /^Nobody .* yet\. Play ranked: 1 terrain more,/);
   assert.equal(missingText(task, "all", { terrains: 1, missing: 4 }), "You have 1 ranked terrain: 4 more, and you stand here.");
   assert.equal(missingText(task, "week", { terrains: 0, missing: 5 }), "You have 0 ranked terrains in the last seven days: 5 more, and you stand here.");
   assert.equal(comparingText(task, 1), "Expert plays 1 more terrain to compare. The figures follow.");

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
 import { MARS } from "../task/mars/about.mjs";
-import { bestText, dailyText, gapsText, kindText, personalText, puzzlesText, standingText, summary } from "../../../static/me/words.js";
+import { bestText, dailyText, gapsText, isFinished, kindText, personalText, puzzlesText, standingText, summary } from "../../../static/me/words.js";
 
 const task = taskOf(MARS);
 const best = { place: "Scattered 21 \u00d7 42", max_steps: 882, episodes: 4, successes: 3, best: null, people: { means: [80, 90.5, 120], you: 90.5, ranked: 5, missing: 0 } };
@@ -27,6 +27,12 @@ test("a ranked episode that does not count is called that, and says why", () => 
   assert.deepEqual(of({ kind: "daily", day: "2026-01-02" }), ["daily 2026-01-02", ""]);
   assert.deepEqual(of({ met_before: true }), ["ranked, does not count", "Does not count: you had met its terrain before"]);
   assert.deepEqual(of({ not_attested: "too fast" }), ["ranked, does not count", "Does not count: too fast"]);
+});
+
+test("a spoilt episode is not finished, and one that merely does not count is", () => {
+  const of = (episode) => isFinished(task, { outcome: "explored", counts: true, not_attested: null, ...episode });
+  assert.deepEqual([of({}), of({ outcome: "collided" })], [true, false]);
+  assert.deepEqual([of({ not_attested: "no key" }), of({ counts: false, not_attested: "a bot" })], [false, true]);
 });
 
 test("the page says in a sentence what was driven", () => {
@@ -64,7 +70,7 @@ test("the daily terrain and the puzzles say how today stands, and the days in a 
   assert.equal(dailyText(task, { attempt: null, streak: 0 }), "not played today");
   assert.equal(dailyText(task, { attempt, streak: 3 }), "71 moves today, 3 days in a row");
   assert.equal(dailyText(task, { attempt: { ...attempt, outcome: "collided" }, streak: 1 }), "played today");
-  assert.equal(dailyText(task, { attempt: { ...attempt, state: "open" }, streak: 2 }), "begun, 2 days in a row");
+  assert.equal(dailyText(task, { attempt: { ...attempt, state: "open" }, streak: 2 }), "begun today, 2 days in a row");
   const today = { day: "2026-03-02", puzzles: [1, 2, 3] };
   const chosen = [1, 2, 3].map((id) => ({ id: String(id), answer: "east", ms: 9 }));
   assert.equal(puzzlesText(today, null), "not answered today");

@@ -10,7 +10,7 @@ class Person(Answer):
 
     place: int
     name: str | None = described("null where none was chosen")
-    behind: float = described("mean moves more than Expert; a terrain counts 100 at most")
+    behind: float = described("mean moves more than Expert")
     worse: float = described("the worse end of its 95 % interval, by which people are ranked")
     terrains: int = described("ranked ones that count")
     you: bool
@@ -33,9 +33,9 @@ class OwnName(Answer):
 class OwnStanding(OwnName):
     """Where whoever asks stands on the people's board."""
 
-    place: int | None = described("null below five terrains")
+    place: int | None = described("null below `fewest` terrains")
     behind: float | None = described("null before the first terrain")
-    worse: float | None = described("null below five terrains")
+    worse: float | None = described("null below `fewest` terrains")
     terrains: int
     missing: int = described("terrains before there is a place")
 
@@ -47,4 +47,8 @@ class People(Answer):
     people: list[Person] = described("the first hundred")
     ranked: int = described("how many people have a place")
     comparing: int = described("terrains on which Expert has not driven yet")
+    fewest: int = described("terrains from which on somebody has a place")
+    most_behind: int = described(
+        "moves that a terrain counts at most, and one that was not finished"
+    )
     you: OwnStanding | None = described("null without a cookie")

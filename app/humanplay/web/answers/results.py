@@ -90,7 +90,7 @@ class OwnEpisode(Answer):
     not_attested: str | None = described("why it is not attested")
     met_before: bool = described("whether the terrain was known from an earlier episode")
     expert_moves: int | None = described(
-        "Expert's on the same terrain; null except for ranked ones of the people's board"
+        "Expert's on the same terrain, of ranked ones of the people's board that it finishes"
     )
 
 
