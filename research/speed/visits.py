@@ -23,7 +23,7 @@ import click
 from playwright.sync_api import Browser, BrowserContext, sync_playwright
 
 from humanplay.command.console import print_table
-from tests.support.browser import NO_3D, QUIET, chromium_path, free_port
+from tests.support.browser import NO_3D, QUIET, WATCH_SHIFTS, chromium_path, free_port
 from tests.support.command_server import command_server
 from tests.support.nginx import PREFIXED, running_nginx, shipped
 
@@ -35,12 +35,6 @@ SETTLED_MS = 2_000
 """After the first frame, so that what is loaded behind it is counted."""
 WANTED = {"first": ("40", "150", "1.7", "0.05"), "second": ("8", "", "0.65", "0.05")}
 """At most."""
-WATCH = """(() => {
-  window.shift = 0
-  new PerformanceObserver((list) => {
-    for (const entry of list.getEntries()) if (!entry.hadRecentInput) window.shift += entry.value
-  }).observe({ type: 'layout-shift', buffered: true })
-})()"""
 FIRST_FRAME = "performance.getEntriesByName('humanplay.first-frame')[0]?.startTime"
 
 
@@ -56,7 +50,7 @@ class Visit(NamedTuple):
 def visit(profile: BrowserContext, address: str) -> Visit:
     """Open the page in a new tab of a profile, over the throttled line."""
     page = profile.new_page()
-    page.add_init_script(WATCH)
+    page.add_init_script(WATCH_SHIFTS)
     network, carried, sizes = page.context.new_cdp_session(page), set[str](), []
     network.send("Network.enable")
     line = BITS_PER_S / 8

@@ -18,9 +18,10 @@ const repaint = createRepaint(() => {
 
 async function load() {
   try {
-    const [about, { run }] = await Promise.all([/** @type {Promise<Answers.Task>} */ (request("task")), api.replay(episode)]);
-    shown = { task: await loadTask(about), run };
-    put(by("headline"), headline(shown.task, run));
+    const [task, { run }] = await Promise.all([loadTask(), api.replay(episode)]);
+    shown = { task, run };
+    put(by("headline"), headline(task, run));
+    put(by("status"), "");
     by("take").setAttribute("href", `../#challenge=${encodeURIComponent(episode)}`);
     repaint();
     const people = /** @type {Answers.Challenger[]} */ (await request(`episodes/${encodeURIComponent(episode)}/challengers`));

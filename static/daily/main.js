@@ -29,18 +29,18 @@ const panel = { role: /** @type {const} */ ("player"), root, part, canvas: /** @
 const views = modules?.createViews({ panels: [panel], onChange: () => repaint() });
 const sizes = createSizes(() => repaint());
 sizes.watch(part.matrix);
-put(by("prompt-text"), promptText(matchMedia("(pointer: coarse)").matches));
 /** @type {Board | null} */
 let painted = null;
 const repaint = createRepaint(paint);
 addEventListener("theme", () => repaint());
 
-const { moves, telemetry, clock } = startInput({
+const { moves, telemetry, clock, keys } = startInput({
   task, onClock: () => (isDriven(state) ? state.player : null), board: root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [viewer],
   announce: (text) => { by("announcer").textContent = text; }, isPractice: () => false, isHeld: () => state.link === "connecting", onEnter: () => false,
   send: (message) => connections.send("player", message), painted: () => painted?.frame ?? null,
   driven: () => (isDriven(state) ? state.player?.frame ?? null : null),
 });
+put(by("prompt-text"), promptText(matchMedia("(pointer: coarse)").matches, keys()));
 const connections = startBoards({
   moves, telemetry, dispatch, isLost: () => state.link === "lost" && state.mode !== "spectator",
   async beforeRetry(_, session) {

@@ -1,7 +1,7 @@
 // What the person at the board presses: the moves, and the input events that cause them, on one socket.
 import { createClock } from "../common/clock.js";
 import { actionOf, codesOf, partOf, startControls, timeOf_ms } from "../common/keyboard.js";
-import { ownCode, paintKeys, readKeys, startKeymap } from "../common/keymap.js";
+import { chosenKeys, ownCode, paintKeys, startKeymap, storeKeys } from "../common/keymap.js";
 import { create, put } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
 import { browserStore } from "../common/storage.js";
@@ -11,12 +11,10 @@ import { createPressQueue } from "./press_queue.js";
 
 /** Where events without an answer wait for the next load of this tab. */
 const KEPT = "humanplay.events";
-/** The keys that drive, where others were chosen: a map for each task. */
-const KEYS = "humanplay.keys";
 /** How many moves a second a held key makes in practice. */
 const REPEAT_SETTING = "humanplay.repeat";
 
-/** Start the controls; return the moves and the telemetry, for the server's answers.
+/** Start the controls; return the moves and the telemetry, for the server's answers, and the keys that drive.
  *   board       the player's: it can be swiped on, and says which presses were dropped
  *   frames      in which keys drive as well, such as the 3-D views; the first is the player's
  *   settings    the choice of how many moves a second a held key makes, the button that turns sound on, and the dialog with the keys, if there is one
@@ -32,7 +30,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
   const now_ms = () => performance.now();
   const actionOfKey = (/** @type {string} */ code) => actionOf(task.keys, code);
   /** @type {Keys} */
-  let keys = readKeys(browserStore.read(KEYS)?.[task.name], task.keys);
+  let keys = chosenKeys(task);
   let isChosen = false;
   /** @param {Keys} chosen */
   function drive(chosen) {
@@ -41,12 +39,10 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
     showKeys();
   }
   const keymap = settings.dialog && startKeymap(settings.dialog, { keys: () => keys, onLayout: () => showKeys(), onChange(chosen) {
-    browserStore.setItem(KEYS, JSON.stringify({ ...browserStore.read(KEYS), [task.name]: chosen }));
+    storeKeys(task, chosen);
     drive(chosen);
   } });
-  function showKeys() {
-    if (isChosen || task.assets === "mars") paintKeys(task.order, keys, keymap?.layout());
-  }
+  function showKeys() { paintKeys(task, keys, keymap?.layout()); }
   keymap?.begin(task.keys);
   drive(keys);
   /** @param {KeyboardEvent} event @returns the code of the task's own key in whose place it was chosen */
@@ -143,7 +139,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
   document.addEventListener("visibilitychange", heldKey.stop);
   setInterval(telemetry.flush, 1000);
   return {
-    telemetry, clock,
+    telemetry, clock, keys: () => keys,
     moves: {
       drop: moves.drop,
       /** Take the moves that a message answers off the list, and return them.

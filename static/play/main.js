@@ -117,7 +117,7 @@ const sessions = createSessions({
   },
 });
 const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { state: () => state, start: sessions.start });
-const { moves, telemetry, clock } = startInput({
+const { moves, telemetry, clock, keys } = startInput({
   task, onClock: () => (isDriven(state) ? state.player : null), board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound"), dialog: by("display-dialog", HTMLDialogElement) }, announce,
   isPractice: () => isPractice(state), isHeld: (on) => state.link === "connecting" || sessions.isMadeAgain(on), pad: by("dock"),
   frames: ROLES.map((role) => panels[role].viewer), onEnter,
@@ -249,7 +249,7 @@ function paintVisit() {
   const isFirst = isFirstVisit() && isDriven(state);
   const frame = player?.frame;
   part.prompt.hidden = task.clock !== null || !isFirst || !frame || frame.step > 0 || frame.outcome !== null || link === "lost";
-  if (!part.prompt.hidden) put(part["prompt-text"], promptText(matchMedia("(pointer: coarse)").matches));
+  if (!part.prompt.hidden) put(part["prompt-text"], promptText(matchMedia("(pointer: coarse)").matches, keys()));
   part.coach.hidden = !isFirst || !isCoaching || !hint || !frame || frame.step === 0;
   put(part["coach-gain"], hint?.gain ?? "");
   put(part["coach-line"], hint?.line ?? "");
@@ -317,7 +317,7 @@ async function showDaily() {
 }
 
 async function loadRest() {
-  if (!isFirstVisit() && levels.length) showDaily();
+  if (!isFirstVisit() && task.has_boards) showDaily();
   if (!isFirstVisit()) loadCharts(); // before its first move a first visit shows none
   if (task.parts) {
     const { createTerrainDialog } = await loadLater(task.parts.terrains);

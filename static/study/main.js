@@ -42,7 +42,7 @@ const look = () => {
   const { palette } = settings.get();
   return { palette, inks: PALETTES[palette].inks, accent: read("--accent"), rival: read("--rival"), font: read("--figures") };
 };
-const paintKeys = () => paintKeyLines(state.participant?.task.order ?? [], settings.get().keys, settings.layout());
+const paintKeys = () => state.participant && paintKeyLines(state.participant.task, settings.get().keys, settings.layout());
 const keyOf = (/** @type {Action} */ action) => keyName(settings.get().keys[action][0], settings.layout());
 recordPauses(telemetry);
 const connections = startBoards({

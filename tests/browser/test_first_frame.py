@@ -2,15 +2,9 @@
 
 import pytest
 
-from tests.support.browser import AS_A_PERSON, NO_3D
+from tests.support.browser import AS_A_PERSON, NO_3D, WATCH_SHIFTS
 
 MOST_SHIFT = 0.05
-WATCH = """(() => {
-  window.shift = 0
-  new PerformanceObserver((list) => {
-    for (const entry of list.getEntries()) if (!entry.hadRecentInput) window.shift += entry.value
-  }).observe({ type: 'layout-shift', buffered: true })
-})()"""
 FRAMES = """() => {
   window.frames_shown = []
   const frame = new MessageChannel()
@@ -35,7 +29,7 @@ FRAMES = """() => {
 @pytest.mark.parametrize("is_new", [True, False], ids=["first", "again"])
 def test_nothing_moves_when_the_board_comes(server, player, width, height, is_new):
     me = player(server, NO_3D, width, height, is_new=is_new)
-    me.page.add_init_script(WATCH)
+    me.page.add_init_script(WATCH_SHIFTS)
     me.goto()
     me.page.wait_for_timeout(500)
     assert me.page.evaluate("() => window.shift") < MOST_SHIFT

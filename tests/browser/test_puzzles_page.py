@@ -1,5 +1,7 @@
 """The puzzles' page: a position is answered by a key or a button, and what was chosen stays in the browser."""
 
+import json
+
 from humanplay.results.puzzles import puzzles_of
 from tests.support.browser import KEY_OF, NO_3D, judged
 
@@ -14,6 +16,12 @@ def test_three_puzzles_are_answered_by_keys_and_buttons_and_a_reload_keeps_them(
         page.goto(f"{me.url}/puzzles")
         me.wait("window.puzzles.today && document.body.dataset.state === 'ready'")
 
+    keys = {"north": "i", "east": "l", "south": "k", "west": "j"}
+    chosen = {action: [KEY_OF[action], f"Key{key.upper()}"] for action, key in keys.items()}
+    page.goto(f"{me.url}/about")
+    page.evaluate(
+        "keys => localStorage.setItem('humanplay.keys', keys)", json.dumps({"mars": chosen})
+    )
     begin()
     wrong += judged(page, "puzzle-open")
     puzzles = puzzles_of("mars")
@@ -35,7 +43,7 @@ def test_three_puzzles_are_answered_by_keys_and_buttons_and_a_reload_keeps_them(
     wrong += judged(page, "puzzle-wrong")
     begin()
     assert page.evaluate("() => window.puzzles.number") == 2, "the first that is open"
-    page.keyboard.press(KEY_OF[answers[2].best])
+    page.keyboard.press(keys[answers[2].best])
     page.get_by_text("That was today: 2 of 3 right.").wait_for()
     wrong += judged(page, "puzzle-done")
     begin()

@@ -24,6 +24,13 @@ SOFTWARE_3D = ["--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swif
 NO_3D = ["--disable-gpu", "--disable-3d-apis"]
 AS_A_PERSON = ["--disable-blink-features=AutomationControlled"]
 """The page never calls a driven browser's keys human; tests of what a person's keys do take that mark away."""
+WATCH_SHIFTS = """(() => {
+  window.shift = 0
+  new PerformanceObserver((list) => {
+    for (const entry of list.getEntries()) if (!entry.hadRecentInput) window.shift += entry.value
+  }).observe({ type: 'layout-shift', buffered: true })
+})()"""
+"""Adds up how much of a page has moved by itself."""
 
 
 CHROMIUMS = ("chromium-headless-shell", "chromium", "google-chrome", "chromium-browser")

@@ -6,7 +6,7 @@ Nothing of them is stored here: which move somebody chose stays in their browser
 from __future__ import annotations
 
 import json
-from datetime import UTC, date, datetime, timedelta
+from datetime import date
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -61,9 +61,3 @@ def puzzles_on(task: str, day: str) -> list[Puzzle]:
     first = A_DAY * date.fromisoformat(day).toordinal()
     count = min(A_DAY, len(puzzles))
     return [puzzles[(first + number) % len(puzzles)] for number in range(count)]
-
-
-def day_ends_ms(day: str) -> int:
-    """When a day is over, in milliseconds since 1970."""
-    after = date.fromisoformat(day) + timedelta(days=1)
-    return int(datetime(after.year, after.month, after.day, tzinfo=UTC).timestamp() * 1000)

@@ -54,7 +54,6 @@ def _html(
     request: Request, template: str, headers: Mapping[str, str] = NO_CACHE, **context: object
 ) -> Response:
     """Return a page, gzipped where the browser reads that."""
-    context["assets"] = services_of(request).lobby.task.assets
     text = environment.get_template(template).render(**addresses(request), **context)
     headers = {**headers, "Vary": "Accept-Encoding"}
     if not reads_gzip(request):

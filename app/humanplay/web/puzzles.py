@@ -5,7 +5,9 @@ from __future__ import annotations
 from fastapi import APIRouter, HTTPException, Request
 
 from humanplay.db.reader import utc_day
-from humanplay.results.puzzles import day_ends_ms, puzzles_of, puzzles_on
+from humanplay.db.store import DAY_MS
+from humanplay.results.puzzles import puzzles_of, puzzles_on
+from humanplay.study.days import day_start_ms
 from humanplay.web.access import services_of
 from humanplay.web.answers.puzzles import PuzzleAnswer, Puzzles
 
@@ -23,7 +25,7 @@ async def get_puzzles(request: Request) -> dict[str, object]:
     return {
         "day": day,
         "now_ms": now_ms,
-        "next_ms": day_ends_ms(day),
+        "next_ms": day_start_ms(day) + DAY_MS,
         "puzzles": [
             {
                 "id": puzzle.id,

@@ -11,7 +11,6 @@ from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
 from humanplay.db.names import challengers
 from humanplay.db.playground import watchable_session
-from humanplay.task.registration import environment_of
 from humanplay.web.access import asker_of, owner_of, services_of
 from humanplay.web.answers.base import Course, file_of
 from humanplay.web.answers.people import Challenger
@@ -103,11 +102,9 @@ async def get_challengers(request: Request, episode_id: str) -> list[dict[str, o
     services, replays = services_of(request), services_of(request).replays
     with bad_input():
         await replays.replay(episode_id, asker_of(request), owner_of(request))
-    successes = environment_of(services.lobby.task.name).successes
-    found = await services.store.read(
-        lambda: challengers(services.store, episode_id, tuple(successes))
-    )
-    return [person._asdict() for person in found]
+    store, successes = services.store, services.lobby.task.successes
+    people = await store.read(partial(challengers, store, episode_id, successes))
+    return [person._asdict() for person in people]
 
 
 @router.get("/challenge/{episode_id}", include_in_schema=False)

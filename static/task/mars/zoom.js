@@ -73,7 +73,7 @@ function hear(place) {
   heard.add(place);
   document.addEventListener("keydown", onKey); // the same listener is added once
   place.addEventListener("wheel", (event) => {
-    if (!followed.has(place) || (event.deltaY > 0 && !place.classList.contains("is-zoomed"))) return; // the page scrolls
+    if (!followed.has(place) || !(event.ctrlKey || place.classList.contains("is-zoomed"))) return; // the page scrolls
     event.preventDefault();
     choose(cellNow() * 1.0015 ** -event.deltaY);
   }, { passive: false });

@@ -50,14 +50,14 @@ def test_every_shipped_puzzle_has_one_clear_answer():
         assert saves > 2 * error
 
 
-def test_their_terrains_are_drawn_by_nothing_else():
+def test_their_terrains_are_hardly_drawn_by_anything_else():
     boards = environment_of("mars").boards
     offered = {seed for config in boards.offered for seed in boards.seeds(config)}
     others = {TUTORIAL_SEED, *offered, effort.FIRST_SEED, effort.FIRST_SEED + effort.EPISODES}
     others |= {EVALUATION_SEEDS.start, EVALUATION_SEEDS.stop - 1}
     assert not others & set(puzzles.SEEDS)
-    # ranked, daily and study terrains are drawn from all seeds: one in nine thousand million is a puzzle's
-    assert len(puzzles.SEEDS) / 2**53 < 2e-10
+    # ranked, daily and study terrains are drawn from all seeds
+    assert 2**53 // (len(puzzles.SEEDS) * 10**6) == 9007, "one in nine thousand million"
 
 
 def test_the_first_of_the_file_is_made_again():
