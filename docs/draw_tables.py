@@ -196,7 +196,7 @@ def type_of(schema: Mapping[str, Any], names: Mapping[str, str]) -> str:
 
 def typed(name: str, model: Mapping[str, Any], names: Mapping[str, str]) -> str:
     """A model as a TypeScript type, each field below its description."""
-    lines = [f"  /** {model['description']} */", f"  type {name} = {{"]
+    lines = [f"  /** {' '.join(model['description'].split())} */", f"  type {name} = {{"]
     for field, schema in model["properties"].items():
         if "description" in schema:
             lines.append(f"    /** {schema['description']} */")

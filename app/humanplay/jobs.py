@@ -1,8 +1,9 @@
-"""The one runner of what takes long: a bounded number of worker processes, and a fair turn for each owner of jobs.
+"""The one runner of what takes long: a bounded number of worker processes, and a fair turn for each
+owner of jobs.
 
-A job is a function that can be imported, with arguments that can be pickled. It runs in a worker process beside the server
-or the command: each is `python -m humanplay.jobs`. What goes wrong with one job is that job's alone: it may take too
-long, or its process may be killed.
+A job is a function that can be imported, with arguments that can be pickled. It runs in a worker
+process beside the server or the command: each is `python -m humanplay.jobs`. What goes wrong with
+one job is that job's alone: it may take too long, or its process may be killed.
 """
 
 from __future__ import annotations
@@ -73,16 +74,21 @@ class _Job:
 
 
 class Jobs(Executor):
-    """Runs jobs in at most `workers` processes, which start with the first jobs and end when there are none.
+    """Runs jobs in at most `workers` processes, which start with the first jobs and end when there
+    are none.
 
-    Owners take turns: each gives one job, then comes the next owner. All calls may come from any thread.
+    Owners take turns: each gives one job, then comes the next owner. All calls may come from any
+    thread.
 
-    It is an executor of `concurrent.futures`, but closing it, also by leaving a `with` block, ends what still runs.
+    It is an executor of `concurrent.futures`, but closing it, also by leaving a `with` block, ends
+    what still runs.
 
-    workers       None takes one for each core
-    per_owner     jobs of one owner that run at the same time, at most; None: as many as there are workers
-    most_waiting  jobs of one owner that wait, at most; None for no bound
-    nice          added to the niceness of the worker processes
+    Args:
+        workers: None takes one for each core.
+        per_owner: Jobs of one owner that run at the same time, at most; None: as many as there
+            are workers.
+        most_waiting: Jobs of one owner that wait, at most; None for no bound.
+        nice: Added to the niceness of the worker processes.
     """
 
     def __init__(
@@ -128,14 +134,15 @@ class Jobs(Executor):
     ) -> Future[T]:
         """Queue `function(*arguments)` and return its future.
 
-        key          of jobs that come to the same: while one waits or runs, the others get its future, and what failed is
-                     for REMEMBERED_S seconds refused with the same error
-        limit_s      seconds that it may run; JobError when it takes longer
-        on_progress  called with (done, in all), in a thread of this process. The function is then given
-                     `progress=`, which it calls with the same.
+        The future raises what the function raises, and JobError when its process ended early.
+        JobsFullError when too many jobs of this owner wait.
 
-        The future raises what the function raises, and JobError when its process ended early. JobsFullError when
-        too many jobs of this owner wait.
+        Args:
+            key: Of jobs that come to the same: while one waits or runs, the others get its future,
+                and what failed is for REMEMBERED_S seconds refused with the same error.
+            limit_s: Seconds that it may run; JobError when it takes longer.
+            on_progress: Called with (done, in all), in a thread of this process. The function is
+                then given `progress=`, which it calls with the same.
         """
         with self._changed:
             if self._is_closed:
@@ -317,7 +324,8 @@ def _too_long(limit_s: float | None) -> JobError:
 
 
 class _Process:
-    """A worker process of this machine, in a session of its own: Ctrl-C in this one's terminal is not meant for it."""
+    """A worker process of this machine, in a session of its own: Ctrl-C in this one's terminal is
+    not meant for it."""
 
     def __init__(self, nice: int) -> None:
         self._connection, others = Pipe()
@@ -334,7 +342,8 @@ class _Process:
         return self._process.poll() is None
 
     def run(self, job: _Job) -> object:
-        """Return what a job returns, or raise what it raises; JobError when it takes too long or ends early."""
+        """Return what a job returns, or raise what it raises; JobError when it takes too long or
+        ends early."""
         deadline = None if job.limit_s is None else time.monotonic() + job.limit_s
         try:
             self._connection.send((job.function, job.arguments, job.on_progress is not None))
@@ -368,7 +377,8 @@ class _Process:
 
 
 def work(connection: Connection) -> None:
-    """Run the jobs that come over a connection, one after the other; the process ends when the other end is gone."""
+    """Run the jobs that come over a connection, one after the other; the process ends when the
+    other end is gone."""
     coming: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(connection, coming), daemon=True).start()
 
@@ -396,7 +406,8 @@ def _listen(connection: Connection, coming: queue.SimpleQueue[bytes]) -> None:
 
 
 def _portable(error: Exception) -> Exception:
-    """Return an error as it can be sent, its traceback in a note; a JobError in the place of one that cannot."""
+    """Return an error as it can be sent, its traceback in a note; a JobError in the place of one
+    that cannot."""
     error.add_note("".join(traceback.format_exception(error)))
     try:
         pickle.loads(pickle.dumps(error))
@@ -406,7 +417,8 @@ def _portable(error: Exception) -> Exception:
 
 
 def give_way(nice: int) -> None:
-    """Lower the priority of this process and of its session, which Linux weighs as one against others (sched(7), autogroup)."""
+    """Lower the priority of this process and of its session, which Linux weighs as one against
+    others (sched(7), autogroup)."""
     niceness = str(os.nice(nice))
     for _ in range(10):
         try:

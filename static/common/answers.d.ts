@@ -918,7 +918,7 @@ declare namespace Socket {
     /** when the move was sent, client clock */
     client_ms?: number | null,
   };
-  /** Whether time runs on a board with a clock: it stands until the page sends a `resume`, counts down `ms`, or runs. */
+  /** Whether time runs on a board with a clock. It stands until the page sends a `resume`, counts down `ms`, or runs. */
   type ClockState = {
     kind: "clock",
     episode: string,
@@ -943,14 +943,14 @@ declare namespace Socket {
     /** from the last move to its frame */
     round_trip_ms?: number | null,
   };
-  /** The answer to `Events`: all are kept, or none for a lasting reason; none without a reason means send them again. */
+  /** The answer to `Events`: all are stored, or none. None with a reason is final; none without a reason means send them again. */
   type Kept = {
     kind: "kept",
     episode: string,
     count: number,
     reason: string | null,
   };
-  /** How many of a running episode's moves were made again by an environment that was lost; the next frame ends it. */
+  /** How many of a running episode's moves a lost environment has repeated. The next frame ends it. */
   type Remade = {
     kind: "remade",
     episode: string,

@@ -1,4 +1,6 @@
-"""Agents on instances that stay secret until an evaluation closes, with signed receipts; a room of its own.
+"""Agents on instances that stay secret until an evaluation closes, with signed receipts; a room of
+its own.
 
-Only the wiring of the server and the table of commands know it: whoever does not evaluate agents need not read it.
+Only the wiring of the server and the table of commands know it: whoever does not evaluate agents
+need not read it.
 """

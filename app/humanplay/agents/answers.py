@@ -1,4 +1,5 @@
-"""What the room of agents answers: its evaluations for everybody, and OpenEnv's and MCP's messages for who has a card."""
+"""What the room of agents answers: its evaluations for everybody, and OpenEnv's and MCP's messages
+for who has a card."""
 
 from __future__ import annotations
 

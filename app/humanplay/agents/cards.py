@@ -1,8 +1,10 @@
-"""What holders of cards do in evaluations of agents, on one server; `wire` and `mcp` are adapters to it.
+"""What holders of cards do in evaluations of agents, on one server; `wire` and `mcp` are adapters
+to it.
 
-A card has one attempt at each instance; one that was abandoned counts. A move is told once its row is committed, and an
-attempt goes on where its rows stand, after a restart of the server too. Nothing tells a score, a reward or an outcome while the
-evaluation is open, and no answer depends on an instance but by what was seen of it.
+A card has one attempt at each instance; one that was abandoned counts. A move is told once its row
+is committed, and an attempt goes on where its rows stand, after a restart of the server too.
+Nothing tells a score, a reward or an outcome while the evaluation is open, and no answer depends on
+an instance but by what was seen of it.
 """
 
 from __future__ import annotations
@@ -86,11 +88,13 @@ class Card:
 class Seen:
     """What the agent may see now: no reward, no return, no outcome.
 
-    step         moves made so far
-    done         whether the attempt has ended
-    observation  what the environment gives policies, ready for JSON; None where pictures alone are shown
-    picture      a PNG as a data URL; `text` where people see a text instead
-    allowed      the actions that may be chosen; None: all of them
+    Attributes:
+        step: Moves made so far.
+        done: Whether the attempt has ended.
+        observation: What the environment gives policies, ready for JSON; None where pictures
+            alone are shown.
+        picture: A PNG as a data URL; `text` where people see a text instead.
+        allowed: The actions that may be chosen; None: all of them.
     """
 
     index: int
@@ -105,9 +109,10 @@ class Seen:
 class AboutCard(TypedDict):
     """What is played with a card and under which rules, the same for every instance.
 
-    seen     what is seen, in words
-    minutes  from the first attempt on; None without a limit
-    calls    that its agent may make in all
+    Attributes:
+        seen: What is seen, in words.
+        minutes: From the first attempt on; None without a limit.
+        calls: That its agent may make in all.
     """
 
     evaluation: str
@@ -127,7 +132,8 @@ class AboutCard(TypedDict):
 class Cards:
     """The cards of one server's evaluations.
 
-    turns  in which agents have their moves made
+    Attributes:
+        turns: In which agents have their moves made.
     """
 
     def __init__(
@@ -141,7 +147,8 @@ class Cards:
         self._changing: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
 
     async def find(self, token: str) -> Card:
-        """Return the card with a token; CardError 404, one sentence for an unknown, a revoked and a closed one."""
+        """Return the card with a token; CardError 404, one sentence for an unknown, a revoked and a
+        closed one."""
         try:
             card = await self._store.read(partial(self._read_card, token))
         except StudyError as error:
@@ -156,7 +163,8 @@ class Cards:
         return card
 
     def task_name(self, card: Card) -> str:
-        """Return the short name of what is played, without a slash: `mars`, or the environment's id."""
+        """Return the short name of what is played, without a slash: `mars`, or the environment's
+        id."""
         environment = card.protocol.environment
         package, _, rest = environment.name.partition(":")
         return package if not rest else environment.about.title.replace("/", "-").replace(" ", "-")
@@ -199,7 +207,8 @@ class Cards:
         return card.attempts
 
     async def begin(self, card: Card, index: int) -> Seen:
-        """Begin the attempt at an instance, or go on where it stands; CardError 409 once it is finished."""
+        """Begin the attempt at an instance, or go on where it stands; CardError 409 once it is
+        finished."""
         self._count(card)
         self._check_index(card, index)
         return await asyncio.shield(
@@ -207,9 +216,12 @@ class Cards:
         )  # a lost connection interrupts nothing
 
     async def act(self, card: Card, index: int, action: int | str, step: int | None = None) -> Seen:
-        """Make a move and return what may be seen then; CardError 409 where the attempt has ended, 422 for no action.
+        """Make a move and return what may be seen then; CardError 409 where the attempt has ended,
+        422 for no action.
 
-        step  the moves made so far, for a client that must not move twice; None: whatever they are
+        Args:
+            step: The moves made so far, for a client that must not move twice; None: whatever they
+                are.
         """
         self._count(card)
         actions = card.protocol.environment.actions
@@ -242,7 +254,8 @@ class Cards:
             await self._write(lambda conn: conn.execute(sql, values).rowcount)
 
     async def describe(self, card: Card, texts: Mapping[str, object]) -> dict[str, str]:
-        """Keep what the author says of their agent and return all of it; CardError 422 for other fields, 409 for late ones."""
+        """Keep what the author says of their agent and return all of it; CardError 422 for other
+        fields, 409 for late ones."""
         self._count(card)
         if unknown := [name for name in texts if name not in DESCRIBED]:
             raise CardError(422, f"expected {', '.join(DESCRIBED)}, got {str(unknown[0])[:40]!r}")
@@ -276,7 +289,8 @@ class Cards:
             return await self._shown(card, attempt, run)
 
     async def _begin_new(self, card: Card, index: int) -> tuple[Attempt, Run]:
-        """Begin an attempt; CardError 409 where this server plays something else, 503 where it has no room."""
+        """Begin an attempt; CardError 409 where this server plays something else, 503 where it has
+        no room."""
         protocol, task = card.protocol, self._task
         if protocol.task != task.name:
             raise CardError(
@@ -379,7 +393,8 @@ class Cards:
         return Seen(index, view.steps, view.ended, **shown)
 
     async def _take(self, card: Card, attempt: Attempt) -> Run:
-        """Take the run of an attempt out of memory, or make it again from its moves; `_shown` puts it back."""
+        """Take the run of an attempt out of memory, or make it again from its moves; `_shown` puts
+        it back."""
         run = self._runs.pop(attempt.id, None)
         if run is not None:
             return run

@@ -28,7 +28,8 @@ from humanplay.task import counted
 
 
 def check_closable(database: Path, evaluation: Evaluation, now: bool) -> None:
-    """Check that an evaluation can be closed and its receipts written; EvaluationError while an agent is at it, unless `now`.
+    """Check that an evaluation can be closed and its receipts written; EvaluationError while an
+    agent is at it, unless `now`.
 
     ReleaseError where there is no key, PolicyError where the file of a policy is lost.
     """
@@ -62,7 +63,8 @@ def check_closable(database: Path, evaluation: Evaluation, now: bool) -> None:
 
 
 def close_evaluation(database: Path, folder: Folder, name: str) -> None:
-    """Close an evaluation, and abandon where they stand the attempts that run; a closed one stays as it is."""
+    """Close an evaluation, and abandon where they stand the attempts that run; a closed one stays
+    as it is."""
     with changing(database) as conn:
         evaluation = evaluation_named(conn, folder, name)
         if evaluation.closed_ms is not None:
@@ -79,7 +81,8 @@ def close_evaluation(database: Path, folder: Folder, name: str) -> None:
 
 
 def reveal_study(database: Path, folder: Folder, evaluation: Evaluation) -> None:
-    """Reveal the secret of the study whose terrains were played, and note it in the database where no server does."""
+    """Reveal the secret of the study whose terrains were played, and note it in the database where
+    no server does."""
     study = evaluation.study
     if study is None or not study.is_open:
         return

@@ -1,4 +1,5 @@
-"""The command `humanplay agents`: evaluations on instances that stay secret, cards for authors, receipts."""
+"""The command `humanplay agents`: evaluations on instances that stay secret, cards for authors,
+receipts."""
 
 from __future__ import annotations
 
@@ -123,7 +124,8 @@ def card(name: str, author: str, base: str, folder: Folder, database: Path) -> N
 @argument("name", required=False)
 @DATABASE_AND_STUDIES
 def show(name: str | None, folder: Folder, database: Path) -> None:
-    """Print every evaluation, or of one what was fixed and its cards; never a secret of an open one, never a card's address."""
+    """Print every evaluation, or of one what was fixed and its cards; never a secret of an open
+    one, never a card's address."""
     from humanplay.agents.evaluation import cards_of, evaluation_named, evaluations, looking
     from humanplay.study.files import iso
 
@@ -202,10 +204,12 @@ def forget(name: str, ident: str, yes: bool, folder: Folder, database: Path) -> 
 @flag("--now", "Close it also while an agent is at it.")
 @DATABASE_AND_STUDIES
 def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> None:
-    """End an evaluation: attempts that run are abandoned and count, the secrets are revealed, and every card gets its receipt.
+    """End an evaluation: attempts that run are abandoned and count, the secrets are revealed, and
+    every card gets its receipt.
 
-    The secret of the study whose terrains were played is revealed too. Receipts and the opening are signed by the server's key
-    and are to be had on the evaluation's page; called again, it writes them again.
+    The secret of the study whose terrains were played is revealed too. Receipts and the opening are
+    signed by the server's key and are to be had on the evaluation's page; called again, it writes
+    them again.
     """
     from humanplay.agents.closing import check_closable, close_evaluation, reveal_study
     from humanplay.agents.evaluation import evaluation_named, looking, published_folder

@@ -1,7 +1,8 @@
-"""Agents of a closed evaluation, policies and people on one scale: derived from receipts, policies' episodes and a study.
+"""Agents of a closed evaluation, policies and people on one scale: derived from receipts, policies'
+episodes and a study.
 
-Where the instances are those that people played, each agent is compared with them instance by instance, by the test of
-`humanplay.report.statistics.comparisons`.
+Where the instances are those that people played, each agent is compared with them instance by
+instance, by the test of `humanplay.report.statistics.comparisons`.
 """
 
 from __future__ import annotations
@@ -79,7 +80,8 @@ class Receipt(TypedDict):
 
 @dataclass(frozen=True)
 class _Played:
-    """What somebody came to on each instance; what has not succeeded took all the moves that there are."""
+    """What somebody came to on each instance; what has not succeeded took all the moves that there
+    are."""
 
     name: str
     score: Floats
@@ -88,7 +90,8 @@ class _Played:
 
     @classmethod
     def of(cls, name: str, protocol: Protocol, episodes: Mapping[int, CameTo]) -> _Played:
-        """Take episodes by instance; what was left has the score that it has for people (`Trial.as_left`)."""
+        """Take episodes by instance; what was left has the score that it has for people
+        (`Trial.as_left`)."""
         environment, config = protocol.environment, protocol.env_config
         cause = Drawn(config, seed=0, terrain=b"", start=(0, 0))
         score, steps = np.full((2, protocol.instances), np.nan)
@@ -110,9 +113,11 @@ def compare(
     episodes: Sequence[PolicyEpisode],
     data: StudyData | None,
 ) -> dict[str, object]:
-    """Return the comparison, ready for JSON: its words, the people's row, a row for each policy and agent, and each instance.
+    """Return the comparison, ready for JSON: its words, the people's row, a row for each policy and
+    agent, and each instance.
 
-    data  of the closed study whose people the agents are compared with; None for none
+    Args:
+        data: Of the closed study whose people the agents are compared with; None for none.
     """
     tables: dict[str, Floats] = {}
     if data is not None:
@@ -225,7 +230,8 @@ def _figures(
 
 
 def _instances(data: StudyData) -> list[dict[str, object]]:
-    """Return for each instance how many people played and completed it, their means, upper median and best number of moves.
+    """Return for each instance how many people played and completed it, their means, upper median
+    and best number of moves.
 
     All of it is of everybody who ended it, and None where nobody did.
     """

@@ -1,8 +1,9 @@
 """An evaluation of agents: what fixes it, and its cards, in the room's own tables of the database.
 
-It plays the ranked terrains of a study whose secret is kept, or instances of a task that follow from a secret of its own. Each
-card belongs to an author; a further one of the same author is numbered, has seen these instances, and never ranks. A card's
-token is its id and a signature under the evaluation's secret.
+It plays the ranked terrains of a study whose secret is kept, or instances of a task that follow
+from a secret of its own. Each card belongs to an author; a further one of the same author is
+numbered, has seen these instances, and never ranks. A card's token is its id and a signature under
+the evaluation's secret.
 """
 
 from __future__ import annotations
@@ -91,13 +92,16 @@ class PlayedStudy(BaseModel):
 class Protocol(BaseModel):
     """What is fixed before any agent plays.
 
-    sees      what agents are shown: what people see, what the environment gives policies, or both
-    hours     from a card's first attempt until the card is closed
-    minutes   from the beginning of an attempt until it is abandoned; None: no limit but that of the moves
-    calls     calls of a card, times the number of instances
-    policies  compared with the agents
-    lock      what must be the same where it is played
-    study     whose ranked terrains are played; None: instances of its own
+    Attributes:
+        sees: What agents are shown: what people see, what the environment gives policies, or
+            both.
+        hours: From a card's first attempt until the card is closed.
+        minutes: From the beginning of an attempt until it is abandoned; None: no limit but that
+            of the moves.
+        calls: Calls of a card, times the number of instances.
+        policies: Compared with the agents.
+        lock: What must be the same where it is played.
+        study: Whose ranked terrains are played; None: instances of its own.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -135,7 +139,9 @@ class Protocol(BaseModel):
 class Evaluation:
     """An evaluation as it was begun.
 
-    study  whose ranked terrains are played, from the folder of studies; None: instances of its own
+    Attributes:
+        study: Whose ranked terrains are played, from the folder of studies; None: instances of
+            its own.
     """
 
     protocol: Protocol
@@ -181,7 +187,8 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class CardRow:
-    """A card as it was issued; `number` counts the cards of its author from 1, `moved_ms` is of its last move."""
+    """A card as it was issued; `number` counts the cards of its author from 1, `moved_ms` is of its
+    last move."""
 
     id: str
     evaluation: str
@@ -227,7 +234,8 @@ def create_tables(conn: sqlite3.Connection) -> None:
 
 @contextmanager
 def changing(database: Path) -> Iterator[sqlite3.Connection]:
-    """Yield a connection that writes the room's tables, in one transaction; the database is made when absent."""
+    """Yield a connection that writes the room's tables, in one transaction; the database is made
+    when absent."""
     if not database.exists():
         open_database(database).close()
     with writing(database) as conn:
@@ -283,8 +291,10 @@ def begin_evaluation(
 ) -> Evaluation:
     """Fix a new evaluation and return it; EvaluationError where it cannot be played.
 
-    wanted  the fields of its protocol; with `study` the name of a study, the task is that study's
-    draw    gives so many random bytes for the secret
+    Args:
+        wanted: The fields of its protocol; with `study` the name of a study, the task is that
+            study's.
+        draw: Gives so many random bytes for the secret.
     """
     wanted, study = dict(wanted), None
     if (name := wanted.pop("study", None)) is not None:
@@ -349,7 +359,8 @@ def card_with_id(conn: sqlite3.Connection, ident: str) -> CardRow | None:
 def issue_card(
     conn: sqlite3.Connection, evaluation: Evaluation, author: str, now_ms: int
 ) -> CardRow:
-    """Issue a card to an author, numbered among theirs; EvaluationError unless the evaluation is open."""
+    """Issue a card to an author, numbered among theirs; EvaluationError unless the evaluation is
+    open."""
     author = re.sub(r"\s+", " ", author).strip()
     if not evaluation.is_open:
         raise EvaluationError(
@@ -381,7 +392,8 @@ def card_named(conn: sqlite3.Connection, evaluation: str, ident: str) -> CardRow
 def card_of_token(
     conn: sqlite3.Connection, folder: Folder, token: str
 ) -> tuple[Evaluation, CardRow] | None:
-    """The card that a token was signed for and that holds, with its evaluation; None for any other text."""
+    """The card that a token was signed for and that holds, with its evaluation; None for any other
+    text."""
     card = card_with_id(conn, token[:ID_LENGTH])
     if card is None:
         return None

@@ -1,4 +1,5 @@
-"""The Model Context Protocol under a card's address: its handshake and two tools, over HTTP without streams and sessions."""
+"""The Model Context Protocol under a card's address: its handshake and two tools, over HTTP without
+streams and sessions."""
 
 from __future__ import annotations
 
@@ -57,7 +58,8 @@ TOOLS: dict[str, type[Begin]] = {"begin": Begin, "move": Move}
     },
 )
 async def mcp(request: Request, agent: AgentOf, name: NameOf) -> Response:
-    """Answer initialize, ping, tools/list and tools/call, and OpenEnv's openenv/session/create and close, one a request."""
+    """Answer initialize, ping, tools/list and tools/call, and OpenEnv's openenv/session/create and
+    close, one a request."""
     try:
         call = Call.model_validate_json(await request.body())
     except ValidationError as error:
@@ -115,7 +117,8 @@ def _tools(actions: list[str]) -> list[dict[str, object]]:
 
 
 async def _use(agent: Agent, params: dict[str, object]) -> dict[str, object]:
-    """Return what a tool tells, as text, picture and object; what is refused is the tool's own error."""
+    """Return what a tool tells, as text, picture and object; what is refused is the tool's own
+    error."""
     try:
         if (kind := TOOLS.get(str(params.get("name")))) is None:
             raise CardError(404, f"expected a tool of {', '.join(TOOLS)}")

@@ -1,4 +1,5 @@
-"""Evaluations of agents for everybody: what was fixed, and their results and receipts once they are closed."""
+"""Evaluations of agents for everybody: what was fixed, and their results and receipts once they are
+closed."""
 
 from __future__ import annotations
 
@@ -152,7 +153,8 @@ def _read(path: FilePath) -> Any:
 
 
 def _rows(comparison: Any) -> list[dict[str, object]]:
-    """The rows of the table, the best first, with where each stands on the common scale, in percent of its width."""
+    """The rows of the table, the best first, with where each stands on the common scale, in percent
+    of its width."""
     if comparison is None:
         return []
     rows = [{**row, "low": None, "high": None} for row in comparison["rows"]]

@@ -1,12 +1,15 @@
-"""The receipts of a closed evaluation, and its opening: written, signed by the server's key, and checked anywhere.
+"""The receipts of a closed evaluation, and its opening: written, signed by the server's key, and
+checked anywhere.
 
-    DATABASE-agents/NAME/opening.json      the protocol and the secrets, from which every instance follows, and the chains
-    DATABASE-agents/NAME/receipts/ID.json  what came of a card: every action and outcome, in a chain of hashes
-    DATABASE-agents/NAME/policies.json     the moves of policies on the same instances
-    DATABASE-agents/NAME/comparison.json   people, policies and agents (`comparison`)
+    DATABASE-agents/NAME/opening.json      the protocol and the secrets, from which every instance
+    follows, and the chains DATABASE-agents/NAME/receipts/ID.json  what came of a card: every action
+    and outcome, in a chain of hashes DATABASE-agents/NAME/policies.json     the moves of policies
+    on the same instances DATABASE-agents/NAME/comparison.json   people, policies and agents
+    (`comparison`)
 
-A receipt alone proves that the holder of the key wrote it and that nothing in it was changed; with the opening every episode is
-simulated again. Receipts are the same bytes whenever they are written again.
+A receipt alone proves that the holder of the key wrote it and that nothing in it was changed; with
+the opening every episode is simulated again. Receipts are the same bytes whenever they are written
+again.
 """
 
 from __future__ import annotations
@@ -134,7 +137,8 @@ def _signed(content: Mapping[str, object], key: Ed25519PrivateKey) -> tuple[str,
 
 
 def chained(start: str, episodes: Sequence[Mapping[str, object]]) -> str:
-    """The head (hex) of the chain of some episodes: each link is SHA-256 over the one before it and the episode."""
+    """The head (hex) of the chain of some episodes: each link is SHA-256 over the one before it and
+    the episode."""
     head = hashlib.sha256(start.encode()).hexdigest()
     for episode in episodes:
         head = hashlib.sha256(head.encode() + canonical_json(episode)).hexdigest()
@@ -267,7 +271,9 @@ def check_receipt(
 ) -> Iterator[Finding]:
     """Yield what is wrong with a receipt by itself: its signature, its chain, its instances.
 
-    card, of  the card and the evaluation (its name or its protocol's hash) that it is presented for; None: any
+    Args:
+        card, of: The card and the evaluation (its name or its protocol's hash) that it is
+            presented for; None: any.
     """
     where = "receipt"
     yield from _check_signature(receipt, where)
@@ -292,7 +298,8 @@ def check_receipt(
 
 
 def check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Iterator[Finding]:
-    """Yield what is wrong with a receipt by the opening of its evaluation: every episode is simulated again."""
+    """Yield what is wrong with a receipt by the opening of its evaluation: every episode is
+    simulated again."""
     yield from _check_signature(opening, "opening")
     try:
         yield from _check_opened(receipt, opening)

@@ -13,13 +13,15 @@ TURN_S, REST = 1.0, 3.0
 
 
 class Turns:
-    """Lets what agents ask for be done one at a time, and leaves everybody else REST times as long after each turn."""
+    """Lets what agents ask for be done one at a time, and leaves everybody else REST times as long
+    after each turn."""
 
     def __init__(self) -> None:
         self._turn = asyncio.Lock()
 
     async def take(self, doing: Coroutine[object, object, T]) -> T:
-        """Return what comes of something once it has had its turn, which ends after TURN_S whether or not it is done."""
+        """Return what comes of something once it has had its turn, which ends after TURN_S whether
+        or not it is done."""
         try:
             await self._turn.acquire()
         except BaseException:

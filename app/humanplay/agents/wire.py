@@ -1,8 +1,10 @@
-"""The wire of agents: what stands under a card's address, `/agents/TOKEN`, as OpenEnv 0.10 words it; `mcp` has the rest.
+"""The wire of agents: what stands under a card's address, `/agents/TOKEN`, as OpenEnv 0.10 words
+it; `mcp` has the rest.
 
-An agent resets an instance of the card's evaluation and moves on it. The server holds nothing of a connection but which
-instance it reset last, so whoever comes back goes on where the record stands. No reward and no score is told, and no request
-names a seed. What agents ask for takes turns, so that people's moves do not wait for it.
+An agent resets an instance of the card's evaluation and moves on it. The server holds nothing of a
+connection but which instance it reset last, so whoever comes back goes on where the record stands.
+No reward and no score is told, and no request names a seed. What agents ask for takes turns, so
+that people's moves do not wait for it.
 """
 
 from __future__ import annotations
@@ -92,7 +94,8 @@ class Agent:
     card: Card
 
     async def begin(self, index: int) -> Seen:
-        """Return what is seen of an attempt; one that begins is checked against the budgets of who asks."""
+        """Return what is seen of an attempt; one that begins is checked against the budgets of who
+        asks."""
         if index not in self.cards.begun(self.card):
             protection: Protection = self.connection.app.state.protection
             protection.check_episode(self.connection.scope)
@@ -193,7 +196,8 @@ async def instances(
     what: Literal["tasks", "num_tasks", "task", "task_range"],
     wanted: InSplit,
 ) -> dict[str, object]:
-    """Return the instances of a split, their number, the one with `index`, or those from `start` to before `stop`."""
+    """Return the instances of a split, their number, the one with `index`, or those from `start` to
+    before `stop`."""
     check_split(wanted.split)
     found = agent.cards.instances(agent.card)
     if what == "num_tasks":
@@ -207,7 +211,8 @@ async def instances(
 
 @router.get("", response_model=CardAnswer, response_model_exclude_unset=True)
 async def get_card(agent: AgentOf) -> dict[str, object]:
-    """Return what the author says of the agent, what is played, and which attempts were begun and finished; no score."""
+    """Return what the author says of the agent, what is played, and which attempts were begun and
+    finished; no score."""
     card, state = agent.card, await agent.cards.state(agent.card)
     told = {"author": card.row.author, "number": card.row.number, "agent": card.description}
     return {**told, **agent.cards.about(card), "state": state}
@@ -215,7 +220,8 @@ async def get_card(agent: AgentOf) -> dict[str, object]:
 
 @router.post("", response_model=Described, response_model_exclude_unset=True)
 async def describe(agent: AgentOf, given: dict[str, object]) -> dict[str, object]:
-    """Keep `agent`, `version`, `model`, `prompts_sha256` and `cost`; all but the cost before the first attempt."""
+    """Keep `agent`, `version`, `model`, `prompts_sha256` and `cost`; all but the cost before the
+    first attempt."""
     return {"agent": await agent.cards.describe(agent.card, given)}
 
 

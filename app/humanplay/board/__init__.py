@@ -1,5 +1,6 @@
-"""Live boards of any task: sessions in memory, the messages that reach and leave them, and the policies that drive some.
+"""Live boards of any task: sessions, their messages, and the policies that drive.
 
-`lobby` finds and opens sessions, `session` makes moves, records them and hands the newest frame to subscribers, and `agent`
-lets a policy move. What is played stands behind `humanplay.task`. Nothing here knows HTTP.
+`lobby` finds and opens sessions, `session` makes moves, records them and hands the newest frame to
+subscribers, and `agent` lets a policy move. What is played stands behind `humanplay.task`. Nothing
+here knows HTTP.
 """

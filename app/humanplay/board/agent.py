@@ -1,7 +1,7 @@
-"""Policies that drive sessions: an agent waits for its turn, decides off the event loop, and moves like anyone else.
+"""Policies that drive sessions: they decide off the event loop, move like anyone.
 
-`DecisionQueue` decides for many of them on one thread; boards that share a network are decided together. What a policy is
-asked is the task's.
+An `Agent` waits for its turn on one board. A `DecisionQueue` decides for all of them on one thread,
+and decides boards that share a network together. What a policy is asked is the task's.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ DECISION_S = 10.0
 """Seconds that a decision may take unless a server's settings say otherwise."""
 
 THREADS = 4
-"""One thread that decides, and those that may be left with a decision that takes too long: nothing can end it."""
+"""One thread that decides, and spares: nothing can end a decision that takes too long."""
 
 
 class SlowDecisionError(Exception):
-    """A decision took longer than it may; the policy that makes it must not be asked again."""
+    """A decision took too long; its policy object must not be asked again."""
 
 
 @dataclass(frozen=True)
@@ -44,15 +44,18 @@ class _Request:
 
 
 class DecisionQueue:
-    """Decides for every agent on one thread: more threads would only take the interpreter from the event loop more often.
+    """Decides for every agent on one thread.
 
-    Boards that ask while it is busy, or in the same turn of the event loop, and share a network are decided in one call of
-    it. Otherwise the owner whose boards have had the least time is served first, and of each owner's boards the one that asked
-    first: thirty large boards of one player or of many keep a small one waiting for one of their decisions, not for thirty.
-    A decision that takes longer than `decision_s` seconds is given up, and the next is made beside it.
+    Boards that wait at the same time and share a network are decided in one call of it. Otherwise
+    the owner whose boards have had the least time is served first, and of their boards the one that
+    asked first: a small board waits for one decision of a player with thirty large boards, not for
+    thirty. A decision that takes longer than `decision_s` seconds is given up, and the next one
+    starts on another thread.
 
-    policies  asks several policies of a task together
-    threads  at least THREADS workers, so that one is free while others are left with decisions that took too long
+    Args:
+        policies: Asks several policies of a task together.
+        threads: At least THREADS workers, so that one is free while others are left with
+            decisions that took too long.
     """
 
     def __init__(
@@ -65,16 +68,21 @@ class DecisionQueue:
         self._serving: asyncio.Task[None] | None = None
 
     def __len__(self) -> int:
-        """Return how many boards wait for a decision that nobody is working on."""
+        """How many boards wait for a decision that nobody is working on."""
         return len(self._waiting)
 
     async def act(self, policy: Policy, observation: object, owner: str = "") -> int:
-        """Return the policy's action for an observation, or raise what the policy raised.
+        """Ask a policy for its action on an observation.
 
-        SlowDecisionError when it took too long. A board whose asker was cancelled may still be decided; its answer is dropped.
+        If the caller is cancelled, the board may still be decided; its answer is dropped.
+
+        Raises:
+            SlowDecisionError: If the decision took too long.
+            Exception: What the policy raised.
         """
         answer: asyncio.Future[int] = asyncio.get_running_loop().create_future()
-        if owner not in self._used_s:  # whoever is new begins beside those who have had the least
+        # a new owner starts level with the one who has had the least, not ahead of everybody
+        if owner not in self._used_s:
             self._used_s[owner] = min(self._used_s.values(), default=0.0)
         self._waiting.append(_Request(policy, observation, owner, answer))
         if self._serving is None:
@@ -88,13 +96,13 @@ class DecisionQueue:
                 await self._answer(self._next_batch())
         finally:
             self._serving = None
-            # who has had no more than the others is as new
+            # forget the owners who have had the least: they would start at the same time again
             least = min(self._used_s.values(), default=0.0)
-            kept = {owner: s for owner, s in self._used_s.items() if s > least}
-            self._used_s = defaultdict(float, kept)
+            longer = {owner: s for owner, s in self._used_s.items() if s > least}
+            self._used_s = defaultdict(float, longer)
 
     def _next_batch(self) -> list[_Request]:
-        """Take the request of the owner who has had the least time, and every one that can be decided together with it."""
+        """Take the request that is due and those that can be decided with it."""
         next_one = min(self._waiting, key=lambda request: self._used_s[request.owner])
         first = self._policies.shared_net(next_one.policy)
         chosen: list[_Request] = [next_one]
@@ -133,7 +141,11 @@ class DecisionQueue:
     async def _decide(
         self, policies: list[Policy], observations: list[object]
     ) -> list[int | Exception]:
-        """Return the actions; SlowDecisionError after `decision_s`, while the thread goes on until its decision is made."""
+        """Decide on the policies' thread, for at most `decision_s` seconds.
+
+        Raises:
+            SlowDecisionError: If it takes longer; the thread goes on until the decision is made.
+        """
         deciding = asyncio.get_running_loop().run_in_executor(
             self._threads, self._policies.act_many, policies, observations
         )
@@ -142,6 +154,7 @@ class DecisionQueue:
             return list(deciding.result())
         self._left.add(deciding)
         deciding.add_done_callback(self._note_end)
+        # every thread has a decision that was given up: the next one could not start
         if len(self._left) >= THREADS:
             await asyncio.wait(self._left, return_when=asyncio.FIRST_COMPLETED)
         raise SlowDecisionError(f"a decision took longer than {self._decision_s:g} s")
@@ -153,16 +166,17 @@ class DecisionQueue:
 
 
 DEFAULT_MOVES_PER_SECOND = 8.0
-"""Of a policy's board until somebody changes its pace, and of a rival whose player's episode has ended."""
+"""A policy's pace until somebody changes it, and a rival's once its player's episode has ended."""
 
 _log = logging.getLogger(__name__)
 
 
 class Agent:
-    """Drives `session`; with a `player` it can follow, which is one move for each of the player's.
+    """Drives a session by a policy.
 
-    It decides as soon as it sees a frame, then waits for its turn to move.
-    It counts moves and not wakes, so however late it is, it ends on the player's number of steps.
+    It decides as soon as it sees a frame, then waits for its turn to move. If there is a player to
+    follow, it makes one move for each of the player's. It counts moves, not wakes, so however late
+    it is, it ends on the player's number of steps.
     """
 
     def __init__(
@@ -206,9 +220,8 @@ class Agent:
                     await self._sleep(delay)
                     continue
                 await self._move()
-            except (
-                StoreError
-            ) as error:  # of a full disk, say: nothing has changed, and it may take the next write
+            except StoreError as error:
+                # a full disk, say: nothing has changed, and the next write may succeed
                 self._session.fail(str(error))
                 await asyncio.sleep(NOTICE_S)
                 self._session.fault = None
@@ -241,7 +254,10 @@ class Agent:
             session.fault = None
 
     async def _give_up(self, error: SlowDecisionError) -> None:
-        """Pause the board and say why; its policy is still at work on that decision, so the next one is of a fresh copy."""
+        """Pause the board and say why.
+
+        The thread still works on that decision, so the next one asks a fresh copy of the policy.
+        """
         session = self._session
         self._policy, self._single_moves, self._prepared_for, self._decided = None, 0, None, None
         if session.pace is not None:
@@ -249,11 +265,15 @@ class Agent:
                 speed = session.pace.moves_per_second
                 await session.set_pace(Pace(mode="paused", moves_per_second=speed))
         name = session.row.driver_name
-        paused = f"so the policy {name!r} is paused on this board"
-        session.fail(f"{error}, {paused}; change its pace to let it try again")
+        session.fail(
+            f"{error}, so the policy {name!r} is paused on this board; change its pace to let it try again"
+        )
 
     def _delay(self) -> float | None:
-        """Return seconds until the next move, 0 or less for now, None for not before something changes."""
+        """Seconds until the next move: 0 or less if it is due.
+
+        None if no move is due before something changes.
+        """
         episode, pace = self._session.shown, self._session.pace
         if episode.ended or self._session.fault or pace is None:
             return None
@@ -277,7 +297,7 @@ class Agent:
         self._woken.clear()
 
     def _is_undecided(self) -> bool:
-        """Return whether the newest frame asks for a decision that has not been made."""
+        """Whether the newest frame needs a decision that has not been made."""
         session = self._session
         if session.shown.ended or session.fault:
             return False
@@ -306,14 +326,17 @@ class Agent:
         self._schedule()
 
     def _schedule(self) -> None:
-        """Set when the next timed move is due; a late move does not make the following ones faster."""
+        """Set when the next timed move is due; a late move does not hurry the rest."""
         pace, now = self._session.pace, asyncio.get_running_loop().time()
         is_timed = pace is not None and pace.mode == "timed"
         rate = pace.moves_per_second if pace and is_timed else DEFAULT_MOVES_PER_SECOND
         self._due = max(now, self._due + 1 / rate) if now - self._due < 1 / rate else now + 1 / rate
 
     async def _prepared_policy(self, row: Trial) -> Policy | None:
-        """Return the policy with the memory of the episode so far; None when the episode changed meanwhile."""
+        """The policy, with the memory of the episode so far.
+
+        None if the episode changed in the meantime.
+        """
         if self._policy is None:
             self._policy = await asyncio.to_thread(self._load)
         if self._prepared_for is None or self._prepared_for.id != row.id:
@@ -327,7 +350,7 @@ class Agent:
 
 
 def replay_decisions(task: Task, policy: Policy, row: Trial, actions: bytes) -> None:
-    """Reset the policy and show it every observation that it has decided on so far, so that it remembers the episode."""
+    """Reset the policy and show it every observation of the episode so far."""
     task.policies.reset(policy, row.config, row.policy_seed)
     if not actions:
         return

@@ -1,17 +1,19 @@
-"""How far a person's episode is attested: its moves compared with the input events that the page sent before them.
+"""How far a person's episode is attested: its moves match the page's input events.
 
-`attest` is a pure function of stored rows, and with a clock of which actions the environment allowed, as its replay says. So
-anybody who has the rows can derive the level again. A level says that the rows are consistent with a person at a page: each
-move has a press of its own, the presses and their times of arrival fit one clock, and no hand would have to be faster than
-hands are. It is no proof. A program that invents presses at a person's pace, with a clock that runs as a page's does, is
-attested as well.
+`attest` is a pure function of stored rows, and with a clock of which actions the environment
+allowed, as its replay says. So anybody who has the rows can derive the level again. A level says
+that the rows are consistent with a person at a page: each move has a press of its own, the presses
+and their times of arrival fit one clock, and no hand would have to be faster than hands are. It is
+no proof. A program that invents presses at a person's pace, with a clock that runs as a page's
+does, is attested as well.
 
-The clock is compared by cause and effect alone. A page cannot answer a frame before the server had committed it, and the
-server cannot receive a move before the page has sent it. With `offset` = server's clock - page's clock, each move says
+The clock is compared by cause and effect alone. A page cannot answer a frame before the server had
+committed it, and the server cannot receive a move before the page has sent it. With
+`offset` = server's clock - page's clock, each move says
     time of the frame - time of sending  <=  offset  <=  time of arrival - time of sending
-and all moves of one load of the page, which their presses name, must leave room for one offset. However late a network
-delivers, these hold; a clock that runs faster or slower than the server's, or times that were made up, do not fit them for
-long.
+and all moves of one load of the page, which their presses name, must leave room for one offset.
+However late a network delivers, these hold; a clock that runs faster or slower than the server's,
+or times that were made up, do not fit them for long.
 """
 
 from __future__ import annotations
@@ -37,45 +39,54 @@ from humanplay.task import Allowed
 LEVELS: tuple[Attestation, ...] = get_args(Attestation)
 
 SUPERVISED_FOR_MS = 4 * 3_600_000
-"""How long before an episode's start the operator's code may have been typed: a morning in the laboratory."""
+"""How long before an episode's start the operator's code may have been typed: a morning in the
+laboratory."""
 SAME_TIME_MS = 1.0
-"""Most between a press in an event and in its move: both are rounded to a tenth, and the page adds tenths to two presses of one
-time, so that no two events are the same."""
+"""Most between a press in an event and in its move: both are rounded to a tenth, and the page adds
+tenths to two presses of one time, so that no two events are the same."""
 CLOCK_SLACK_MS = 120.0
-"""By how much a time may be off: private windows round a page's clock to 100 ms, the server stores whole milliseconds."""
+"""By how much a time may be off: private windows round a page's clock to 100 ms, the server stores
+whole milliseconds."""
 CLOCK_DRIFT = 0.001
-"""Most by which two clocks may run apart: crystals differ by 0.0001, and a corrected clock by 0.0005."""
+"""Most by which two clocks may run apart: crystals differ by 0.0001, and a corrected clock by
+0.0005."""
 LONGEST_HANDLING_MS = 10_000.0
-"""Most between a press and the page's answer to it; `timeOf_ms` of the page takes an older press for one of now."""
+"""Most between a press and the page's answer to it; `timeOf_ms` of the page takes an older press
+for one of now."""
 MOST_STEPS_BEHIND = 8
-"""Most moves between the frame on screen and the move: the page lets four moves wait for their answers, and the answers to four
-before them may not be painted yet."""
+"""Most moves between the frame on screen and the move: the page lets four moves wait for their
+answers, and the answers to four before them may not be painted yet."""
 TYPED_AHEAD_MS = 3_000
-"""A burst may answer an older frame, where the page keeps all presses: its presses reach the server within this time after the
-first move that was not on screen yet. Both times are the server's, so nobody can make them up. It is the longest of FASTEST."""
+"""A burst may answer an older frame, where the page keeps all presses: its presses reach the server
+within this time after the first move that was not on screen yet. Both times are the server's, so
+nobody can make them up. It is the longest of FASTEST."""
 FREE_LOADS, MS_PER_LOAD, MOST_LOADS = 4, 2_500, 12
-"""Loads of the page that may have made an episode's moves: four at once, one more for each two and a half seconds, twelve at
-most. A load takes a person that long, so a program cannot begin a new clock with each move."""
+"""Loads of the page that may have made an episode's moves: four at once, one more for each two and
+a half seconds, twelve at most. A load takes a person that long, so a program cannot begin a new
+clock with each move."""
 REST_MS = 10_000
-"""A clock that is another one soon after so long a rest is not counted: that of a phone stands still in its sleep."""
+"""A clock that is another one soon after so long a rest is not counted: that of a phone stands
+still in its sleep."""
 FASTEST = ((5, 100.0), (10, 400.0), (20, 1_000.0), (50, 3_000.0))
-"""(presses in a row, ms that they take at least). Ten in 400 ms are 25 a second, what the fastest typists reach for a moment;
-one finger taps about seven times a second, and nobody keeps up 16 for three seconds. Two to four keys pressed as one have no
-time between them, so there is no floor for a single gap. All of it is assumed: no person was measured for it."""
+"""(presses in a row, ms that they take at least). Ten in 400 ms are 25 a second, what the fastest
+typists reach for a moment; one finger taps about seven times a second, and nobody keeps up 16 for
+three seconds. Two to four keys pressed as one have no time between them, so there is no floor for a
+single gap. All of it is assumed: no person was measured for it."""
 COARSE_MS = (1000 / 60, 100.0)
-"""Private windows round a page's clock to these times: five presses then take twice as long at least, since what is rounded
-away may be as much again."""
+"""Private windows round a page's clock to these times: five presses then take twice as long at
+least, since what is rounded away may be as much again."""
 
 COPIED = "its presses have the timing of an earlier episode"
-"""The reason that needs other episodes' rows: `humanplay.db.input_events.has_copied_timing` finds it."""
+"""The reason that needs other episodes' rows: `humanplay.db.input_events.has_copied_timing` finds
+it."""
 NO_DEVICE = "the move came from no key and no touch"
 UNTRUSTED = "the browser does not vouch for the press"
 UNTRUSTED_HELD = "what is held is no person's"
 _OF_A_PROGRAM = re.compile(f"{COPIED}|{NO_DEVICE}|{UNTRUSTED}|{UNTRUSTED_HELD}|presses in")
 """Reasons that show a program. The others may be a lost message or a clock."""
 FIRST_MOVES = 5
-"""A program that shows within an episode's first moves played all of it. Later it may be a person's who hands over what goes
-badly: that must leave them in the estimate for everybody."""
+"""A program that shows within an episode's first moves played all of it. Later it may be a person's
+who hands over what goes badly: that must leave them in the estimate for everybody."""
 
 _STEP = re.compile(r"step (\d+): ")
 _KINDS = {"key": "keydown", "touch": "touchdown"}
@@ -85,7 +96,12 @@ KeyMap = Mapping[tuple[str, str], Collection[int]]
 
 @dataclass(frozen=True)
 class Attested:
-    """An episode's level; below "attested" the reason, one short sentence, and the step that it names, if it is one's."""
+    """An episode's level; below "attested" also the reason and the step it names.
+
+    Attributes:
+        reason: One short sentence; None from "attested" on.
+        step: The step at fault; None if the reason is about the whole episode.
+    """
 
     level: Attestation
     reason: str | None = None
@@ -96,12 +112,16 @@ class Attested:
 class Conditions:
     """What else the level of an episode depends on.
 
-    started_ms     when the episode began, server's clock
-    key_map        of `key_map_of`
-    supervised_ms  when the operator's code was typed for its player, server's clock
-    types_ahead    whether the page keeps presses that come faster than the answers: the playground's does, a study's does not
-    controls       of a task with a clock: what follows from its keys, by every version of a participant's
-    allowed        of a task with a clock: what could be chosen before each move; empty if it was always everything
+    Attributes:
+        started_ms: When the episode began, server's clock.
+        key_map: Of `key_map_of`.
+        supervised_ms: When the operator's code was typed for its player, server's clock.
+        types_ahead: Whether the page keeps presses that come faster than the answers: the
+            playground's does, a study's does not.
+        controls: Of a task with a clock: what follows from its keys, by every version of a
+            participant's.
+        allowed: Of a task with a clock: what could be chosen before each move; empty if it was
+            always everything.
     """
 
     started_ms: int
@@ -113,25 +133,30 @@ class Conditions:
 
 
 class _MismatchError(Exception):
-    """Rows that do not fit: why, and the step of the move."""
+    """A move that does not fit the input events."""
 
-    def __init__(self, why: str, step: int) -> None:
-        super().__init__(f"step {step}: {why}")
+    def __init__(self, reason: str, step: int) -> None:
+        super().__init__(f"step {step}: {reason}")
         self.step = step
 
 
 def level_reaches(level: Attestation | None, required: Attestation) -> bool:
-    """Return whether a level is the required one or a higher one; None, a script's, reaches none."""
+    """Whether a level is at least the required one; None, a script's, never is."""
     return level is not None and LEVELS.index(level) >= LEVELS.index(required)
 
 
 def key_map_of(
     defaults: Mapping[str, Sequence[str]], settings: Iterable[PlayerSettings] = ()
 ) -> KeyMap:
-    """Return the actions of every code: of the keys that all pages begin with, of a participant's, of the arrow buttons.
+    """The actions that each key or button may cause.
 
-    defaults  action -> its keys, of all the task's actions in their order
-    settings  what a participant has chosen, in every version so far: a change reaches the server after the page
+    Args:
+        defaults: Action -> its keys, of all the task's actions in their order.
+        settings: What a participant has chosen, in every version so far: a change reaches the
+            server after the page.
+
+    Returns:
+        The defaults' keys, the participant's and the buttons on the page.
     """
     by_key: dict[tuple[str, str], set[int]] = {}
     actions = list(defaults)
@@ -143,12 +168,12 @@ def key_map_of(
 
 
 def shows_program(reason: str | None) -> bool:
-    """Tell whether the reason of a level shows that a program pressed."""
+    """Whether the reason of a level shows that a program pressed."""
     return reason is not None and _OF_A_PROGRAM.search(reason) is not None
 
 
 def shows_program_at_once(reason: str | None) -> bool:
-    """Tell whether the reason shows a program within the first moves, or in all of them."""
+    """Whether the reason shows a program from the first moves on."""
     if reason is None or not shows_program(reason):
         return False
     step = _STEP.match(reason)
@@ -158,14 +183,14 @@ def shows_program_at_once(reason: str | None) -> bool:
 def attest(
     moves: Sequence[MoveRow], events: Sequence[EventRow], conditions: Conditions
 ) -> Attested:
-    """Return the level of a person's episode.
+    """The level of a person's episode.
 
-    One whose first move fits its press is a person's, whatever comes later: what does not fit then spoils it.
+    If the first move fits its press, a person played: a later move that does not fit makes the
+    level "spoilt", not "unattested". An episode without a move is attested: nothing could differ.
 
-    moves   rows of the table `steps`, in order
-    events  rows of the table `input_events`, in order, received up to the end of the episode
-
-    An episode without a move is attested: there is nothing that could differ.
+    Args:
+        moves: Rows of the table `steps`, in order.
+        events: Rows of the table `input_events`, in order, received up to the end of the episode.
     """
     try:
         if conditions.controls:
@@ -181,7 +206,7 @@ def attest(
 
 
 class _Sent(NamedTuple):
-    """When a press went down and was sent (clock of its page load, ms), and when it came (server's)."""
+    """When a press went down and was sent (page's clock), and when it came (server's)."""
 
     down_ms: float
     sent_ms: float
@@ -192,29 +217,35 @@ def _check_moves(
     moves: Sequence[MoveRow], events: Sequence[EventRow], conditions: Conditions
 ) -> None:
     """Check that each move is that of a press of its own."""
+    # 1. each move has a press of its own
     sent, presses = _presses(moves, events, conditions.key_map)
+    # 2. each press can have caused its move, and answers a frame that was on screen
     clocks, gaps = _Clocks(), list[float]()
     for step, press in enumerate(presses):
         _check_press(step, sent[step], press)
         _check_frame(step, moves, press, conditions.types_ahead)
         shown_ms = moves[press["step"] - 1]["server_ms"] if press["step"] else conditions.started_ms
+        # 3. all presses of one load of the page fit one clock
         gaps.append(clocks.add(sent, step, shown_ms, press["page_load"]))
+    # 4. no hand would have to be faster than hands are
     _check_pace(gaps, _is_coarse([times.down_ms for times in sent]))
 
 
 def _check_ticks(
     moves: Sequence[MoveRow], events: Sequence[EventRow], conditions: Conditions
 ) -> None:
-    """Check that each tick's action follows from the keys held before it, and that the presses are a page's.
+    """Check that each tick's action follows from the keys held before it.
 
-    No tick comes while the board stands still: after a pause the page asks for it to go on, and a countdown follows.
+    No tick comes while the board stands still: after a pause the page asks for it to go on, and a
+    countdown follows. The presses must be a page's, too.
     """
-    held, at, before, runs_from_ms = HeldKeys(), 0, 0, None
+    keys, at, before, runs_from_ms = HeldKeys(), 0, 0, None
     presses, loads, shown_ms = list[_Sent](), list[int](), list[float]()
     for step, move in enumerate(moves):
+        # take every event that came before the tick
         while at < len(events) and events[at]["server_ms"] < move["server_ms"]:
             event, at = events[at], at + 1
-            held.take_row(event)
+            keys.take_row(event)
             if event["kind"] == "resume":
                 runs_from_ms = event["server_ms"] + PAUSE_MS - CLOCK_SLACK_MS
             elif event["kind"] in ("hidden", "pause"):
@@ -227,13 +258,13 @@ def _check_ticks(
                 shown = (event["step"] or 0) - 1
                 at_ms = conditions.started_ms if shown < 0 else float(moves[shown]["server_ms"])
                 shown_ms.append(at_ms)
-        if move["driver"] != "human" or not held.is_trusted:
+        if move["driver"] != "human" or not keys.is_trusted:
             raise _MismatchError(UNTRUSTED_HELD, step)
         if runs_from_ms is None or move["server_ms"] < runs_from_ms:
             raise _MismatchError("time ran while the board stood still", step)
         allowed = conditions.allowed[step] if step < len(conditions.allowed) else None
-        made = (move["action"], move["input"])
-        if made not in {it.action(held.down, before, allowed) for it in conditions.controls}:
+        move_made = (move["action"], move["input"])
+        if move_made not in {it.action(keys.down, before, allowed) for it in conditions.controls}:
             raise _MismatchError("the action does not follow from the keys that were held", step)
         before = move["action"]
     clocks, gaps = _Clocks(), list[float]()
@@ -244,11 +275,15 @@ def _check_ticks(
 
 @dataclass(frozen=True)
 class Ending:
-    """What the end of an episode needs of its input events, found before it on another thread than that of the writes.
+    """What the end of an episode needs of its input events, worked out beforehand.
 
-    events      their hash, for the chain
-    conditions  by which they were compared with the moves; None for a script's episode
-    attested    the level, other episodes' timing not compared yet; None for a script's episode
+    It is computed on another thread than that of the writes, which everybody's moves wait for.
+
+    Attributes:
+        events: Their hash, for the chain.
+        conditions: By which they were compared with the moves; None for a script's episode.
+        attested: The level, other episodes' timing not compared yet; None for a script's
+            episode.
     """
 
     events: BegunHash
@@ -259,10 +294,14 @@ class Ending:
 def prepare_end(
     store: Store, episode_id: str, conditions: Conditions | None, last: MoveRow | None
 ) -> Ending:
-    """Return what the end of an episode needs of its input events; call it in `Store.read`, while none can come.
+    """Work out what the end of an episode needs of its input events.
 
-    conditions  None for a script's episode, which has no level
-    last        the move that ends it and is not stored yet, a row of the table `steps`; None when it is abandoned
+    Call it in `Store.read`, while no event can come.
+
+    Args:
+        conditions: None for a script's episode, which has no level.
+        last: The move that ends it, a row of the table `steps` that is not stored yet; None if the
+            episode is abandoned.
     """
     events = begin_hash(store.connection, episode_id)
     if conditions is None:
@@ -274,9 +313,12 @@ def prepare_end(
 def attest_stored(
     store: Store, episode_id: str, conditions: Conditions, ending: Ending | None = None
 ) -> Attested:
-    """Return the level of a person's episode by the rows in the store, other episodes' timing compared too.
+    """The level of a person's episode by the rows in the store.
 
-    ending  what was prepared of it; what has changed since is compared again
+    The timing of its presses is compared with other episodes' too.
+
+    Args:
+        ending: What was prepared; if more has come since, the moves are compared again.
     """
     attested = None
     if (
@@ -320,7 +362,14 @@ def _presses(
 
 
 def _own_press(sent: _Sent, kind: str, presses: Sequence[EventRow], first: int, step: int) -> int:
-    """The index of the first press, from `first` on, of a move's kind and time; _MismatchError if none is."""
+    """Find the first press, from index `first` on, of a move's kind and time.
+
+    Returns:
+        Its index in `presses`.
+
+    Raises:
+        _MismatchError: If there is none.
+    """
     for index in range(first, len(presses)):
         press = presses[index]
         apart_ms = abs(press["client_ms"] - sent.down_ms)
@@ -333,7 +382,7 @@ def _own_press(sent: _Sent, kind: str, presses: Sequence[EventRow], first: int, 
 
 
 def _check_press(step: int, sent: _Sent, press: EventRow) -> None:
-    """Check that a press can have caused its move: in time, after a round trip that can be."""
+    """Check that a press can have caused its move: in time, after a real round trip."""
     handling_ms = sent.sent_ms - sent.down_ms
     if not -CLOCK_SLACK_MS <= handling_ms <= LONGEST_HANDLING_MS + CLOCK_SLACK_MS:
         raise _MismatchError(f"the move was sent {handling_ms:.0f} ms after its press", step)
@@ -343,7 +392,7 @@ def _check_press(step: int, sent: _Sent, press: EventRow) -> None:
 
 
 def _check_frame(step: int, moves: Sequence[MoveRow], press: EventRow, types_ahead: bool) -> None:
-    """Check that the frame which a press answers can have been on screen then.
+    """Check that the frame a press answers can have been on screen then.
 
     It is a few moves old, or the last one before a burst.
     """
@@ -359,13 +408,13 @@ def _check_frame(step: int, moves: Sequence[MoveRow], press: EventRow, types_ahe
 
 
 class _Clock:
-    """A page load's clock: the offsets (server's clock - its own, ms) that all moves so far allow."""
+    """A page load's clock: the offsets (server's clock - its own, ms) that fit so far."""
 
     def __init__(self, low: float, high: float, sent_ms: float) -> None:
         self.low, self.high, self.sent_ms = low, high, sent_ms
 
     def take(self, low: float, high: float, sent_ms: float) -> bool:
-        """Take a move of which the offset is from `low` to `high`, if it fits; return whether it does."""
+        """Narrow the offsets to those from `low` to `high`; False if none is left."""
         drift_ms = CLOCK_DRIFT * (sent_ms - self.sent_ms)
         low, high = max(low, self.low - drift_ms), min(high, self.high + drift_ms)
         if sent_ms < self.sent_ms or low > high:
@@ -375,7 +424,10 @@ class _Clock:
 
 
 class _Clocks:
-    """The clocks of the page loads that made an episode's moves. A laptop's sleep begins another one in its load."""
+    """The clocks of the page loads that made an episode's moves.
+
+    A laptop's sleep begins another clock in the same load.
+    """
 
     def __init__(self) -> None:
         self._of_loads: dict[int, _Clock] = {}
@@ -384,12 +436,17 @@ class _Clocks:
         self._last_down_ms = 0.0
 
     def add(self, moves: Sequence[_Sent], step: int, shown_ms: float, page_load: int) -> float:
-        """Add a move and return the ms since the press before it.
+        """Add a move.
 
-        _MismatchError when it does not fit its load's clock.
+        Args:
+            shown_ms: When the frame was made that was on screen, server's clock.
+            page_load: That its press came from.
 
-        shown_ms   when the frame was made that was on screen, server's clock
-        page_load  that its press came from
+        Returns:
+            Milliseconds since the press before it.
+
+        Raises:
+            _MismatchError: If the move does not fit its load's clock.
         """
         down_ms, sent_ms, received_ms = moves[step]
         low, high = shown_ms - sent_ms - CLOCK_SLACK_MS, received_ms - sent_ms + CLOCK_SLACK_MS
@@ -411,13 +468,13 @@ class _Clocks:
 
 
 def _rested(moves: Sequence[_Sent]) -> bool:
-    """Return whether the server received nothing for REST_MS between two of the moves."""
+    """Whether the server received nothing for REST_MS between two of the moves."""
     times = [move.server_ms for move in moves]
     return any(after - before >= REST_MS for before, after in pairwise(times))
 
 
 def _is_coarse(times: Sequence[float]) -> bool:
-    """Return whether all presses have times of a rounded clock."""
+    """Whether all presses have times of a rounded clock."""
     return any(
         all(abs(ms - round(ms / grain) * grain) <= SAME_TIME_MS for ms in times)
         for grain in COARSE_MS
@@ -425,9 +482,10 @@ def _is_coarse(times: Sequence[float]) -> bool:
 
 
 def _check_pace(gaps: Sequence[float], is_coarse: bool) -> None:
-    """Check that no hand would have to be faster than hands are, up to the first press that comes too soon.
+    """Check that no hand would have to be faster than hands are.
 
-    gaps  the ms from press to press, 0 the first
+    Args:
+        gaps: Milliseconds from press to press; 0 for the first.
     """
     times = list(accumulate(gaps))
     impossible = []

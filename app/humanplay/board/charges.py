@@ -1,4 +1,7 @@
-"""Charges for stored bytes: an episode's largest size while it is open, and what it stored from its end on."""
+"""Charges for stored bytes, by owner and day.
+
+An episode costs its largest size while it is open, and what it stored from its end on.
+"""
 
 from __future__ import annotations
 
@@ -14,15 +17,15 @@ Owner = tuple[str, str]
 """Kind ("address", "player" or "study") and name."""
 
 STEP_BYTES, EPISODE_BYTES = 85, 2000
-"""Bytes of the database's file that a move takes, and a board with its ended episode. On top come the terrain, twice (a row of
-a 128x128 board fills a page), and the input events."""
+"""Bytes of the database's file that a move takes, and a board with its ended episode. On top come
+the terrain, twice (a row of a 128x128 board fills a page), and the input events."""
 EVENTS_PER_MOVE, LEAST_EVENTS = 20, 10_000
-"""For how many input events an episode has room: so many for each move that it may have, and never fewer than for a key that
-repeats for five minutes."""
+"""For how many input events an episode has room: so many for each move that it may have, and never
+fewer than for a key that repeats for five minutes."""
 
 
 def stored_bytes(episode: Trial, steps: int, event_bytes: int) -> int:
-    """Bytes that an episode takes with so many moves and so many bytes of input events."""
+    """Bytes that an episode takes with its moves and input events."""
     return EPISODE_BYTES + 2 * len(episode.terrain) + steps * STEP_BYTES + event_bytes
 
 
@@ -42,8 +45,8 @@ def most_bytes(episode: Trial, has_events: bool) -> int:
 class Charges:
     """Bytes charged today (UTC) to the owners of episodes; kept in memory.
 
-    An open episode is charged its largest size, so that it can always be finished. This class charges nobody; a server's
-    subclass does.
+    An open episode is charged its largest size, so that it can always be finished. This class
+    charges nobody; a server's subclass does.
     """
 
     def __init__(self) -> None:
@@ -63,7 +66,7 @@ class Charges:
         return False
 
     def today(self) -> Counter[Owner]:
-        """The bytes charged by owner; those of open episodes are charged again at midnight."""
+        """The bytes charged by owner; open episodes are charged again at midnight."""
         with self._lock:
             self._begin_day()
             return self._bytes.copy()

@@ -1,8 +1,9 @@
 """Real-time play: the clock of a board whose task has one.
 
-A board with a clock stands still until its page asks for it to go on. After a countdown the server makes a move at each
-tick; its action follows from the keys that are down (`humanplay.board.controls`). Hiding the page, a lost or a second
-connection and a server that falls behind let the board stand still, and all keys count as up when it goes on.
+A board with a clock stands still until its page asks for it to go on. After a countdown the server
+makes a move at each tick; its action follows from the keys that are down
+(`humanplay.board.controls`). Hiding the page, a lost or a second connection and a server that falls
+behind let the board stand still, and all keys count as up when it goes on.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from humanplay.db.store import StoreError
 STALL_S = 1.0
 """A tick that would come later than this lets the board stand still instead."""
 FEW = 4
-"""Boards that tick at once and commit each tick by itself; those of more wait a moment for each other, which saves commits."""
+"""Boards that tick at once and commit each tick by itself; those of more wait a moment for each
+other, which saves commits."""
 STALLED = "The server could not keep up for a moment, so the board stands still."
 TAKES_KEYS = "time runs on this board: it takes the keys that are held, and no moves"
 
@@ -51,8 +53,9 @@ class TickingBoard(Protocol):
 class BoardClock:
     """The clock of one board: it stands, counts down, or runs.
 
-    state    as the page is told; a new object with each change
-    ticking  all clocks that run, on whatever server of this process
+    Attributes:
+        state: As the page is told; a new object with each change.
+        ticking: All clocks that run, on whatever server of this process.
     """
 
     ticking: ClassVar[WeakSet[BoardClock]] = WeakSet()
@@ -65,7 +68,7 @@ class BoardClock:
 
     @property
     def shares_commits(self) -> bool:
-        """Whether its ticks wait a moment for those of other boards, to be committed with them."""
+        """Whether its ticks wait a moment to be committed with other boards' ticks."""
         return len(self.ticking) > FEW
 
     @property
@@ -74,13 +77,20 @@ class BoardClock:
         return self.state.state == "standing"
 
     def stand(self, reason: str = "", is_new: bool = False) -> None:
-        """Let the board stand still from now on, whose tick under way is made yet; `is_new` for a new episode."""
+        """Let the board stand still from now on; the tick under way is still made.
+
+        Args:
+            is_new: Whether a new episode begins, which is told even if the board stood already.
+        """
         if is_new or not self.is_standing:
             self._round += 1
             self._tell("standing", reason=reason)
 
     def take(self, events: Sequence[InputEvent]) -> None:
-        """Take input events of the running episode, which are being stored; hold the board's `changing`."""
+        """Take input events of the running episode while they are being stored.
+
+        Hold the board's `changing`.
+        """
         for event in events:
             if self.state.state == "running":
                 self._held.take(event.kind, event.code, event.repeat, event.trusted)
@@ -91,38 +101,38 @@ class BoardClock:
                 self._tell("countdown", ms=PAUSE_MS)
                 self._task = asyncio.create_task(self._run(self._round))
 
-    async def _run(self, mine: int) -> None:
-        """Count down and tick, for as long as this round lasts; whoever asked for it is charged for what is stored."""
+    async def _run(self, round_: int) -> None:
+        """Count down and tick for as long as this round lasts."""
         try:
             await self._board.end_if_left()
             await asyncio.sleep(COUNTDOWN_S)
             async with self._board.changing:
-                if self._round != mine:
+                if self._round != round_:
                     return
                 self._held = await self._board.held_keys()
                 self._tell("running")
             self.ticking.add(self)
-            await self._tick(mine)
+            await self._tick(round_)
         except (StoreError, ValueError) as error:
             self.stand(str(error))
         finally:
             if self.is_standing:
                 self.ticking.discard(self)
 
-    async def _tick(self, mine: int) -> None:
+    async def _tick(self, round_: int) -> None:
         loop, frame_s = asyncio.get_running_loop(), 1 / self._frames
         due = loop.time()
-        while self._round == mine:
+        while self._round == round_:
             due += frame_s
             await asyncio.sleep(max(0.0, due - loop.time()))
-            if self._round != mine:
+            if self._round != round_:
                 return
             late_s = loop.time() - due
             if late_s > STALL_S:
                 self.stand(STALLED)
                 return
             if late_s > frame_s:
-                due = loop.time()  # nothing is made up for
+                due = loop.time()  # a late tick is not made up for by quick ones
             await self._board.tick(self._held)
 
     def _tell(

@@ -1,10 +1,11 @@
-"""The keys that are held on a board whose time runs, and the action that follows from them.
+"""The keys that are held on a board whose time runs, and the action that follows.
 
-Whoever has the stored input events can derive every action again: the events before a tick are those with an earlier
-`server_ms`.
+Whoever has the stored input events can derive every action again: the events before a tick are
+those with an earlier `server_ms`.
 
-Pauses and late ticks need no rows of their own: each tick has its time, and a board that stood still goes on after a
-countdown, so that a gap as long as that is a pause, and one longer than two frames otherwise is a tick that came late.
+Pauses and late ticks need no rows of their own. Each tick has its time, and a board that stood
+still goes on after a countdown. So a gap as long as that is a pause, and any other gap longer than
+two frames is a tick that came late.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from humanplay.db.rows import EventRow, Input, PlayerSettings
 from humanplay.task import Allowed, Environment
 
 COUNTDOWN_S = 3.0
-"""Between the wish to go on and the first tick."""
+"""Seconds from a page's `resume` to the first tick."""
 PAUSE_MS = int(COUNTDOWN_S * 1000)
 """A gap between two ticks that is no shorter is a pause."""
 
@@ -33,9 +34,12 @@ _RELEASES = frozenset({"blur", "hidden", "pause", "resume"})
 class ClockLimits:
     """What an episode may have in time.
 
-    pauses    how often its board may stand still once it has begun; beyond, the episode ends as left
-    paused_s  for how long in all; beyond, it ends as left
-    late      share (0..1) of its ticks that may come more than a frame late; beyond, it is labelled
+    Attributes:
+        pauses: How often its board may stand still once it has begun; beyond, the episode ends
+            as left.
+        paused_s: For how long in all; beyond, it ends as left.
+        late: Share (0..1) of its ticks that may come more than a frame late; beyond, it is
+            labelled.
     """
 
     pauses: int = 10
@@ -65,7 +69,7 @@ class HeldKeys:
 
     @property
     def down(self) -> list[tuple[Input, str]]:
-        """(input, `event.code` or the name of a button's action) of all that is down, the newest last."""
+        """All that is down, the newest last: (input, `event.code` or button's action)."""
         return list(self._down)
 
     @property
@@ -78,8 +82,10 @@ class HeldKeys:
 class Controls:
     """Which action follows from what is held.
 
-    keys  action -> its keys, of all the task's actions in their order; "KeyA+KeyD" is a combination
-    noop  the action of no key; None: the last action again, and the first one at the start
+    Attributes:
+        keys: Action -> its keys, of all the task's actions in their order; "KeyA+KeyD" is a
+            combination.
+        noop: The action of no key; None: the last action again, and the first one at the start.
     """
 
     keys: Mapping[str, Sequence[str]]
@@ -108,13 +114,15 @@ class Controls:
     def action(
         self, down: Sequence[tuple[Input, str]], before: int, allowed: Allowed = None
     ) -> tuple[int, Input | None]:
-        """Return the action of what is down, and what decided: a key, a touch, or None for nothing.
+        """The action of what is down, and what decided: a key, a touch, or None.
 
-        The largest combination that is held, else the newest key or button that names an action, else the no-op. What is
-        not allowed becomes the no-op, and if that is not allowed either, the lowest allowed action.
+        It is the largest combination that is held, else the newest key or button that names an
+        action, else the no-op. An action that is not allowed becomes the no-op, and if that is not
+        allowed either, the lowest allowed action.
 
-        down    of `HeldKeys.down`
-        before  the action of the tick before
+        Args:
+            down: Of `HeldKeys.down`.
+            before: The action of the tick before.
         """
         action, input = self._held_action(down, before)
         if allowed is None or action in allowed:
@@ -136,7 +144,11 @@ class Controls:
 def controls_of(
     environment: Environment, settings: Iterable[PlayerSettings] = ()
 ) -> tuple[Controls, ...]:
-    """Return the controls of a task's own keys, and those of each version of a participant's settings, the newest last."""
+    """The controls of a task's own keys, then of each version of a participant's.
+
+    Args:
+        settings: Every version, the newest last.
+    """
     versions = [PlayerSettings(), *settings]
     return tuple(
         Controls({**environment.keys, **(version.get("keys") or {})}, environment.noop)
@@ -145,11 +157,22 @@ def controls_of(
 
 
 def pauses_of(times_ms: Iterable[float]) -> list[float]:
-    """Return the lengths (ms) of an episode's pauses; `times_ms` are those of its ticks."""
+    """Lengths (ms) of an episode's pauses.
+
+    Args:
+        times_ms: Of its ticks.
+    """
     return [after - before for before, after in pairwise(times_ms) if after - before >= PAUSE_MS]
 
 
 def late_share(times_ms: Sequence[float], clock: int) -> float:
-    """Return the share (0..1) of an episode's ticks that came more than a frame late, those after a pause left out."""
+    """The share (0..1) of ticks that came more than a frame late.
+
+    Ticks after a pause are left out.
+
+    Args:
+        times_ms: Of the episode's ticks.
+        clock: Frames a second.
+    """
     gaps = [after - before for before, after in pairwise(times_ms) if after - before < PAUSE_MS]
     return sum(gap > 2 * 1000 / clock + 1 for gap in gaps) / (len(gaps) or 1)

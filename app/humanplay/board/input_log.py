@@ -1,7 +1,7 @@
-"""The input events of one board: what its page says of keys and touches.
+"""The input events of one board: the keys and touches that its page reports.
 
-A page sends the events before the moves that they cause, and they are stored first. At the end of an episode its moves are
-compared with them (`humanplay.board.attestation`).
+A page sends the events before the moves that they cause, and they are stored first. At the end of
+an episode its moves are compared with them (`humanplay.board.attestation`).
 """
 
 from __future__ import annotations
@@ -36,11 +36,13 @@ from humanplay.task import Run, Task
 
 
 class InputLog:
-    """The input events of a board's current episode; hold the board's `changing` for every call.
+    """The input events of a board's current episode; hold `changing` for every call.
 
-    is_persons     whether a move of the board can be a person's, so that events are stored
-    is_incomplete  whether a batch could not be stored: a move without its press would be held against the person
-    newest_ms      server time of the newest batch
+    Attributes:
+        is_persons: Whether a move of the board can be a person's, so that events are stored.
+        is_incomplete: Whether a batch could not be stored: a move without its press would be
+            held against the person.
+        newest_ms: Server time of the newest batch.
     """
 
     def __init__(
@@ -67,7 +69,7 @@ class InputLog:
         self._batches = {*batches}
 
     def takes(self, batch: str) -> bool:
-        """Whether a batch comes for the first time; the next time it does not."""
+        """Whether a batch comes for the first time; remembers it."""
         is_new = batch not in self._batches
         self._batches.add(batch)
         return is_new
@@ -91,7 +93,7 @@ class InputLog:
         self._batches.discard(batch)
 
     async def held(self, episode: str) -> tuple[Controls, HeldKeys]:
-        """Return the keys that hold now, and what is held by the stored events."""
+        """The keys that apply now, and what is down by the stored events."""
         await self._written()
 
         def read() -> tuple[list[EventRow], list[PlayerSettings]]:
@@ -99,25 +101,29 @@ class InputLog:
             return input_events(self._store, episode), study.settings() if study else []
 
         events, settings = await self._store.read(read)
-        held = HeldKeys()
+        keys = HeldKeys()
         for event in events:
-            held.take_row(event)
-        return controls_of(self._task, settings)[-1], held
+            keys.take_row(event)
+        return controls_of(self._task, settings)[-1], keys
 
     async def prepare_end(
         self, episode: Trial, run: Run, last: StepRow | None = None
     ) -> Ending | None:
-        """Compare an episode with its input events before it ends; None if no board of a person's.
+        """Compare an episode with its input events before it ends.
 
-        There may be 50,000 events. On the thread of the writes that would take long, and everybody's moves wait for it.
+        There may be 50,000 events. On the thread of the writes that would take long, and
+        everybody's moves wait for that thread.
 
         Args:
-            run: It, as it has ended.
+            run: The episode as it has ended.
             last: The move that ends it; None if it is abandoned.
+
+        Returns:
+            None if the board is a policy's.
         """
         if self._board.driver_name != HUMAN:
             return None
-        # an event that came without being compared would be compared on the thread of the writes
+        # an event that is stored after the comparison would have to be compared on the thread of the writes
         await self._written()
 
         def prepare() -> Ending:
@@ -129,7 +135,7 @@ class InputLog:
     def closing(
         self, episode: Trial, run: Run, at_ms: int, ending: Ending | None
     ) -> tuple[Closing, Attested | None]:
-        """Return what closes an ended episode, and its level; call it in `Store.write`.
+        """What closes an ended episode, and its level; call it in `Store.write`.
 
         Args:
             ending: What `prepare_end` returned.
@@ -151,7 +157,7 @@ class InputLog:
         try:
             self._add(events, at_ms, episode)
         except RefusedError:
-            # none of it belongs to the moves that follow, but to ticks that have taken its keys
+            # moves that follow do not depend on a refused batch; with a clock, ticks have used its keys
             self.is_incomplete = self._has_clock and self.is_persons
             raise
         self.is_incomplete = False
@@ -191,9 +197,10 @@ class InputLog:
             )
 
     def _unknown_codes(self, events: Events) -> set[str]:
-        """Return the codes of events that are neither a standard key nor one that can have driven a move here.
+        """Codes that are no standard key and cannot have driven a move here.
 
-        They are stored as UNIDENTIFIED: no honest episode loses its attestation, and nobody chooses what is stored.
+        They are stored as UNIDENTIFIED: no honest episode loses its attestation, and nobody chooses
+        what is stored.
         """
         codes = {event.code for event in events.events if event.code is not None}
         unknown = codes - KEY_CODES - {*self._task.actions}
@@ -203,9 +210,10 @@ class InputLog:
         return unknown
 
     def _conditions(self, episode: Trial, run: Run) -> Conditions | None:
-        """Return what the level of an episode depends on besides its rows; None if no move can be a person's.
+        """What the level of an episode depends on besides its rows.
 
-        An episode that a script has moved may have begun as a person's.
+        None if no move can be a person's. An episode that a script has moved may have begun as a
+        person's.
         """
         study = self._participation
         began_as_persons = self.is_persons and (study is None or study.driver == HUMAN)

@@ -1,7 +1,8 @@
 """Sessions by id: create, find, restart, resume and unload.
 
-The store holds everything about a session, and memory holds only those in use. One that nobody subscribes to or asks for is
-unloaded, and any access resumes it where it stood, after a restart of the server as well.
+The store holds everything about a session, and memory holds only those in use. One that nobody
+subscribes to or asks for is unloaded. Any access resumes it where it stood, after a restart of the
+server as well.
 """
 
 from __future__ import annotations
@@ -41,7 +42,10 @@ from humanplay.task import Choice, Configuration, Run, Task, WantedBoard, Wanted
 
 @dataclass
 class BoardGroup:
-    """A player's board and its rival's, if there is one: they begin together and are unloaded together."""
+    """A player's board and its rival's, if there is one.
+
+    They begin together and are unloaded together.
+    """
 
     player: Session
     rival: Session | None
@@ -50,11 +54,11 @@ class BoardGroup:
 
     @property
     def boards(self) -> list[Session]:
-        """Return the player's board, then the rival's if there is one."""
+        """The player's board, then the rival's if there is one."""
         return [self.player] if self.rival is None else [self.player, self.rival]
 
     def board(self, session_id: str) -> Session:
-        """Return the one of the boards that has this session's id."""
+        """The board of the group that has this session's id."""
         return next(board for board in self.boards if board.id == session_id)
 
 
@@ -62,20 +66,20 @@ class Locks:
     """A lock for each key, there for as long as somebody holds it or waits for it."""
 
     def __init__(self) -> None:
-        self._known: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
 
     def of(self, key: str) -> asyncio.Lock:
-        """Return the lock of a key."""
-        if (lock := self._known.get(key)) is None:
-            lock = self._known[key] = asyncio.Lock()
+        """The lock of a key."""
+        if (lock := self._locks.get(key)) is None:
+            lock = self._locks[key] = asyncio.Lock()
         return lock
 
 
 class UnknownSessionError(LookupError):
     """There is no session with this id, or none that the asker may see."""
 
-    def __init__(self, session_id: str, why: str | None = None) -> None:
-        super().__init__(why or f"no session {session_id!r}; begin one with POST /api/sessions")
+    def __init__(self, session_id: str, detail: str | None = None) -> None:
+        super().__init__(detail or f"no session {session_id!r}; begin one with POST /api/sessions")
 
 
 EpisodeTransaction = Callable[[Trial], AbstractContextManager[None]]
@@ -112,16 +116,16 @@ class Lobby:
         self._decisions = DecisionQueue(self._thread, task.policies, decision_s)
 
     def __len__(self) -> int:
-        """Return how many sessions are in memory."""
+        """How many sessions are in memory."""
         return len(self._groups)
 
     @property
     def waiting_decisions(self) -> int:
-        """Return how many boards of policies wait for a decision."""
+        """How many boards of policies wait for a decision."""
         return len(self._decisions)
 
     def sessions(self) -> list[Session]:
-        """Return the sessions in memory, in the order they came."""
+        """The sessions in memory, in the order they came."""
         return [group.board(session_id) for session_id, group in self._groups.items()]
 
     async def create(
@@ -131,12 +135,17 @@ class Lobby:
         control: Control = "bearer",
         left: Sequence[Session] = (),
     ) -> Session:
-        """Return a new player's session, paired with its rival's; ValueError for an unknown policy or map, or no terrain.
+        """Begin a new player's session, and its rival's if one is wanted.
 
-        One that replays another's episode without naming a terrain plays that one's.
+        A session that replays another's episode without naming a terrain plays that episode's.
 
-        control  what moves it: whoever knows its id, or its player's cookie alone
-        left     boards whose running episodes are abandoned in the transaction that opens this one
+        Args:
+            control: Who moves it: whoever knows its id, or its player's cookie alone.
+            left: Boards whose running episodes are abandoned in the transaction that opens this
+                one.
+
+        Raises:
+            ValueError: If a policy or map is unknown, or there is no terrain.
         """
         if wanted.player != HUMAN:
             self.task.policies.check(wanted.player, HUMAN)
@@ -160,7 +169,7 @@ class Lobby:
         return player
 
     async def first_terrain(self, wanted: WantedBoard) -> Choice:
-        """Return the terrain that a new board asks for; ValueError where there is none."""
+        """Choose the terrain of a new board; ValueError if there is none."""
         if wanted.challenges is None:
             return self.task.first(wanted)
         challenged = await asyncio.to_thread(self._public_trial, wanted.challenges)
@@ -176,35 +185,46 @@ class Lobby:
         return self.task.again(challenged)
 
     async def get(self, session_id: str) -> Session:
-        """Return the session, resumed if it was not in memory; UnknownSessionError when there is none."""
+        """The session of an id, resumed if it was not in memory.
+
+        Raises:
+            UnknownSessionError: If there is none.
+        """
         group = self._groups.get(session_id) or await self._resume(session_id)
         session = group.board(session_id)
         session.touch()
         return session
 
     def in_memory(self, session_id: str) -> Session | None:
-        """Return the session if it is in memory; it is not touched, so it may be unloaded."""
+        """The session if it is in memory; it is not touched, so it may be unloaded."""
         group = self._groups.get(session_id)
         return None if group is None else group.board(session_id)
 
     def rival_of(self, session: Session) -> Session | None:
-        """Return the rival's board of a player's; None when it plays alone or is a rival's itself."""
+        """The rival's board of a player's; None if it has none or is a rival's itself."""
         group = self._groups.get(session.id)
         return group.rival if group is not None and group.player is session else None
 
     def owner_of(self, session: Session) -> str | None:
-        """Return the player at whose screen a session in memory runs: a rival's is its player's."""
+        """The player whose screen shows a session in memory: a rival's is its player's."""
         group = self._groups.get(session.id)
         return session.row.player_id if group is None else group.player.row.player_id
 
     async def restart(
         self, session: Session, wanted: WantedEpisode, left: Sequence[Session] = ()
     ) -> None:
-        """Abandon the running episodes, also those on `left`, and begin the next ones, the rival's on the same terrain."""
+        """Abandon the running episodes and begin the next ones.
+
+        A rival begins on the same terrain.
+
+        Args:
+            left: Other boards whose running episodes are abandoned too.
+        """
         group = self._groups.get(session.id) or await self._resume(session.id)
         if session is group.rival:
-            instead = "begin the next episode in the player's session"
-            raise ValueError(f"a rival plays its player's terrain; {instead}")
+            raise ValueError(
+                "a rival plays its player's terrain; begin the next episode in the player's session"
+            )
         async with group.lock:
             terrain = self.task.next(session.current, wanted)
             drivers = (board.row.driver_name for board in group.boards)
@@ -214,7 +234,10 @@ class Lobby:
             self._pair(group)  # a replay belonged to the episode before
 
     def new_board(self, player_id: str, participation: Participation | None = None) -> Session:
-        """Return a new board for episodes of a series; nobody can find it before `begin` opens the first of them."""
+        """Create a board for episodes of a series.
+
+        Nobody can find it before `begin` opens the first of them.
+        """
         (row,) = self._session_rows([HUMAN], player_id, "cookie")
         return self._session(row, participation)
 
@@ -226,17 +249,22 @@ class Lobby:
         within: EpisodeTransaction,
         series: str,
     ) -> None:
-        """Begin the next episode of a board of a series, on the terrain of a seed that the series fixed."""
+        """Begin the next episode of a series' board, on the terrain of a seed."""
         _, runs = await self._begin_episodes(Choice(config, seed), 1)
         await self._open_episodes([board], runs, seed, False, within, series=series)
         if board.id not in self._groups:
             self._add_group([board])
 
     async def change_pace(self, session: Session, change: ChangePace) -> Pace:
-        """Change the pace and return it; ValueError when the session has none or cannot follow."""
+        """Change a session's pace and return it.
+
+        Raises:
+            ValueError: If the session has no pace or cannot follow.
+        """
         if session.pace is None:
-            whose = "only a policy's session (a rival's, say) has a pace"
-            raise ValueError(f"this session is driven by a person; {whose}")
+            raise ValueError(
+                "this session is driven by a person; only a policy's session (a rival's, say) has a pace"
+            )
         if change.follow and session.row.rival_of is None:
             raise ValueError("only a rival can follow; give moves_per_second, pause or step")
         rate = change.moves_per_second or session.pace.moves_per_second
@@ -247,7 +275,7 @@ class Lobby:
         return session.pace
 
     async def sweep(self) -> None:
-        """Unload, again and again until cancelled, what nobody subscribes to or has asked for within `idle_s`."""
+        """Unload, until cancelled, every group that has been idle for `idle_s`."""
         while True:
             await asyncio.sleep(min(60.0, self._idle_s / 4))
             self._unload_idle(time.monotonic() - self._idle_s)
@@ -285,20 +313,24 @@ class Lobby:
         return rows
 
     def _adding(self, player_id: str, rows: list[SessionRow]) -> Iterator[None]:
-        """Add a player and their sessions, in the transaction that opens the first episodes."""
+        """Add a player and their sessions as the first episodes open, in one transaction."""
         self.store.add_player(player_id, rows[0].created_ms)
         for row in rows:
             self.store.add_session(row)
         yield
 
     def _public_trial(self, episode_id: str) -> Trial | None:
-        """Return a finished episode that anybody may see; None where there is none."""
+        """A finished episode that anybody may see; None if there is none."""
         now_ms = self.sources.clock_ms()
         with closing(Reader.open(self.store.path, public=True, at_ms=now_ms)) as reader:
             return reader.trial(episode_id)
 
     async def _ended_session(self, session_id: str, driver: str) -> Session:
-        """Return the session whose ended episode a policy is to be shown on; ValueError where there is none."""
+        """The session whose ended episode a policy is to be shown on.
+
+        Raises:
+            ValueError: If there is none.
+        """
         session = await self.get(session_id)
         if driver == HUMAN:
             raise ValueError("only a policy replays another session's episode; name one as player")
@@ -307,7 +339,11 @@ class Lobby:
         return session
 
     async def _begin_episodes(self, terrain: Choice, boards: int) -> tuple[int | None, list[Run]]:
-        """Return the seed, a fresh one where no terrain was chosen and None on a map, and an episode for each board."""
+        """Begin an episode for each board, all on one terrain.
+
+        Returns:
+            The seed and the runs. The seed is fresh if no terrain was chosen, and None on a map.
+        """
         chosen = terrain if terrain.is_chosen else replace(terrain, seed=self.sources.seed())
         return chosen.seed, await on_threads(
             self.task, lambda: [self.task.begin(chosen) for _ in range(boards)]
@@ -323,10 +359,15 @@ class Lobby:
         left: Sequence[Session] = (),
         series: str = "",
     ) -> None:
-        """Close the running episodes and open the next in one transaction, then publish; an error changes nothing."""
-        async with AsyncExitStack() as held:
+        """Close the running episodes and open the next ones in one transaction.
+
+        The frames are published after it is committed. An error changes nothing.
+        """
+        async with AsyncExitStack() as locks:
+            # 1. hold every board that changes, in one order: two callers must not wait for each other
             for board in sorted({*boards, *left}, key=lambda board: board.id):
-                await held.enter_async_context(board.changing)
+                await locks.enter_async_context(board.changing)
+            # 2. the rows of the next episodes, and the charge for them
             now = self.sources.clock_ms()
             rows = [
                 Trial(
@@ -346,10 +387,13 @@ class Lobby:
                     started_ms=now,
                     series=series,
                 )
-                for board, record in zip(boards, [each.record() for each in runs], strict=True)
+                for board, record in zip(boards, [run.record() for run in runs], strict=True)
             ]
-            held.enter_context(self._charging(boards, rows))
-            running = [each for each in (*boards, *left) if each.number and not each.shown.ended]
+            locks.enter_context(self._charging(boards, rows))
+            # 3. abandon what still runs, and compare its moves with its input events
+            running = [
+                board for board in (*boards, *left) if board.number and not board.shown.ended
+            ]
             abandoned = [
                 (board, board.current, await board.take_abandoned(), board.now_ms())
                 for board in running
@@ -358,20 +402,23 @@ class Lobby:
                 await board.inputs.prepare_end(current, run) for board, current, run, _ in abandoned
             ]
 
+            # 4. record all of it, then tell
             def record() -> tuple[list[Attested | None], list[bool], list[Trial]]:
                 with self.store.transaction(), within(rows[0]) if within else nullcontext():
-                    found = [
+                    closings = [
                         board.inputs.closing(current, run, at_ms, ending)
                         for (board, current, run, at_ms), ending in zip(
                             abandoned, endings, strict=True
                         )
                     ]
-                    opened = self.store.next_episode([closing for closing, _ in found], rows)
-                hidden = [each.hides_scores(row.id) for each, row in zip(boards, rows, strict=True)]
-                return [attested for _, attested in found], hidden, opened
+                    opened = self.store.next_episode([closing for closing, _ in closings], rows)
+                hidden = [
+                    board.hides_scores(row.id) for board, row in zip(boards, rows, strict=True)
+                ]
+                return [attested for _, attested in closings], hidden, opened
 
-            def publish(found: tuple[list[Attested | None], list[bool], list[Trial]]) -> None:
-                levels, hidden, opened = found
+            def publish(recorded: tuple[list[Attested | None], list[bool], list[Trial]]) -> None:
+                levels, hidden, opened = recorded
                 for (board, current, run, _), ending in zip(abandoned, endings, strict=True):
                     board.charge(current, run.view().steps, ending)
                 for board, row, run, hides in zip(boards, opened, runs, hidden, strict=True):
@@ -385,7 +432,10 @@ class Lobby:
 
     @contextmanager
     def _charging(self, boards: list[Session], rows: list[Trial]) -> Iterator[None]:
-        """Check that episodes may begin, and charge the most that they can store, unless they fail to begin."""
+        """Check that episodes may begin, and charge the most that they can store.
+
+        If they fail to begin, the charge is taken back.
+        """
         self.charges.check(boards[0].study)
         for board, row in zip(boards, rows, strict=True):
             self.charges.open(row.id, board.study, board.most_bytes(row))
@@ -397,7 +447,7 @@ class Lobby:
             raise
 
     def _add_group(self, boards: list[Session]) -> BoardGroup:
-        """Keep the boards in memory as a group, and let an agent drive each that is not a person's."""
+        """Keep boards in memory as a group, with an agent for each policy's board."""
         player, rival = boards[0], boards[1] if len(boards) > 1 else None
         group = BoardGroup(player, rival, asyncio.Lock(), {})
         self._pair(group)
@@ -405,8 +455,8 @@ class Lobby:
             self._groups[board.id] = group
             if not board.is_human:
                 load = partial(self.task.policies.load, board.row.driver_name)
-                own = player if board is rival else None
-                group.agents[board.id] = Agent(board, own, load, self._decisions)
+                followed = player if board is rival else None
+                group.agents[board.id] = Agent(board, followed, load, self._decisions)
         return group
 
     def _pair(self, group: BoardGroup) -> None:
@@ -417,30 +467,39 @@ class Lobby:
             group.player.pair_with(group.rival)
 
     async def _resume(self, session_id: str) -> BoardGroup:
-        """Return the group of a session, read from the store; UnknownSessionError when it is not there."""
+        """The group of a session, read from the store.
+
+        Raises:
+            UnknownSessionError: If it is not there.
+        """
         player = await self.store.read(partial(self.store.player_session, session_id))
         async with self._resuming.of(player):
+            # somebody else may have resumed it while this waited for the lock
             if session_id in self._groups:
                 return self._groups[session_id]
-            found = await self.store.read(partial(self._stored, session_id))
+            rows = await self.store.read(partial(self._stored, session_id))
             try:
-                boards = [await self._resumed(*each) for each in found]
+                boards = [await self._resumed(*row) for row in rows]
             except ValueError as error:
-                what = f"session {session_id!r} cannot be resumed: {error}"
-                raise UnknownSessionError(session_id, what) from error
+                detail = f"session {session_id!r} cannot be resumed: {error}"
+                raise UnknownSessionError(session_id, detail) from error
             return self._add_group(boards)
 
     def _stored(self, session_id: str) -> list[tuple[Resumable, Participation | None, bool]]:
-        """Return a player's session and its rival's, each with its participation and whether its scores are hidden.
+        """A player's session and its rival's, as the store holds them.
 
-        UnknownSessionError when it is not there.
+        Returns:
+            Each with its participation and whether its scores are hidden.
+
+        Raises:
+            UnknownSessionError: If it is not there.
         """
-        found = self.store.resume_session(session_id, self.sources.clock_ms())
-        player_id = session_id if found is None else found.session.rival_of or session_id
+        now = self.sources.clock_ms()
+        asked = self.store.resume_session(session_id, now)
+        player_id = session_id if asked is None else asked.session.rival_of or session_id
         ids = [player_id, self.store.rival_of(player_id)]
-        now, known = self.sources.clock_ms(), [each for each in ids if each is not None]
-        rows = [self.store.resume_session(each, now) for each in known]
-        if found is None or rows[0] is None:
+        rows = [self.store.resume_session(id_, now) for id_ in ids if id_ is not None]
+        if asked is None or rows[0] is None:
             raise UnknownSessionError(session_id)
         stored = [(row, self._participation_of(row.session.id)) for row in rows if row is not None]
         return [
@@ -451,7 +510,11 @@ class Lobby:
     async def _resumed(
         self, row: Resumable, participation: Participation | None, hides_scores: bool
     ) -> Session:
-        """Return a session as it stood; ValueError when its actions do not fit the rules any more."""
+        """A session as it stood.
+
+        Raises:
+            ValueError: If its actions do not fit the rules any more.
+        """
         run = await on_threads(self.task, self.task.replay, row.episode, row.actions, row.ended)
         session = self._session(row.session, participation)
         session.begin(row.episode, run, hides_scores, row.newest_ms, row.batches)
@@ -471,6 +534,9 @@ class Lobby:
 
 
 def _is_idle(board: Session, horizon: float) -> bool:
-    """Return whether nobody subscribes to a board or has asked for it since a time, and nothing of it is being written."""
+    """Whether nobody has subscribed to a board or asked for it since a time.
+
+    A board of which something is being written is not idle.
+    """
     is_left = board.channel.subscribers == 0 and board.touched < horizon
     return is_left and not board.changing.locked()

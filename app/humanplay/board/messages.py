@@ -1,7 +1,8 @@
-"""Every message that any task's board takes, over HTTP and over the socket; `static/common/messages.js` is the page's copy.
+"""Every message that a board takes or sends, over HTTP and over the socket.
 
-Messages that arrive are pydantic models and are checked strictly; what is wrong is said in one plain sentence. Frames and
-paths are the task's (`humanplay.task.View`).
+Messages that arrive are pydantic models and are checked strictly; an error is one plain sentence.
+Frames and paths are the task's (`humanplay.task.View`). `static/common/messages.js` is the page's
+copy.
 """
 
 from __future__ import annotations
@@ -60,36 +61,39 @@ def _check_printable(text: str) -> str:
 
 
 PRINTABLE = AfterValidator(_check_printable)
-"""Of an id that is made elsewhere, and stored: it has no control or invisible characters (str.isprintable)."""
+"""Checks an id that is made elsewhere and stored: no control or invisible characters."""
 
 
 DrawnId = Annotated[str, Field(min_length=8, max_length=64), PRINTABLE]
-"""An id that a page draws by chance."""
+"""A random id that a page makes."""
 
 
 class BadMessageError(ValueError):
-    """A message that this server does not accept; the text is one sentence for its sender."""
+    """A message that this server rejects; the text is one sentence for its sender."""
 
 
 class Message(BaseModel):
-    """Any message that arrives: types are strict, and an unknown field is an error that names it."""
+    """Any message that arrives: an unknown field is an error that names it."""
 
     model_config = ConfigDict(strict=True, frozen=True)
 
     @model_validator(mode="before")
     @classmethod
-    def _know_every_field(cls, data: object) -> object:
-        if isinstance(data, dict):
-            known = [info.alias or name for name, info in cls.model_fields.items()]
-            unknown = [str(name) for name in data if name not in known]
+    def _check_field_names(cls, payload: object) -> object:
+        if isinstance(payload, dict):
+            names = [info.alias or name for name, info in cls.model_fields.items()]
+            unknown = [str(name) for name in payload if name not in names]
             if unknown:
-                fields = ", ".join(known)
+                fields = ", ".join(names)
                 raise ValueError(f"unknown field {unknown[0]!r}; the fields are: {fields}")
-        return data
+        return payload
 
 
 class Act(Message):
-    """One move. It is made only on the current `episode` and `step`, so a repeat is harmless."""
+    """One move.
+
+    It is made only on the current `episode` and `step`, so a repeat is harmless.
+    """
 
     kind: Literal["act"] = "act"
     episode: str = Field(max_length=64, description="`episode` of the frame the move answers")
@@ -110,7 +114,10 @@ class Act(Message):
 
 
 class NewEpisode(Message):
-    """The next episode; without a seed the server draws a fresh one. A task may ask for more (`humanplay.tasks`)."""
+    """The next episode; without a seed the server draws a fresh one.
+
+    A task may ask for more (`humanplay.tasks`).
+    """
 
     seed: int | None = Field(
         default=None,
@@ -122,12 +129,12 @@ class NewEpisode(Message):
 
     @property
     def leaves_terrain(self) -> bool:
-        """Return whether nothing is said of what is played."""
+        """Whether the message says nothing of what is played."""
         return self.seed is None
 
 
 class NewBoard(NewEpisode):
-    """A board of one's own: all fields optional, for a human without a rival by default."""
+    """A board of one's own: all fields optional, for a human alone by default."""
 
     player: str = Field(
         default="human", max_length=200, description='"human" or a name from `GET /api/policies`'
@@ -187,7 +194,7 @@ class InputEvent(Message):
 class Events(Message):
     """Input events of a person's episode, sent before the move that they cause.
 
-    The answer is `Kept`, and a batch that was kept already is not kept again: it is known by its id.
+    The answer is `Kept`. A batch that comes twice, by its id, is stored once.
     """
 
     kind: Literal["events"]
@@ -212,10 +219,10 @@ class ChangePace(Message):
 
     @model_validator(mode="after")
     def _exactly_one(self) -> ChangePace:
-        given = [name for name in type(self).model_fields if getattr(self, name) is not None]
-        if len(given) != 1:
+        chosen = [name for name in type(self).model_fields if getattr(self, name) is not None]
+        if len(chosen) != 1:
             names = ", ".join(type(self).model_fields)
-            raise ValueError(f"a pace is exactly one of {names}; got {', '.join(given) or 'none'}")
+            raise ValueError(f"a pace is exactly one of {names}; got {', '.join(chosen) or 'none'}")
         return self
 
 
@@ -237,7 +244,10 @@ class Pace(Sent):
 
 
 class Kept(Sent):
-    """The answer to `Events`: all are kept, or none for a lasting reason; none without a reason means send them again."""
+    """The answer to `Events`: all are stored, or none.
+
+    None with a reason is final; none without a reason means send them again.
+    """
 
     kind: Literal["kept"] = "kept"
     episode: str
@@ -246,7 +256,10 @@ class Kept(Sent):
 
 
 class ClockState(Sent):
-    """Whether time runs on a board with a clock: it stands until the page sends a `resume`, counts down `ms`, or runs."""
+    """Whether time runs on a board with a clock.
+
+    It stands until the page sends a `resume`, counts down `ms`, or runs.
+    """
 
     kind: Literal["clock"] = "clock"
     episode: str
@@ -258,7 +271,10 @@ class ClockState(Sent):
 
 
 class Remade(Sent):
-    """How many of a running episode's moves were made again by an environment that was lost; the next frame ends it."""
+    """How many of a running episode's moves a lost environment has repeated.
+
+    The next frame ends it.
+    """
 
     kind: Literal["remade"] = "remade"
     episode: str
@@ -272,7 +288,11 @@ _CLIENT: TypeAdapter[FromPage] = TypeAdapter(ClientMessage)
 
 
 def parse_message(text: str) -> FromPage:
-    """Return the message in a socket's text; BadMessageError with one sentence when there is none."""
+    """The message in a socket's text.
+
+    Raises:
+        BadMessageError: With one sentence if there is none.
+    """
     size = len(text.encode())
     if size > MAX_MESSAGE_BYTES:
         raise BadMessageError(f"a message must be at most {MAX_MESSAGE_BYTES} bytes, got {size}")
@@ -282,19 +302,19 @@ def parse_message(text: str) -> FromPage:
         raise BadMessageError(describe_errors(error.errors(include_url=False))) from None
 
 
-def no_action(actions: Sequence[str], given: str) -> BadMessageError:
-    """Return the error of an act whose action is none of a task's."""
+def no_action(actions: Sequence[str], action: str) -> BadMessageError:
+    """The error of an act whose action is none of a task's."""
     *names, last = map(repr, actions)
-    return BadMessageError(f"action must be {', '.join(names)} or {last}, got {_shown(given)}")
+    return BadMessageError(f"action must be {', '.join(names)} or {last}, got {_shown(action)}")
 
 
 def encode_error(detail: str) -> str:
-    """Return the answer to a bad message as JSON text."""
+    """The answer to a bad message, as JSON text."""
     return json.dumps({"kind": "error", "detail": detail})
 
 
 def encode_refused(reason: str, frame: str) -> str:
-    """Return the answer to a stale or forbidden act as JSON text, the current frame in it."""
+    """The answer to a stale or forbidden act, as JSON text with the current frame."""
     return f'{{"kind":"refused","reason":{json.dumps(reason)},"frame":{frame}}}'
 
 
@@ -310,7 +330,7 @@ _TAGS = ("body", "query", "path", "act", "history", "events")
 
 
 def describe_errors(errors: Sequence[ErrorDetails]) -> str:
-    """Return pydantic's errors as one sentence, the first three at most."""
+    """Pydantic's errors as one sentence, the first three at most."""
     return "; ".join(dict.fromkeys(_clause(error) for error in errors[:3]))
 
 
@@ -318,11 +338,11 @@ def _clause(error: ErrorDetails) -> str:
     kind, context = str(error["type"]), error.get("ctx", {})
     loc = error["loc"][1:] if error["loc"] and error["loc"][0] in _TAGS else error["loc"]
     names = [str(part) for part in loc]
-    name, came = (names[-1] if names else "the message"), _shown(error.get("input"))
+    name, received = (names[-1] if names else "the message"), _shown(error.get("input"))
     bounds = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
     bounds |= {"min_length": "at least", "max_length": "at most"}
-    known = [f"{words} {_plain(context[key])}" for key, words in bounds.items() if key in context]
-    bound = next(iter(known), None)
+    limits = [f"{words} {_plain(context[key])}" for key, words in bounds.items() if key in context]
+    bound = next(iter(limits), None)
     is_length = {"min_length", "max_length"} & context.keys()
     if kind == "value_error":
         return str(context["error"])
@@ -333,25 +353,25 @@ def _clause(error: ErrorDetails) -> str:
     if kind == "missing":
         return f"{name} is missing" if names else NO_BODY
     if kind == "model_attributes_type" and not names:
-        return f"{NO_BODY}, got {came}"
+        return f"{NO_BODY}, got {received}"
     if kind == "union_tag_not_found":
         return f"kind is missing: expected {CLIENT_KINDS}"
     if kind == "union_tag_invalid":
         return f"kind must be {CLIENT_KINDS}, got {context['tag']!r}"
     if kind == "literal_error":
-        return f"{name} must be {'true' if context['expected'] == 'True' else context['expected']}, got {came}"
+        return f"{name} must be {'true' if context['expected'] == 'True' else context['expected']}, got {received}"
     if bound is not None:
-        return f"{name} must be {bound}{' characters long' if is_length else ''}, got {came}"
+        return f"{name} must be {bound}{' characters long' if is_length else ''}, got {received}"
     plain = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
     expected = _TYPES.get(plain)
     wrong = f"{name} must be {expected}" if expected else f"{name}: {error['msg']}"
-    return f"{wrong}, got {came}"
+    return f"{wrong}, got {received}"
 
 
 def _plain(bound: float) -> str:
     return str(int(bound)) if bound == int(bound) else str(bound)
 
 
-def _shown(value: object) -> str:
-    text = repr(value) if isinstance(value, bytes) else json.dumps(value, default=repr)
+def _shown(received: object) -> str:
+    text = repr(received) if isinstance(received, bytes) else json.dumps(received, default=repr)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,4 +1,4 @@
-"""What a board asks of a participant's part in a study, and how it refuses a move."""
+"""What a board needs to know of a participant's study, and how it refuses a move."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ HUMAN, SCRIPT = "human", "script"
 
 
 class RefusedError(Exception):
-    """The move does not answer the current frame, or is not this sender's to make; nothing has changed."""
+    """The move answers an old frame, or is not this sender's to make.
+
+    Nothing has changed.
+    """
 
 
 class StudyUnavailableError(RefusedError):
@@ -20,50 +23,65 @@ class StudyUnavailableError(RefusedError):
 
 
 class Participation(Protocol):
-    """A participant's part in a study, as far as their board must ask for it; `humanplay.study` implements it.
+    """A participant's part in a study, as far as their board must ask for it.
 
-    A board without a participation belongs to anybody who knows its id. Everything but `driver`, `study` and `check_open`
-    asks the database: call it in `Store.write` or `Store.read`.
+    `humanplay.study` implements it. A board without a participation belongs to anybody who knows
+    its id. Everything but `driver`, `study` and `check_open` asks the database: call it in
+    `Store.write` or `Store.read`.
     """
 
     @property
     def driver(self) -> str:
-        """Return who drives an episode at its start: "human" or "script"."""
+        """Who drives an episode at its start: "human" or "script"."""
 
     @property
     def study(self) -> str:
-        """Return the name of the study."""
+        """The name of the study."""
 
     def is_erased(self) -> bool:
         """Whether the participant was erased meanwhile."""
 
     def hides_scores(self, episode_id: str) -> bool:
-        """Return whether frames of the episode leave out reward, return and score."""
+        """Whether frames of the episode leave out reward, return and score."""
 
     def is_secret(self, episode_id: str) -> bool:
-        """Whether nobody but the participant sees anything of the episode, the operator included."""
+        """Whether only the participant sees the episode: not even the operator."""
 
     def check_open(self) -> None:
-        """Raise RefusedError when the study is closed and no move may be made."""
+        """Raise RefusedError if the study is closed and no move may be made."""
 
     @property
     def clock_limits(self) -> ClockLimits:
-        """Return what an episode may have in time, where a clock runs; RefusedError where the study cannot be looked up."""
+        """How often and how long a board with a clock may stand still.
+
+        Raises:
+            RefusedError: If the study cannot be looked up.
+        """
 
     def note_script(self, episode_id: str) -> None:
-        """Record that a person's episode has become a script's, in the transaction of the move that made it so."""
+        """Record that a person's episode has become a script's.
+
+        Call it in the transaction of the move that made it so.
+        """
 
     def note_stopped(self, episode_id: str) -> None:
-        """Record that a rule of the protocol ended an episode, in the transaction that ends it."""
+        """Record that a rule of the protocol ended an episode.
+
+        Call it in the transaction that ends it.
+        """
 
     def note_end(self) -> None:
         """Record that an episode has ended, in the transaction that ends it."""
 
     def check_events(self, episode_id: str) -> None:
-        """Check that input events of an episode are to be kept; RefusedError when it is none of this participation."""
+        """Check that input events of an episode are stored.
+
+        Raises:
+            RefusedError: If the episode is not of this participation.
+        """
 
     def settings(self) -> list[PlayerSettings]:
-        """Return what the participant has chosen (`keys` among it), every version so far."""
+        """Every version of the participant's settings, `keys` among them."""
 
     def supervised_ms(self) -> tuple[int, ...]:
-        """Return when the operator's code was typed for the participant."""
+        """When the operator's code was typed for the participant."""

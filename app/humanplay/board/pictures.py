@@ -1,4 +1,8 @@
-"""Pictures as JPEG, or as PNG: the difference of each row to the one above it, which changes little in a game's picture."""
+"""Pictures as data URLs: PNG for games, JPEG for photographs.
+
+The PNG stores each row as its difference to the one above, which changes little in a game's
+picture.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +21,12 @@ UP = 2
 
 
 def png(pixels: NDArray[np.uint8], quick: bool = False) -> str:
-    """Return uint8[height, width, 3] as the data URL of a PNG.
+    """The data URL of a PNG.
 
-    quick  for pictures that somebody waits for: a tenth of the time, and up to three times the bytes
+    Args:
+        pixels: uint8[height, width, 3].
+        quick: For pictures that somebody waits for: a tenth of the time, and up to three times the
+            bytes.
     """
     height, width, _ = pixels.shape
     rows = np.ascontiguousarray(pixels, np.uint8).reshape(height, 3 * width)
@@ -33,7 +40,11 @@ def png(pixels: NDArray[np.uint8], quick: bool = False) -> str:
 
 
 def jpeg(pixels: NDArray[np.uint8]) -> str:
-    """Return uint8[height, width, 3] as the data URL of a JPEG, a fraction of a PNG's bytes where it is like a photograph."""
+    """The data URL of a JPEG, much smaller than a PNG of a photograph.
+
+    Args:
+        pixels: uint8[height, width, 3].
+    """
     from PIL import Image
 
     out = io.BytesIO()
@@ -41,5 +52,10 @@ def jpeg(pixels: NDArray[np.uint8]) -> str:
     return f"data:image/jpeg;base64,{base64.b64encode(out.getvalue()).decode()}"
 
 
-def _chunk(kind: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+def _chunk(kind: bytes, payload: bytes) -> bytes:
+    return (
+        struct.pack(">I", len(payload))
+        + kind
+        + payload
+        + struct.pack(">I", zlib.crc32(kind + payload))
+    )

@@ -1,12 +1,14 @@
-"""One board: its running episode, its record in the store, and the only method that moves its rover.
+"""One board: its running episode, its record in the store, its only way to move.
 
-Every move goes through `Session.act`, whoever makes it: the move must answer the current frame, the run is taken off the board
-and steps, the store commits, and only then the run comes back and what it shows is published. Meanwhile everybody sees what was
-published last, since there is nothing else to be seen. A move that cannot be committed did not happen: its run does not come
-back, and the next move's is made again by replay.
+Every move goes through `Session.act`, whoever makes it. The move must answer the current frame; the
+run is taken off the board and steps; the store commits; only then the run comes back and its frame
+is published. Meanwhile everybody sees what was published last, since there is nothing else to be
+seen. A move that cannot be committed did not happen: its run does not come back, and the next move
+starts from a replay.
 
-`Channel` holds the newest frame for any number of subscribers. Nothing is queued: a slow subscriber finds the newest frame and
-never sees those between. All of it runs on one event loop, so there are no locks.
+`Channel` holds the newest frame for any number of subscribers. Nothing is queued: a slow subscriber
+finds the newest frame and never sees those between. All of it runs on one event loop, so there are
+no locks.
 """
 
 from __future__ import annotations
@@ -44,10 +46,9 @@ from humanplay.task import (
 SessionKind = Literal["ranked", "practice", "challenge", "watch", "daily", "study"]
 """What an episode on a board is.
 
-ranked     a person's alone, on a terrain that the server drew: it counts, unless something comes between
-practice   beside a policy, on a terrain that was chosen, or moved by a script
-challenge  a person's on the terrain of a finished episode, against what was done there
-watch      a policy's
+ranked     a person's alone, on a terrain that the server drew: it counts, unless something comes
+between practice   beside a policy, on a terrain that was chosen, or moved by a script challenge  a
+person's on the terrain of a finished episode, against what was done there watch      a policy's
 daily, study  a person's attempt at the day's terrain, a participant's
 """
 
@@ -57,7 +58,7 @@ UNKEPT = "the key press before this move could not be recorded: nothing has chan
 
 @dataclass(frozen=True)
 class Move:
-    """A move as asked for: which frame it answers, where to, and who drives ("human", "script" or "policy:NAME")."""
+    """A move as asked for, and who drives: "human", "script" or "policy:NAME"."""
 
     episode: str
     step: int
@@ -70,9 +71,10 @@ class Move:
 
 
 class Channel:
-    """Holds the newest frame, encoded; `publish` replaces it and wakes subscribers and listeners.
+    """Holds the newest frame, encoded, and wakes those who listen when it changes.
 
-    count_dropped  called whenever a frame is replaced before a subscriber got it
+    Args:
+        count_dropped: Called whenever a frame is replaced before a subscriber got it.
     """
 
     def __init__(self, count_dropped: Callable[[], None] = lambda: None) -> None:
@@ -84,7 +86,7 @@ class Channel:
 
     @property
     def subscribers(self) -> int:
-        """Return how many subscribers there are now."""
+        """How many subscribers there are now."""
         return len(self._subscribers)
 
     def publish(self, frame: str) -> None:
@@ -97,14 +99,14 @@ class Channel:
         self.notify()
 
     def notify(self) -> None:
-        """Wake everybody without a new frame: something else that is shown with it (the pace) has changed."""
+        """Wake everybody without a new frame: something beside it (the pace) has changed."""
         for subscriber in list(self._subscribers):
             subscriber.wake()
         for listener in list(self._listeners.values()):
             listener()
 
     def subscribe(self) -> Subscriber:
-        """Return a new subscriber; close it, use it as a context manager, or simply drop it."""
+        """A new subscriber; close it, use it as a context manager, or simply drop it."""
         subscriber = Subscriber(self)
         self._subscribers.add(subscriber)
         return subscriber
@@ -114,7 +116,11 @@ class Channel:
         self._subscribers.discard(subscriber)
 
     def add_listener(self, listener: Callable[[], None]) -> Callable[[], None]:
-        """Call `listener` at each wake; return a function that removes it. A listener does not count as a subscriber."""
+        """Call `listener` at each wake; it does not count as a subscriber.
+
+        Returns:
+            A function that removes it.
+        """
         self._listeners_added += 1
         number = self._listeners_added
         self._listeners[number] = listener
@@ -126,9 +132,12 @@ class Channel:
 
 
 class Subscriber:
-    """`async for frame in channel.subscribe()`: the present frame at once, then the newest after each wake.
+    """Yields the present frame at once, then the newest after each wake.
 
-    is_behind  whether there is a frame that it has not been given yet
+    Use it as `async for frame in channel.subscribe()`.
+
+    Attributes:
+        is_behind: Whether there is a frame that it has not been given yet.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -173,7 +182,7 @@ class Subscriber:
 
 
 class ServerTime:
-    """A monotonic server time in ms: it never runs backwards, even if the system clock does.
+    """A monotonic server time in ms: it never runs backwards, the system clock may.
 
     Args:
         clock: Reads the system clock, in milliseconds since 1970.
@@ -191,7 +200,7 @@ class ServerTime:
     def now_ms(self) -> int:
         """Read the time."""
         read_ms = self._clock()
-        # a clock that was set back is ahead of itself by as much from now on
+        # if the system clock was set back, add as much to every later reading
         self._ahead_ms += max(0, self._read_ms - read_ms)
         self._read_ms = read_ms
         self._newest_ms = max(self._newest_ms, read_ms + self._ahead_ms)
@@ -203,23 +212,26 @@ class ServerTime:
 
 
 class Session:
-    """One board: its row, its running episode with the row that fixes it, and the channel its frames go to.
+    """One board: its row, its running episode, and the channel its frames go to.
 
-    task           what is played on it
-    pace           how the policy that drives it moves, None for a person's board
-    number         of the current episode, counting from 1; 0 before the first
-    shown          the episode as it was published last: all that anybody is told of it comes from here
-    participation  the participant's, for a board of a study; else None
-    fault          one sentence when the policy that drives it has failed, else None
-    remade         how far an environment that was lost has been made again, None where none is
-    paired_with    the board shown with it on the same terrain (a rival's, its player's, a replay's), else None
-    is_second      whether it is the second of the two: a rival's or a replay's
-    attested       the level of the current episode since it has ended here, else None
-    touched        monotonic seconds of the last access
-    clock          of a person's board whose task has one, else None
-    inputs         the input events of its current episode
-    changing       held from the check of a move, or of whatever else changes the episode or its input events, until it is
-                   committed
+    Attributes:
+        task: What is played on it.
+        pace: How the policy that drives it moves, None for a person's board.
+        number: Of the current episode, counting from 1; 0 before the first.
+        shown: The episode as it was published last: all that anybody is told of it comes from
+            here.
+        participation: The participant's, for a board of a study; else None.
+        fault: One sentence when the policy that drives it has failed, else None.
+        remade: How far an environment that was lost has been made again, None where none is.
+        paired_with: The board shown with it on the same terrain (a rival's, its player's, a
+            replay's), else None.
+        is_second: Whether it is the second of the two: a rival's or a replay's.
+        attested: The level of the current episode since it has ended here, else None.
+        touched: Monotonic seconds of the last access.
+        clock: Of a person's board whose task has one, else None.
+        inputs: The input events of its current episode.
+        changing: Held from the check of a move, or of whatever else changes the episode or its
+            input events, until it is committed.
     """
 
     def __init__(
@@ -246,7 +258,8 @@ class Session:
         self.current: Trial
         self.shown: View
         self._run: Run | None = None
-        """The episode where `shown` shows it; None while a move is being recorded, and after one that was not."""
+        """The episode where `shown` shows it; None while a move is being recorded, and after one
+        that was not."""
         self._hides_scores = False
         self._paired_with: Session | None = None
         self._is_second = row.rival_of is not None
@@ -259,7 +272,7 @@ class Session:
 
     @property
     def is_human(self) -> bool:
-        """Return whether no policy drives this board."""
+        """Whether no policy drives this board."""
         return self.row.driver_name == HUMAN
 
     @property
@@ -269,17 +282,17 @@ class Session:
 
     @property
     def frame(self) -> str:
-        """Return the newest frame, encoded."""
+        """The newest frame, encoded."""
         return self.channel.frame
 
     @property
     def paired_with(self) -> Session | None:
-        """Return the board that is shown with this one, if any."""
+        """The board that is shown with this one, if any."""
         return self._paired_with
 
     @property
     def is_second(self) -> bool:
-        """Return whether this is the second board of a pair."""
+        """Whether this is the second board of a pair."""
         return self._is_second
 
     @property
@@ -298,7 +311,10 @@ class Session:
 
     @property
     def counts(self) -> bool:
-        """Return whether the episode, as far as can be said while it runs, counts for the volunteers' figure."""
+        """Whether the episode counts for the volunteers' estimate.
+
+        While it runs, as far as can be said then.
+        """
         row = self.current
         is_known = self.kind == "ranked" and row.driver == HUMAN and not row.terrain_met_before
         level = None if self.attested is None else self.attested.level
@@ -306,20 +322,23 @@ class Session:
 
     @property
     def study(self) -> str:
-        """Return the name of the study whose board it is, "" for none."""
+        """The name of the study whose board it is; "" for none."""
         return "" if self.participation is None else self.participation.study
 
     @property
     def driver(self) -> str:
-        """Return who drives an episode at its start: "human", "script" or "policy:NAME"."""
+        """Who drives an episode at its start: "human", "script" or "policy:NAME"."""
         if self.participation is not None:
             return self.participation.driver
         return HUMAN if self.is_human else f"policy:{self.row.driver_name}"
 
     async def act(self, move: Move, notice: Notice | None = None) -> None:
-        """Make a move, commit it and publish its frame; after RefusedError or StoreError nothing has changed.
+        """Make a move, commit it and publish its frame.
 
-        notice  told one sentence when the move has waited for the database for a while
+        After RefusedError or StoreError nothing has changed.
+
+        Args:
+            notice: Told one sentence when the move has waited for the database for a while.
         """
         async with self.changing:
             self._check_current(move.episode, move.step)
@@ -330,7 +349,7 @@ class Session:
             if self.clock is not None and move.driver == HUMAN:
                 raise RefusedError(TAKES_KEYS)
             allowed = self.shown.allowed
-            # a policy's move is between it and the environment
+            # a policy may try what is not allowed: the environment answers it
             if (
                 allowed is not None
                 and move.action not in allowed
@@ -340,15 +359,22 @@ class Session:
             await self._make(move, self.now_ms(), notice)
 
     async def seen(self, picture: bool, observation: bool) -> tuple[View, SeenByAgent]:
-        """Return the newest frame's view, and what an agent may see of it (`humanplay.task.Run.seen`)."""
+        """The newest frame's view, and what an agent may see of it.
+
+        Args:
+            picture, observation: What `humanplay.task.Run.seen` is asked for.
+        """
         async with self.changing:
             run = await self._take_run()
-            seen = await on_threads(self.task, run.seen, picture, observation)
+            seen_by_agent = await on_threads(self.task, run.seen, picture, observation)
             self._run = run
-            return self.shown, seen
+            return self.shown, seen_by_agent
 
     async def tick(self, held: HeldKeys) -> None:
-        """Make the move that follows from what is held, commit it together with others' ticks, and publish its frame."""
+        """Make the move that follows from the keys that are held.
+
+        It is committed together with others' ticks, then its frame is published.
+        """
         async with self.changing:
             if self.clock is None or self.clock.is_standing:
                 return
@@ -358,19 +384,19 @@ class Session:
                 action, input = self._controls.action(held.down, before, self.shown.allowed)
                 driver = self.driver if held.is_trusted else SCRIPT
                 move = Move(self.current.id, self.shown.steps, action, driver, input)
-                # an event belongs to the ticks after it
+                # an event belongs to the ticks after it: no tick has the time of an event before it
                 self._time.move_past(self.inputs.newest_ms)
                 await self._make(move, self.now_ms(), waits=not self.clock.shares_commits)
             except RefusedError as refusal:
                 self.clock.stand(str(refusal))
 
     async def held_keys(self) -> HeldKeys:
-        """Return what is held by the input events that are stored, with the keys that hold now; hold `changing`."""
-        self._controls, held = await self.inputs.held(self.current.id)
-        return held
+        """What is down by the stored input events, with the keys of now; hold `changing`."""
+        self._controls, keys = await self.inputs.held(self.current.id)
+        return keys
 
     async def end_if_left(self) -> None:
-        """End the episode as left where its board has stood still more often or for longer than is allowed."""
+        """End the episode as left if its board stood still too often or too long."""
         async with self.changing:
             participation = self.participation
             limits = ClockLimits() if participation is None else participation.clock_limits
@@ -388,39 +414,43 @@ class Session:
     ) -> None:
         """Make a move that may be made, commit it and publish its frame; hold `changing`.
 
-        waits  whether the commit is due at once; else it may wait a moment for others
+        Args:
+            waits: Whether the commit is due at once; else it may wait a moment for others.
         """
         began = time.perf_counter()
         current = self.current
         is_deviation = move.driver == SCRIPT and current.driver == HUMAN
         if is_deviation:
             current = dataclasses.replace(current, driver=SCRIPT)
+        # hold: while the run is off the board, everybody sees the frame before the move
         run = await self._take_run()
         try:
-            reward, held = await self._stepped(run, move.action)
+            reward, view = await self._stepped(run, move.action)
         except RunEndedError as failure:
             await self._end_here(run)
             raise RefusedError(str(failure)) from failure
-        row = self._step_row(move, reward, held.discovered, at_ms)
-        ending = await self.inputs.prepare_end(current, run, row) if held.ended else None
+        row = self._step_row(move, reward, view.discovered, at_ms)
+        ending = await self.inputs.prepare_end(current, run, row) if view.ended else None
 
+        # record: the press, then the move, in one commit
         def record() -> tuple[Attested | None, bool]:
             if self.inputs.is_incomplete:
                 raise StoreError(UNKEPT)
-            if not is_deviation and not held.ended:
+            if not is_deviation and not view.ended:
                 self._store.add_step(row)  # one statement, without a transaction around it
                 return None, self._hides_scores
             with self._store.transaction():
                 if is_deviation and self.participation is not None:
                     self.participation.note_script(current.id)
                 self._store.add_step(row)
-                attested = self._close(current, run, row.server_ms, ending) if held.ended else None
+                attested = self._close(current, run, row.server_ms, ending) if view.ended else None
             return attested, self.hides_scores(current.id)
 
-        def publish(found: tuple[Attested | None, bool]) -> None:
-            self.go_on(current, run, held, *found)
-            if held.ended:
-                self.charge(current, held.steps, ending)
+        # tell: only after the commit
+        def publish(recorded: tuple[Attested | None, bool]) -> None:
+            self.go_on(current, run, view, *recorded)
+            if view.ended:
+                self.charge(current, view.steps, ending)
             metrics, seconds = self._store.metrics, time.perf_counter() - began
             metrics.moves[move.driver.partition(":")[0]].inc()
             metrics.step.observe(seconds)
@@ -431,9 +461,12 @@ class Session:
     async def abandon(
         self, episode: str, step: int | None, note: Callable[[], None] | None = None
     ) -> None:
-        """Abandon the running episode for good and publish its last frame; `note()` runs in the same transaction.
+        """Abandon the running episode for good and publish its last frame.
 
-        step  None: after whatever move is being made now, as always where time runs
+        Args:
+            step: The frame's; None, as always where time runs: after whatever move is being made
+                now.
+            note: Called in the same transaction.
         """
         async with self.changing:
             if step is None or self.clock is not None:
@@ -442,7 +475,7 @@ class Session:
             await self._end_here(await self.take_abandoned(), note)
 
     async def _stepped(self, run: Run, action: int) -> tuple[float, View]:
-        """Make a move of a run that was taken off the board, and return its reward with what may be seen then."""
+        """Make a move of a run that was taken off the board: its reward and new view."""
 
         def step() -> tuple[float, View]:
             return run.step(action), run.view()
@@ -452,7 +485,7 @@ class Session:
         elsewhere, loop = cast(RunElsewhere, run), asyncio.get_running_loop()
         if await elsewhere.ask(action):
             return step()
-        elsewhere.tell = lambda *told: loop.call_soon_threadsafe(self._tell_remade, *told)
+        elsewhere.tell = lambda *progress: loop.call_soon_threadsafe(self._tell_remade, *progress)
         return await on_threads(self.task, step)
 
     def _tell_remade(self, done: int, of: int) -> None:
@@ -460,7 +493,14 @@ class Session:
         self.notify()
 
     async def _end_here(self, run: Run, note: Callable[[], None] | None = None) -> None:
-        """End the episode for good by a run that ended without a move, and publish its last frame; hold `changing`."""
+        """End the episode for good, without a move, and publish its last frame.
+
+        Hold `changing`.
+
+        Args:
+            run: As it has ended.
+            note: Called in the same transaction.
+        """
         current, at_ms = self.current, self.now_ms()
         ending = await self.inputs.prepare_end(current, run)
 
@@ -471,14 +511,14 @@ class Session:
                 attested = self._close(current, run, at_ms, ending)
             return attested, self.hides_scores(current.id)
 
-        def publish(found: tuple[Attested | None, bool]) -> None:
-            self.go_on(current, run, run.view(), *found)
+        def publish(recorded: tuple[Attested | None, bool]) -> None:
+            self.go_on(current, run, run.view(), *recorded)
             self.charge(current, self.shown.steps, ending)
 
         await self._store.write(record, then=publish)
 
     def now_ms(self) -> int:
-        """The time in the current episode, in milliseconds since 1970: it never runs backwards."""
+        """The time in the current episode, ms since 1970: it never runs backwards."""
         return self._time.now_ms()
 
     def begin(
@@ -491,8 +531,9 @@ class Session:
     ) -> None:
         """Put an episode that the store holds on the board and publish its frame.
 
-        newest_ms  time of its newest move or input event
-        batches    ids of the batches of input events that it has
+        Args:
+            newest_ms: Time of its newest move or input event.
+            batches: Ids of the batches of input events that it has.
         """
         newest_ms = max(row.started_ms, newest_ms)
         self.inputs.begin(newest_ms, batches)
@@ -508,7 +549,8 @@ class Session:
     ) -> None:
         """Put a run on the board as the store holds it now, and publish its frame.
 
-        attested  the level of the episode if it has ended
+        Args:
+            attested: The level of the episode if it has ended.
         """
         self.current, self._run, self.shown = current, run, shown
         self.attested, self._hides_scores = attested, hides_scores
@@ -518,15 +560,18 @@ class Session:
         self.channel.publish(shown.frame(current.id, hides_scores))
 
     async def take_abandoned(self) -> Run:
-        """Return the run, abandoned, for `go_on` once that is recorded; call it with `changing` held."""
+        """Take the run off the board and abandon it, for `go_on` once it is recorded.
+
+        Hold `changing`.
+        """
         run = await self._take_run()
         run.abandon()
         return run
 
     async def _take_run(self) -> Run:
-        """Take the run off the board, made again by replay where a move of it was not recorded.
+        """Take the run off the board, replayed if a move of it was not recorded.
 
-        Call it with `changing` held. `go_on` puts it back; whoever fails need do nothing.
+        Hold `changing`. `go_on` puts it back; a caller that fails need not.
         """
         run, self._run = self._run, None
         if run is not None:
@@ -534,17 +579,23 @@ class Session:
         return await on_threads(self.task, self.task.replay, self.current, self.shown.actions)
 
     def hides_scores(self, episode_id: str) -> bool:
-        """Return whether frames of an episode leave out its scores; call it in `Store.write` or `Store.read`."""
+        """Whether frames of an episode leave out its scores.
+
+        Call it in `Store.write` or `Store.read`.
+        """
         return self.participation is not None and self.participation.hides_scores(episode_id)
 
     def history(self) -> str:
-        """Return the path so far, encoded."""
+        """The path so far, encoded."""
         return self.shown.history(self.current.id, self._hides_scores)
 
     async def keep_events(self, events: Events) -> None:
-        """Store input events of an episode of this board, each once; RefusedError where none are kept.
+        """Store input events of an episode of this board, each once.
 
         The next move need not wait: it is written behind them, with the same commit.
+
+        Raises:
+            RefusedError: If no events of the episode are stored.
         """
         async with self.changing:
             is_running = events.episode == self.current.id and not self.shown.ended
@@ -553,7 +604,7 @@ class Session:
                     raise RefusedError(TOO_MANY_EVENTS)
                 self._charges.add(self.study, batch_bytes(len(events.events), events.batch))
             writing = self.inputs.write(events, self.now_ms(), self.current)
-            # what comes again, as after a lost connection, changes no clock
+            # a batch that the page sends again after a lost connection must not move the clock twice
             if self.clock is not None and is_running and self.inputs.takes(events.batch):
                 self.clock.take(events.events)
         try:
@@ -580,11 +631,11 @@ class Session:
         self.notify()
 
     def join_as_second(self, first: Session) -> None:
-        """Be shown as the second board of a pair, with `first`; `pair_with` calls it."""
+        """Be shown as the second board of a pair; `pair_with` calls it."""
         self._paired_with, self._is_second = first, True
 
     def unpair(self) -> None:
-        """Show no board with this one any more; the other board stays paired with it."""
+        """Show no board with this one; the other board stays paired with it."""
         self._paired_with = None
 
     def touch(self) -> None:
@@ -613,7 +664,11 @@ class Session:
     def _close(
         self, current: Trial, run: Run, at_ms: int, ending: Ending | None
     ) -> Attested | None:
-        """Close an episode, which has ended, in the store, and return its level; call it in a transaction."""
+        """Close an ended episode in the store; call it in a transaction.
+
+        Returns:
+            Its level.
+        """
         closing, attested = self.inputs.closing(current, run, at_ms, ending)
         self._store.next_episode([closing], ())
         if self.participation is not None:

@@ -1,5 +1,7 @@
-"""Where a server takes its ids, its seeds and the time from, how it signs players' ids, and the ids by which its boards are
-watched."""
+"""Where a server takes ids, seeds and the time from; how it signs players' ids.
+
+Here too are the ids by which its boards are watched.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,10 @@ from humanplay.task import MAX_SEED
 
 @dataclass(frozen=True)
 class Sources:
-    """Where ids, seeds and the time come from; ids and seeds are unguessable unless a test gives others."""
+    """Where ids, seeds and the time come from.
+
+    Ids and seeds are unguessable unless a test gives others.
+    """
 
     session_id: Callable[[], str] = lambda: secrets.token_urlsafe(16)
     episode_id: Callable[[], str] = lambda: secrets.token_hex(8)
@@ -43,11 +48,12 @@ MAX_FOUND = 1_000
 
 
 class WatchIds:
-    """The ids by which one database's boards are watched: each has one of its own, which grants nothing but watching.
+    """The ids by which one database's boards are watched; they grant nothing else.
 
-    An id is a keyed hash (HMAC-SHA256) of its session's id under the secret of the database. Nobody can guess it or tell the
-    session from it, and nothing has to be stored. No list and no export holds it.
-    Memory holds 16 bytes of each session that there ever was: the first 64 bits of its id, and the number of its row.
+    An id is a keyed hash (HMAC-SHA256) of its session's id under the secret of the database. Nobody
+    can guess it or tell the session from it, and nothing has to be stored. No list and no export
+    holds it. Memory holds 16 bytes of each session that there ever was: the first 64 bits of its
+    id, and the number of its row.
     """
 
     def __init__(self, store: Store) -> None:
@@ -57,12 +63,12 @@ class WatchIds:
         self._found: dict[str, str] = {}
 
     def of(self, session_id: str) -> str:
-        """Return the id by which a session's board is watched: 24 hexadecimal digits."""
+        """The id by which a session's board is watched: 24 hexadecimal digits."""
         digest = hmac.digest(self._key, b"watch:" + session_id.encode(), hashlib.sha256)
         return digest.hex()[:WATCH_ID_DIGITS]
 
     async def session(self, watch_id: str) -> str | None:
-        """Return the id of the session whose board an id shows; None where it shows none."""
+        """The id of the session whose board an id shows; None if it shows none."""
         if len(watch_id) != WATCH_ID_DIGITS or not set(watch_id) <= _DIGITS:
             return None
         if watch_id not in self._found:
@@ -74,18 +80,25 @@ class WatchIds:
         return self._found.get(watch_id)
 
     def _candidates(self, watch_id: str) -> list[int]:
-        """Return the rows of the sessions whose ids for watching begin as this one: almost always one or none."""
+        """Rows of the sessions whose watching ids begin as this one.
+
+        Almost always one or none.
+        """
         prefixes = np.frombuffer(self._prefixes, np.uint64)
         return [self._rows[at] for at in np.flatnonzero(prefixes == np.uint64(_prefix(watch_id)))]
 
     async def _look_further(self) -> bool:
-        """Take in sessions that are new; return whether there may be more."""
+        """Take in new sessions.
+
+        Returns:
+            Whether there may be more.
+        """
         last = self._rows[-1] if self._rows else 0
 
         def read() -> tuple[array[int], array[int]]:
-            found = sessions_after(self._store, last, SESSIONS_A_LOOK)
-            prefixes = array("Q", [_prefix(self.of(each)) for _, each in found])
-            return prefixes, array("Q", [row for row, _ in found])
+            sessions = sessions_after(self._store, last, SESSIONS_A_LOOK)
+            prefixes = array("Q", [_prefix(self.of(session_id)) for _, session_id in sessions])
+            return prefixes, array("Q", [row for row, _ in sessions])
 
         prefixes, rows = await self._store.read(read)
         if last == (self._rows[-1] if self._rows else 0):  # nobody else took them in meanwhile
@@ -106,22 +119,25 @@ _DIGITS = frozenset("0123456789abcdef")
 
 
 def _prefix(watch_id: str) -> int:
-    """Return the first 64 bits of an id for watching."""
     return int(watch_id[:16], 16)
 
 
 class PlayerTokens:
-    """Signs players' ids and reads them back; `secret` is the database's, so that tokens outlive a restart."""
+    """Signs players' ids and reads them back.
+
+    Args:
+        secret: The database's, so that tokens outlive a restart.
+    """
 
     def __init__(self, secret: str) -> None:
         self._signer = Signer(secret, salt="humanplay-player")
 
     def sign(self, player_id: str) -> str:
-        """Return the token of a player."""
+        """The token of a player."""
         return self._signer.sign(player_id).decode()
 
     def read(self, token: str) -> str | None:
-        """Return the player's id in a token; None when this server did not sign it."""
+        """The player's id in a token; None if this server did not sign it."""
         try:
             return self._signer.unsign(token).decode()
         except (BadSignature, UnicodeError):

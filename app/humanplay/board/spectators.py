@@ -1,9 +1,10 @@
-"""Watching somebody else's board on the playground, by a link that grants nothing else.
+"""Watching somebody else's board by a link that grants nothing else.
 
-A link names a board by its own id for watching (`humanplay.board.sources`) and shows one episode after the other on it. The
-link of a replay names one episode, and leads here while that runs. No answer here holds a session's id, a player's, a seed,
-or the id for watching where the link is another. A spectator is no subscriber, so a board that its player has left is not
-kept in memory by being watched, and a policy on it does not go on.
+A link names a board by its own id for watching (`humanplay.board.sources`) and shows one episode
+after the other on it. The link of a replay names one episode, and leads here while that runs. No
+answer here holds a session's id, a player's, a seed, or the id for watching if the link is another.
+A spectator is no subscriber, so a board that its player has left is not kept in memory by being
+watched, and a policy on it does not go on.
 """
 
 from __future__ import annotations
@@ -29,7 +30,10 @@ T = TypeVar("T")
 
 
 class Replayer:
-    """Plays stored episodes again on a thread of its own, so that no board waits for it; owners take turns."""
+    """Replays stored episodes on a thread of its own, so that no board waits for it.
+
+    Owners take turns.
+    """
 
     def __init__(self) -> None:
         self._turns, self._thread = Locks(), ThreadPoolExecutor(1, "replays")
@@ -37,7 +41,7 @@ class Replayer:
     async def run(
         self, owner: str, function: Callable[P, T], *arguments: P.args, **named: P.kwargs
     ) -> T:
-        """Return what a function comes to, once nothing else of the owner's runs or waits and its turn has come."""
+        """Call a function on the thread, after all else that its owner has asked for."""
         async with self._turns.of(owner):
             loop = asyncio.get_running_loop()
             call = partial(function, *arguments, **named)
@@ -56,7 +60,11 @@ class UnwatchableError(LookupError):
 
 
 class Shown(NamedTuple):
-    """What a link shows now; `is_board`: it goes on with the next episode of that board."""
+    """What a link shows now.
+
+    Attributes:
+        is_board: Whether it goes on with the next episode of that board.
+    """
 
     session_id: str
     episode_id: str
@@ -70,11 +78,15 @@ class Spectators:
         self._lobby, self._replayer = lobby, replayer
 
     async def shown(self, link: str, viewer: str | None = None) -> Shown:
-        """Return what a link shows: the newest episode of the board whose id for watching it is, or the episode of that id.
+        """What a link shows: the newest episode of a board, or one episode.
 
-        viewer  the player who asks: a daily episode is shown to its own player alone until its day is over
+        Args:
+            link: The board's id for watching, or the episode's id.
+            viewer: The player who asks: a daily episode is shown to its own player alone until its
+                day is over.
 
-        UnwatchableError for any other id.
+        Raises:
+            UnwatchableError: For any other id.
         """
         store = self._lobby.store
         board = await self._lobby.watch_ids.session(link)
@@ -82,30 +94,35 @@ class Spectators:
         def read() -> Shown:
             episode_id = link if board is None else newest_episode(store, board)
             now = self._lobby.sources.clock_ms()
-            found = episode_id and watchable_session(store, episode_id, now, viewer)
-            if not episode_id or not found:
+            watchable = episode_id and watchable_session(store, episode_id, now, viewer)
+            if not episode_id or not watchable:
                 raise UnwatchableError(link)
-            return Shown(found[0], episode_id, board is not None)
+            return Shown(watchable[0], episode_id, board is not None)
 
         return await store.read(read)
 
     async def describe(self, link: str, owner: str, viewer: str | None = None) -> dict[str, object]:
-        """Return the episode that a link shows as it stands, with every frame once it has ended.
+        """The episode that a link shows, with every frame once it has ended.
 
-        `owner` is whose turn it is where moves are made again; UnwatchableError and `viewer` as for `shown`.
+        Args:
+            owner: Whose turn it is to have moves replayed.
+            viewer: As for `shown`.
+
+        Raises:
+            UnwatchableError: As for `shown`.
         """
         episode_id = (await self.shown(link, viewer)).episode_id
-        found, run = await self._stored(episode_id, link, owner)
+        stored, run = await self._stored(episode_id, link, owner)
         task, shown = self._lobby.task, run.view()
-        about = task.describe(found.episode)
+        about = task.describe(stored.episode)
         whole = None
-        if found.ended:
+        if stored.ended:
             whole = await self._again(owner, task.frames, run.record(), episode_id)
         return {
             "episode": episode_id,
-            "player": self._who_drives(found, viewer),
+            "player": self._who_drives(stored, viewer),
             "task": describe(task),
-            **{each: about[each] for each in about if each != "map"},
+            **{name: about[name] for name in about if name != "map"},
             "frame": json.loads(shown.frame(episode_id)),
             "history": json.loads(shown.history(episode_id)),
             "frames": whole,
@@ -114,10 +131,17 @@ class Spectators:
     async def messages(
         self, link: str, owner: str, viewer: str | None = None
     ) -> AsyncGenerator[str, None]:
-        """Yield the newest frame whenever it changes, and the history wherever frames were missed.
+        """Yield the newest frame whenever it changes, and the history after a gap.
 
-        It ends with the episode where the link names one, and never where it names a board: the next episode follows there.
-        UnwatchableError, `owner` and `viewer` as for `describe`.
+        It ends with the episode if the link names one, and never if it names a board: the next
+        episode follows there.
+
+        Args:
+            owner: Whose turn it is to have moves replayed.
+            viewer: As for `shown`.
+
+        Raises:
+            UnwatchableError: As for `shown`.
         """
         newest, steps, woken, last_id = "", -2, asyncio.Event(), ""
         board: Session | None = None
@@ -149,36 +173,40 @@ class Spectators:
                         await woken.wait()
 
     @staticmethod
-    def _who_drives(found: Resumable, viewer: str | None) -> str:
-        """Return "you" for the viewer's own hand, "human", "script", or a policy's name."""
-        session, driver = found.session, found.episode.driver
+    def _who_drives(stored: Resumable, viewer: str | None) -> str:
+        """Who drives: "you" for the viewer, "human", "script", or a policy's name."""
+        session, driver = stored.session, stored.episode.driver
         if driver.startswith("policy:"):
             return session.driver_name
         return "you" if viewer is not None and session.player_id == viewer else driver
 
     def _board(self, session_id: str, episode_id: str) -> Session | None:
-        """Return a session's board if it is in memory and the episode is the current one on it."""
+        """A session's board, if it is in memory and the episode is current on it."""
         board = self._lobby.in_memory(session_id)
         return board if board is not None and board.current.id == episode_id else None
 
     async def _stored(self, episode_id: str, link: str, owner: str) -> tuple[Resumable, Run]:
-        """Return the episode that a link shows as the store holds it; UnwatchableError where the rules have changed."""
+        """The episode that a link shows, as the store holds it.
+
+        Raises:
+            UnwatchableError: If it is not there or the rules have changed.
+        """
         store, task = self._lobby.store, self._lobby.task
-        found = await store.read(lambda: store.find_episode(episode_id))
-        if found is None:
+        stored = await store.read(lambda: store.find_episode(episode_id))
+        if stored is None:
             raise UnwatchableError(link)
         try:
-            if found.ended:
+            if stored.ended:
                 record = await store.read(lambda: store.load_record(episode_id))
-                return found, await self._again(owner, task.replay_record, record)
-            return found, await self._again(owner, task.replay, found.episode, found.actions)
+                return stored, await self._again(owner, task.replay_record, record)
+            return stored, await self._again(owner, task.replay, stored.episode, stored.actions)
         except ValueError as error:
             raise UnwatchableError(link) from error
 
     async def _again(
         self, owner: str, function: Callable[P, T], *arguments: P.args, **named: P.kwargs
     ) -> T:
-        """Return what comes of moves that are made again: on the threads of a task that has some for waiting."""
+        """Replay moves, on the threads of a task that has some for waiting."""
         task = self._lobby.task
         if task.steps_on is not None:
             return await on_threads(task, partial(function, *arguments, **named))

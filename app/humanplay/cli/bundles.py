@@ -1,4 +1,5 @@
-"""Commands about bundles: release a study, derive a bundle's figures again, import a bundle's episodes."""
+"""Commands about bundles: release a study, derive a bundle's figures again, import a bundle's
+episodes."""
 
 from __future__ import annotations
 

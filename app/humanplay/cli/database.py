@@ -1,4 +1,5 @@
-"""Commands about what a server recorded: export, verify, back up, restore, merge, forget a participant."""
+"""Commands about what a server recorded: export, verify, back up, restore, merge, forget a
+participant."""
 
 from __future__ import annotations
 

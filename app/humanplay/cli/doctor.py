@@ -140,7 +140,8 @@ def doctor(
 
 
 def _description_file(task: str) -> str:
-    """Return all that is known of an environment as a TOML file, with what is derived where nothing is said; ValueError."""
+    """Return all that is known of an environment as a TOML file, with what is derived where nothing
+    is said; ValueError."""
     from humanplay.tasks.gymnasium.description import Description
     from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 

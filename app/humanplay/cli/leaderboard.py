@@ -1,4 +1,5 @@
-"""The command `humanplay leaderboard`: make the figures of the shipped policies that the package comes with."""
+"""The command `humanplay leaderboard`: make the figures of the shipped policies that the package
+comes with."""
 
 from __future__ import annotations
 

@@ -63,5 +63,6 @@ def cli() -> None:
 
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
-    """Run the command and exit with its code. args: the words after `humanplay`, those of the process by default."""
+    """Run the command and exit with its code. args: the words after `humanplay`, those of the
+    process by default."""
     run(cli, "humanplay", sys.argv[1:] if args is None else args)

@@ -32,7 +32,8 @@ def _database_with_studies(ctx: click.Context, param: click.Parameter, path: Pat
 
 
 def database_option(text: str) -> Callable[[F], F]:
-    """Return the option --database, which is that of the settings where it is not given; `text` says what it is for."""
+    """Return the option --database, which is that of the settings where it is not given; `text`
+    says what it is for."""
     return option("--database", type=PATH, callback=_database, help=text)
 
 
@@ -47,4 +48,5 @@ DATABASE_AND_STUDIES = option(
     callback=_database_with_studies,
     help="The database it is played in; a running server may go on writing.",
 )
-"""The option --database of a command that is given `database`, and the folder beside it as `folder`."""
+"""The option --database of a command that is given `database`, and the folder beside it as
+`folder`."""

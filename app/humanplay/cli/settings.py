@@ -1,6 +1,8 @@
-"""What the commands about a server share: its settings, and the errors of studies and databases as sentences.
+"""What the commands about a server share: its settings, and the errors of studies and databases as
+sentences.
 
-A user's mistake becomes a UsageError here; `humanplay.command.group.run` turns those into one sentence and exit code 2.
+A user's mistake becomes a UsageError here; `humanplay.command.group.run` turns those into one
+sentence and exit code 2.
 """
 
 from __future__ import annotations
@@ -66,9 +68,11 @@ def study_errors() -> Iterator[None]:
 
 @contextmanager
 def failures(what: str, way_out: str = "") -> Iterator[None]:
-    """Turn an error of a study, a database or a release into its sentence, and one of the disk into `what`, why and `way_out`.
+    """Turn an error of a study, a database or a release into its sentence, and one of the disk into
+    `what`, why and `way_out`.
 
-    what  "{file}" in it stands for the file that could not be read or written
+    Args:
+        what: "{file}" in it stands for the file that could not be read or written.
     """
     from humanplay.db.database import StoreError
     from humanplay.release.errors import ReleaseError
@@ -84,12 +88,14 @@ def failures(what: str, way_out: str = "") -> Iterator[None]:
 
 
 def pins_file() -> Path:
-    """Return the file of pinned signing keys: HUMANPLAY_SIGNERS, or known_signers.json in the user's configuration folder."""
+    """Return the file of pinned signing keys: HUMANPLAY_SIGNERS, or known_signers.json in the
+    user's configuration folder."""
     return place().signers or Path(click.get_app_dir("humanplay")) / "known_signers.json"
 
 
 def task_name(given: str) -> str:
-    """Return the name of a task as it is recorded, of what `told_of` takes; BadParameter where it is none."""
+    """Return the name of a task as it is recorded, of what `told_of` takes; BadParameter where it
+    is none."""
     from humanplay.task.registration import is_registered, register
     from humanplay.tasks.gymnasium.description import told_of
 

@@ -14,9 +14,11 @@ PRINTED_WIDTH = 140
 
 
 def write_file(path: Path, content: bytes, option: str = "file", private: bool = False) -> None:
-    """Write a file, whole or not at all; ClickException with the way out, which is another `option`.
+    """Write a file, whole or not at all; ClickException with the way out, which is another
+    `option`.
 
-    private  for its owner alone
+    Args:
+        private: For its owner alone.
     """
     from marsexplorer.files import write_whole
 
@@ -37,7 +39,8 @@ def reason(error: OSError) -> str:
 
 @contextmanager
 def written(place: Path | str, option: str = "--out") -> Iterator[None]:
-    """Turn an error of the disk into one sentence: what cannot be written, why, and the option to give another of."""
+    """Turn an error of the disk into one sentence: what cannot be written, why, and the option to
+    give another of."""
     try:
         yield
     except OSError as error:
@@ -47,7 +50,8 @@ def written(place: Path | str, option: str = "--out") -> Iterator[None]:
 
 @contextmanager
 def noted_progress(what: str, total: int, note: str = "") -> Iterator[Callable[..., None]]:
-    """Yield `advance(done, note, line)`: it moves a bar with a note on stderr, or prints the line where that is no terminal.
+    """Yield `advance(done, note, line)`: it moves a bar with a note on stderr, or prints the line
+    where that is no terminal.
 
     An empty note leaves the one before, and of an empty line nothing is printed.
     """
@@ -71,7 +75,8 @@ def noted_progress(what: str, total: int, note: str = "") -> Iterator[Callable[.
 
 @contextmanager
 def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Yield `advance(done, total)` that moves a bar on stderr; nothing is drawn where stderr is no terminal."""
+    """Yield `advance(done, total)` that moves a bar on stderr; nothing is drawn where stderr is no
+    terminal."""
     from rich.console import Console
     from rich.progress import Progress
 

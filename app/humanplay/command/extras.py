@@ -1,4 +1,5 @@
-"""Which extra of the package brings which optional library, so that a missing one is named in a sentence."""
+"""Which extra of the package brings which optional library, so that a missing one is named in a
+sentence."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""A program of commands, each in a module that is imported when it is called, so that `--help` answers at once.
+"""A program of commands, each in a module that is imported when it is called, so that `--help`
+answers at once.
 
-Every failure ends with one sentence on stderr: exit code 2 for a command that cannot be carried out as given or needs an extra
-that is not installed, 1 for a failure on the way, 130 for Ctrl-C.
+Every failure ends with one sentence on stderr: exit code 2 for a command that cannot be carried out
+as given or needs an extra that is not installed, 1 for a failure on the way, 130 for Ctrl-C.
 """
 
 from __future__ import annotations
@@ -32,9 +33,11 @@ SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 110, "sh
 class Entry:
     """A command in its program's table.
 
-    module  relative to the program's package; the command is the object with its name there, `import_release` for `import`
-    extra   brings all that the command needs; "" where nothing is needed
-    line    of the program's --help
+    Attributes:
+        module: Relative to the program's package; the command is the object with its name
+            there, `import_release` for `import`.
+        extra: Brings all that the command needs; "" where nothing is needed.
+        line: Of the program's --help.
     """
 
     module: str
@@ -43,7 +46,8 @@ class Entry:
 
 
 class Commands(click.Group):
-    """A group that knows its commands by name and imports the module of one only to run it or to show its help."""
+    """A group that knows its commands by name and imports the module of one only to run it or to
+    show its help."""
 
     def __init__(self, *, package: str, table: Mapping[str, Entry], **rest: object) -> None:
         super().__init__(**rest)  # type: ignore[arg-type]

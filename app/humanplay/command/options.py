@@ -1,4 +1,5 @@
-"""The options that several commands have, and short forms of others: flags, paths, what may be repeated."""
+"""The options that several commands have, and short forms of others: flags, paths, what may be
+repeated."""
 
 from __future__ import annotations
 
@@ -52,6 +53,7 @@ class SizeType(click.ParamType):  # type: ignore[type-arg]
 
 
 def check_more(more: Sequence[object], policies: Sequence[object]) -> None:
-    """Raise UsageError for words without an option, unless they follow --policy NAME as in `--policy a b c`."""
+    """Raise UsageError for words without an option, unless they follow --policy NAME as in
+    `--policy a b c`."""
     if more and not policies:
         raise UsageError(f"unexpected argument {str(more[0])!r}: name policies with --policy")

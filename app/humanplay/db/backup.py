@@ -1,7 +1,9 @@
-"""Backups: one file that holds the database as it was at one moment, copied by SQLite while a server goes on writing.
+"""Backups: one file that holds the database as it was at one moment, copied by SQLite while a
+server goes on writing.
 
-A copy is made under another name, verified, and only then given its own, so whatever has a backup's name is whole. A server
-makes them by itself (`Backups`), and `restore` puts one in the place of a database.
+A copy is made under another name, verified, and only then given its own, so whatever has a backup's
+name is whole. A server makes them by itself (`Backups`), and `restore` puts one in the place of a
+database.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ from humanplay.db.file import DatabaseLock, lock_path
 _log = logging.getLogger(__name__)
 
 Advance = Callable[[int, int], None]
-"""Called with (pages copied, of how many); an exception of it ends the copy, and nothing is left behind."""
+"""Called with (pages copied, of how many); an exception of it ends the copy, and nothing is left
+behind."""
 
 PAGES = 256
 """Pages that are copied at a time: 1 MB."""
@@ -41,10 +44,11 @@ PARTIAL = ".partial"
 
 
 def back_up(database: Path, target: Path, advance: Advance | None = None) -> int:
-    """Copy a database that a server may be writing into a new file, verify the copy, and return its size in bytes.
+    """Copy a database that a server may be writing into a new file, verify the copy, and return its
+    size in bytes.
 
-    StoreError when `target` exists, when the database cannot be read, when the disk has or comes to have too little room, and
-    when the copy is not whole.
+    StoreError when `target` exists, when the database cannot be read, when the disk has or comes to
+    have too little room, and when the copy is not whole.
     """
     if target.exists():
         raise StoreError(f"{target} exists already: give a new file's name for the backup")
@@ -64,9 +68,12 @@ def back_up(database: Path, target: Path, advance: Advance | None = None) -> int
 
 
 def check_whole(database: Path, advance: Advance | None = None) -> None:
-    """Check every page, every reference and the chain of hashes of a database; StoreError with the first that is wrong.
+    """Check every page, every reference and the chain of hashes of a database; StoreError with the
+    first that is wrong.
 
-    advance  called now and then with (1, 1); an exception of it ends the check with a StoreError
+    Args:
+        advance: Called now and then with (1, 1); an exception of it ends the check with a
+            StoreError.
     """
     try:
         with reading(database) as conn:
@@ -107,7 +114,8 @@ def _copy(database: Path, target: Path, advance: Advance | None) -> None:
 
 
 def check_room(conn: sqlite3.Connection, folder: Path, way_out: str) -> None:
-    """Check that a folder's disk has room for a copy of a database; StoreError, with the way out, otherwise."""
+    """Check that a folder's disk has room for a copy of a database; StoreError, with the way out,
+    otherwise."""
     names = ("page_count", "page_size")
     pages, page = (conn.execute(f"PRAGMA {each}").fetchone()[0] for each in names)
     needed, free = pages * page + SPARE_BYTES, shutil.disk_usage(folder).free
@@ -134,11 +142,15 @@ def _remove(path: Path) -> None:
 def restore(
     backup: Path, database: Path, stamp: str, advance: Advance | None = None
 ) -> Path | None:
-    """Put a verified copy of a backup in the place of a database, and return the name of what stood there, if anything did.
+    """Put a verified copy of a backup in the place of a database, and return the name of what stood
+    there, if anything did.
 
-    stamp  distinguishes that name: NAME.before-STAMP, with its log and note (-wal, -lock) where it has them
+    StoreError while a server has the database, when the backup is not whole, and when the disk is
+    full: nothing changes then.
 
-    StoreError while a server has the database, when the backup is not whole, and when the disk is full: nothing changes then.
+    Args:
+        stamp: Distinguishes that name: NAME.before-STAMP, with its log and note (-wal, -lock)
+            where it has them.
     """
     check_restorable(backup, database)
     database = database.resolve()  # behind a link lie the file, its log and its note
@@ -171,9 +183,11 @@ def check_restorable(backup: Path, database: Path) -> None:
 
 
 def _set_aside(database: Path, stamp: str) -> Path | None:
-    """Give the database and its log a second name, and take the log away from the first: it must not meet the restored file.
+    """Give the database and its log a second name, and take the log away from the first: it must
+    not meet the restored file.
 
-    Return the second name; None where there was no database, though its log may have been left, as after a file that was lost.
+    Return the second name; None where there was no database, though its log may have been left, as
+    after a file that was lost.
     """
     kept = database.with_name(f"{database.name}.before-{stamp}")
     was_there = database.exists()
@@ -209,9 +223,12 @@ class StoppedError(Exception):
 class Backups:
     """The backups of one database in a folder, `NAME-YYYYMMDDTHHMMSSZ.db`.
 
-    every_s  seconds between them; the first one is made at once when the newest in the folder is older than that
+    After a new one was verified, those beyond `KEPT` are deleted: at most 21 stay. Other files in
+    the folder stay as they are.
 
-    After a new one was verified, those beyond `KEPT` are deleted: at most 21 stay. Other files in the folder stay as they are.
+    Args:
+        every_s: Seconds between them; the first one is made at once when the newest in the
+            folder is older than that.
     """
 
     def __init__(self, database: Path, folder: Path, every_s: float) -> None:
@@ -232,7 +249,8 @@ class Backups:
         return time.time() - newest[0].stat().st_mtime if newest else -1.0
 
     def make(self) -> Path:
-        """Make a backup now, delete those beyond `KEPT`, and return its path; StoreError when it cannot be made."""
+        """Make a backup now, delete those beyond `KEPT`, and return its path; StoreError when it
+        cannot be made."""
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
         target = self._folder / f"{self._database.stem}-{stamp}.db"
         back_up(self._database, target, self._check_going_on)
@@ -242,7 +260,8 @@ class Backups:
         return target
 
     async def run(self) -> None:
-        """Make one backup after the other until cancelled; one that fails is logged, and the next one is tried in time."""
+        """Make one backup after the other until cancelled; one that fails is logged, and the next
+        one is tried in time."""
         age_s = self.age_s()
         wait_s = 0.0 if age_s < 0 else max(0.0, self._every_s - age_s)
         try:

@@ -1,15 +1,18 @@
-"""An append-only chain of salted hashes of what is recorded: a row that is changed or taken away no longer fits its entry.
+"""An append-only chain of salted hashes of what is recorded: a row that is changed or taken away no
+longer fits its entry.
 
-The table `chain` has an entry for each study and each daily terrain, each session with a move, each finished episode with its
-steps and input events, each batch of input events that came after an episode's end, and each state of a participant. Further
-entries say in words what fixes a study (`Mark`): its freezing, its opening, its end, the erasure of a person, a release. An
-entry's `hash` is SHA-256 over one salted hash for each table it covers; its `head` is SHA-256 over the entry and the head
-before it, so that a head which was printed or published stands for everything up to it. The table `chain_salts` names what the
-latest entries stand for and holds their salts. Without its salt nobody can find out what an entry was made of, not even by
-trying: when somebody is forgotten their salts are deleted and an entry of kind `forgotten` lists the entries that lost them.
+The table `chain` has an entry for each study and each daily terrain, each session with a move, each
+finished episode with its steps and input events, each batch of input events that came after an
+episode's end, and each state of a participant. Further entries say in words what fixes a study
+(`Mark`): its freezing, its opening, its end, the erasure of a person, a release. An entry's `hash`
+is SHA-256 over one salted hash for each table it covers; its `head` is SHA-256 over the entry and
+the head before it, so that a head which was printed or published stands for everything up to it.
+The table `chain_salts` names what the latest entries stand for and holds their salts. Without its
+salt nobody can find out what an entry was made of, not even by trying: when somebody is forgotten
+their salts are deleted and an entry of kind `forgotten` lists the entries that lost them.
 
-An entry that was found not to fit the rows on a merge, or when somebody was forgotten, is not sound: it keeps the hash that
-did not fit, and `verify` goes on reporting it.
+An entry that was found not to fit the rows on a merge, or when somebody was forgotten, is not
+sound: it keeps the hash that did not fit, and `verify` goes on reporting it.
 """
 
 from __future__ import annotations
@@ -38,7 +41,8 @@ Kind = Literal["series", "session", "episode", "events", "participant"]
 """What an entry stands for; `events` are input events that came after their episode's end."""
 
 Mark = Literal["frozen", "exported", "acted", "closed", "erased", "released"]
-"""What fixes a study, or changes its figures later; an entry of such a kind says so in JSON and is nobody's secret."""
+"""What fixes a study, or changes its figures later; an entry of such a kind says so in JSON and is
+nobody's secret."""
 
 Act = Literal["outcomes changed", "amounts listed", "unlinked"]
 """An operator's acts that are noted, without what was changed, listed or deleted."""
@@ -49,7 +53,8 @@ _BEYOND = 2**62
 
 
 class Thing(NamedTuple):
-    """What an entry stands for; of kind `events`, `id` is the episode's and `first` the number of the first event."""
+    """What an entry stands for; of kind `events`, `id` is the episode's and `first` the number of
+    the first event."""
 
     kind: Kind
     id: str
@@ -57,19 +62,22 @@ class Thing(NamedTuple):
 
 
 class Head(NamedTuple):
-    """The end of the chain: how many entries it has, and the head of the last (hex; empty without an entry)."""
+    """The end of the chain: how many entries it has, and the head of the last (hex; empty without
+    an entry)."""
 
     entries: int
     head: str
 
 
 class BegunHash(NamedTuple):
-    """The salted hashes of an open episode's moves and input events so far, which the entry of its end goes on with.
+    """The salted hashes of an open episode's moves and input events so far, which the entry of its
+    end goes on with.
 
-    salt   of the entry to come
-    until  number of the first event that is not in it
-    found  SHA-256 of those that are
-    moves  how many moves are in it, and their SHA-256
+    Attributes:
+        salt: Of the entry to come.
+        until: Number of the first event that is not in it.
+        found: SHA-256 of those that are.
+        moves: How many moves are in it, and their SHA-256.
     """
 
     salt: bytes
@@ -80,7 +88,8 @@ class BegunHash(NamedTuple):
 
 @dataclass(frozen=True)
 class _Part:
-    """The rows of a table that an entry covers: all their columns that the list of columns calls chained."""
+    """The rows of a table that an entry covers: all their columns that the list of columns calls
+    chained."""
 
     table: str
     where: str
@@ -152,8 +161,10 @@ def compute(
 ) -> dict[str, str]:
     """Return the salted SHA-256 (hex) of a thing's rows as they are now, by table.
 
-    begun   of `begin_hash` with the same salt: the moves and input events that it covers are not read again
-    played  an episode's rows where they have been read
+    Args:
+        begun: Of `begin_hash` with the same salt: the moves and input events that it covers are
+            not read again.
+        played: An episode's rows where they have been read.
     """
     until = _next_batch(conn, thing)
     first_move = 0 if begun is None else begun.moves[0]
@@ -179,7 +190,8 @@ def compute(
 
 
 def begin_hash(conn: sqlite3.Connection, episode_id: str) -> BegunHash:
-    """Return the hash of an open episode's moves and input events so far: any connection can make it before its end."""
+    """Return the hash of an open episode's moves and input events so far: any connection can make
+    it before its end."""
     salt, played = secrets.token_bytes(_SALT_BYTES), read_played(conn, episode_id)
     found, made = _empty_hash(_EVENTS, salt), _empty_hash(_STEPS, salt)
     found.update(_lines(played.events))
@@ -202,7 +214,8 @@ def combine(parts: Mapping[str, str]) -> str:
 
 
 def link(before: str, entry: Iterable[SqlValue]) -> str:
-    """Return an entry's head: SHA-256 (hex) over the head before it and all that the entry is, from its number to its note."""
+    """Return an entry's head: SHA-256 (hex) over the head before it and all that the entry is, from
+    its number to its note."""
     return hashlib.sha256(canonical([before, *entry])).hexdigest()
 
 
@@ -219,7 +232,9 @@ def append(
 
     What was found not to fit its rows stays so: a later change makes nothing sound.
 
-    begun  of an episode's input events, where some of them were hashed before: they must be as they were then
+    Args:
+        begun: Of an episode's input events, where some of them were hashed before: they must be
+            as they were then.
     """
     thing = Thing(kind, ident, first)
     sql = """SELECT hash FROM chain_salts s JOIN chain c USING (number)
@@ -232,13 +247,15 @@ def append(
 
 
 def append_unsound(conn: sqlite3.Connection, kind: Kind, ident: str, stored: str) -> None:
-    """Append an entry of a thing whose rows were found not to be those of its entry; `stored` is that entry's hash."""
+    """Append an entry of a thing whose rows were found not to be those of its entry; `stored` is
+    that entry's hash."""
     _append(conn, Thing(kind, ident), False, stored, secrets.token_bytes(_SALT_BYTES), {})
 
 
 @contextmanager
 def changing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[None]:
-    """Append an entry after the block, which changes a thing; one that did not fit its entry before stays unsound."""
+    """Append an entry after the block, which changes a thing; one that did not fit its entry before
+    stays unsound."""
     sql = "SELECT 1 FROM chain_salts WHERE kind = ? AND id = ?"
     is_known = select(conn, sql, (kind, ident)).fetchone() is not None
     stored = unsound_hash(conn, kind, ident) if is_known else None
@@ -250,14 +267,16 @@ def changing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[None]
 
 
 def append_late_events(conn: sqlite3.Connection, episode_id: str, first: int) -> None:
-    """Append an entry of the input events from number `first` on if their episode has ended; its end covers the others."""
+    """Append an entry of the input events from number `first` on if their episode has ended; its
+    end covers the others."""
     sql = "SELECT 1 FROM episodes WHERE id = ? AND ended_ms IS NOT NULL"
     if select(conn, sql, [episode_id]).fetchone():
         append(conn, "events", episode_id, first)
 
 
 def append_first_move(conn: sqlite3.Connection, episode_id: str) -> None:
-    """Append an entry of an episode's session unless it has one: call it in the transaction of an episode's first move."""
+    """Append an entry of an episode's session unless it has one: call it in the transaction of an
+    episode's first move."""
     sql = """SELECT session_id FROM episodes WHERE id = ?
         AND session_id NOT IN (SELECT id FROM chain_salts WHERE kind = 'session')"""
     for (session,) in select(conn, sql, [episode_id]).fetchall():
@@ -267,7 +286,8 @@ def append_first_move(conn: sqlite3.Connection, episode_id: str) -> None:
 def append_note(
     conn: sqlite3.Connection, kind: Mark | Literal["forgotten", "merged"], content: object
 ) -> None:
-    """Append an entry that stands for no rows and says something instead; `content` is JSON-ready and nobody's secret."""
+    """Append an entry that stands for no rows and says something instead; `content` is JSON-ready
+    and nobody's secret."""
     note = _note(content)
     _link(conn, kind, True, None, hashlib.sha256(note.encode()).hexdigest(), note)
 
@@ -309,7 +329,8 @@ def act_of(study: SeriesRow, act: Act, **details: int) -> tuple[Mark, str]:
 
 
 def marks(conn: sqlite3.Connection) -> list[tuple[Mark, str]]:
-    """Return (kind, note) of what the tables say fixed the studies: their rows, who was erased from them, their releases."""
+    """Return (kind, note) of what the tables say fixed the studies: their rows, who was erased from
+    them, their releases."""
     studies = select(conn, "SELECT * FROM series WHERE kind = 'study' ORDER BY frozen_ms, name")
     found: list[tuple[Mark, str]] = []
     for study in itertools.starmap(SeriesRow, studies):
@@ -329,9 +350,12 @@ def marks(conn: sqlite3.Connection) -> list[tuple[Mark, str]]:
 
 
 def append_marks(conn: sqlite3.Connection, more: Iterable[tuple[Mark, str]] = ()) -> None:
-    """Append an entry of what the tables say fixed the studies and no entry says yet; call it in the transaction that wrote it.
+    """Append an entry of what the tables say fixed the studies and no entry says yet; call it in
+    the transaction that wrote it.
 
-    more  (kind, note) of what the tables do not have: freezings of studies that nobody has joined, and exports
+    Args:
+        more: (kind, note) of what the tables do not have: freezings of studies that nobody has
+            joined, and exports.
     """
     known = set(select(conn, "SELECT kind, note FROM chain WHERE note IS NOT NULL"))
     for kind, note in dict.fromkeys((*more, *marks(conn))):
@@ -340,7 +364,8 @@ def append_marks(conn: sqlite3.Connection, more: Iterable[tuple[Mark, str]] = ()
 
 
 def said_alone(conn: sqlite3.Connection, study: str = "%") -> list[tuple[Mark, str]]:
-    """Every freezing, export and operator's act in the chain, which no table says: of all studies, or of one.
+    """Every freezing, export and operator's act in the chain, which no table says: of all studies,
+    or of one.
 
     Those of one are its own, and the freezings of others of its configuration.
     """
@@ -363,7 +388,8 @@ def things(conn: sqlite3.Connection) -> set[Thing]:
 def append_all(
     conn: sqlite3.Connection, wanted: Collection[Thing], unsound: Mapping[Thing, str] | None = None
 ) -> None:
-    """Append an entry of each thing, in an order that tells nothing; those in `unsound` (thing -> stored hash) stay so."""
+    """Append an entry of each thing, in an order that tells nothing; those in `unsound` (thing ->
+    stored hash) stay so."""
     for thing in sorted(wanted):
         if unsound and thing in unsound:
             append_unsound(conn, thing.kind, thing.id, unsound[thing])
@@ -372,7 +398,8 @@ def append_all(
 
 
 def unsound_hash(conn: sqlite3.Connection, kind: Kind, ident: str) -> str | None:
-    """Return the hash of the first entry of a thing that does not fit its rows, "missing" without one; None when all fit.
+    """Return the hash of the first entry of a thing that does not fit its rows, "missing" without
+    one; None when all fit.
 
     An episode's entries are its own and those of the input events that came after its end.
     """
@@ -386,7 +413,8 @@ def unsound_hash(conn: sqlite3.Connection, kind: Kind, ident: str) -> str | None
 
 
 def forget(conn: sqlite3.Connection, erased: Iterable[Thing]) -> None:
-    """Delete the salts of what is erased, and append an entry that lists theirs; late input events go with their episodes."""
+    """Delete the salts of what is erased, and append an entry that lists theirs; late input events
+    go with their episodes."""
     sql = "DELETE FROM chain_salts WHERE id = ? AND kind IN (?, ?) RETURNING number"
     found = [select(conn, sql, (ident, kind, _also(kind))).fetchall() for kind, ident, _ in erased]
     numbers = sorted(number for rows in found for (number,) in rows)
@@ -422,7 +450,8 @@ def _link(
     hash_: str,
     note: str | None,
 ) -> int:
-    """Append an entry and return its number; its time is the day alone, since entries outlive people who are forgotten."""
+    """Append an entry and return its number; its time is the day alone, since entries outlive
+    people who are forgotten."""
     last = head(conn)
     now = time.time_ns() // 1_000_000
     entry = (last.entries + 1, now - now % DAY_MS, kind, int(is_sound), replaces, hash_, note)
@@ -462,7 +491,8 @@ _EXPONENT = re.compile(rb"e[-+]?\d+[],]")
 
 
 def _lines(rows: Iterable[Iterable[object]]) -> bytes:
-    """Return the lines of JSON that are hashed of some rows, by a quick encoder where it writes the same."""
+    """Return the lines of JSON that are hashed of some rows, by a quick encoder where it writes the
+    same."""
     columns = [tuple(row) for row in rows]
     text = to_json(columns, bytes_mode="hex", inf_nan_mode="constants")[1:-1]
     is_same = (

@@ -1,8 +1,8 @@
-"""Stored rows checked against what they follow from: an episode against its simulation, every row against the chain, the chain
-against itself, and the file by SQLite itself.
+"""Stored rows checked against what they follow from: an episode against its simulation, every row
+against the chain, the chain against itself, and the file by SQLite itself.
 
-`humanplay.study.verification` puts these checks together with those of the study's protocol; `humanplay.db.chain` says
-what an entry is.
+`humanplay.study.verification` puts these checks together with those of the study's protocol;
+`humanplay.db.chain` says what an entry is.
 """
 
 from __future__ import annotations
@@ -59,18 +59,21 @@ def participants_of(conn: sqlite3.Connection, study: str) -> list[tuple[str, int
 
 
 def episodes_of(conn: sqlite3.Connection, participant: str) -> list[PlacedEpisode]:
-    """Return the rows of what a participant was given to play, by phase and trial, with their place in the study."""
+    """Return the rows of what a participant was given to play, by phase and trial, with their place
+    in the study."""
     sql = f"{_PLACED} WHERE x.participant_id = ? ORDER BY x.phase, x.trial"
     return rows(conn, sql, participant)
 
 
 def attempts_at(conn: sqlite3.Connection, day: str) -> list[PlacedEpisode]:
-    """Return the rows of the attempts at the terrain of a day, as `episodes_of` does, with their players'."""
+    """Return the rows of the attempts at the terrain of a day, as `episodes_of` does, with their
+    players'."""
     return rows(conn, f"{_PLACED} WHERE x.series = ? ORDER BY e.id", day)
 
 
 def order_events(conn: sqlite3.Connection, participant: str) -> tuple[str, list[str]]:
-    """Return a participant's kind, and the details (JSON) of the events that fix their order of terrains: one at most."""
+    """Return a participant's kind, and the details (JSON) of the events that fix their order of
+    terrains: one at most."""
     (kind,) = conn.execute("SELECT kind FROM participants WHERE id = ?", [participant]).fetchone()
     sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = ?"
     return kind, [row[0] for row in conn.execute(sql, (participant, ORDER_EVENT))]
@@ -102,11 +105,13 @@ def count_unfinished(conn: sqlite3.Connection, study: str | None) -> int:
 
 
 class InputOf(NamedTuple):
-    """What the attestation of an episode follows from, besides its row, its moves and its input events.
+    """What the attestation of an episode follows from, besides its row, its moves and its input
+    events.
 
-    settings       (when, JSON) of what its participant had chosen, every version
-    supervised_ms  when the operator's code was typed for its participant
-    is_studys      whether a participant of a study played it
+    Attributes:
+        settings: (when, JSON) of what its participant had chosen, every version.
+        supervised_ms: When the operator's code was typed for its participant.
+        is_studys: Whether a participant of a study played it.
     """
 
     settings: list[tuple[int, str]]
@@ -120,10 +125,12 @@ class CheckedEpisode:
 
     They are rows and no `Trial`: what was tampered with need not be one.
 
-    row     with `control` of its session
-    steps   its moves
-    events  input events that were received up to its end
-    allowed  what could be chosen before each move (`humanplay.task.Run.allowed`); None where it was not simulated
+    Attributes:
+        row: With `control` of its session.
+        steps: Its moves.
+        events: Input events that were received up to its end.
+        allowed: What could be chosen before each move (`humanplay.task.Run.allowed`); None
+            where it was not simulated.
     """
 
     row: EndedEpisode
@@ -134,7 +141,8 @@ class CheckedEpisode:
 
 
 def check_episode(conn: sqlite3.Connection, ident: str) -> CheckedEpisode:
-    """Simulate a finished episode again, and compare its rows with those of its entries in the chain."""
+    """Simulate a finished episode again, and compare its rows with those of its entries in the
+    chain."""
     sql = "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?"
     (row,) = rows(conn, sql, ident)
     played = read_played(conn, ident)
@@ -158,7 +166,8 @@ def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:
 
 
 def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:
-    """Yield the series, sessions and participants whose rows are not those of their entries in the chain."""
+    """Yield the series, sessions and participants whose rows are not those of their entries in the
+    chain."""
     for row in series(conn, study):
         yield from check_thing(conn, "series", row.name)
     for (ident,) in conn.execute(_MOVED_SESSIONS.format(within=_within(study, "e.id"))).fetchall():
@@ -179,7 +188,8 @@ def check_owners(conn: sqlite3.Connection) -> Iterator[Finding]:
 
 
 def _within(study: str | None, column: str = "id") -> str:
-    """Return SQL that keeps a study's episodes; the name has been looked up, it cannot be anything else."""
+    """Return SQL that keeps a study's episodes; the name has been looked up, it cannot be anything
+    else."""
     if study is None:
         return ""
     inner = "SELECT episode_id FROM series_episodes JOIN participants p ON p.id = participant_id"
@@ -191,7 +201,8 @@ def quick_check(
 ) -> str:
     """Return "ok", or what is damaged; reads the whole file, which takes milliseconds to minutes.
 
-    begins  is called with the connection, on which another thread may interrupt the check
+    Args:
+        begins: Is called with the connection, on which another thread may interrupt the check.
     """
     try:
         with reading(database) as conn:
@@ -205,16 +216,20 @@ def quick_check(
 
 
 def try_write(database: Path, timeout_s: float = 1.0) -> None:
-    """Write a row of the table `meta` and commit it, on a connection of its own; StoreError when that fails.
+    """Write a row of the table `meta` and commit it, on a connection of its own; StoreError when
+    that fails.
 
-    timeout_s  seconds to wait for another program that is writing. Call it in a thread: the disk may take as long as it likes.
+    Args:
+        timeout_s: Seconds to wait for another program that is writing. Call it in a thread: the
+            disk may take as long as it likes.
     """
     with writing(database, timeout_s) as conn:
         conn.execute("INSERT OR REPLACE INTO meta VALUES ('written_ms', ?)", [str(now_ms())])
 
 
 def chain_head(database: Path) -> Head | None:
-    """Return the end of the chain of a database that a server may be writing; None when it cannot be read."""
+    """Return the end of the chain of a database that a server may be writing; None when it cannot
+    be read."""
     try:
         with reading(database) as conn:
             return head(conn)
@@ -230,9 +245,10 @@ DIGEST = "digest of its stored fields"
 class ChainState:
     """What the chain is.
 
-    entries    how many; the head is that of the last
-    head       hex; empty without an entry
-    forgotten  entries whose salts were deleted when somebody was forgotten
+    Attributes:
+        entries: How many; the head is that of the last.
+        head: Hex; empty without an entry.
+        forgotten: Entries whose salts were deleted when somebody was forgotten.
     """
 
     entries: int
@@ -263,7 +279,8 @@ ChainRow = tuple[int, int, str, int, int | None, str, str | None, str]
 
 @dataclass
 class _Walk:
-    """The entries that nothing has replaced or forgotten so far: number -> kind; `forgotten` counts the latter."""
+    """The entries that nothing has replaced or forgotten so far: number -> kind; `forgotten` counts
+    the latter."""
 
     live: dict[int, str] = field(default_factory=dict)
     forgotten: int = 0
@@ -296,7 +313,8 @@ def chain_state(conn: sqlite3.Connection) -> ChainState:
 
 
 def check_chain(conn: sqlite3.Connection) -> Iterator[Finding]:
-    """Yield what is wrong with the chain itself: entries changed, added or taken away, and salts that do not fit them."""
+    """Yield what is wrong with the chain itself: entries changed, added or taken away, and salts
+    that do not fit them."""
     walk, before, number = _Walk(), "", 0
     for row in select(conn, _ENTRIES):
         where = f"chain entry {row[0]}"
@@ -329,8 +347,8 @@ def _check_salts(conn: sqlite3.Connection, live: dict[int, str]) -> Iterator[Fin
 
 
 def check_marks(conn: sqlite3.Connection) -> Iterator[Finding]:
-    """Yield what the chain says of the freezing, end, erasures and releases of studies, and the tables do not, or the
-    other way round."""
+    """Yield what the chain says of the freezing, end, erasures and releases of studies, and the
+    tables do not, or the other way round."""
     sql = "SELECT kind, note FROM chain WHERE kind IN ('frozen', 'closed', 'erased', 'released') AND json_valid(note)"
     said = set(select(conn, sql))
     try:
@@ -355,7 +373,8 @@ def check_thing(
 ) -> Iterator[Finding]:
     """Yield the tables in which a thing's rows are not those of its entries in the chain.
 
-    played  an episode's rows where they have been read
+    Args:
+        played: An episode's rows where they have been read.
     """
     sql = """SELECT s.kind, s.first, s.salt, s.parts, c.is_sound, c.hash FROM chain_salts s LEFT JOIN chain c USING (number)
         WHERE s.id = ? AND s.kind IN (?, ?) ORDER BY s.kind, s.first"""
@@ -397,7 +416,8 @@ def _compare(
 
 
 def check_without_owner(conn: sqlite3.Connection, owners: Mapping[Kind, str]) -> Iterator[Finding]:
-    """Yield entries of what is no longer there; `owners` is SQL for the ids of each kind that may have one."""
+    """Yield entries of what is no longer there; `owners` is SQL for the ids of each kind that may
+    have one."""
     for kind, sql in owners.items():
         of = (kind, "events" if kind == "episode" else kind)
         lost = f"SELECT DISTINCT id FROM chain_salts WHERE kind IN (?, ?) AND id NOT IN ({sql})"

@@ -1,7 +1,9 @@
-"""The one list of columns, `columns.txt`, read: what the database, the chain, exports and bundles have of each table.
+"""The one list of columns, `columns.txt`, read: what the database, the chain, exports and bundles
+have of each table.
 
-From it come the tables of the database with their constraints, the parts of the chain of hashes, the headers of CSV exports,
-the tables of a bundle with their dictionary, and the tables of `docs/data.md` and `docs/release.md`.
+From it come the tables of the database with their constraints, the parts of the chain of hashes,
+the headers of CSV exports, the tables of a bundle with their dictionary, and the tables of
+`docs/data.md` and `docs/release.md`.
 """
 
 from __future__ import annotations
@@ -29,12 +31,14 @@ _SQL_TYPES: dict[ColumnType, str] = {
 class Column:
     """A column of a table, and what it means (with its unit).
 
-    where       letters of the places that it is in (`columns.txt`)
-    rule        a constraint of the database (SQL)
-    nullable    it may be absent in the database
-    optional    it may be absent elsewhere, too
-    identifies  it says who somebody is, or lets one act for them: it leaves under a pseudonym or not at all
-    is_free     a browser had a hand in its text
+    Attributes:
+        where: Letters of the places that it is in (`columns.txt`).
+        rule: A constraint of the database (SQL).
+        nullable: It may be absent in the database.
+        optional: It may be absent elsewhere, too.
+        identifies: It says who somebody is, or lets one act for them: it leaves under a
+            pseudonym or not at all.
+        is_free: A browser had a hand in its text.
     """
 
     name: str
@@ -69,9 +73,10 @@ class Column:
 class Table:
     """A table: what a row of it is, and its columns wherever they are, in order.
 
-    keys   columns that together name a row in a bundle
-    rules  constraints over several columns, indexes are CREATE INDEX statements
-    rowid  False where the key orders the rows
+    Attributes:
+        keys: Columns that together name a row in a bundle.
+        rules: Constraints over several columns, indexes are CREATE INDEX statements.
+        rowid: False where the key orders the rows.
     """
 
     name: str
@@ -91,7 +96,8 @@ class Table:
         return tuple(each.name for each in self.columns(place))
 
     def statements(self, place: Place = "database") -> list[str]:
-        """Return the SQL that makes the table and its indexes; none where it is not in that database."""
+        """Return the SQL that makes the table and its indexes; none where it is not in that
+        database."""
         if not (found := [each.definition() for each in self.columns(place)]):
             return []
         options = "STRICT" if self.rowid else "STRICT, WITHOUT ROWID"
@@ -104,7 +110,8 @@ class Table:
         return f"{how} INTO {self.name} ({', '.join(names)}) VALUES ({', '.join('?' * len(names))})"
 
     def references(self) -> dict[str, tuple[str, str]]:
-        """Return column -> the table and the column whose value it holds, of the columns in the database."""
+        """Return column -> the table and the column whose value it holds, of the columns in the
+        database."""
         found = {each.name: each.references for each in self.columns("database")}
         return {name: to for name, to in found.items() if to is not None}
 
@@ -156,7 +163,8 @@ def summary(name: str) -> str:
 
 
 def bundle_reference(table: str, column: str) -> str | None:
-    """Return the table whose key, of the same name, a column of another table of a bundle holds; None for none."""
+    """Return the table whose key, of the same name, a column of another table of a bundle holds;
+    None for none."""
     other = {"participant": "participants", "episode": "episodes"}.get(column)
     return None if other == table else other
 

@@ -1,12 +1,15 @@
-"""The database file: recognised or refused before a byte is written, opened, and read at one moment.
+"""The database file: recognised or refused before a byte is written, opened, and read at one
+moment.
 
-A database of ours has APPLICATION_ID in its header and the schema's number in `user_version`. The id is written before the
-file turns to write-ahead logging (WAL), so that it is in the file itself even when the server is killed a moment later.
+A database of ours has APPLICATION_ID in its header and the schema's number in `user_version`. The
+id is written before the file turns to write-ahead logging (WAL), so that it is in the file itself
+even when the server is killed a moment later.
 
-**Commits are counted.** The row `commits` of the table `meta` counts those of the server, and of commands beside it; the note
-beside the file (`humanplay.db.file`) says how many were acknowledged. The row `runs` is there while a server has the file, and
-after one that was killed. Before the file is used the two numbers are compared, as a reader sees them with the log if there is
-one, and nothing is written, so that a log can still be put back.
+**Commits are counted.** The row `commits` of the table `meta` counts those of the server, and of
+commands beside it; the note beside the file (`humanplay.db.file`) says how many were acknowledged.
+The row `runs` is there while a server has the file, and after one that was killed. Before the file
+is used the two numbers are compared, as a reader sees them with the log if there is one, and
+nothing is written, so that a log can still be put back.
 """
 
 from __future__ import annotations
@@ -103,9 +106,11 @@ def transaction(conn: sqlite3.Connection) -> Iterator[None]:
 
 @contextmanager
 def writing(path: Path, timeout_s: float = BUSY_MS / 1000) -> Iterator[sqlite3.Connection]:
-    """Yield a connection of its own inside a transaction, whoever else has the database open; StoreError for a refused write.
+    """Yield a connection of its own inside a transaction, whoever else has the database open;
+    StoreError for a refused write.
 
-    timeout_s  to wait for another program that is writing
+    Args:
+        timeout_s: To wait for another program that is writing.
     """
     check_writable(path)
     check_commits(path)
@@ -129,7 +134,8 @@ def _connect(database: Path | str, is_uri: bool = False) -> sqlite3.Connection:
 
 
 def create_tables(conn: sqlite3.Connection) -> None:
-    """Make the tables of a new database and give it its number; one that has a number stays as it is."""
+    """Make the tables of a new database and give it its number; one that has a number stays as it
+    is."""
     with transaction(conn):
         if _schema_of(conn) == 0:
             for table in TABLES.values():
@@ -163,9 +169,11 @@ _TABLES = "SELECT type, name, tbl_name, replace(sql, '\"', '') FROM sqlite_schem
 
 
 def _stray(conn: sqlite3.Connection) -> str | None:
-    """Return in words what of a file's schema could act, or is not ours word for word; None for none.
+    """Return in words what of a file's schema could act, or is not ours word for word; None for
+    none.
 
-    Views and triggers act; so can constraints and indexes of our tables. Further tables are never read and may be there.
+    Views and triggers act; so can constraints and indexes of our tables. Further tables are never
+    read and may be there.
     """
     cursor, lacking = conn.cursor(), set(_NEEDED)
     cursor.row_factory = None
@@ -180,9 +188,9 @@ def _stray(conn: sqlite3.Connection) -> str | None:
 def recognise(path: Path) -> None:
     """Check that the file is absent, empty or ours; StoreError otherwise.
 
-    The header is read without SQLite, which might write a file next to it. A file that this process has open was recognised
-    before and is not read again: closing any handle on it would drop SQLite's locks, and another program could take the log
-    away.
+    The header is read without SQLite, which might write a file next to it. A file that this process
+    has open was recognised before and is not read again: closing any handle on it would drop
+    SQLite's locks, and another program could take the log away.
     """
     try:
         if path.exists() and not path.is_file():
@@ -215,16 +223,19 @@ def recognise(path: Path) -> None:
 
 
 def check_writable(path: Path) -> None:
-    """Check that the file is absent, empty or ours, and not read-only; StoreError otherwise. Writes nothing."""
+    """Check that the file is absent, empty or ours, and not read-only; StoreError otherwise. Writes
+    nothing."""
     recognise(path)
     if path.exists() and not os.access(path, os.W_OK):
         raise StoreError(READ_ONLY.format(path))
 
 
 def check_commits(path: Path) -> int:
-    """Check that a database holds every commit that was acknowledged; StoreError otherwise. Writes nothing.
+    """Check that a database holds every commit that was acknowledged; StoreError otherwise. Writes
+    nothing.
 
-    Returns: how many a power cut took from a server that was not `--durable`, which is logged; else 0.
+    Returns: how many a power cut took from a server that was not `--durable`, which is logged; else
+    0.
     """
     if path.exists() and is_in_use(path):
         return 0
@@ -257,7 +268,8 @@ def check_commits(path: Path) -> int:
 
 
 def accept_missing(path: Path) -> None:
-    """Let a database be used as it is, although commits are missing or might be; StoreError while a server has it."""
+    """Let a database be used as it is, although commits are missing or might be; StoreError while a
+    server has it."""
     lock = DatabaseLock(path)
     try:
         lock.begin_note(commits_in(path)[0], durable=False)
@@ -266,7 +278,8 @@ def accept_missing(path: Path) -> None:
 
 
 def commits_in(path: Path) -> tuple[int, bool]:
-    """Count a database's commits, 0 if it is new; and whether a server has not ended by itself. Writes nothing."""
+    """Count a database's commits, 0 if it is new; and whether a server has not ended by itself.
+    Writes nothing."""
     if not path.exists() or path.stat().st_size == 0:
         return 0, False
     # without a log nothing is to be read but the file, and a log is not made here
@@ -287,7 +300,8 @@ def commits_in(path: Path) -> tuple[int, bool]:
 
 
 def open_database(path: Path, durable: bool = False) -> Database:
-    """Open the database for writing, recognised, compared with its note and in WAL mode; it is made when absent."""
+    """Open the database for writing, recognised, compared with its note and in WAL mode; it is made
+    when absent."""
     check_writable(path)
     check_commits(path)
     try:
@@ -316,7 +330,8 @@ def open_database(path: Path, durable: bool = False) -> Database:
 
 
 def open_read_only(path: Path) -> Database:
-    """Open the database for reading, whether or not a server has it open; StoreError when it is not one of ours."""
+    """Open the database for reading, whether or not a server has it open; StoreError when it is not
+    one of ours."""
     if not path.exists():
         raise StoreError(f"no database at {path}: play first, or give the path with --database")
     recognise(path)
@@ -363,7 +378,8 @@ def _explain(path: Path, error: sqlite3.Error) -> str:
 def reading(path: Path) -> Iterator[sqlite3.Connection]:
     """Yield a read-only connection that sees a database as it is at the first query.
 
-    StoreError when the file is not one of ours, and when it turns out to be damaged inside the block.
+    StoreError when the file is not one of ours, and when it turns out to be damaged inside the
+    block.
     """
     db = open_read_only(path)
     release = hold(path)

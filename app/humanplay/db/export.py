@@ -1,7 +1,9 @@
-"""Finished episodes as CSV, one row an episode or one row a step, each episode replayed before it is written.
+"""Finished episodes as CSV, one row an episode or one row a step, each episode replayed before it
+is written.
 
-Columns are listed in `docs/data.md`. `verified` is false where the replay does not come to what is stored: such rows are
-marked, never hidden. Players appear under pseudonyms drawn anew for every export; sessions do not appear.
+Columns are listed in `docs/data.md`. `verified` is false where the replay does not come to what is
+stored: such rows are marked, never hidden. Players appear under pseudonyms drawn anew for every
+export; sessions do not appear.
 """
 
 from __future__ import annotations
@@ -39,7 +41,8 @@ COLUMNS: dict[ExportTable, tuple[str, ...]] = {
 
 
 def new_key() -> bytes:
-    """Return the key of one export's pseudonyms; give the same one to both tables so that they agree."""
+    """Return the key of one export's pseudonyms; give the same one to both tables so that they
+    agree."""
     return secrets.token_bytes(32)
 
 
@@ -55,12 +58,16 @@ def export_table(
 ) -> Generator[bytes]:
     """Yield the table in pieces, the header first, one piece an episode.
 
-    source   the database's path, or a Reader or Store on it; read over a read-only connection of its own
-    who      "all", or "human" for the episodes that count
-    public   True leaves out the episodes of studies that are not closed, and of days that are not over
-    at_ms    when a public export is made (None: now)
-    player   what they drove alone
-    open_studies  True takes in episodes of studies that are not closed; those whose secrets are kept never
+    Args:
+        source: The database's path, or a Reader or Store on it; read over a read-only
+            connection of its own.
+        who: "all", or "human" for the episodes that count.
+        public: True leaves out the episodes of studies that are not closed, and of days that
+            are not over.
+        at_ms: When a public export is made (None: now).
+        player: What they drove alone.
+        open_studies: True takes in episodes of studies that are not closed; those whose secrets
+            are kept never.
     """
     _check(table, who)
     reader = Reader.open(
@@ -78,7 +85,8 @@ def write_table(
     player: str | None,
     at_ms: int,
 ) -> None:
-    """Write what `export_table` yields of what anybody may see; OSError when it takes more than `most_bytes`."""
+    """Write what `export_table` yields of what anybody may see; OSError when it takes more than
+    `most_bytes`."""
     pieces = export_table(database, table, who, None, True, at_ms, player)
     with closing(pieces), path.open("xb") as file:
         for piece in pieces:
@@ -88,7 +96,8 @@ def write_table(
 
 
 def write_human_scores(path: Path, most_bytes: int, database: Path, at_ms: int) -> None:
-    """Write a ZIP of what counts of people, as anybody may see it: both tables and a datasheet; OSError beyond `most_bytes`."""
+    """Write a ZIP of what counts of people, as anybody may see it: both tables and a datasheet;
+    OSError beyond `most_bytes`."""
     key = new_key()
     lines: dict[str, int] = {}
     with path.open("xb") as file, ZipFile(file, "w", ZIP_DEFLATED) as bundle:
@@ -144,10 +153,13 @@ def export_to(
     advance: Callable[[int, int], None],
     open_studies: bool = False,
 ) -> str:
-    """Write `episodes.csv` and `steps.csv` in the folder, both whole or neither, and return a sentence on what was written.
+    """Write `episodes.csv` and `steps.csv` in the folder, both whole or neither, and return a
+    sentence on what was written.
 
-    advance  called with (episodes written, of how many), both tables counted
-    open_studies  True takes in those of open studies, and notes it in the chain of the database
+    Args:
+        advance: Called with (episodes written, of how many), both tables counted.
+        open_studies: True takes in those of open studies, and notes it in the chain of the
+            database.
     """
     with closing(Reader.open(database, open_studies=open_studies)) as reader:
         total, studies = 2 * reader.count(who), reader.open_studies()
@@ -243,7 +255,8 @@ def _encoded(rows: list[dict[str, object]], columns: Sequence[Column]) -> bytes:
 
 
 def csv_cell(value: object, kind: ColumnType) -> object:
-    """Return a value as a CSV file holds it: truth values are true and false, what is absent is empty."""
+    """Return a value as a CSV file holds it: truth values are true and false, what is absent is
+    empty."""
     if kind == "boolean" and value is not None:
         return "true" if value else "false"
     return to_cell(value)

@@ -1,22 +1,26 @@
-"""The database as a file among files: who holds it, whether it still stands where it was opened, and what it held last.
+"""The database as a file among files: who holds it, whether it still stands where it was opened,
+and what it held last.
 
-**Who has it open.** SQLite locks a file with POSIX locks, and a process that closes any handle on the file loses all of them.
-So a file that is in use here is not opened and closed by anything else, and a handle of our own is closed when SQLite has none
-left.
+**Who has it open.** SQLite locks a file with POSIX locks, and a process that closes any handle on
+the file loses all of them. So a file that is in use here is not opened and closed by anything else,
+and a handle of our own is closed when SQLite has none left.
 
-**Where it stands.** A file that is deleted, moved or replaced while SQLite has it open still takes every write: into nothing
-that anybody will read again. SQLite does not notice; a look at device and inode does, without opening anything.
+**Where it stands.** A file that is deleted, moved or replaced while SQLite has it open still takes
+every write: into nothing that anybody will read again. SQLite does not notice; a look at device and
+inode does, without opening anything.
 
-**Who may serve it.** Two locks of the operating system keep two servers from one database, by whatever name they know it; they
-are gone when the process is, however that ends. One is on the file NAME-lock beside the database, which can be taken before
-there is a database. On Linux the other one is on the database itself, so that a second server is refused through a symbolic
-link, through a hard link, and after NAME-lock was deleted. Linux keeps such locks (flock) apart from those of SQLite (POSIX);
-other systems do not, and have the first lock alone.
+**Who may serve it.** Two locks of the operating system keep two servers from one database, by
+whatever name they know it; they are gone when the process is, however that ends. One is on the file
+NAME-lock beside the database, which can be taken before there is a database. On Linux the other one
+is on the database itself, so that a second server is refused through a symbolic link, through a
+hard link, and after NAME-lock was deleted. Linux keeps such locks (flock) apart from those of
+SQLite (POSIX); other systems do not, and have the first lock alone.
 
-**How much it must hold.** A server that is killed leaves its newest commits in the write-ahead log. If that log is gone at the
-next start, the database is whole and simply older, and SQLite cannot tell. So NAME-lock holds a note of how many commits were
-acknowledged (`humanplay.db.database` counts them). It is written after each commit into the page cache, which a kill does not
-take away, and emptied when a server ends by itself.
+**How much it must hold.** A server that is killed leaves its newest commits in the write-ahead log.
+If that log is gone at the next start, the database is whole and simply older, and SQLite cannot
+tell. So NAME-lock holds a note of how many commits were acknowledged (`humanplay.db.database`
+counts them). It is written after each commit into the page cache, which a kill does not take away,
+and emptied when a server ends by itself.
 """
 
 from __future__ import annotations
@@ -44,7 +48,8 @@ Identity = tuple[int, int]
 """Device and inode."""
 
 _counting = threading.Lock()
-"""A reader on a thread of its own must not be lost from the count: the file would be taken for unused."""
+"""A reader on a thread of its own must not be lost from the count: the file would be taken for
+unused."""
 _in_use: Counter[Identity] = Counter()
 _to_close: dict[Identity, list[int]] = {}
 _locked: set[Identity] = set()
@@ -58,11 +63,13 @@ def studies_beside(path: Path) -> Path:
 
 
 class StoreError(Exception):
-    """The database cannot be used as asked; the message says what was expected, what came, and the way out."""
+    """The database cannot be used as asked; the message says what was expected, what came, and the
+    way out."""
 
 
 class WriteRefusedError(StoreError):
-    """A write was not made, since its turn did not come; nothing has changed, and the same write may succeed later."""
+    """A write was not made, since its turn did not come; nothing has changed, and the same write
+    may succeed later."""
 
 
 def identity_of(path: Path | str) -> Identity:
@@ -77,7 +84,8 @@ def is_in_use(path: Path) -> bool:
 
 
 def hold(path: Path) -> Callable[[], None]:
-    """Count the file as in use by this process, and return the function to call when the connection to it is closed."""
+    """Count the file as in use by this process, and return the function to call when the connection
+    to it is closed."""
     held = [identity_of(path)]
     with _counting:
         _in_use.update(held)
@@ -93,7 +101,8 @@ def hold(path: Path) -> Callable[[], None]:
 
 
 def close_when_unused(handle: int, identity: Identity) -> None:
-    """Close a handle of our own on a database: now, or once no connection of this process has the file open."""
+    """Close a handle of our own on a database: now, or once no connection of this process has the
+    file open."""
     with _counting:
         _to_close.setdefault(identity, []).append(handle)
         _close_unused(identity)
@@ -112,7 +121,8 @@ class LostDatabaseError(StoreError):
 
 
 class FilePlace:
-    """The names of an open database and of its write-ahead log, and the files that they led to when it was opened."""
+    """The names of an open database and of its write-ahead log, and the files that they led to when
+    it was opened."""
 
     def __init__(self, path: Path) -> None:
         self._name = path.name
@@ -120,7 +130,8 @@ class FilePlace:
         self._files: list[tuple[str, Identity]] = [(p, identity_of(p)) for p in paths]
 
     def fault(self) -> str | None:
-        """Return one sentence when a file is no longer where it was, else None; takes about 3 microseconds."""
+        """Return one sentence when a file is no longer where it was, else None; takes about 3
+        microseconds."""
         try:
             for path, identity in self._files:
                 stat = os.stat(path)  # noqa: PTH116  # twice a move: Path.stat takes three times as long
@@ -137,7 +148,8 @@ class FilePlace:
 
 
 class DatabaseLock:
-    """A hold on one database against every other server; StoreError while another one has it, and `close` gives it back."""
+    """A hold on one database against every other server; StoreError while another one has it, and
+    `close` gives it back."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -150,7 +162,8 @@ class DatabaseLock:
             raise
 
     def lock_database(self) -> None:
-        """Lock the database itself, where there is one and it is not locked yet; StoreError while another server holds it."""
+        """Lock the database itself, where there is one and it is not locked yet; StoreError while
+        another server holds it."""
         if self._database is not None or sys.platform != "linux" or not self._path.exists():
             return
         if identity_of(self._path) in _locked:
@@ -176,7 +189,8 @@ class DatabaseLock:
         _locked.add(identity)
 
     def begin_note(self, commits: int, durable: bool) -> None:
-        """Note on the disk how many commits the database holds, and whether a power cut may take further ones."""
+        """Note on the disk how many commits the database holds, and whether a power cut may take
+        further ones."""
         if self._lock_file is not None:
             text = f"{commits:0{DIGITS}} {DURABLE if durable else boot_id()}\n"
             with contextlib.suppress(OSError):
@@ -217,8 +231,9 @@ def in_use_error(path: Path) -> StoreError:
 class Note(NamedTuple):
     """What a note says.
 
-    commits  that were acknowledged
-    boot     of the system that they were made on, or DURABLE: then a power cut takes none
+    Attributes:
+        commits: That were acknowledged.
+        boot: Of the system that they were made on, or DURABLE: then a power cut takes none.
     """
 
     commits: int

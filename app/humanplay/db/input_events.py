@@ -1,4 +1,5 @@
-"""Input events of a person's episodes, on the playground and in studies: kept once each, and read back in order.
+"""Input events of a person's episodes, on the playground and in studies: kept once each, and read
+back in order.
 
 Works on a store's connection and in its transactions.
 """
@@ -20,12 +21,14 @@ from humanplay.db.store import Store, forget_batches
 MAX_EVENTS_PER_EPISODE = 50_000
 """Most input events kept of an episode: some hours of typing."""
 EVENT_BYTES, BATCH_BYTES = 80, 90
-"""Bytes of the database's file that an input event takes, and a batch of them, whose id (in two trees) comes on top."""
+"""Bytes of the database's file that an input event takes, and a batch of them, whose id (in two
+trees) comes on top."""
 MAX_PAGE_LOADS = 200
 """Most loads of the page that an episode's input events may come from."""
 COPIED_GAPS = (12, 40)
-"""Fewest and most gaps between presses, from the first on, that are compared with another episode's: twelve gaps in tenths of a
-millisecond are the same twice by a copy alone, and the more are compared, the less two clocks of 100 ms are taken for one."""
+"""Fewest and most gaps between presses, from the first on, that are compared with another
+episode's: twelve gaps in tenths of a millisecond are the same twice by a copy alone, and the more
+are compared, the less two clocks of 100 ms are taken for one."""
 COMPARED_EPISODES = 5_000
 """Newest episodes that are compared: a look at 5,000 takes some 20 ms."""
 
@@ -88,17 +91,18 @@ def add_input_events(
 ) -> None:
     """Keep a batch of input events of an episode once, however often it comes.
 
-    `batch` is its id, which its page drew. A batch that was being sent when the connection broke can arrive after its
-    repetition and after later batches.
+    `batch` is its id, which its page drew. A batch that was being sent when the connection broke
+    can arrive after its repetition and after later batches.
 
-    What comes after the end of the episode is stored with a later time than the end, so that the rows say what was there when
-    it ended.
+    What comes after the end of the episode is stored with a later time than the end, so that the
+    rows say what was there when it ended.
 
     Args:
         room: Bytes that all input events of the episode may take.
 
     Raises:
-        TooManyEventsError: beyond the room, MAX_EVENTS_PER_EPISODE or MAX_PAGE_LOADS; nothing of the batch is kept.
+        TooManyEventsError: beyond the room, MAX_EVENTS_PER_EPISODE or MAX_PAGE_LOADS; nothing of
+            the batch is kept.
     """
     if not events:
         return
@@ -149,14 +153,17 @@ def input_events(reader: Reader, episode_id: str) -> list[EventRow]:
 
 
 def count_input_events(reader: Reader, episode_id: str) -> int:
-    """Return how many input events of an episode are kept: they are numbered from 0 on, and none goes while it runs."""
+    """Return how many input events of an episode are kept: they are numbered from 0 on, and none
+    goes while it runs."""
     return int(reader.query(_FIRST, [episode_id])[0]["first"])
 
 
 def has_copied_timing(reader: Reader, episode_id: str) -> bool:
-    """Return whether the gaps between an episode's presses are those of another episode that has ended, from its first on.
+    """Return whether the gaps between an episode's presses are those of another episode that has
+    ended, from its first on.
 
-    Presses are those of the moves (`steps.key_down_ms`). Only a copy to the tenth of a millisecond is found.
+    Presses are those of the moves (`steps.key_down_ms`). Only a copy to the tenth of a millisecond
+    is found.
     """
     sql = "SELECT key_down_ms FROM steps WHERE episode_id = ? ORDER BY step LIMIT ?"
     times = [row["key_down_ms"] for row in reader.query(sql, [episode_id, COPIED_GAPS[1] + 1])]

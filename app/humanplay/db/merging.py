@@ -1,4 +1,5 @@
-"""Rows of one database merged into another: new ones are added, equal ones let be, and two contents under one id refused."""
+"""Rows of one database merged into another: new ones are added, equal ones let be, and two contents
+under one id refused."""
 
 from __future__ import annotations
 
@@ -29,10 +30,10 @@ NOT_MERGED = (
     *("meta", "series", "event_batches", "page_loads", "forgotten", "forgotten_people", "chain"),
     *("chain_salts", "volunteers", "volunteer_figures", "names"),
 )
-"""Series and the forgotten are merged by themselves. The key that signs cookies and the secret of daily terrains stay where
-they are. So do names: without that key nobody could change a name in the new file, and two servers may have one name
-twice. So does the chain: two of them cannot be one, so the target's
-own goes on, with an entry that holds the heads of the sources."""
+"""Series and the forgotten are merged by themselves. The key that signs cookies and the secret of
+daily terrains stay where they are. So do names: without that key nobody could change a name in the
+new file, and two servers may have one name twice. So does the chain: two of them cannot be one, so
+the target's own goes on, with an entry that holds the heads of the sources."""
 
 MERGED = {name: table for name, table in TABLES.items() if table.names() and name not in NOT_MERGED}
 ROWS_AT_A_TIME = 2_000
@@ -47,12 +48,14 @@ _TAKEN_PART_TWICE = """SELECT count(*) FROM (SELECT 1 FROM identities i JOIN par
 
 
 class MergeError(StoreError):
-    """Databases cannot be merged: two contents stand under one id, or the new file is there already."""
+    """Databases cannot be merged: two contents stand under one id, or the new file is there
+    already."""
 
 
 @dataclass
 class MergeCounts:
-    """Rows that were added and rows that were there already, by table; people left out because they were forgotten."""
+    """Rows that were added and rows that were there already, by table; people left out because they
+    were forgotten."""
 
     added: dict[str, int] = field(default_factory=dict)
     equal: dict[str, int] = field(default_factory=dict)
@@ -71,11 +74,14 @@ def merge(
     out: Path,
     advance: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[MergeCounts, int]:
-    """Merge databases into a new one; return the counts, and how many people took part in a study twice.
+    """Merge databases into a new one; return the counts, and how many people took part in a study
+    twice.
 
-    advance  called with (databases merged, of how many)
+    MergeError when there is a file at `out` already, or two contents under one id; then nothing is
+    written.
 
-    MergeError when there is a file at `out` already, or two contents under one id; then nothing is written.
+    Args:
+        advance: Called with (databases merged, of how many).
     """
     if out.exists():
         why = "a merge is written into a new file; choose another --out"
@@ -94,12 +100,15 @@ def merge(
 
 
 def merge_rows(target: sqlite3.Connection, source: sqlite3.Connection, where: str) -> MergeCounts:
-    """Add the source's rows to the target's and return the counts; call it inside a transaction of the target.
+    """Add the source's rows to the target's and return the counts; call it inside a transaction of
+    the target.
 
-    where  the source in words, for the error
+    MergeError when both have something under one id and it is not the same. People whom either of
+    the two has forgotten are left out; bring the lists of all sources into the target first
+    (`learn_forgotten`).
 
-    MergeError when both have something under one id and it is not the same. People whom either of the two has forgotten
-    are left out; bring the lists of all sources into the target first (`learn_forgotten`).
+    Args:
+        where: The source in words, for the error.
     """
     counts = MergeCounts()
     target.execute("PRAGMA defer_foreign_keys = ON")
@@ -124,10 +133,12 @@ def merge_rows(target: sqlite3.Connection, source: sqlite3.Connection, where: st
 def _extend_chain(
     target: sqlite3.Connection, source: sqlite3.Connection, added: set[Thing], found: set[Thing]
 ) -> None:
-    """Append the source's head and an entry of everything added; what did not fit its entry in the source stays so.
+    """Append the source's head and an entry of everything added; what did not fit its entry in the
+    source stays so.
 
-    added  what is new in the target
-    found  everything of the source that was merged, new or not
+    Args:
+        added: What is new in the target.
+        found: Everything of the source that was merged, new or not.
     """
     entries, head = chain.head(source)
     chain.append_note(target, "merged", {"merged": {"head": head, "entries": entries}})
@@ -138,7 +149,8 @@ def _extend_chain(
 
 
 def _parts_of(conn: sqlite3.Connection, wanted: set[Thing]) -> dict[Thing, dict[str, int]]:
-    """Return the number of rows that finished episodes and participants have in each of the tables of their parts."""
+    """Return the number of rows that finished episodes and participants have in each of the tables
+    of their parts."""
     wholes = [each for each in wanted if each.kind in ("episode", "participant")]
     parts: dict[Thing, dict[str, int]] = {each: {} for each in wholes}
     for table in MERGED.values() if parts else ():
@@ -198,7 +210,8 @@ def _visible(
 
 
 def _as_outdated(target: sqlite3.Connection, releases: Iterator[Row]) -> Iterator[Row]:
-    """Yield releases, those that the target has too outdated since the earlier of both times, there as well."""
+    """Yield releases, those that the target has too outdated since the earlier of both times, there
+    as well."""
     match = "study = ? AND version = ? AND manifest_hash = ? AND released_ms = ?"
     for row in releases:
         key = row["study"], row["version"], row["manifest_hash"], row["released_ms"]
@@ -228,7 +241,8 @@ def _merge_table(
 def _check_equal(
     target: sqlite3.Connection, table: str, chunk: list[tuple[SqlValue, ...]], where: str
 ) -> None:
-    """Raise MergeError naming the first row of the chunk that does not stand in the target exactly so."""
+    """Raise MergeError naming the first row of the chunk that does not stand in the target exactly
+    so."""
     columns = MERGED[table].names()
     match = " AND ".join(f"{name} IS ?" for name in columns)
     keys = [row[1] for row in target.execute(f"PRAGMA table_info({table})") if row[5]]
@@ -282,7 +296,8 @@ def _check_same_series(old: Row, row: Row, where: str) -> None:
 
 @contextmanager
 def _new_database(out: Path) -> Iterator[sqlite3.Connection]:
-    """Open a database that takes its name when the block has ended well, and leaves nothing otherwise."""
+    """Open a database that takes its name when the block has ended well, and leaves nothing
+    otherwise."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with replace_whole(out) as unfinished:

@@ -22,12 +22,14 @@ PERIOD_S = 0.25
 class Metrics:
     """Counters, histograms and gauges of one server.
 
-    moves           committed moves by who made them: "human", "script" or "policy"
-    step            seconds from a move's check to its frame's publication, the commit included
-    commit          seconds of a transaction of the writer, from BEGIN to COMMIT
-    dropped_frames  frames that a subscriber never got, since a newer one replaced them first
-    newest_s        seconds of the newest 1,000 moves
-    event_loop_lag  seconds by which the event loop came back too late
+    Attributes:
+        moves: Committed moves by who made them: "human", "script" or "policy".
+        step: Seconds from a move's check to its frame's publication, the commit included.
+        commit: Seconds of a transaction of the writer, from BEGIN to COMMIT.
+        dropped_frames: Frames that a subscriber never got, since a newer one replaced them
+            first.
+        newest_s: Seconds of the newest 1,000 moves.
+        event_loop_lag: Seconds by which the event loop came back too late.
     """
 
     def __init__(self) -> None:
@@ -63,17 +65,20 @@ class Metrics:
         return {name: read(f"humanplay_{name}") or 0.0 for name in names}
 
     def count_refusal(self, reason: str) -> None:
-        """Count a refusal. reason: a fixed short name such as `not_current`, never what somebody sent."""
+        """Count a refusal. reason: a fixed short name such as `not_current`, never what somebody
+        sent."""
         self._refusals.labels(reason).inc()
 
     def count_request(self, status: int) -> None:
-        """Count an answered request; one that was refused or failed (400 and above) counts as a refusal too."""
+        """Count an answered request; one that was refused or failed (400 and above) counts as a
+        refusal too."""
         self._requests.labels(str(status)).inc()
         if status >= 400:
             self._refusals.labels(f"http_{status}").inc()
 
     def add_gauge(self, name: str, what: str, read: Callable[[], float]) -> None:
-        """Add a gauge `humanplay_NAME` whose value is read when somebody asks, in a thread of the listener."""
+        """Add a gauge `humanplay_NAME` whose value is read when somebody asks, in a thread of the
+        listener."""
         Gauge(f"humanplay_{name}", what, registry=self.registry).set_function(read)
 
     async def measure_lag(self) -> None:

@@ -17,7 +17,8 @@ NETWORK = (
 
 
 def network_file_system(path: Path, mounts: Path | None = None) -> str:
-    """The kind of network file system that a path lies on; "" for a disk, and where it cannot be told."""
+    """The kind of network file system that a path lies on; "" for a disk, and where it cannot be
+    told."""
     try:
         lines = (mounts or MOUNTS).read_text(errors="replace").splitlines()
     except OSError:

@@ -1,4 +1,5 @@
-"""Threads that read a database, each over a connection of its own, which waits neither for writes nor for their lock."""
+"""Threads that read a database, each over a connection of its own, which waits neither for writes
+nor for their lock."""
 
 from __future__ import annotations
 
@@ -29,11 +30,14 @@ FULL = "more people ask for something than the server's disk can read: try again
 
 
 class ReadThreads(Generic[C]):
-    """A few threads for short reads; any other thread that reads gets a connection of its own as well.
+    """A few threads for short reads; any other thread that reads gets a connection of its own as
+    well.
 
-    The threads and their connections are there from the start, so that a server does not come to hold more of them later.
+    The threads and their connections are there from the start, so that a server does not come to
+    hold more of them later.
 
-    connect  opens a connection that only reads; its errors are passed on
+    Args:
+        connect: Opens a connection that only reads; its errors are passed on.
     """
 
     def __init__(self, connect: Callable[[], C]) -> None:
@@ -60,7 +64,8 @@ class ReadThreads(Generic[C]):
         return len(self._connections)
 
     async def run(self, work: Callable[[], T]) -> T:
-        """Return the result of `work()`, called on one of the threads; StoreError at once while MAX_WAITING reads wait."""
+        """Return the result of `work()`, called on one of the threads; StoreError at once while
+        MAX_WAITING reads wait."""
         if self._waiting >= MAX_WAITING:
             raise StoreError(FULL)
         self._waiting += 1
@@ -70,7 +75,8 @@ class ReadThreads(Generic[C]):
             self._waiting -= 1
 
     def connection(self) -> C:
-        """Return this thread's connection; RuntimeWarning on an event loop, which must not wait for a disk."""
+        """Return this thread's connection; RuntimeWarning on an event loop, which must not wait for
+        a disk."""
         if (found := getattr(self._own, "connection", None)) is not None:
             return found  # type: ignore[no-any-return]
         if _runs_a_loop():

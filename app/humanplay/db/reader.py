@@ -1,7 +1,9 @@
-"""Finished episodes as the database holds them: lists for the API, causes for replay, the counted ones.
+"""Finished episodes as the database holds them: lists for the API, causes for replay, the counted
+ones.
 
-A reader works on the server's own connection or on a read-only one of its own, and writes nothing. No answer for the API
-holds a player's or a session's id, because a session's id is all that is needed to drive it.
+A reader works on the server's own connection or on a read-only one of its own, and writes nothing.
+No answer for the API holds a player's or a session's id, because a session's id is all that is
+needed to drive it.
 """
 
 from __future__ import annotations
@@ -27,13 +29,14 @@ if TYPE_CHECKING:
 Who = Literal["all", "human"]
 
 ATTESTED = "e.driver = 'human' AND e.attestation IN ('attested', 'supervised') AND e.steps > 0"
-"""The condition (SQL) for an episode to be a person's as it was played. One without a move is not, since nothing shows that a
-person drove it, nor is one with a move that fits no input event of its own (`humanplay.board.attestation`)."""
+"""The condition (SQL) for an episode to be a person's as it was played. One without a move is not,
+since nothing shows that a person drove it, nor is one with a move that fits no input event of its
+own (`humanplay.board.attestation`)."""
 
 HUMAN_SCORE_CONDITION = f"""(({ATTESTED} OR e.attestation = 'spoilt') AND NOT e.assisted AND NOT e.seed_chosen
     AND NOT e.terrain_met_before AND s.owner_id IS NOT NULL AND x.series IS NULL)"""
-"""The condition (SQL) for an episode to count for the volunteers' figure: a spoilt one does, as abandoned. Those of a series
-make a figure of their own."""
+"""The condition (SQL) for an episode to count for the volunteers' figure: a spoilt one does, as
+abandoned. Those of a series make a figure of their own."""
 
 # A rival that ended first would show the terrain that its player is still exploring.
 FINISHED_CONDITION = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
@@ -72,8 +75,10 @@ def utc_day(at_ms: int) -> str:
 class Best(NamedTuple):
     """What a player has played on a configuration.
 
-    episodes, successes  how many, and how many of them succeeded
-    best                 the one that succeeded with the fewest moves on a terrain that was new to the player, by their own hand
+    Attributes:
+        episodes, successes: How many, and how many of them succeeded.
+        best: The one that succeeded with the fewest moves on a terrain that was new to the
+            player, by their own hand.
     """
 
     task: str
@@ -86,9 +91,10 @@ class Best(NamedTuple):
 class Reader:
     """Queries over finished episodes.
 
-    A public one sees nothing of a series that is open: of a study before it is closed, of a daily terrain before its day is
-    over. It reads at `at_ms` (None: now). Others see nothing of a study that is open either, unless `open_studies`. None sees
-    anything of one whose secret is kept (`SECRET_KEPT_CONDITION`).
+    A public one sees nothing of a series that is open: of a study before it is closed, of a daily
+    terrain before its day is over. It reads at `at_ms` (None: now). Others see nothing of a study
+    that is open either, unless `open_studies`. None sees anything of one whose secret is kept
+    (`SECRET_KEPT_CONDITION`).
     """
 
     def __init__(
@@ -119,7 +125,8 @@ class Reader:
         at_ms: int | None = None,
         open_studies: bool = False,
     ) -> Reader:
-        """Open a reader on a read-only connection of its own; StoreError when the file is not one of ours."""
+        """Open a reader on a read-only connection of its own; StoreError when the file is not one
+        of ours."""
         return cls(open_read_only(Path(path)), Path(path), public, at_ms, open_studies)
 
     def close(self) -> None:
@@ -129,7 +136,8 @@ class Reader:
 
     @contextmanager
     def snapshot(self) -> Iterator[None]:
-        """Let the block see the database as it is at the first query, whatever a server writes meanwhile."""
+        """Let the block see the database as it is at the first query, whatever a server writes
+        meanwhile."""
         self._db.conn.execute("BEGIN")
         try:
             yield
@@ -137,7 +145,8 @@ class Reader:
             self._db.conn.execute("ROLLBACK")
 
     def query(self, sql: str, values: Sequence[SqlValue] = ()) -> list[Any]:
-        """A query's rows by column, for the modules of this package; `values` fill the question marks."""
+        """A query's rows by column, for the modules of this package; `values` fill the question
+        marks."""
         return list(self._db.query(sql, list(values)))
 
     def count(self, who: Who = "all") -> int:
@@ -151,9 +160,11 @@ class Reader:
         return [SeriesRow(**row) for row in self.query(sql)]
 
     def finished(self, who: Who = "all", player: str | None = None) -> Iterator[CountedEpisode]:
-        """Yield finished episodes as they are stored, oldest first, as `Trial.of` takes them; for export, not for the API.
+        """Yield finished episodes as they are stored, oldest first, as `Trial.of` takes them; for
+        export, not for the API.
 
-        player  theirs alone: what they drove, not what policies did beside them
+        Args:
+            player: Theirs alone: what they drove, not what policies did beside them.
         """
         driven, values = ("", []) if player is None else (_DRIVEN_BY_PLAYER, [player])
         sql = f"{self._select}{_FILTER[who]}{driven} ORDER BY e.started_ms, e.id"
@@ -167,14 +178,17 @@ class Reader:
         return list(map(Trial.of, self._db.query(sql, [config_hash, most])))[::-1]
 
     def played_by(self, player: str, limit: int = 50, after: str | None = None) -> list[Trial]:
-        """Return the finished episodes that a player drove, newest first, for their own page; of open studies none.
+        """Return the finished episodes that a player drove, newest first, for their own page; of
+        open studies none.
 
-        That of today's terrain is among them: whoever shows it tells no seed, no terrain, no moves. `after` as for `episodes`.
+        That of today's terrain is among them: whoever shows it tells no seed, no terrain, no moves.
+        `after` as for `episodes`.
         """
         return self._page(self._select_played + _DRIVEN_BY_PLAYER, "", limit, after, player)
 
     def bests_of(self, player: str) -> list[Best]:
-        """What a player has played by configuration (episodes of `played_by`), the most played first."""
+        """What a player has played by configuration (episodes of `played_by`), the most played
+        first."""
         bests = []
         self._db.conn.create_function("succeeded", 2, _succeeded, deterministic=True)
         for row in self.query(_BESTS.format(self._select_played + _DRIVEN_BY_PLAYER), [player]):
@@ -193,7 +207,9 @@ class Reader:
     ) -> list[dict[str, object]]:
         """Return finished episodes, newest first, with seed, totals and the actions in words.
 
-        after  id of the last one of the page before; LookupError where no finished episode has it
+        Args:
+            after: Id of the last one of the page before; LookupError where no finished episode has
+                it.
         """
         trials = self._page(self._select, _FILTER[who], limit, after)
         return [_described(trial, self._actions(trial.id)) for trial in trials]
@@ -201,7 +217,8 @@ class Reader:
     def _page(
         self, select: str, which: str, limit: int, after: str | None, *given: str
     ) -> list[Trial]:
-        """Return the newest episodes of a query that an SQL condition names, after one that need not be among these."""
+        """Return the newest episodes of a query that an SQL condition names, after one that need
+        not be among these."""
         following, values = "", list(given)
         if after is not None:
             values.append(after)
@@ -223,7 +240,8 @@ class Reader:
         return Trial.of(found[0]) if found else None
 
     def episode(self, episode_id: str) -> dict[str, object] | None:
-        """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None."""
+        """Return one finished episode as `episodes` does, with the times of every move under
+        `moves`, or None."""
         if (trial := self.trial(episode_id)) is None:
             return None
         steps = self.steps(episode_id)
@@ -232,7 +250,8 @@ class Reader:
         return {**_described(trial, actions), "moves": moves}
 
     def who_drove(self, episode_id: str, viewer: str | None = None) -> str:
-        """Return who drove an episode: "you" (the viewer), "synthetic" (a synthetic participant), else its driver."""
+        """Return who drove an episode: "you" (the viewer), "synthetic" (a synthetic participant),
+        else its driver."""
         sql = """SELECT e.driver, s.owner_id = ?2 AND e.driver NOT LIKE 'policy:%' AS own, EXISTS (SELECT 1 FROM participants p
             WHERE p.session_id = s.id AND p.kind = 'script') AS synthetic
             FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.id = ?1"""
@@ -242,12 +261,14 @@ class Reader:
         raise StoreError(f"no episode {episode_id!r} in {self.path}")
 
     def ids_beginning(self, prefix: str, limit: int) -> list[str]:
-        """Return the ids of finished episodes that begin with a text, in order, at most `limit` of them."""
+        """Return the ids of finished episodes that begin with a text, in order, at most `limit` of
+        them."""
         sql = f"SELECT id FROM ({self._select} AND substr(e.id, 1, length(?)) = ?) ORDER BY id LIMIT ?"
         return [str(row["id"]) for row in self._db.query(sql, [prefix, prefix, limit])]
 
     def load_record(self, episode_id: str) -> Record:
-        """Return the cause of a finished episode, ready to be replayed; StoreError when there is no such episode."""
+        """Return the cause of a finished episode, ready to be replayed; StoreError when there is no
+        such episode."""
         for row in list(
             self._db.query(
                 "SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]

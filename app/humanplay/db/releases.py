@@ -12,8 +12,9 @@ from humanplay.db.database import rows
 class ReleaseRow(NamedTuple):
     """A published release.
 
-    manifest_hash  SHA-256 (hex) of its manifest
-    outdated_ms    since when it holds somebody who was erased; None while it does not
+    Attributes:
+        manifest_hash: SHA-256 (hex) of its manifest.
+        outdated_ms: Since when it holds somebody who was erased; None while it does not.
     """
 
     study: str
@@ -44,7 +45,8 @@ def note_imported_release(conn: sqlite3.Connection, release: ReleaseRow) -> None
 def mark_outdated_releases(
     conn: sqlite3.Connection, study: str, joined_ms: int, now_ms: int
 ) -> tuple[int, ...]:
-    """Mark the releases made since `joined_ms` as outdated and return their versions: a participant of theirs is erased."""
+    """Mark the releases made since `joined_ms` as outdated and return their versions: a participant
+    of theirs is erased."""
     where, values = "study = ? AND released_ms >= ?", (study, joined_ms)
     sql = f"SELECT version FROM releases WHERE {where} ORDER BY version"
     found = tuple(version for (version,) in conn.execute(sql, values))

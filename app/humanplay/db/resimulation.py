@@ -1,4 +1,5 @@
-"""A finished episode simulated again from what fixes it, and every difference from what was stored, by name."""
+"""A finished episode simulated again from what fixes it, and every difference from what was stored,
+by name."""
 
 from __future__ import annotations
 
@@ -14,10 +15,11 @@ from humanplay.task import Run
 class Finding:
     """One thing that is not as it should be.
 
-    where   "episode ID", "participant ID", "study NAME", "file PATH"
-    what    the field, or a few words
-    stored  what is kept
-    found   what it should be
+    Attributes:
+        where: "episode ID", "participant ID", "study NAME", "file PATH".
+        what: The field, or a few words.
+        stored: What is kept.
+        found: What it should be.
     """
 
     where: str
@@ -35,9 +37,11 @@ def _short(value: object) -> str:
 
 
 def simulate(row: EpisodeRow, steps: Sequence[MoveRow]) -> tuple[Run | None, list[Finding]]:
-    """Return a finished episode simulated again, None where it cannot be, and what differs from its rows.
+    """Return a finished episode simulated again, None where it cannot be, and what differs from its
+    rows.
 
-    row, steps  as `Reader.finished` and `Reader.steps` give them
+    Args:
+        row, steps: As `Reader.finished` and `Reader.steps` give them.
     """
     found: list[Found] = []
     episode = _simulated(row, list(steps), found)

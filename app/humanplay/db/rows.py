@@ -10,9 +10,9 @@ Attestation = Literal["unattested", "spoilt", "attested", "supervised"]
 """Lowest first.
 
 unattested  the first move has no input event of its own that fits it, or its presses are a copy
-spoilt      the first move has one, and a later one does not: it counts as abandoned (`Trial.forfeited`)
-attested    every move fits an input event of its own
-supervised  attested, and the operator had typed their code shortly before
+spoilt      the first move has one, and a later one does not: it counts as abandoned
+(`Trial.forfeited`) attested    every move fits an input event of its own supervised  attested, and
+the operator had typed their code shortly before
 """
 AskedBy = Literal["participant", "operator", "review board"]
 """Who asked for an erasure."""
@@ -73,7 +73,8 @@ class EpisodeRow(TypedDict):
 
 
 class PlacedEpisode(EpisodeRow):
-    """An episode with its place in a series, the player whose it is, and the one on whose page it ran."""
+    """An episode with its place in a series, the player whose it is, and the one on whose page it
+    ran."""
 
     series: str
     phase: Phase
@@ -84,7 +85,8 @@ class PlacedEpisode(EpisodeRow):
 
 
 class CountedEpisode(EpisodeRow):
-    """A finished episode, whose page it ran on, its series, and whether it counts for the volunteers' figure."""
+    """A finished episode, whose page it ran on, its series, and whether it counts for the
+    volunteers' figure."""
 
     owner_id: str | None
     series: str | None

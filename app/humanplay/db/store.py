@@ -1,10 +1,11 @@
 """The writer of everything that is played: one row a step, committed before it is answered.
 
-Every write is an IMMEDIATE transaction on one connection. In a server one thread owns it (`Store.write`), and reads are made on
-other threads over connections of their own (`Store.read`), so that the event loop waits for neither a disk nor a lock. In a
-command or a test the caller's thread does all of it, and a write is committed when the call returns. `humanplay.db.database`
-opens the file, `humanplay.db.reader` reads what is finished, and `humanplay.db.series` writes the tables of studies in
-transactions of the same store.
+Every write is an IMMEDIATE transaction on one connection. In a server one thread owns it
+(`Store.write`), and reads are made on other threads over connections of their own (`Store.read`),
+so that the event loop waits for neither a disk nor a lock. In a command or a test the caller's
+thread does all of it, and a write is committed when the call returns. `humanplay.db.database` opens
+the file, `humanplay.db.reader` reads what is finished, and `humanplay.db.series` writes the tables
+of studies in transactions of the same store.
 """
 
 from __future__ import annotations
@@ -93,16 +94,18 @@ BROKEN = (
 _log = logging.getLogger(__name__)
 DAY_MS = 86_400_000
 READ_CACHE_KB = 256
-"""Memory of each reading connection for pages of the database (SQLite's default: 2,000). A connection drops them all after the
-next commit, and reads from the system's own cache what it had no room for."""
+"""Memory of each reading connection for pages of the database (SQLite's default: 2,000). A
+connection drops them all after the next commit, and reads from the system's own cache what it had
+no room for."""
 
 
 @dataclass(frozen=True)
 class SessionRow:
     """A board and who drives it.
 
-    driver_name  "human" or a policy's name
-    challenges   the finished episode that is played against here, if any
+    Attributes:
+        driver_name: "human" or a policy's name.
+        challenges: The finished episode that is played against here, if any.
     """
 
     id: str
@@ -153,8 +156,9 @@ class StepRow:
 class Resumable:
     """A session's latest episode as a restarted server finds it.
 
-    newest_ms  time of its newest move or input event
-    batches    ids of its batches of input events
+    Attributes:
+        newest_ms: Time of its newest move or input event.
+        batches: Ids of its batches of input events.
     """
 
     session: SessionRow
@@ -172,9 +176,10 @@ class Resumable:
 class Closing(NamedTuple):
     """What closes an episode.
 
-    attestation  its level, of a person's alone
-    reason       why it is not attested
-    events       the hash of its input events, where it was begun before
+    Attributes:
+        attestation: Its level, of a person's alone.
+        reason: Why it is not attested.
+        events: The hash of its input events, where it was begun before.
     """
 
     episode_id: str
@@ -196,7 +201,8 @@ _ADD_STEP = f"""INSERT INTO steps ({", ".join(_STEP)}) SELECT ?1, ?2, ?3, ?4, ?5
 _STEP_VALUES = attrgetter(*_STEP)
 _BECOME_SCRIPT = "UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'"
 KEPT_BATCHES = 4
-"""Batches of input events by whose ids an ended episode knows one that comes again: a page repeats its newest."""
+"""Batches of input events by whose ids an ended episode knows one that comes again: a page repeats
+its newest."""
 _FORGET_BATCHES = """DELETE FROM event_batches WHERE episode_id = ?1 AND first <
     (SELECT first FROM event_batches WHERE episode_id = ?1 ORDER BY first DESC LIMIT 1 OFFSET ?2)"""
 _CLOSE = """UPDATE episodes SET ended_ms = ?2, outcome = ?3, steps = ?4, discovered = ?5, total = ?6, score = ?7,
@@ -218,7 +224,8 @@ _NEWEST_EVENT = (
 
 @dataclass(eq=False, slots=True)
 class _Write:
-    """A write that waits: what makes it, what follows its commit, and who waits for it until when (monotonic seconds)."""
+    """A write that waits: what makes it, what follows its commit, and who waits for it until when
+    (monotonic seconds)."""
 
     work: Callable[[], object]
     then: Callable[[Any], None] | None
@@ -233,15 +240,19 @@ class _Write:
 
 
 class WriteQueue:
-    """The writes of one database, in the order in which they were asked for, on a thread of their own.
+    """The writes of one database, in the order in which they were asked for, on a thread of their
+    own.
 
-    The event loop never waits for SQLite: whoever wants to write puts a function into the queue and awaits its result, which
-    comes after the commit. Writes that wait together are committed together. The thread waits for another program's lock and
-    for a slow disk. Without a started thread each write is made at once by whoever asks.
+    The event loop never waits for SQLite: whoever wants to write puts a function into the queue and
+    awaits its result, which comes after the commit. Writes that wait together are committed
+    together. The thread waits for another program's lock and for a slow disk. Without a started
+    thread each write is made at once by whoever asks.
 
-    commit     commits what the writes since the last call wrote
-    roll_back  takes it back
-    fault      one sentence when the thread has ended by an error, so that nothing can be recorded; else None
+    Attributes:
+        commit: Commits what the writes since the last call wrote.
+        roll_back: Takes it back.
+        fault: One sentence when the thread has ended by an error, so that nothing can be
+            recorded; else None.
     """
 
     def __init__(self, commit: Callable[[], None], roll_back: Callable[[], None]) -> None:
@@ -280,7 +291,8 @@ class WriteQueue:
         self._thread.start()
 
     def stop(self) -> None:
-        """Make the writes that wait, then end the thread; call it in another thread, while the event loop runs."""
+        """Make the writes that wait, then end the thread; call it in another thread, while the
+        event loop runs."""
         if self._thread is not None:
             try:
                 self._loop.call_soon_threadsafe(self._end)
@@ -297,15 +309,19 @@ class WriteQueue:
         is_awaited: bool = True,
         undone: Callable[[], None] | None = None,
     ) -> asyncio.Future[T]:
-        """Queue a write and return the result of `work()` to come: it is called on the thread of the writes, then committed.
+        """Queue a write and return the result of `work()` to come: it is called on the thread of
+        the writes, then committed.
 
-        notice      told one sentence when the wait has lasted NOTICE_S
-        then        called with the result on the event loop, right after the commit: also when whoever waits was cancelled
-        is_awaited  whether somebody waits; else it may wait for another one for GATHERED_S
-        undone      called where its commit failed, on the thread of the writes, before any further write
+        An error of `work` is passed on. WriteRefusedError after PATIENCE_S when the write has not
+        begun, or at once while MAX_WAITING writes wait. StoreError when the commit failed.
 
-        An error of `work` is passed on. WriteRefusedError after PATIENCE_S when the write has not begun, or at once while
-        MAX_WAITING writes wait. StoreError when the commit failed.
+        Args:
+            notice: Told one sentence when the wait has lasted NOTICE_S.
+            then: Called with the result on the event loop, right after the commit: also when
+                whoever waits was cancelled.
+            is_awaited: Whether somebody waits; else it may wait for another one for GATHERED_S.
+            undone: Called where its commit failed, on the thread of the writes, before any further
+                write.
         """
         if self._thread is None:
             made = asyncio.get_running_loop().create_future()
@@ -332,7 +348,8 @@ class WriteQueue:
         return write.done
 
     def wait_for_lock(self) -> bool:
-        """Wait a moment for another program's lock; return False when the write that is being made has waited long enough.
+        """Wait a moment for another program's lock; return False when the write that is being made
+        has waited long enough.
 
         Only `work` calls it, on the thread of the writes.
         """
@@ -344,14 +361,16 @@ class WriteQueue:
         return True
 
     def _hand_over(self) -> None:
-        """Hand what came in one turn of the event loop to the thread, at once: waking it costs more than a write."""
+        """Hand what came in one turn of the event loop to the thread, at once: waking it costs more
+        than a write."""
         self._is_due = False
         if self._gathered:
             self._queue.put(self._gathered)
             self._gathered = []
 
     def _end(self) -> None:
-        """Take no further write, and let the thread end behind what was gathered; between two turns nobody else gathers."""
+        """Take no further write, and let the thread end behind what was gathered; between two turns
+        nobody else gathers."""
         self._is_ending = True
         self._hand_over()
         self._queue.put(None)
@@ -379,7 +398,8 @@ class WriteQueue:
             self._call(self._fail, [*batch, *waiting])
 
     def _take(self, waiting: deque[_Write]) -> bool:
-        """Take what was handed over, wait for it if need be, and return whether nothing comes after it."""
+        """Take what was handed over, wait for it if need be, and return whether nothing comes after
+        it."""
         handed = self._queue.get()
         waiting.extend(handed or ())
         return handed is None
@@ -428,7 +448,8 @@ class WriteQueue:
         self._drop_answered()
 
     def _drop_answered(self) -> None:
-        """Forget the oldest writes as far as they are answered; mostly none are left, since answers come in order."""
+        """Forget the oldest writes as far as they are answered; mostly none are left, since answers
+        come in order."""
         while self._unanswered and self._unanswered[0].done.done():
             self._unanswered.popleft()
 
@@ -443,7 +464,8 @@ class WriteQueue:
         self._answer(waiting)
 
     def _set_timer(self) -> None:
-        """Let the oldest write that waits be looked at when it has waited for NOTICE_S: one timer serves all of them."""
+        """Let the oldest write that waits be looked at when it has waited for NOTICE_S: one timer
+        serves all of them."""
         due = self._unanswered[0].deadline - PATIENCE_S + NOTICE_S
         self._timer = self._loop.call_at(due, self._look_at_waiting)
 
@@ -479,10 +501,13 @@ async def _send(notice: Notice, text: str) -> None:
 
 
 class Store(Reader):
-    """The one writer of a database; `path` is its file, and `metrics` counts its commits and the moves of its sessions.
+    """The one writer of a database; `path` is its file, and `metrics` counts its commits and the
+    moves of its sessions.
 
-    accept_loss  open the database also where commits that were acknowledged are missing, or might be
-    missing      how many commits a power cut took
+    Attributes:
+        accept_loss: Open the database also where commits that were acknowledged are missing, or
+            might be.
+        missing: How many commits a power cut took.
     """
 
     def __init__(
@@ -538,7 +563,8 @@ class Store(Reader):
         self.writes.start()
 
     def stop_threads(self) -> None:
-        """Make the writes that wait, end the threads, and go back to the caller's; call it beside the running event loop."""
+        """Make the writes that wait, end the threads, and go back to the caller's; call it beside
+        the running event loop."""
         self.writes.stop()
         if self._reads is not None:
             self._reads.close()
@@ -557,15 +583,17 @@ class Store(Reader):
         notice: Notice | None = None,
         then: Callable[[T], None] | None = None,
     ) -> T:
-        """Return the result of `work()`, which may write and sees everything written before it, once that is committed.
+        """Return the result of `work()`, which may write and sees everything written before it,
+        once that is committed.
 
-        It runs on the thread of the writes: it must not touch what belongs to the event loop. `notice`, `then` and the errors
-        are those of `WriteQueue.put`.
+        It runs on the thread of the writes: it must not touch what belongs to the event loop.
+        `notice`, `then` and the errors are those of `WriteQueue.put`.
         """
         return await self.writes.put(work, notice, then)
 
     async def change(self, work: Callable[..., T], *arguments: object) -> T:
-        """Return the result of `work(connection, *arguments)`, called in a transaction as `write` calls its work."""
+        """Return the result of `work(connection, *arguments)`, called in a transaction as `write`
+        calls its work."""
 
         def write() -> T:
             with self.transaction():
@@ -576,14 +604,16 @@ class Store(Reader):
     def put_write(
         self, work: Callable[[], T], undone: Callable[[], None] | None = None
     ) -> asyncio.Future[T]:
-        """Ask for a write that may wait a moment for the next one, and return its result to come; the next is made after it.
+        """Ask for a write that may wait a moment for the next one, and return its result to come;
+        the next is made after it.
 
         `undone` is that of `WriteQueue.put`.
         """
         return self.writes.put(work, undone=undone, is_awaited=False)
 
     async def read(self, work: Callable[[], T]) -> T:
-        """Return the result of `work()`, which reads what is committed, on another thread and whatever is being written."""
+        """Return the result of `work()`, which reads what is committed, on another thread and
+        whatever is being written."""
         return work() if self._reads is None else await self._reads.run(work)
 
     def close(self) -> None:
@@ -599,7 +629,8 @@ class Store(Reader):
 
     @property
     def _db(self) -> Database:
-        """The connection for whoever asks: the one that writes, or while threads are started a reading one of their own."""
+        """The connection for whoever asks: the one that writes, or while threads are started a
+        reading one of their own."""
         if self._reads is None or self.writes.is_own_thread:
             return self._own_db
         return self._reads.connection()
@@ -610,7 +641,8 @@ class Store(Reader):
 
     @property
     def fault(self) -> str | None:
-        """Return one sentence while nothing can be recorded: the database is not where it was opened, say; else None."""
+        """Return one sentence while nothing can be recorded: the database is not where it was
+        opened, say; else None."""
         return self._lost or self._place.fault() or self.writes.fault
 
     def check_recording(self) -> None:
@@ -625,14 +657,18 @@ class Store(Reader):
 
     @contextmanager
     def transaction(self, is_one_statement: bool = False) -> Iterator[None]:
-        """Commit what the block writes as a whole or not at all (StoreError); inside another transaction it is part of it.
+        """Commit what the block writes as a whole or not at all (StoreError); inside another
+        transaction it is part of it.
 
-        On the thread of the writes it is committed together with those that wait; one that fails is taken back alone.
+        On the thread of the writes it is committed together with those that wait; one that fails is
+        taken back alone.
 
-        is_one_statement  the block executes one statement, which SQLite itself takes back if it fails
+        LostDatabaseError when the file is no longer where it was opened: what is not in reach is
+        not acknowledged. WriteRefusedError while another program holds the lock for writing.
 
-        LostDatabaseError when the file is no longer where it was opened: what is not in reach is not acknowledged.
-        WriteRefusedError while another program holds the lock for writing.
+        Args:
+            is_one_statement: The block executes one statement, which SQLite itself takes back if it
+                fails.
         """
         if self.writes.is_started and not self.writes.is_own_thread:
             what = "its store is written on one thread alone: await Store.write"
@@ -660,7 +696,8 @@ class Store(Reader):
             self._commit()
 
     def _begin(self, is_first: bool, has_savepoint: bool) -> None:
-        """Begin a transaction, or a part of one; on the thread of the writes wait for another program's lock."""
+        """Begin a transaction, or a part of one; on the thread of the writes wait for another
+        program's lock."""
         if self._lost is not None:
             raise LostDatabaseError(self._lost)
         if not is_first:
@@ -679,7 +716,8 @@ class Store(Reader):
         self._began = time.perf_counter()
 
     def _take_back(self, is_first: bool, has_savepoint: bool, error: BaseException) -> None:
-        """Take back what a transaction wrote, and nothing of those before it that are not committed yet."""
+        """Take back what a transaction wrote, and nothing of those before it that are not committed
+        yet."""
         if not self._conn.in_transaction:
             if not is_first:  # SQLite has taken back everything, as it may on a full disk
                 self._undone = self._not_taken(error)
@@ -690,7 +728,8 @@ class Store(Reader):
             self._conn.execute("RELEASE part")
 
     def _commit(self) -> None:
-        """Commit the transactions since the last call, if the file is where it was opened; else take them back."""
+        """Commit the transactions since the last call, if the file is where it was opened; else
+        take them back."""
         undone, self._undone = self._undone, None
         if not self._conn.in_transaction and undone is None:
             return
@@ -760,7 +799,8 @@ class Store(Reader):
             )
 
     def next_episode(self, closing: Sequence[Closing], rows: Sequence[Trial]) -> list[Trial]:
-        """Close the given episodes, open the next ones and return these as stored; all of it or nothing."""
+        """Close the given episodes, open the next ones and return these as stored; all of it or
+        nothing."""
         with self.transaction():
             for each in closing:
                 self._close(Closing(*each))
@@ -772,7 +812,8 @@ class Store(Reader):
     def add_step(self, row: StepRow, closing: Record | None = None) -> None:
         """Commit a step, and close its episode when `closing` is its record.
 
-        A step that did not come from a person's key or touch makes a human episode a script's for ever.
+        A step that did not come from a person's key or touch makes a human episode a script's for
+        ever.
         """
         values = _STEP_VALUES(row)
         if row.step > 0 and closing is None and self._add_step_alone(values):
@@ -801,14 +842,16 @@ class Store(Reader):
         return self.connection.execute(sql, (episode_id, session_id)).fetchone() is not None
 
     def pauses(self, episode_id: str, least_ms: int, until_ms: int) -> tuple[int, float]:
-        """Return how many gaps of so many ms lie between the moves of an episode, or after them, and their sum in ms."""
+        """Return how many gaps of so many ms lie between the moves of an episode, or after them,
+        and their sum in ms."""
         sql = """SELECT count(*) AS number, total(gap) AS ms FROM (SELECT coalesce(lead(server_ms)
             OVER (ORDER BY step), ?) - server_ms AS gap FROM steps WHERE episode_id = ?) WHERE gap >= ?"""
         (found,) = self.query(sql, [until_ms, episode_id, least_ms])
         return found["number"], found["ms"]
 
     def resume_session(self, session_id: str, now_ms: int | None = None) -> Resumable | None:
-        """Return a session's latest episode when it is open, or when the session was alive within a day; else None.
+        """Return a session's latest episode when it is open, or when the session was alive within a
+        day; else None.
 
         A participant's is returned at any age.
         """
@@ -829,7 +872,8 @@ class Store(Reader):
         return None if found is None else str(found[0])
 
     def find_episode(self, episode_id: str) -> Resumable | None:
-        """Return an episode as it stands now, open or ended, and its session; None when there is none."""
+        """Return an episode as it stands now, open or ended, and its session; None when there is
+        none."""
         sql = f"SELECT {TRIAL} FROM episodes e {JOINED} WHERE e.id = ?"
         found = self.query(sql, [episode_id])
         return self._resumable(found[0]) if found else None

@@ -15,15 +15,19 @@ Stage = Literal[
 ]  # fmt: skip
 SeriesKind = Literal["study", "daily"]
 ORDER_EVENT = "order"
-"""Kind of the stage event whose detail holds the `number` that fixes a participant's order of the ranked terrains."""
+"""Kind of the stage event whose detail holds the `number` that fixes a participant's order of the
+ranked terrains."""
 
 
 class SeriesRow(NamedTuple):
     """A study that somebody has joined, or the terrain of a day; `protocol` is JSON.
 
-    closed_ms  from when on everything of it is public; None while a study is open
-    secret     hex; None while a study is open. That of a day is told to nobody before the day is over
-    secret_kept_ms  since when nobody can take part while the secret is kept; None where it is not
+    Attributes:
+        closed_ms: From when on everything of it is public; None while a study is open.
+        secret: Hex; None while a study is open. That of a day is told to nobody before the day
+            is over.
+        secret_kept_ms: Since when nobody can take part while the secret is kept; None where it
+            is not.
     """
 
     name: str
@@ -47,7 +51,8 @@ class Frozen(Protocol):
 
 
 def is_same_study(one: Frozen, other: Frozen) -> bool:
-    """Return whether two are one freezing: others of the same protocol have its hash too, and another secret."""
+    """Return whether two are one freezing: others of the same protocol have its hash too, and
+    another secret."""
     return (one.protocol_hash, one.commitment) == (other.protocol_hash, other.commitment)
 
 
@@ -55,8 +60,9 @@ def is_same_study(one: Frozen, other: Frozen) -> bool:
 class Participant:
     """A person, or a script, in a study; `settings` is JSON, times are milliseconds since 1970.
 
-    invitation     id of the invitation that brought them; None without one
-    supervised_ms  when the operator's code was typed last; None if it never was
+    Attributes:
+        invitation: Id of the invitation that brought them; None without one.
+        supervised_ms: When the operator's code was typed last; None if it never was.
     """
 
     id: str

@@ -26,24 +26,26 @@ DAILY: Literal["daily"] = "daily"
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """An episode, open or finished, with what it belongs to. Its columns are those of `columns.txt`.
+    """An episode, open or finished, with what it belongs to. Its columns are those of
+    `columns.txt`.
 
-    task         whose rules it was played under, and `core_version` theirs
-    driver       "human", "script" or "policy:NAME"
-    owner_id     the player on whose page it ran, where that was asked for
-    counts       for the figure of the playground's volunteers, where that was asked for
-    series       the study or the day that it is of; "" where it is of none
-    moves        made so far, and when the last one was (None without one), where that was asked for
+    What fixes it is known from its start; from `ended_ms` to `attestation_reason` all are None
+    while it runs.
 
-    What fixes it is known from its start; from `ended_ms` to `attestation_reason` all are None while it runs.
+    Of a study's episode, outside of one "" and -1: participant    who played it, and their kind
+    trial          0.. in the order played, within its phase terrain_index  of its seed, within its
+    phase pause_share    paused or out of sight, 0..1 of the time between first and last move, where
+    it was worked out active_ms      from the start to the last move without pauses and time out of
+    sight, likewise labels         of `humanplay.study.plausibility`, where they were
 
-    Of a study's episode, outside of one "" and -1:
-    participant    who played it, and their kind
-    trial          0.. in the order played, within its phase
-    terrain_index  of its seed, within its phase
-    pause_share    paused or out of sight, 0..1 of the time between first and last move, where it was worked out
-    active_ms      from the start to the last move without pauses and time out of sight, likewise
-    labels         of `humanplay.study.plausibility`, where they were
+    Attributes:
+        task: Whose rules it was played under, and `core_version` theirs.
+        driver: "human", "script" or "policy:NAME".
+        owner_id: The player on whose page it ran, where that was asked for.
+        counts: For the figure of the playground's volunteers, where that was asked for.
+        series: The study or the day that it is of; "" where it is of none.
+        moves: Made so far, and when the last one was (None without one), where that was asked
+            for.
     """
 
     id: str
@@ -86,7 +88,8 @@ class Trial:
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> Trial:
-        """Return the episode of a row of the table `episodes`, with whatever further fields the query gave it.
+        """Return the episode of a row of the table `episodes`, with whatever further fields the
+        query gave it.
 
         ValueError or TypeError where the configuration in it is none.
         """
@@ -156,7 +159,8 @@ class Trial:
         return self.steps if self.succeeded else int(self.config.limit)
 
     def forfeited(self) -> Trial:
-        """Return it as it counts where it is spoilt: given up at its last move, so that spoiling is worth what leaving is."""
+        """Return it as it counts where it is spoilt: given up at its last move, so that spoiling is
+        worth what leaving is."""
         if self.outcome is None or self.total is None or self.score is None:
             return self
         score = self.environment.given_up_score(self, self.outcome, self.total, self.score)
@@ -181,5 +185,6 @@ _COLUMNS = TABLES["episodes"].names()
 
 @lru_cache(maxsize=256)
 def parse_config(task: str, text: str) -> Configuration:
-    """Return the configuration that a column holds as JSON; ValueError or TypeError where it is none of the task's."""
+    """Return the configuration that a column holds as JSON; ValueError or TypeError where it is
+    none of the task's."""
     return environment_of(task).configuration(json.loads(text))

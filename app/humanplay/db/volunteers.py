@@ -1,6 +1,8 @@
-"""What the volunteers' figures are made from: a player's sums for a configuration, kept by the write that ends an episode.
+"""What the volunteers' figures are made from: a player's sums for a configuration, kept by the
+write that ends an episode.
 
-A finished episode does not change, so sums only grow; after an erasure or a merge they are made again from the episodes.
+A finished episode does not change, so sums only grow; after an erasure or a merge they are made
+again from the episodes.
 """
 
 from __future__ import annotations
@@ -25,8 +27,9 @@ ROUNDING = 1e-9
 class Sums(NamedTuple):
     """What counted episodes come to: numbers of episodes, and sums over them.
 
-    One that was left has the score of `Trial.as_left`. A spoilt one counts as abandoned; `played_score` and `played_steps` are
-    with it as it was played. Steps are those of `Trial.steps_to_target`.
+    One that was left has the score of `Trial.as_left`. A spoilt one counts as abandoned;
+    `played_score` and `played_steps` are with it as it was played. Steps are those of
+    `Trial.steps_to_target`.
     """
 
     episodes: int
@@ -63,7 +66,8 @@ _PLAYER = f"SELECT {_SUMS} FROM volunteers WHERE config_hash = ? AND player_id =
 
 
 def add_episode(conn: sqlite3.Connection, episode_id: str) -> None:
-    """Add an episode that has just ended to its player's sums, if it counts; call it in the transaction that ends it."""
+    """Add an episode that has just ended to its player's sums, if it counts; call it in the
+    transaction that ends it."""
     for trial, config in _counted(conn, " AND e.id = ?", episode_id):
         conn.execute(_ADD, (trial.config_hash, trial.owner_id, *Sums.of(trial)))
         conn.execute(_CHANGE, (trial.config_hash, trial.task, config))
@@ -79,13 +83,15 @@ def renew(conn: sqlite3.Connection) -> None:
 
 
 def played_configs(reader: Reader) -> list[tuple[str, str, str, str]]:
-    """Return (hash, task, JSON, state) of each configuration with counted episodes; the state is new whenever a sum is."""
+    """Return (hash, task, JSON, state) of each configuration with counted episodes; the state is
+    new whenever a sum is."""
     found = reader.query("SELECT config_hash, task, config, state FROM volunteer_figures")
     return [(row["config_hash"], row["task"], row["config"], row["state"]) for row in found]
 
 
 def players_of(reader: Reader, config_hash: str) -> list[Sums]:
-    """Return the sums of everybody who has counted episodes of a configuration, in an order that stays."""
+    """Return the sums of everybody who has counted episodes of a configuration, in an order that
+    stays."""
     return [Sums(**row) for row in reader.query(_PLAYERS, [config_hash])]
 
 
@@ -98,7 +104,8 @@ def player_sums(reader: Reader, config_hash: str, player: str) -> Sums | None:
 class RankedRun(NamedTuple):
     """A ranked episode that counts: whose, on which terrain, and when it ended.
 
-    moves  to the goal; None where it was not reached
+    Attributes:
+        moves: To the goal; None where it was not reached.
     """
 
     player_id: str
@@ -146,7 +153,8 @@ def _are_close(one: Sums, other: Sums) -> bool:
 def _from_episodes(
     conn: sqlite3.Connection,
 ) -> tuple[dict[tuple[str, str], Sums], dict[str, tuple[str, str]]]:
-    """Return the sums by configuration's hash and player, and the task and configuration (JSON) of each hash."""
+    """Return the sums by configuration's hash and player, and the task and configuration (JSON) of
+    each hash."""
     sums, configs = dict[tuple[str, str], Sums](), dict[str, tuple[str, str]]()
     for trial, config in _counted(conn):
         key, found = (trial.config_hash, str(trial.owner_id)), Sums.of(trial)
@@ -159,9 +167,11 @@ def _from_episodes(
 def _counted(
     conn: sqlite3.Connection, which: str = "", *values: str
 ) -> Iterator[tuple[Trial, str]]:
-    """Yield counted episodes with their configurations as JSON, all or those that an SQL condition names.
+    """Yield counted episodes with their configurations as JSON, all or those that an SQL condition
+    names.
 
-    One whose row is no episode's, or whose score has no mean, is left out: `verify` finds the former.
+    One whose row is no episode's, or whose score has no mean, is left out: `verify` finds the
+    former.
     """
     for row in stream(conn, f"{_COUNTED}{which} ORDER BY e.started_ms, e.id", *values):
         try:

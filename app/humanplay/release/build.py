@@ -1,4 +1,5 @@
-"""A study written as a citable bundle: verified, under new pseudonyms, signed. The folder appears whole or not at all."""
+"""A study written as a citable bundle: verified, under new pseudonyms, signed. The folder appears
+whole or not at all."""
 
 from __future__ import annotations
 
@@ -75,12 +76,16 @@ FORGOTTEN_REASON = "a participant asked to be forgotten"
 class ReleaseRequest:
     """What to release and where.
 
-    authors  named in the citation
-    secrets  of studies whose end the database has not noted yet: name -> (closed_ms, 32 bytes); None as closed_ms: still open
-    without_policies  that the report leaves out although the protocol names them
-    invitations  of the study by id; None where it has none, or its folder is not at hand
-    policy_folder  in which the files of the policies are kept; None where it is not at hand
-    with_report  False: a release without the study's report, and without the tables that it is made from
+    Attributes:
+        authors: Named in the citation.
+        secrets: Of studies whose end the database has not noted yet: name -> (closed_ms, 32
+            bytes); None as closed_ms: still open.
+        without_policies: That the report leaves out although the protocol names them.
+        invitations: Of the study by id; None where it has none, or its folder is not at hand.
+        policy_folder: In which the files of the policies are kept; None where it is not at
+            hand.
+        with_report: False: a release without the study's report, and without the tables that it
+            is made from.
     """
 
     database: Path
@@ -104,7 +109,8 @@ def request_of(
     url: str | None = None,
     without_policies: tuple[str, ...] = (),
 ) -> ReleaseRequest:
-    """Return what releases a study with its report, from a database and the folder of studies; StudyError as `Folder`."""
+    """Return what releases a study with its report, from a database and the folder of studies;
+    StudyError as `Folder`."""
     return ReleaseRequest(
         database=database,
         study=study,
@@ -121,7 +127,8 @@ def request_of(
 
 @dataclass(frozen=True)
 class WrittenRelease:
-    """A release that was written: its header, its manifest's SHA-256 and the fingerprint of its key."""
+    """A release that was written: its header, its manifest's SHA-256 and the fingerprint of its
+    key."""
 
     header: ReleaseHeader
     manifest_hash: str
@@ -133,11 +140,12 @@ def build_release(
 ) -> WrittenRelease:
     """Verify a study and write its release to `request.out`.
 
-    advance   called with (episodes verified or written, of how many)
-    bar       of what the report takes
+    ReleaseError when the study is unknown or open, an episode fails, the folder is there already,
+    or a library is missing; PolicyError when the file of a policy that the report compares is lost.
 
-    ReleaseError when the study is unknown or open, an episode fails, the folder is there already, or a library is missing;
-    PolicyError when the file of a policy that the report compares is lost.
+    Args:
+        advance: Called with (episodes verified or written, of how many).
+        bar: Of what the report takes.
     """
     check_libraries()
     if request.out.exists() and (not request.out.is_dir() or any(request.out.iterdir())):
@@ -163,9 +171,11 @@ def build_release(
 def _write_report(
     folder: Path, header: ReleaseHeader, request: ReleaseRequest, bar: ProgressBar
 ) -> ReleaseHeader:
-    """Write the report, made from the release's own database, with what it is made from; return the header that says so.
+    """Write the report, made from the release's own database, with what it is made from; return the
+    header that says so.
 
-    The files of the policies go into the release; costs are kept next to the database that it is made from.
+    The files of the policies go into the release; costs are kept next to the database that it is
+    made from.
     """
     with closing(Reader.open(folder / BUNDLE_DATABASE)) as reader:
         data = load(reader, header.study).with_policies_in(folder / FOLDER)
@@ -326,7 +336,8 @@ def _write_files(
 def _write_derived(
     database: Path, data: StudyData, episodes: Sequence[PolicyEpisode], costs: Sequence[CostRow]
 ) -> None:
-    """Write the tables that only a bundle's database has: an import leaves them behind, the next release makes them anew."""
+    """Write the tables that only a bundle's database has: an import leaves them behind, the next
+    release makes them anew."""
     names = list(dict.fromkeys(each.policy for each in episodes))
     ended = [trial for trial in data.trials if trial.ended_ms is not None]
     cohort = people_of(data)
@@ -407,7 +418,8 @@ def _counted_people(conn: sqlite3.Connection) -> _CountedPeople:
 
 @contextmanager
 def _whole_folder(out: Path) -> Iterator[Path]:
-    """Make a folder that takes its name when the block has ended well, and leaves nothing otherwise."""
+    """Make a folder that takes its name when the block has ended well, and leaves nothing
+    otherwise."""
     try:
         with replace_whole(out) as unfinished:
             unfinished.mkdir(parents=True)
@@ -418,7 +430,8 @@ def _whole_folder(out: Path) -> Iterator[Path]:
 
 
 def _note_published(request: ReleaseRequest, header: ReleaseHeader, manifest_hash: str) -> None:
-    """Keep the release in the database, so that the next one knows its number; a server may be running."""
+    """Keep the release in the database, so that the next one knows its number; a server may be
+    running."""
     row = ReleaseRow(header.study, header.version, manifest_hash, now_ms())
     try:
         with writing(request.database) as conn:

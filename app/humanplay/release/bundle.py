@@ -31,18 +31,21 @@ from humanplay.task import Environment
 
 
 def initials(environment: Environment) -> str:
-    """Return what stands for each action in the moves of policies: its initial, or a sign for its code where two share one."""
+    """Return what stands for each action in the moves of policies: its initial, or a sign for its
+    code where two share one."""
     letters = "".join(name[0].upper() for name in environment.actions)
     signs = string.digits + string.ascii_letters + "-_"
     return letters if len(set(letters)) == len(letters) else signs[: len(letters)]
 
 
 class Bundle:
-    """A released folder, opened once; use it in a `with` block. ReleaseError where the folder holds no release.
+    """A released folder, opened once; use it in a `with` block. ReleaseError where the folder holds
+    no release.
 
-    manifest  with its hash, SHA-256 (hex)
-    reader    of its database
-    data      the study, with the files of the policies that are in the bundle
+    Attributes:
+        manifest: With its hash, SHA-256 (hex).
+        reader: Of its database.
+        data: The study, with the files of the policies that are in the bundle.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -109,8 +112,9 @@ def verify_bundle(
 ) -> VerifiedBundle:
     """Verify a released folder; ReleaseError when it is not one.
 
-    advance  called with (episodes simulated, of how many)
-    signer   fingerprint of the key that must have signed it
+    Args:
+        advance: Called with (episodes simulated, of how many).
+        signer: Fingerprint of the key that must have signed it.
     """
     manifest, manifest_hash = read_manifest(folder)
     findings = list(check_files(folder, manifest, signer))
@@ -131,11 +135,12 @@ def import_release(
 ) -> MergeCounts:
     """Import a release into a database, which is made when absent, and return what was added.
 
-    advance  called with (episodes verified, of how many)
-    signer   fingerprint of the key that must have signed it
+    ReleaseError when the release does not verify; MergeError when the database holds its episodes
+    under other names; StoreError while a server has the database. Nothing is changed then.
 
-    ReleaseError when the release does not verify; MergeError when the database holds its episodes under other names;
-    StoreError while a server has the database. Nothing is changed then.
+    Args:
+        advance: Called with (episodes verified, of how many).
+        signer: Fingerprint of the key that must have signed it.
     """
     check_writable(database)
     checked = verify_bundle(folder, advance, signer)

@@ -1,7 +1,9 @@
-"""Croissant 1.1 metadata (JSON-LD): what files there are and what their columns mean, for machines that look for data sets.
+"""Croissant 1.1 metadata (JSON-LD): what files there are and what their columns mean, for machines
+that look for data sets.
 
-The metadata are built with mlcroissant's own classes. Two things cannot be said through them and are added to their output:
-`isLiveDataset` when it is false, and a list of creators when there is only one.
+The metadata are built with mlcroissant's own classes. Two things cannot be said through them and
+are added to their output: `isLiveDataset` when it is false, and a list of creators when there is
+only one.
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ TERMS_OF_1_1 = {
 def croissant(
     folder: Path, header: ReleaseHeader, citation: str, licence_url: str
 ) -> dict[str, object]:
-    """Return the metadata of a release whose tables lie in `folder`; ReleaseError when mlcroissant finds them not valid."""
+    """Return the metadata of a release whose tables lie in `folder`; ReleaseError when mlcroissant
+    finds them not valid."""
     formats = ENCODING_FORMATS.items()
     with _mlcroissant() as mlc:
         build = _Builder(mlc, folder)
@@ -73,7 +76,8 @@ def write_croissant(folder: Path, header: ReleaseHeader, citation: str, licence_
 
 @contextmanager
 def _mlcroissant() -> Iterator[ModuleType]:
-    """Give the library to a block, without its deprecation warnings; what is not valid becomes a ReleaseError."""
+    """Give the library to a block, without its deprecation warnings; what is not valid becomes a
+    ReleaseError."""
     mlc = library("mlcroissant")
     try:
         with warnings.catch_warnings():

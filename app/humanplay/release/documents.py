@@ -1,7 +1,8 @@
 """The documents of a release: datasheet, citation, licence, protocol and column dictionary.
 
-The first three come from the templates in `templates/`. They are Markdown, YAML and plain text, so nothing is escaped as
-HTML; strings in the YAML are quoted as JSON. The datasheet follows Gebru et al. (2021), "Datasheets for Datasets".
+The first three come from the templates in `templates/`. They are Markdown, YAML and plain text, so
+nothing is escaped as HTML; strings in the YAML are quoted as JSON. The datasheet follows Gebru et
+al. (2021), "Datasheets for Datasets".
 """
 
 from __future__ import annotations
@@ -62,8 +63,9 @@ def write_documents(
 ) -> None:
     """Write every document into the release.
 
-    minari         episodes by Minari dataset id
-    without_moves  episodes that Minari cannot hold
+    Args:
+        minari: Episodes by Minari dataset id.
+        without_moves: Episodes that Minari cannot hold.
     """
     _write_json(folder / "columns.json", dictionary())
     _write_json(folder / "protocol.json", json.loads(canonical(header.protocol)))
@@ -75,7 +77,8 @@ def write_documents(
 def documents(
     header: ReleaseHeader, minari: Mapping[str, int], without_moves: int, has_report: bool = False
 ) -> dict[str, str]:
-    """Return file name -> text of the documents that come from templates; the arguments are those of `write_documents`."""
+    """Return file name -> text of the documents that come from templates; the arguments are those
+    of `write_documents`."""
     licence = header.protocol.data_licence
     given = {
         "header": header,

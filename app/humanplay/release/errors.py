@@ -15,13 +15,15 @@ EXPORT_LIBRARIES = ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography")
 
 
 def check_libraries() -> None:
-    """Check that everything that writing a release needs is installed; ReleaseError naming the first that is not."""
+    """Check that everything that writing a release needs is installed; ReleaseError naming the
+    first that is not."""
     for name in EXPORT_LIBRARIES:
         library(name)
 
 
 def library(name: str) -> ModuleType:
-    """Import an optional library and return its module; ReleaseError naming the extra when it is not installed."""
+    """Import an optional library and return its module; ReleaseError naming the extra when it is
+    not installed."""
     try:
         return import_module(name)
     except ImportError as error:

@@ -1,5 +1,5 @@
-"""The header of a release, from which its documents are made, and its manifest: the header, every file with its SHA-256, size
-and rows, and a signature over it all.
+"""The header of a release, from which its documents are made, and its manifest: the header, every
+file with its SHA-256, size and rows, and a signature over it all.
 """
 
 from __future__ import annotations
@@ -47,19 +47,15 @@ class Superseded(TypedDict):
 class ReleaseHeader:
     """A release.
 
-    version     1, 2, ... of this study's releases
-    released    ISO 8601, UTC
-    secret      hex
-    supersedes  the release it stands in for
-    rows        rows by table
-    left_out    what the release does not hold, counted
-    chain_head  hex: head of the chain (of `chain_entries`) of the database it was made from; None without an entry
-    arrivals    people who are not in it, and invitations
-    attestation ranked episodes of people by level; "" stands for those that have none
-    withdrawn   people who agreed and withdrew later
-    frozen_at, first_came_at  ISO 8601, UTC: when the protocol was frozen, and when the first participant came ("" for nobody)
-    expert_hash  SHA-256 of the policy that moves are judged by; "" without costs
-    without_policies  of the protocol, which the report leaves out because their files were not at hand
+    version     1, 2, ... of this study's releases released    ISO 8601, UTC secret      hex
+    supersedes  the release it stands in for rows        rows by table left_out    what the release
+    does not hold, counted chain_head  hex: head of the chain (of `chain_entries`) of the database
+    it was made from; None without an entry arrivals    people who are not in it, and invitations
+    attestation ranked episodes of people by level; "" stands for those that have none withdrawn
+    people who agreed and withdrew later frozen_at, first_came_at  ISO 8601, UTC: when the protocol
+    was frozen, and when the first participant came ("" for nobody) expert_hash  SHA-256 of the
+    policy that moves are judged by; "" without costs without_policies  of the protocol, which the
+    report leaves out because their files were not at hand
     """
 
     study: str
@@ -128,7 +124,8 @@ def write_manifest(
 ) -> str:
     """Write and sign the manifest of a release, and return its SHA-256 (hex).
 
-    rows  by file, where a file has rows
+    Args:
+        rows: By file, where a file has rows.
     """
     (folder / PUBLIC_KEY).write_bytes(signing.public_pem(key))
     files = {}
@@ -165,7 +162,8 @@ def read_manifest(folder: Path) -> tuple[Manifest, str]:
 def check_files(folder: Path, manifest: Manifest, signer: str | None = None) -> Iterator[Finding]:
     """Yield what differs between a release's files, manifest and signature.
 
-    signer  fingerprint that the signing key must have; None takes the one in the release
+    Args:
+        signer: Fingerprint that the signing key must have; None takes the one in the release.
     """
     try:
         pem = (folder / PUBLIC_KEY).read_bytes()

@@ -1,7 +1,8 @@
 """A release's episodes as Minari datasets (HDF5), people's and scripts' in separate ones.
 
-Observations are the codes of `gymnasium.make("MarsExplorer-v0", observation="uint8")`, kept as they are: Minari's picture
-compression would change them. Reference scores make Minari's normalized score the paper's.
+Observations are the codes of `gymnasium.make("MarsExplorer-v0", observation="uint8")`, kept as they
+are: Minari's picture compression would change them. Reference scores make Minari's normalized score
+the paper's.
 """
 
 from __future__ import annotations
@@ -53,7 +54,8 @@ class MinariWriter:
         self.without_moves = 0
 
     def add(self, row: TableRow, episode: Run) -> None:
-        """Add one episode; Minari cannot keep one without a move, so such an episode is only counted."""
+        """Add one episode; Minari cannot keep one without a move, so such an episode is only
+        counted."""
         if not episode.rewards():
             self.without_moves += 1
             return
@@ -178,7 +180,8 @@ def _buffer(minari: ModuleType, row: TableRow, episode: Run) -> Any:
 
 
 def _stacked(observations: Sequence[Any]) -> object:
-    """Return observations as Minari takes them: arrays over the moves, in the dictionaries and tuples of their space."""
+    """Return observations as Minari takes them: arrays over the moves, in the dictionaries and
+    tuples of their space."""
     first = observations[0]
     if isinstance(first, Mapping):
         return {name: _stacked([each[name] for each in observations]) for name in first}
@@ -188,7 +191,8 @@ def _stacked(observations: Sequence[Any]) -> object:
 
 
 def _kept(space: Any) -> Any:
-    """Return a space that Minari can keep: one of a package's own, such as MiniGrid's missions, becomes one of texts."""
+    """Return a space that Minari can keep: one of a package's own, such as MiniGrid's missions,
+    becomes one of texts."""
     from gymnasium import spaces
     from minari.serialization import serialize_space
 

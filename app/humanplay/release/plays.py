@@ -19,7 +19,8 @@ from humanplay.task import Run, counted
 
 
 def to_parquet(folder: Path) -> list[Path]:
-    """Write `episodes.csv` and `steps.csv` of a folder as Parquet beside them; ReleaseError without pyarrow."""
+    """Write `episodes.csv` and `steps.csv` of a folder as Parquet beside them; ReleaseError without
+    pyarrow."""
     pa, pq = library("pyarrow"), library("pyarrow.parquet")
     csv = library("pyarrow.csv")
     kinds = {

@@ -1,7 +1,9 @@
-"""A release's figures derived again from the bundle alone, and compared value by value with what it holds.
+"""A release's figures derived again from the bundle alone, and compared value by value with what it
+holds.
 
-Numbers agree when they differ by less than one part in 10^9, since libraries of other versions add in another order. Texts
-agree when they are equal, apart from the software's version. Times and versions of the derivation itself are not compared.
+Numbers agree when they differ by less than one part in 10^9, since libraries of other versions add
+in another order. Texts agree when they are equal, apart from the software's version. Times and
+versions of the derivation itself are not compared.
 """
 
 from __future__ import annotations
@@ -52,9 +54,10 @@ _ABSENT = object()
 class Section:
     """What came of one part of a report.
 
-    compared     values: numbers and texts
-    differ       of these
-    differences  the first of them, each a sentence
+    Attributes:
+        compared: Values: numbers and texts.
+        differ: Of these.
+        differences: The first of them, each a sentence.
     """
 
     compared: int = 0
@@ -75,10 +78,13 @@ class Section:
 class Reproduction:
     """What came of deriving a bundle's figures again.
 
-    files         how many the bundle has; findings: what of them is not as signed, and signer: what is known of who signed
-    sections      what was compared, by part of the report
-    not_compared  what was not, a sentence each
-    derived       the report that the bundle gives, where it holds none to compare with; left_out: policies whose file is lost
+    Attributes:
+        files: How many the bundle has; findings: what of them is not as signed, and signer:
+            what is known of who signed.
+        sections: What was compared, by part of the report.
+        not_compared: What was not, a sentence each.
+        derived: The report that the bundle gives, where it holds none to compare with;
+            left_out: policies whose file is lost.
     """
 
     files: int
@@ -109,10 +115,13 @@ def reproduce(
 ) -> Reproduction:
     """Derive every figure of a bundle again, and compare.
 
-    pins         the file of pinned keys; key: a fingerprint, or the file of a public key, that must have signed the bundle
-    plays_again  False: no policy is played again, its recorded moves are replayed alone
+    ReleaseError where the folder holds no release; StoreError and StudyError where its database
+    cannot be read.
 
-    ReleaseError where the folder holds no release; StoreError and StudyError where its database cannot be read.
+    Args:
+        pins: The file of pinned keys; key: a fingerprint, or the file of a public key, that
+            must have signed the bundle.
+        plays_again: False: no policy is played again, its recorded moves are replayed alone.
     """
     with Bundle(folder) as bundle:
         expected = None if key is None else fingerprint_of(key)
@@ -159,7 +168,8 @@ class _Derivation:
         return make_report(reader, self._data, episodes, synthetic, self._bar, costs)
 
     def _compare_costs(self, cache: Path) -> bool:
-        """Compare the cost of each move with the recorded one, and keep it in `cache`; return whether it could be derived.
+        """Compare the cost of each move with the recorded one, and keep it in `cache`; return
+        whether it could be derived.
 
         It cannot where nobody played, or where the policy that judges moves is another one here.
         """
@@ -208,7 +218,8 @@ class _Derivation:
                 self._made.compare(f"{mark}page", name, "the page", other)
 
     def _replay_policies(self) -> None:
-        """Compare the policies' recorded episodes with their replay on the terrains that follow from the study's secret."""
+        """Compare the policies' recorded episodes with their replay on the terrains that follow
+        from the study's secret."""
         seeds, section = closed_seeds(self._data), "policies' episodes, replayed"
         for each in self._episodes:
             where = f"{each.policy}, terrain {each.terrain}"
@@ -232,7 +243,8 @@ class _Derivation:
             self._made.compare(section, where, before, each.trajectory_hash)
 
     def _play_at_hand(self) -> tuple[PolicyEpisode, ...]:
-        """Return episodes of those policies of the protocol that are here, for a bundle that holds none."""
+        """Return episodes of those policies of the protocol that are here, for a bundle that holds
+        none."""
         names = []
         for name in compared_policies(self._data.protocol):
             try:
@@ -272,9 +284,11 @@ def compare_reports(
 ) -> dict[str, Section]:
     """Return section -> its comparison, for two reports as `Report.to_dict` gives them.
 
-    Every number and text of the recorded report is compared; what only the derived one has is a later version's, and new.
+    Every number and text of the recorded report is compared; what only the derived one has is a
+    later version's, and new.
 
-    left_out  keys of groups that are not compared
+    Args:
+        left_out: Keys of groups that are not compared.
     """
     sections: dict[str, Section] = {}
     leaves = dict(_leaves(derived))

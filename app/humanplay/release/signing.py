@@ -1,8 +1,10 @@
-"""Ed25519 signatures of releases, and whose they are as far as that is known here: a given key's, a pinned one's, or unknown.
+"""Ed25519 signatures of releases, and whose they are as far as that is known here: a given key's, a
+pinned one's, or unknown.
 
-The key lies next to the database, its public half in every release. A valid signature proves that the holder of this key wrote
-exactly these files. That the key is a certain group's has to be learnt elsewhere, from their paper say; a fingerprint that was
-checked once can be pinned, so that the next bundle of the same group is known.
+The key lies next to the database, its public half in every release. A valid signature proves that
+the holder of this key wrote exactly these files. That the key is a certain group's has to be learnt
+elsewhere, from their paper say; a fingerprint that was checked once can be pinned, so that the next
+bundle of the same group is known.
 """
 
 from __future__ import annotations
@@ -133,9 +135,11 @@ def _libraries() -> tuple[ModuleType, ModuleType]:
 class SignerCheck:
     """What is known of a bundle's signer.
 
-    fingerprint  of the key that signed it, SHA-256 (hex)
-    known_by     `key`: the one that was asked for; `pin`: a pinned one; None: the signer was not checked
-    other        fingerprint of another key that is pinned for the same study, if there is one
+    Attributes:
+        fingerprint: Of the key that signed it, SHA-256 (hex).
+        known_by: `key`: the one that was asked for; `pin`: a pinned one; None: the signer was
+            not checked.
+        other: Fingerprint of another key that is pinned for the same study, if there is one.
     """
 
     fingerprint: str
@@ -157,7 +161,8 @@ class SignerCheck:
 
 
 def fingerprint_of(given: str) -> str:
-    """Return the fingerprint (hex) of a key: given as one, or as the file of a public key; ReleaseError for neither."""
+    """Return the fingerprint (hex) of a key: given as one, or as the file of a public key;
+    ReleaseError for neither."""
     path = Path(given)
     if path.is_file():
         return fingerprint(path.read_bytes())
@@ -168,10 +173,13 @@ def fingerprint_of(given: str) -> str:
 
 
 def check_signer(manifest: Manifest, key: str | None, pins: Path) -> SignerCheck:
-    """Return what is known of the signer whom a manifest names; whether the signature is valid is `check_files`' to say.
+    """Return what is known of the signer whom a manifest names; whether the signature is valid is
+    `check_files`' to say.
 
-    key   the fingerprint that was asked for, which `check_files` compares; None: only the pinned keys are looked at
-    pins  the file of pinned keys; it need not exist
+    Args:
+        key: The fingerprint that was asked for, which `check_files` compares; None: only the
+            pinned keys are looked at.
+        pins: The file of pinned keys; it need not exist.
     """
     signer = str(manifest.get("signer"))
     pinned = read_pins(pins)
@@ -199,7 +207,8 @@ def pin(pins: Path, manifest: Manifest) -> None:
 
 
 def read_pins(pins: Path) -> dict[str, dict[str, object]]:
-    """Return fingerprint -> what was noted when it was pinned; ReleaseError for a file that is none of pinned keys."""
+    """Return fingerprint -> what was noted when it was pinned; ReleaseError for a file that is none
+    of pinned keys."""
     if not pins.exists():
         return {}
     try:

@@ -1,4 +1,5 @@
-"""The tables of a release, written from its own database by the queries of `queries.sql`: Parquet and CSV."""
+"""The tables of a release, written from its own database by the queries of `queries.sql`: Parquet
+and CSV."""
 
 from __future__ import annotations
 
@@ -38,7 +39,8 @@ def queries() -> dict[str, str]:
 
 
 def select(conn: sqlite3.Connection, table: str) -> Iterator[TableRow]:
-    """Yield the rows of a table from a bundle's database, columns in their order, truth values as such and actions by name."""
+    """Yield the rows of a table from a bundle's database, columns in their order, truth values as
+    such and actions by name."""
     columns = bundle_table(table)[1]
     truths = [column.name for column in columns if column.type == "boolean"]
     actions = _actions(conn) if table == "steps" else ()
@@ -57,7 +59,8 @@ def _actions(conn: sqlite3.Connection) -> Sequence[str]:
 
 
 def released_episodes(conn: sqlite3.Connection) -> Iterator[tuple[TableRow, Run]]:
-    """Yield every episode of a release's database, oldest first: its row of the table of episodes, and its replay."""
+    """Yield every episode of a release's database, oldest first: its row of the table of episodes,
+    and its replay."""
     for header in select(conn, "episodes"):
         (row,) = rows(conn, "SELECT * FROM episodes WHERE id = ?", header["episode"])
         of_episode = "SELECT * FROM steps WHERE episode_id = ? ORDER BY step"
@@ -67,9 +70,11 @@ def released_episodes(conn: sqlite3.Connection) -> Iterator[tuple[TableRow, Run]
 
 
 def write_tables(folder: Path, conn: sqlite3.Connection) -> dict[str, int]:
-    """Write every table of a release, as CSV and all but `scores` as Parquet; return the rows by file.
+    """Write every table of a release, as CSV and all but `scores` as Parquet; return the rows by
+    file.
 
-    In CSV what is absent is empty, and truth values are true and false. In Parquet each column carries its meaning.
+    In CSV what is absent is empty, and truth values are true and false. In Parquet each column
+    carries its meaning.
     """
     (folder / "parquet").mkdir()
     (folder / "csv").mkdir()

@@ -1,4 +1,5 @@
-"""A study's report from its data: who enters, the figures, the comparisons, the deviations and the cautions."""
+"""A study's report from its data: who enters, the figures, the comparisons, the deviations and the
+cautions."""
 
 from __future__ import annotations
 
@@ -75,11 +76,16 @@ def build(
     pictures: Mapping[str, Pictures] | None = None,
     costs: Mapping[str, CostSummary] | None = None,
 ) -> Report:
-    """Return the report of a study: over its people, or over its scripts when `synthetic`, never over both.
+    """Return the report of a study: over its people, or over its scripts when `synthetic`, never
+    over both.
 
-    runs      policies on the ranked terrains (`humanplay.report.making.runs_of`); none: no comparisons
-    pictures  by group's name, what `summarize_groups` gives; none: no curves and visit maps
-    costs     by group's name, what `humanplay.report.costs.costs_of_people` gives; none: no costs
+    Args:
+        runs: Policies on the ranked terrains (`humanplay.report.making.runs_of`); none: no
+            comparisons.
+        pictures: By group's name, what `summarize_groups` gives; none: no curves and visit
+            maps.
+        costs: By group's name, what `humanplay.report.costs.costs_of_people` gives; none: no
+            costs.
     """
     data = data.shown()
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
@@ -217,7 +223,8 @@ def _comparisons(
     everybody: Everybody,
     runs: Sequence[PolicyRun],
 ) -> tuple[PolicyComparison, ...]:
-    """Return every policy's comparison in each metric; none where nobody finished, and without policies."""
+    """Return every policy's comparison in each metric; none where nobody finished, and without
+    policies."""
     if not finished or not runs:
         return ()
     began = members(everybody.cohort, {})
@@ -236,9 +243,12 @@ def _comparisons_in(
     everybody: Floats | None,
     runs: Sequence[PolicyRun],
 ) -> list[PolicyComparison]:
-    """Return every policy's comparison in one metric; of the primary one with the p values of the protocol's family.
+    """Return every policy's comparison in one metric; of the primary one with the p values of the
+    protocol's family.
 
-    finished, everybody  the tables of both estimates; no second one, no p: a difference is claimed where both claim it
+    Args:
+        finished, everybody: The tables of both estimates; no second one, no p: a difference is
+            claimed where both claim it.
     """
     # terrains that at least one player and every policy played
     shared = ~np.isnan(finished).all(axis=0)

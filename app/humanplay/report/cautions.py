@@ -1,4 +1,5 @@
-"""Cautions that a reader needs before using a figure, and deviations of a study from its protocol: a sentence each."""
+"""Cautions that a reader needs before using a figure, and deviations of a study from its protocol:
+a sentence each."""
 
 from __future__ import annotations
 
@@ -70,7 +71,8 @@ def _players(group: GroupReport, number: int) -> str:
 
 
 def _about_shared_terrains(data: StudyData, group: GroupReport) -> Iterable[str]:
-    """Yield why policies are not tested where too few terrains were played by all of them and by people."""
+    """Yield why policies are not tested where too few terrains were played by all of them and by
+    people."""
     shared = min((row.terrains for row in group.comparisons), default=FEWEST)
     if data.protocol.terrains_drawn and shared < FEWEST:
         players = "people" if group.kind == "human" else "simulated players"
@@ -153,7 +155,8 @@ def _about_neither(group: GroupReport) -> Iterable[str]:
 
 
 def _about_flagged(data: StudyData, group: GroupReport) -> Iterable[str]:
-    """Yield how people whose every episode is flagged move the estimate for everybody, beyond half its interval."""
+    """Yield how people whose every episode is flagged move the estimate for everybody, beyond half
+    its interval."""
     people = people_of(data)
     everybody = everybody_of(data, people).cohort
     began = members(everybody, {})

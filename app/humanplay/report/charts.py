@@ -26,7 +26,8 @@ from humanplay.study.flow import BEGAN, EARLY, ENDED, STATUS_IN_WORDS, Participa
 
 PEOPLE_COLOUR = "#1b2733"
 POLICY_COLOURS = ("#c1440e", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Okabe and Ito's colours, which colour-blind readers can distinguish, after the colour of Mars. People are drawn in ink."""
+"""Okabe and Ito's colours, which colour-blind readers can distinguish, after the colour of Mars.
+People are drawn in ink."""
 DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
 MATPLOTLIB_STYLE: Any = {
     "svg.fonttype": "none",
@@ -57,7 +58,8 @@ WIDTH = 5.6
 def draw_svg(
     name: str, height: float, draw: Callable[[Canvas], None], is_synthetic: bool, alt: str
 ) -> str:
-    """Return a chart as an SVG element with its description; its ids begin with `name`, so that no two charts share one."""
+    """Return a chart as an SVG element with its description; its ids begin with `name`, so that no
+    two charts share one."""
     with _STYLE_LOCK, matplotlib.rc_context({**MATPLOTLIB_STYLE, "svg.hashsalt": name}):
         canvas = Canvas(figsize=(WIDTH, height))
         draw(canvas)
@@ -276,7 +278,8 @@ def _forest(canvas: Canvas, group: GroupReport, called: Callable[[str], str]) ->
 
 
 def _short(name: str) -> str:
-    """Return a policy's name as a chart has room for it: words on lines, and the end of what is long, such as a file's path."""
+    """Return a policy's name as a chart has room for it: words on lines, and the end of what is
+    long, such as a file's path."""
     if " " in name:
         return "\n".join(wrap(name, MAX_NAME))
     return name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}"
@@ -313,7 +316,8 @@ LINE, PADDING, GAP = 0.34, 0.26, 0.5
 class FlowStep:
     """A stage of the flow: how many reached it, and those who went no further, by reason.
 
-    detail  a second line, "" for none
+    Attributes:
+        detail: A second line, "" for none.
     """
 
     label: str

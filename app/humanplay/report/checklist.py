@@ -1,8 +1,9 @@
-"""The human-baseline reporting checklist of Wei et al. 2025, filled from the study's database as far as possible.
+"""The human-baseline reporting checklist of Wei et al. 2025, filled from the study's database as
+far as possible.
 
-Items and numbers are those of the checklist in appendix B of "Recommendations and Reporting Checklist for Rigorous &
-Transparent Human Baselines in Model Evaluations" (arXiv 2506.13776); `checklist.txt` has their answers. What only the authors
-know is said to be missing.
+Items and numbers are those of the checklist in appendix B of "Recommendations and Reporting
+Checklist for Rigorous & Transparent Human Baselines in Model Evaluations" (arXiv 2506.13776);
+`checklist.txt` has their answers. What only the authors know is said to be missing.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ TEST = "Test of the paired differences over players and terrains, the inverse of
 
 
 def checklist(data: StudyData, people: GroupReport, policies: Sequence[str]) -> tuple[Item, ...]:
-    """Return every item in order, from a study, the report of its people and the policies they are compared with."""
+    """Return every item in order, from a study, the report of its people and the policies they are
+    compared with."""
     texts = _texts(data, people, policies)
     text = Path(__file__).with_name("checklist.txt").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]

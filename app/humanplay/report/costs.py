@@ -1,7 +1,7 @@
 """What the moves of a study's players cost, beside the expert's own episodes.
 
-`humanplay.tasks.costs` says what a cost is. Ranked episodes of an open study are refused here, so that nothing of
-their terrains leaves before it is closed.
+`humanplay.tasks.costs` says what a cost is. Ranked episodes of an open study are refused here, so
+that nothing of their terrains leaves before it is closed.
 """
 
 from __future__ import annotations
@@ -44,9 +44,11 @@ def no_bar(name: str) -> Iterator[Progress]:
 
 @dataclass(frozen=True)
 class CostRow:
-    """One move of an episode: `step` from 0, `cost` in moves, actions in words, `kind` None outside all mistakes.
+    """One move of an episode: `step` from 0, `cost` in moves, actions in words, `kind` None outside
+    all mistakes.
 
-    An episode that ended without a move has one more row, whose `action` is None: its costs then add up as all others'.
+    An episode that ended without a move has one more row, whose `action` is None: its costs then
+    add up as all others'.
     """
 
     episode: str
@@ -59,7 +61,8 @@ class CostRow:
 
 @dataclass(frozen=True)
 class PlayerCosts:
-    """One player's mean cost per episode, in moves: what it counts more than the expert's, and the parts of that."""
+    """One player's mean cost per episode, in moves: what it counts more than the expert's, and the
+    parts of that."""
 
     player: str
     episodes: int
@@ -70,10 +73,11 @@ class PlayerCosts:
 
 @dataclass(frozen=True)
 class CostPart:
-    """All cost or a part of it, in moves an episode: the mean of players' means, and its 95 % interval.
+    """All cost or a part of it, in moves an episode: the mean of players' means, and its 95 %
+    interval.
 
-    The interval is for other players and, where the protocol fixes no terrains, other terrains; None without a spread and
-    below five players.
+    The interval is for other players and, where the protocol fixes no terrains, other terrains;
+    None without a spread and below five players.
     """
 
     mean: float
@@ -84,14 +88,17 @@ class CostPart:
 class CostSummary:
     """Cost per episode over players.
 
-    counts        moves that an episode counts, the mean over players
-    expert_moves  of the expert's own episodes on the same terrains, likewise
-    total         the difference of the two
-    by_kind       of mistakes, and `ended early` with what giving up cost
-    gained        below 0: of the moves outside all mistakes; with `by_kind` it adds up to `total`
-    by_tenth      of the moves made at 0-10 %, 10-20 %, ... of the way
-    without_move  what ends without a move, such as giving up, cost; with `by_tenth` it adds up to `total`
-    policy        that is the expert
+    Attributes:
+        counts: Moves that an episode counts, the mean over players.
+        expert_moves: Of the expert's own episodes on the same terrains, likewise.
+        total: The difference of the two.
+        by_kind: Of mistakes, and `ended early` with what giving up cost.
+        gained: Below 0: of the moves outside all mistakes; with `by_kind` it adds up to
+            `total`.
+        by_tenth: Of the moves made at 0-10 %, 10-20 %, ... of the way.
+        without_move: What ends without a move, such as giving up, cost; with `by_tenth` it adds
+            up to `total`.
+        policy: That is the expert.
     """
 
     phase: str
@@ -131,9 +138,11 @@ def why_not_judged(data: StudyData) -> str | None:
 
 
 def study_estimator(data: StudyData, cache: Path | None) -> CostEstimator:
-    """Return what works out a study's costs, by the expert's file of the time at which the study was frozen.
+    """Return what works out a study's costs, by the expert's file of the time at which the study
+    was frozen.
 
-    cache  the folder in which costs are kept; None keeps nothing
+    Args:
+        cache: The folder in which costs are kept; None keeps nothing.
     """
     courses, expert = _courses(data)
     return courses.estimator(data.policy_files.expert(expert), cache)
@@ -146,9 +155,11 @@ def trial_costs(
     estimator: CostEstimator,
     progress: Progress | None = None,
 ) -> Iterator[tuple[Trial, Record, EpisodeCosts]]:
-    """Yield the costs of each finished trial that this core version can replay; StudyError for a ranked one of an open study.
+    """Yield the costs of each finished trial that this core version can replay; StudyError for a
+    ranked one of an open study.
 
-    progress  called with (episodes done, in all)
+    Args:
+        progress: Called with (episodes done, in all).
     """
     if data.closed_ms is None and any(trial.phase == "ranked" for trial in trials):
         raise StudyError(
@@ -186,7 +197,8 @@ def cost_rows(
 def costs_of_study(
     reader: Reader, data: StudyData, progress: Progress | None = None
 ) -> tuple[CostSummary, list[dict[str, Any]]]:
-    """Return the summary over everybody who played, under pseudonyms, and every move of theirs as a dictionary.
+    """Return the summary over everybody who played, under pseudonyms, and every move of theirs as a
+    dictionary.
 
     ValueError where no move is judged, and where nobody's finished episode can be shown yet.
     """
@@ -218,7 +230,8 @@ def summarize_costs(
     estimator: CostEstimator,
     progress: Progress | None = None,
 ) -> CostSummary | None:
-    """Return what the moves of some players of a cohort cost: in ranked episodes of a closed study, else in the warm-up.
+    """Return what the moves of some players of a cohort cost: in ranked episodes of a closed study,
+    else in the warm-up.
 
     Spoilt ones are left out. None where no episode is left.
     """
@@ -299,7 +312,8 @@ def costs_of_people(
 ) -> dict[str, CostSummary]:
     """Return the costs of a closed study's people under the primary set, by the group's name.
 
-    Nothing where a study is open or its moves are not judged. cache: the folder in which costs are kept; None keeps nothing
+    Nothing where a study is open or its moves are not judged. cache: the folder in which costs are
+    kept; None keeps nothing
     """
     if data.closed_ms is None or why_not_judged(data) is not None:
         return {}
@@ -311,7 +325,8 @@ def costs_of_people(
 
 
 def ranked_of_people(data: StudyData) -> list[Trial]:
-    """Return the trials whose moves a release judges: a program's are judged only where that is asked for."""
+    """Return the trials whose moves a release judges: a program's are judged only where that is
+    asked for."""
     return [trial for trial in data.trials if trial.phase == "ranked" and trial.kind == "human"]
 
 

@@ -1,4 +1,5 @@
-"""A study's report made from a database: data read, episodes replayed, policies played on the same terrains, moves analysed."""
+"""A study's report made from a database: data read, episodes replayed, policies played on the same
+terrains, moves analysed."""
 
 from __future__ import annotations
 
@@ -47,8 +48,9 @@ def make_study_report(
 ) -> Report:
     """Return the report of a study in a database and in the folder of studies.
 
-    It has policies only if somebody has finished a ranked episode, and what the moves say once the study is closed. Errors are
-    those of `load_with_folder`, and those of `policies.load` for a policy that cannot be loaded.
+    It has policies only if somebody has finished a ranked episode, and what the moves say once the
+    study is closed. Errors are those of `load_with_folder`, and those of `policies.load` for a
+    policy that cannot be loaded.
     """
     with closing(Reader.open(database)) as reader:
         with reader.snapshot():
@@ -71,9 +73,11 @@ def make_report(
     bar: ProgressBar,
     costs: Mapping[str, CostSummary] | None = None,
 ) -> Report:
-    """Return the report of a study over its people or its scripts, compared with the policies' episodes.
+    """Return the report of a study over its people or its scripts, compared with the policies'
+    episodes.
 
-    costs  by group's name
+    Args:
+        costs: By group's name.
     """
     return _built(data, episodes, synthetic, _pictures(reader, data, synthetic, bar), costs)
 
@@ -112,14 +116,16 @@ def has_played(data: StudyData, synthetic: bool) -> bool:
 def play_compared(
     data: StudyData, seeds: Mapping[int, int], names: Sequence[str], bar: ProgressBar
 ) -> tuple[PolicyEpisode, ...]:
-    """Return the policies' episodes on the terrains of these seeds, played now; errors as `play_policies`."""
+    """Return the policies' episodes on the terrains of these seeds, played now; errors as
+    `play_policies`."""
     with bar("policies on the same terrains") as advance:
         environment, config = data.protocol.environment, data.protocol.env_config
         return play_policies(names, environment, config, seeds, advance, data.policy_files)
 
 
 def runs_of(episodes: Sequence[PolicyEpisode], protocol: Protocol) -> tuple[PolicyRun, ...]:
-    """Return one run per policy from its episodes, which are replayed; a failure counts as it does for people."""
+    """Return one run per policy from its episodes, which are replayed; a failure counts as it does
+    for people."""
     found: dict[str, dict[int, PolicyEpisode]] = {}
     for each in episodes:
         found.setdefault(each.policy, {})[each.terrain] = each
@@ -145,9 +151,10 @@ def _run(name: str, episodes: Mapping[int, PolicyEpisode], protocol: Protocol) -
 def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyData, dict[int, int]]:
     """Return a study's data, and the seeds of its ranked terrains by index.
 
-    Where the folder has the study, it gives every seed and says whether the study is closed; otherwise the seeds are those of
-    terrains that somebody has begun. A study that nobody has joined is known from the folder alone. StudyError for a study that
-    is in neither, and for two different ones of that name.
+    Where the folder has the study, it gives every seed and says whether the study is closed;
+    otherwise the seeds are those of terrains that somebody has begun. A study that nobody has
+    joined is known from the folder alone. StudyError for a study that is in neither, and for two
+    different ones of that name.
     """
     study = folder.study(name) if name in folder.names() else None
     policies = folder.root / name / FOLDER

@@ -15,8 +15,11 @@ COVERAGE_FILE = Path(__file__).with_name("measured_coverage.json")
 class ScorePopulation:
     """Where scores come from.
 
-    shape       of player, terrain and episode effects, where nobody collides; "kinds" are of players alone
-    collisions  the mean probability that an episode ends in one; a player's own is beta distributed, with the ICC asked for
+    Attributes:
+        shape: Of player, terrain and episode effects, where nobody collides; "kinds" are of
+            players alone.
+        collisions: The mean probability that an episode ends in one; a player's own is beta
+            distributed, with the ICC asked for.
     """
 
     name: str
@@ -51,10 +54,11 @@ ONE_SHAPE = ("symmetric", "skewed", "very skewed")
 class Cell:
     """Coverage in percent of simulated studies, for one population, ICC and number of players.
 
-    score, steps  of the interval for other players and other terrains
-    own_score, own_steps  of the interval for other players on these terrains
-    width         of the interval of steps over that of the t interval over players, the median
-    pooled        what a t interval over all episodes would cover, as if they were independent
+    Attributes:
+        score, steps: Of the interval for other players and other terrains.
+        own_score, own_steps: Of the interval for other players on these terrains.
+        width: Of the interval of steps over that of the t interval over players, the median.
+        pooled: What a t interval over all episodes would cover, as if they were independent.
     """
 
     population: str
@@ -76,7 +80,8 @@ def saved() -> list[Cell]:
 
 
 def nearest(players: int) -> list[Cell]:
-    """Return the saved cells of the measured number of players nearest to this one, the smaller of two."""
+    """Return the saved cells of the measured number of players nearest to this one, the smaller of
+    two."""
     cells = saved()
     counts = {cell.players for cell in cells}
     count = min(counts, key=lambda measured: (abs(measured - players), measured))

@@ -1,4 +1,5 @@
-"""The contents of a report as frozen values; `to_json` is its machine-readable form (docs/report.md describes it)."""
+"""The contents of a report as frozen values; `to_json` is its machine-readable form (docs/report.md
+describes it)."""
 
 from __future__ import annotations
 
@@ -28,9 +29,11 @@ SYNTHETIC = f"SYNTHETIC: {_WHO}"
 
 @dataclass(frozen=True)
 class Item:
-    """An item of the reporting checklist: its number and name there, the answer, details, and where the answer comes from.
+    """An item of the reporting checklist: its number and name there, the answer, details, and where
+    the answer comes from.
 
-    source  "missing" where neither database nor protocol nor software can know
+    Attributes:
+        source: "missing" where neither database nor protocol nor software can know.
     """
 
     number: str
@@ -44,8 +47,10 @@ class Item:
 class Metric:
     """The further statistics of one metric ("score" or "steps") per protocol.
 
-    iqm           the interquartile mean over all episodes, with its interval for other players
-    warm_up       per warm-up trial as `Learning.by_trial`; their terrains come in the same order for everybody
+    Attributes:
+        iqm: The interquartile mean over all episodes, with its interval for other players.
+        warm_up: Per warm-up trial as `Learning.by_trial`; their terrains come in the same order
+            for everybody.
     """
 
     name: str
@@ -77,24 +82,20 @@ class PlayerRow:
 class GroupReport:
     """The people of a study, or one kind of script.
 
-    words       what the task calls its figures
-    joined, started, finished   participants who joined, began a ranked episode, ended all of them
-    stages      participants by stage
-    figures     estimates: per protocol, everybody, and those of the protocol's other exclusion sets
-    worst       by metric the value of a terrain that counts at the lowest score; None where none is declared
-    statuses    everybody who came, by where they are
-    left        began to play and have neither finished nor are still expected to: withdrawn, or the study is closed
-    outcomes    ranked episodes by outcome; labels: ranked episodes by label
-    deviations  from the protocol, a sentence each
-    cautions    what a reader must know before using the figure, a sentence each
-    costs       of the players' moves; None where they were not worked out
-    no_costs    why no move of the study is judged, a sentence; None where moves are
-    first_attempts   as ARC-AGI-3 counts them; None for scripts
-    exposure    who met which ranked terrains when, a sentence; None for scripts
-    flow        of the people through the study; None for scripts
-    attestation what the server could attest; None for scripts
-    repeated    people who show a sign of taking part more than once, by sign
-    pictures    curves and visit maps, empty where no episodes were replayed
+    words       what the task calls its figures joined, started, finished   participants who joined,
+    began a ranked episode, ended all of them stages      participants by stage figures
+    estimates: per protocol, everybody, and those of the protocol's other exclusion sets worst
+    by metric the value of a terrain that counts at the lowest score; None where none is declared
+    statuses    everybody who came, by where they are left        began to play and have neither
+    finished nor are still expected to: withdrawn, or the study is closed outcomes    ranked
+    episodes by outcome; labels: ranked episodes by label deviations  from the protocol, a sentence
+    each cautions    what a reader must know before using the figure, a sentence each costs       of
+    the players' moves; None where they were not worked out no_costs    why no move of the study is
+    judged, a sentence; None where moves are first_attempts   as ARC-AGI-3 counts them; None for
+    scripts exposure    who met which ranked terrains when, a sentence; None for scripts flow
+    of the people through the study; None for scripts attestation what the server could attest; None
+    for scripts repeated    people who show a sign of taking part more than once, by sign pictures
+    curves and visit maps, empty where no episodes were replayed
     """
 
     name: str
@@ -141,7 +142,8 @@ class GroupReport:
 
 @dataclass(frozen=True)
 class PolicyRun:
-    """A policy's episodes by terrain index; NaN (and the outcome "") where the terrain's seed is not known."""
+    """A policy's episodes by terrain index; NaN (and the outcome "") where the terrain's seed is
+    not known."""
 
     name: str
     score: Floats
@@ -169,11 +171,14 @@ class PolicyRow:
 
 @dataclass(frozen=True)
 class Report:
-    """A study's report. `synthetic` ones are over scripts and never hold a human figure; the others never hold a script's.
+    """A study's report. `synthetic` ones are over scripts and never hold a human figure; the others
+    never hold a script's.
 
-    estimand    what the estimates are of, in words; rule: how intervals are made; interval_for: whom they are for
-    deviations  of the study as a whole
-    scripts     scripted participants, by kind: counted and left out
+    Attributes:
+        estimand: What the estimates are of, in words; rule: how intervals are made;
+            interval_for: whom they are for.
+        deviations: Of the study as a whole.
+        scripts: Scripted participants, by kind: counted and left out.
     """
 
     study: str
@@ -199,7 +204,8 @@ class Report:
     checklist: tuple[Item, ...]
 
     def title_of(self, policy: str) -> str:
-        """Return what the report calls a policy: code, or the file that played, by the hash that the protocol has."""
+        """Return what the report calls a policy: code, or the file that played, by the hash that
+        the protocol has."""
         digest = self.protocol["policy_hashes"].get(policy)
         if digest is None and environment_of(self.protocol["task"]).policies.is_rule(policy):
             return f"{self.called(policy)} (code)"
@@ -211,7 +217,8 @@ class Report:
         return environment_of(self.protocol["task"]).policies.title(policy)
 
     def to_dict(self) -> dict[str, object]:
-        """Return everything as plain values, the watermark first in a synthetic report; NaN and infinities become None."""
+        """Return everything as plain values, the watermark first in a synthetic report; NaN and
+        infinities become None."""
         mark = {"watermark": SYNTHETIC} if self.synthetic else {}
         return _plain_object({"format": FORMAT, **mark, **asdict(self)})
 

@@ -1,4 +1,5 @@
-"""The report as HTML: a page, its methods and its checklist, with styles and charts inside, and no script.
+"""The report as HTML: a page, its methods and its checklist, with styles and charts inside, and no
+script.
 
 The templates in `templates/` escape everything but the style and the charts.
 """
@@ -93,8 +94,8 @@ def _page(report: Report, part: str, names: Mapping[str, str]) -> str:
 def _sections(
     report: Report,
 ) -> Iterator[tuple[GroupReport, dict[str, PageTable | None], dict[str, str], bool]]:
-    """Yield each script of a synthetic report, else the people if anybody has begun to play: the group, its tables, its charts,
-    and whether the headline prints an interval."""
+    """Yield each script of a synthetic report, else the people if anybody has begun to play: the
+    group, its tables, its charts, and whether the headline prints an interval."""
     for group in report.groups:
         if report.synthetic or group.everybody.players or group.started:
             figures = group.figure, group.everybody

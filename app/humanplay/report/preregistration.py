@@ -1,4 +1,5 @@
-"""A study's preregistration as Markdown, from its protocol: what is fixed before anybody plays, and what is not.
+"""A study's preregistration as Markdown, from its protocol: what is fixed before anybody plays, and
+what is not.
 
 The sections are those of OSF's template for a preregistration (Bowman et al. 2016, OSF Prereg).
 """
@@ -34,8 +35,9 @@ ATTESTATION = {
 def preregistration(protocol: Protocol, study: Study | None) -> str:
     """Return the document.
 
-    protocol  with its texts filled in
-    study     the frozen study; None for a draft, of which a preview is made
+    Args:
+        protocol: With its texts filled in.
+        study: The frozen study; None for a draft, of which a preview is made.
     """
     words, is_score = protocol.environment.about.words, protocol.primary_metric == "score"
     environment = templates(Path(__file__).parent / "templates", is_html=False)

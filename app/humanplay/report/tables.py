@@ -1,4 +1,5 @@
-"""The tables of the page, as text cells: result, sets, spread, policies, learning, moves and methods."""
+"""The tables of the page, as text cells: result, sets, spread, policies, learning, moves and
+methods."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ from humanplay.task.registration import environment_of
 class PageTable:
     """A table whose first column names the rows; a line break in a cell is kept.
 
-    is_text  left-aligned text instead of numbers
+    Attributes:
+        is_text: Left-aligned text instead of numbers.
     """
 
     caption: str
@@ -74,7 +76,8 @@ COMPARISON = (
 
 
 def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | None]:
-    """Return the tables of a group by name, those of its comparisons as `score` and `steps`; None where there is nothing."""
+    """Return the tables of a group by name, those of its comparisons as `score` and `steps`; None
+    where there is nothing."""
     costs = group.costs
     compared = {each.metric for each in group.comparisons}
     return {
@@ -108,7 +111,8 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
 
 
 def checklist_table(report: Report) -> PageTable | None:
-    """Return the items of the reporting checklist that are answered; None for a synthetic report, which has none."""
+    """Return the items of the reporting checklist that are answered; None for a synthetic report,
+    which has none."""
     if not report.checklist:
         return None
     return PageTable(
@@ -127,7 +131,8 @@ def declarations_table(report: Report) -> PageTable:
 
 
 def coverage_table(report: Report) -> PageTable | None:
-    """Return the measured coverage for about as many players as the report has; None below two players."""
+    """Return the measured coverage for about as many players as the report has; None below two
+    players."""
     players = max((group.figure.players for group in report.groups), default=0)
     if players < 2:
         return None
@@ -166,7 +171,8 @@ def _share(found: Estimate | None) -> str:
 def _by_metric(
     caption: str, group: GroupReport, names: Sequence[str], columns: Sequence[Sequence[str]]
 ) -> PageTable:
-    """Return a table with a column for each metric of the group; no rows where the group has no metrics."""
+    """Return a table with a column for each metric of the group; no rows where the group has no
+    metrics."""
     rows = list(zip(names, *columns, strict=True)) if columns else []
     heads = "quantity", *(_heading(group, metric.name) for metric in group.metrics)
     return PageTable(caption, heads, rows)
@@ -389,7 +395,8 @@ def costs_by_player(costs: CostSummary) -> PageTable:
 
 
 def _first_attempts(group: GroupReport) -> PageTable | None:
-    """Return the mean over terrains and a row for each; None for scripts and where nobody has played."""
+    """Return the mean over terrains and a row for each; None for scripts and where nobody has
+    played."""
     found = group.first_attempts
     if found is None or not any(each.played for each in found.terrains):
         return None
