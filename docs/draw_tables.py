@@ -148,10 +148,11 @@ def redraw(text: str) -> str:
     return BLOCK.sub(block, text)
 
 
-def described_app(task: str) -> dict[str, Any]:
-    """The API's description on a server of a task."""
+def described_app(task: str, admin: bool = False) -> dict[str, Any]:
+    """The API's description on a server of a task; `admin`: one with an operator's page."""
     with TemporaryDirectory() as folder:
-        return create_app(Settings(database=Path(folder) / "a.db", task=task)).openapi()
+        settings = Settings(database=Path(folder) / "a.db", task=task, admin=admin)
+        return create_app(settings).openapi()
 
 
 def calls() -> str:
@@ -225,7 +226,10 @@ def api_types() -> dict[str, str]:
     ]
     carried = [typed(name, sockets[name], {}) for name in sorted(sockets)]
     common = [TYPES_HEAD, namespace("Answers", answers), namespace("Socket", carried)]
-    files = {"common/answers.d.ts": "\n\n".join(common) + "\n"}
+    files = {
+        "common/answers.d.ts": "\n\n".join(common) + "\n",
+        "admin/types.d.ts": operators_types(answered_models(apps["mars"])),
+    }
     for assets, description in apps.items():
         models = description["components"]["schemas"]
         own = [
@@ -236,6 +240,19 @@ def api_types() -> dict[str, str]:
         text = f"{TYPES_HEAD}\n\n{namespace(assets.capitalize(), own)}\n"
         files[f"task/{assets}/messages.d.ts"] = text
     return files
+
+
+def operators_types(shared: Iterable[str]) -> str:
+    """What only the operator is answered; `shared` are the models of everybody's answers."""
+    description = described_app(DEFAULT_TASK, admin=True)
+    schemas = description["components"]["schemas"]
+    names = {name: f"Answers.{name}" for name in shared}
+    models = [
+        typed(name, schemas[name], names)
+        for name in answered_models(description)
+        if name not in names
+    ]
+    return f"{TYPES_HEAD}\n\n{namespace('Admin', models)}\n"
 
 
 def main() -> None:

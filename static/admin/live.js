@@ -12,27 +12,31 @@ export const MAX_BOARDS = 12;
 export const boardAfter = (task, board, message) =>
   (board || message.kind !== "frame" ? received(task, board, message) : boardOf(task, "", "", message, null));
 
-/** @param {Admin.BoardInfo} info @returns who plays and what is played, in short */
+/** @param {Admin.LiveBoard} info @returns who plays and what is played, in short */
 export function caption({ label, kind, phase, trial }) {
   const who = label ? `${label}${kind === "script" ? " (script)" : ""}` : kind === "script" ? "a script" : "a player";
   return [who, phase ? `${stageName(phase)}${phase === "tutorial" ? "" : ` ${(trial ?? 0) + 1}`}` : "playground"];
 }
 
+/** A board on the page.
+ * @typedef {{figure: HTMLElement, canvas: HTMLCanvasElement, board: Board | null, task: Task | null,
+ *   link: ReturnType<typeof follow>, info: Admin.LiveBoard}} Watched */
+
 /** @param {HTMLElement} place */
 export function createLive(place) {
-  /** @type {Map<string, Admin.Watched>} */
+  /** @type {Map<string, Watched>} */
   const watched = new Map();
 
-  /** @param {Admin.BoardInfo} info */
+  /** @param {Admin.LiveBoard} info */
   function open(info) {
     const canvas = create("canvas", [], { role: "img" });
     const figure = create("figure", [create("div", canvas, { class: "matrix" }), create("figcaption")],
       { "data-testid": `live-${info.label ?? info.session}`, "data-outcome": "" });
-    /** @type {Admin.Watched} */
+    /** @type {Watched} */
     const one = { figure, canvas, info, board: null, task: null, link: follow({
       url: socketUrl(info.session, "ws/admin/sessions"), onLink: () => {}, beforeRetry: async () => watched.has(info.session),
       async onMessage(message) {
-        one.task ??= await loadTask(info.task);
+        one.task ??= await loadTask();
         one.board = boardAfter(one.task, one.board, message);
         paint(one);
       },
@@ -41,7 +45,7 @@ export function createLive(place) {
     watched.set(info.session, one);
     return one;
   }
-  /** @param {Admin.Watched} one */
+  /** @param {Watched} one */
   function paint({ figure, canvas, board, task, info }) {
     const [who, what] = caption(info);
     /** @param {string} numbers */
@@ -59,7 +63,7 @@ export function createLive(place) {
   }
   return {
     /** Watch these boards, and no others.
-     * @param {Admin.BoardInfo[]} infos */
+     * @param {Admin.LiveBoard[]} infos */
     sync(infos) {
       const wanted = infos.slice(0, MAX_BOARDS);
       const sessions = new Set(wanted.map(({ session }) => session));

@@ -13,7 +13,7 @@ const password = by("password", HTMLInputElement);
 const typed = by("typed", HTMLInputElement);
 const live = createLive(by("boards"));
 
-/** @type {{chosen: string, overview: Admin.Overview | null, study: Admin.Study | null, task: Task}} */
+/** @type {{chosen: string, overview: Admin.Overview | null, study: Admin.ConsoleStudy | null, task: Task}} */
 let state = { chosen: decodeURIComponent(location.hash.slice(1)), overview: null, study: null, task: await loadTask() };
 let timer = 0;
 /** The newest question of `load`: an answer to an earlier one changes nothing. */
@@ -39,7 +39,7 @@ async function load() {
     const { studies } = overview;
     const usable = studies.filter(({ status }) => status === "open" || status === "closed");
     const chosen = usable.some(({ name }) => name === state.chosen) ? state.chosen : (usable.find(({ status }) => status === "open") ?? usable[0])?.name ?? "";
-    /** @type {Admin.Study | null} */
+    /** @type {Admin.ConsoleStudy | null} */
     const study = chosen ? await request(`admin/studies/${encodeURIComponent(chosen)}`, undefined, 60000) : null;
     const task = await loadTask(study?.task);
     if (mine !== asked) return;
@@ -85,7 +85,7 @@ function paint() {
   if (study) paintStudy(study, state.task, overview);
 }
 
-/** @param {Admin.Listed[]} studies @param {string} chosen */
+/** @param {Admin.FolderStudy[]} studies @param {string} chosen */
 function paintStudies(studies, chosen) {
   const select = by("study", HTMLSelectElement);
   const key = JSON.stringify(studies);
@@ -102,7 +102,7 @@ function paintStudies(studies, chosen) {
   by("status").hidden = true;
 }
 
-/** @param {Admin.Study} study @param {Task} task that it is about @param {Admin.Overview} overview */
+/** @param {Admin.ConsoleStudy} study @param {Task} task that it is about @param {Admin.Overview} overview */
 function paintStudy(study, task, overview) {
   const isOpen = study.status === "open";
   by("title").textContent = study.title;
@@ -228,7 +228,7 @@ function invitationRow({ id, state, issued_ms: issued, revoked_ms: revoked, labe
   return create("tr", cells, { "data-testid": `invitation-${id}`, "data-state": state });
 }
 
-/** @param {Admin.Study} shown */
+/** @param {Admin.ConsoleStudy} shown */
 function paintRecruiting(shown) {
   if (recruiting !== shown.name) showLinks([]);
   recruiting = shown.name;

@@ -2,7 +2,7 @@
 import { by, create, put } from "../common/page.js";
 import { many } from "../common/words.js";
 
-/** @param {Admin.Study} study */
+/** @param {Admin.ConsoleStudy} study */
 export function paintOutcomes({ name, outcomes }) {
   const place = by("outcome-list");
   const key = JSON.stringify([name, outcomes]);

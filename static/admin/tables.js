@@ -3,7 +3,7 @@ import { create } from "../common/page.js";
 import { many, score } from "../common/words.js";
 import { ago, endings, flags, place, size, stageName } from "./words.js";
 
-/** @param {HTMLTableElement} table @param {Admin.Study["stages"]} stages */
+/** @param {HTMLTableElement} table @param {Admin.ConsoleStudy["stages"]} stages */
 export function paintStages(table, stages) {
   const most = Math.max(1, ...stages.map(({ human, script }) => human + script));
   table.tBodies[0].replaceChildren(...stages.map(({ stage, human, script }) => {
@@ -14,7 +14,7 @@ export function paintStages(table, stages) {
   }));
 }
 
-/** @param {HTMLElement} where @param {HTMLElement} words @param {Task} task @param {Admin.Study} study */
+/** @param {HTMLElement} where @param {HTMLElement} words @param {Task} task @param {Admin.ConsoleStudy} study */
 export function paintFigure(where, words, { target }, { figure, max_steps: limit }) {
   words.textContent = figure?.players ? figure.sentence : "";
   if (!figure?.players || !figure.steps || !figure.score) {
@@ -38,7 +38,7 @@ function measure(name, value, text, low, high) {
   return create("div", [create("dl", [create("dt", name), create("dd", [text(value.mean), create("small", interval)])]), span], { class: "measure" });
 }
 
-/** @param {HTMLTableElement} table @param {Task} task @param {Admin.Study} study */
+/** @param {HTMLTableElement} table @param {Task} task @param {Admin.ConsoleStudy} study */
 export function paintPeople(table, task, study) {
   const rows = study.participants.map((person) => {
     const kind = person.kind === "script" ? [create("span", `script: ${person.script ?? ""}`, { class: "kind" })] : [];
@@ -61,7 +61,7 @@ export function paintAttention(list, found) {
   list.replaceChildren(...(items.length ? items : [create("li", "Nothing unusual: nobody has left or gone quiet, no episode carries a label.")]));
 }
 
-/** @param {HTMLElement} list @param {Admin.Health} health @param {number} now_ms */
+/** @param {HTMLElement} list @param {Admin.ServerHealth} health @param {number} now_ms */
 export function paintHealth(list, health, now_ms) {
   const { disk, database, check, chain, owners, watched } = health;
   const stored = owners.map(({ kind, name, bytes, budget }) => `${kind === "study" ? `study ${name}` : kind === "player" ? "a browser" : "a network"} ${size(bytes)} of ${size(budget)}`);

@@ -31,7 +31,7 @@ export function size(bytes) {
   return `${k === 0 || bytes >= 100 ? Math.round(bytes) : bytes.toFixed(1)} ${units[k]}`;
 }
 
-/** @param {Admin.Study} study @returns the line under a study's title */
+/** @param {Admin.ConsoleStudy} study @returns the line under a study's title */
 export function summary(study) {
   const people = study.participants.filter(({ kind }) => kind === "human");
   const done = people.filter(({ stage }) => stage === "debrief" || stage === "complete").length;
@@ -43,7 +43,7 @@ export function summary(study) {
 }
 
 /** Return what the operator should look at, the worst first.
- * @param {Admin.Study} study @param {Admin.Health | null} health
+ * @param {Admin.ConsoleStudy} study @param {Admin.ServerHealth | null} health
  * @returns {{text: string, detail: string, isWarning: boolean}[]} */
 export function attention({ participants, labels }, health) {
   /** @type {{text: string, detail: string, isWarning: boolean}[]} */
@@ -84,7 +84,7 @@ export function invitationCounts(invitations) {
 /** @param {Task} task @param {Record<string, number>} outcomes @returns the endings, the commonest first */
 export const endings = (task, outcomes) => Object.entries(outcomes).sort((a, b) => b[1] - a[1]).map(([outcome, count]) => `${count} ${outcome === "abandoned" ? "given up" : task.status(outcome)}`).join(", ");
 
-/** @param {Admin.Participant} person @param {Admin.Study["labels"]} labels @returns the flags of one participant */
+/** @param {Admin.Participant} person @param {Admin.ConsoleStudy["labels"]} labels @returns the flags of one participant */
 export function flags(person, labels) {
   const own = labels.filter(({ participants }) => participants.includes(person.label)).map(({ label }) => label);
   if (person.deviations) own.unshift("deviation");

@@ -4,7 +4,7 @@ import jsonschema_rs
 from starlette.routing import Match
 
 _KNOWN = {}
-"""Descriptions with their validators, by the messages of the environment."""
+"""Descriptions with their validators, by the messages of the environment and the number of routes."""
 
 
 class Description:
@@ -29,8 +29,8 @@ class Description:
 
 
 def description_of(app):
-    """An app's description, which is the same for all apps of an environment."""
-    key = id(app._messages)
+    """An app's description, the same for all apps of an environment with the same routes."""
+    key = id(app._messages), len(app.routes)
     if key not in _KNOWN:
         _KNOWN[key] = Description(app.openapi())
     return _KNOWN[key]

@@ -24,9 +24,11 @@ class OwnName(TypedDict):
     hidden: bool
 
 
-class ChosenName(OwnName):
-    """A name, and when it was chosen."""
+class ChosenName(TypedDict):
+    """A name, when it was chosen, and whether an operator has hidden it."""
 
+    name: str
+    hidden: bool
     chosen_ms: int
 
 

@@ -31,7 +31,11 @@ from humanplay.study.closing import close_study as close_study_of
 from humanplay.study.folder import SECRET_KEPT
 from humanplay.study.invitations import MAX_INVITATIONS, token_of
 from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from humanplay.task import describe
 from humanplay.web.access import ADMIN, close, is_operator, services_of
+from humanplay.web.answers import operator as answers
+from humanplay.web.answers.base import file_of
+from humanplay.web.answers.server import Task
 from humanplay.web.operator import participants, payments
 from humanplay.web.operator.exports import ExportError, ExportKind
 from humanplay.web.operator.login import TooManyAttemptsError, WrongPasswordError
@@ -65,7 +69,7 @@ class NewInvitations(Message):
     count: int = Field(ge=1, le=MAX_INVITATIONS)
 
 
-class RevokedInvitations(Message):
+class Revocation(Message):
     """Which invitations are taken back, by their ids."""
 
     ids: list[Annotated[str, Field(max_length=40)]] = Field(
@@ -137,21 +141,12 @@ class StudyRoute(APIRoute):
         return handler
 
 
-WATCHED = (
-    "move_p99_seconds",
-    "waiting_jobs",
-    "waiting_writes",
-    "backup_age_seconds",
-    "backup_failures",
-)
-"""Gauges that the page shows."""
-
-router = APIRouter(include_in_schema=False, route_class=StudyRoute)
+router = APIRouter(route_class=StudyRoute, tags=["operator"])
 
 
-@router.post("/api/admin/login", dependencies=[Depends(check_page)])
-async def login(request: Request, response: Response, given: Login) -> dict[str, object]:
-    """Log in: set the operator's cookie for the right password."""
+@router.post("/api/admin/login", dependencies=[Depends(check_page)], summary="Log in")
+async def login(request: Request, response: Response, given: Login) -> answers.LoggedIn:
+    """Set the operator's cookie for the right password."""
     try:
         token = _admin_of(request).login.issue(client_address(request), given.password)
     except WrongPasswordError as error:
@@ -159,77 +154,80 @@ async def login(request: Request, response: Response, given: Login) -> dict[str,
     except TooManyAttemptsError as error:
         raise HTTPException(429, str(error), {"Retry-After": str(error.wait_s)}) from error
     ADMIN.set(response, request, token)
-    return {"in": True}
+    return answers.LoggedIn(logged_in=True)
 
 
-@router.post("/api/admin/logout", dependencies=[Depends(check_page)])
-async def logout(request: Request, response: Response) -> dict[str, object]:
-    """Log out: revoke the token and delete the cookie."""
+@router.post("/api/admin/logout", dependencies=[Depends(check_page)], summary="Log out")
+async def logout(request: Request, response: Response) -> answers.LoggedIn:
+    """Revoke the token and delete the cookie."""
     _admin_of(request).login.revoke(ADMIN.token(request))
     ADMIN.set(response, request, "")
-    return {"in": False}
+    return answers.LoggedIn(logged_in=False)
 
 
-@router.get("/api/admin/overview")
-async def overview(request: Request, admin: Operator) -> dict[str, object]:
-    """Return the studies, the boards being played and the server's health."""
-    health = await asyncio.to_thread(admin.health.state)
+@router.get("/api/admin/overview", summary="Studies, boards and health")
+async def overview(request: Request, admin: Operator) -> answers.Overview:
+    """The studies, the boards that somebody plays now, and the server's health."""
+    database = await asyncio.to_thread(admin.health.state)
     lobby = admin.progress.lobby
-    watched = await asyncio.to_thread(lobby.store.metrics.values, *WATCHED)
+    gauges = await asyncio.to_thread(lobby.store.metrics.values, *answers.Gauges.model_fields)
     owners = request.app.state.protection.charges.largest()
-    return {
-        "studies": await asyncio.to_thread(admin.studies),
-        "boards": await list_boards(lobby, admin.progress.study_store),
-        "health": {
-            **health,
-            "watched": watched,
-            "owners": owners,
-            "sessions": len(lobby),
-            "up_s": round(time.monotonic() - admin.began),
-        },
-        "names": await lobby.store.read(partial(names.newest_names, lobby.store)),
-        "core_version": lobby.task.version,
-        "now_ms": lobby.sources.clock_ms(),
-    }
+    health = answers.ServerHealth(
+        **dict(database),
+        watched=answers.Gauges(**gauges),
+        owners=[answers.StorageOwner(**owner) for owner in owners],
+        sessions=len(lobby),
+        up_s=round(time.monotonic() - admin.began),
+    )
+    chosen = await lobby.store.read(partial(names.newest_names, lobby.store))
+    return answers.Overview(
+        studies=await asyncio.to_thread(admin.studies),
+        boards=await list_boards(lobby, admin.progress.study_store),
+        health=health,
+        names=[answers.ChosenName(**name) for name in chosen],
+        now_ms=lobby.sources.clock_ms(),
+    )
 
 
-@router.get("/api/admin/studies/{name}")
-async def show_study(admin: Operator, name: str) -> dict[str, object]:
-    """Return a study as it stands: participants, figure, labels, exports."""
+@router.get("/api/admin/studies/{name}", summary="A study as it stands")
+async def show_study(admin: Operator, name: str) -> answers.ConsoleStudy:
+    """Its participants, the estimate, data-quality flags, invitations and exports."""
     found = admin.progress.folder.study(name)
     store, now = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
 
-    def read() -> tuple[list[dict[str, object]], dict[str, object]]:
+    def read() -> tuple[list[answers.Participant], answers.Recruiting]:
         with closing(Reader.open(store.path)) as reader:
             how = recruiting(reader, admin.progress.recruitment.invitations, found, now)
             return participants.list_participants(reader, name, now, found.is_open), how
 
     present, how = await asyncio.to_thread(read)
-    protocol, shown = found.protocol, ("frozen_ms", "closed_ms", "protocol_hash", "commitment")
-    return {
-        "name": name,
-        "title": protocol.title,
-        "status": found.status,
-        **{each: getattr(found, each) for each in shown},
-        "level": protocol.env_config.level,
-        "where": protocol.environment.texts(protocol.env_config).setting,
-        "max_steps": protocol.env_config.limit,
-        "planned": protocol.players,
-        "warm_up": protocol.warm_up,
-        "ranked": protocol.ranked,
-        "stages": participants.count_stages(present),
-        "participants": present,
-        **how,
-        "outcomes": payments.list_outcomes(admin.progress.folder, name),
-        **await asyncio.to_thread(admin.figures.of, name),
-        "exports": admin.exports.state(name),
-        "now_ms": now,
-    }
+    figures = await asyncio.to_thread(admin.figures.of, name)
+    protocol = found.protocol
+    return answers.ConsoleStudy(
+        **dict(how),
+        **dict(figures),
+        name=name,
+        title=protocol.title,
+        status=found.status,
+        frozen_ms=found.frozen_ms,
+        closed_ms=found.closed_ms,
+        task=Task(**describe(protocol.environment)),
+        where=protocol.environment.texts(protocol.env_config).setting,
+        max_steps=protocol.env_config.limit,
+        planned=protocol.players,
+        warm_up=protocol.warm_up,
+        ranked=protocol.ranked,
+        stages=participants.count_stages(present),
+        participants=present,
+        outcomes=payments.list_outcomes(admin.progress.folder, name),
+        exports=admin.exports.state(name),
+        now_ms=now,
+    )
 
 
-@router.post("/api/admin/studies/{name}/close")
-async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str, object]:
-    """Close the study for good; 422 unless its name was typed, 409 while somebody has moved within ten minutes unless `now`."""
+@router.post("/api/admin/studies/{name}/close", summary="Close a study for good")
+async def close_study(admin: Operator, name: str, given: CloseStudy) -> answers.ClosedStudy:
+    """Close it; 422 unless its name was typed, 409 while somebody has moved within ten minutes unless `now`."""
     if given.name != name:
         why = f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}"
         raise HTTPException(422, why)
@@ -239,33 +237,33 @@ async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str
     closed = await store.read(close)
     await admin.progress.note_if_closed(closed)
     await asyncio.to_thread(admin.figures.forget, name)
-    return {"closed_ms": closed.closed_ms}
+    return answers.ClosedStudy(closed_ms=closed.closed_ms)
 
 
-@router.post("/api/admin/studies/{name}/invitations", status_code=201)
+@router.post("/api/admin/studies/{name}/invitations", status_code=201, summary="Issue invitations")
 async def issue_invitations(
     admin: Operator, name: str, wanted: NewInvitations
-) -> dict[str, object]:
+) -> answers.IssuedInvitations:
     """Issue invitations and return their tokens."""
     found = admin.progress.folder.study(name)
     issue = admin.progress.recruitment.invitations.issue
     issued = await asyncio.to_thread(issue, name, wanted.count)
-    return {"tokens": [token_of(found, each.id) for each in issued]}
+    return answers.IssuedInvitations(tokens=[token_of(found, one.id) for one in issued])
 
 
-@router.post("/api/admin/studies/{name}/invitations/revoke")
+@router.post("/api/admin/studies/{name}/invitations/revoke", summary="Take invitations back")
 async def revoke_invitations(
-    admin: Operator, name: str, given: RevokedInvitations
-) -> dict[str, object]:
-    """Take invitations back; whoever has agreed with one goes on."""
+    admin: Operator, name: str, given: Revocation
+) -> answers.RevokedInvitations:
+    """Let nobody in by them any more; whoever has agreed with one goes on."""
     admin.progress.folder.study(name)
     revoke = admin.progress.recruitment.invitations.revoke
     revoked = await asyncio.to_thread(revoke, name, given.ids)
-    return {"revoked": [each.id for each in revoked]}
+    return answers.RevokedInvitations(revoked=[invitation.id for invitation in revoked])
 
 
-@router.post("/api/admin/studies/{name}/outcomes")
-async def change_outcomes(admin: Operator, name: str, given: OutcomeTexts) -> None:
+@router.post("/api/admin/studies/{name}/outcomes", summary="Change what people read at their end")
+async def change_outcomes(admin: Operator, name: str, given: OutcomeTexts) -> answers.ChangedTexts:
     """Change what people read at their end; an entry of the chain says that it changed."""
     folder = admin.progress.folder
     study = folder.study(name)
@@ -273,10 +271,11 @@ async def change_outcomes(admin: Operator, name: str, given: OutcomeTexts) -> No
     if changes:
         note = partial(admin.progress.study_store.note_act, study.row(), "outcomes changed")
         await admin.progress.lobby.store.write(note)
+    return answers.ChangedTexts(changed=changes)
 
 
-@router.post("/api/admin/studies/{name}/payments")
-async def list_payments(admin: Operator, name: str) -> dict[str, object]:
+@router.post("/api/admin/studies/{name}/payments", summary="Whom to pay")
+async def list_payments(admin: Operator, name: str) -> answers.Payments:
     """List everybody who agreed; that amounts which follow from play were shown of an open study is an entry of the chain."""
     folder, store = admin.progress.folder, admin.progress.lobby.store
     study = folder.study(name)
@@ -290,11 +289,15 @@ async def list_payments(admin: Operator, name: str) -> dict[str, object]:
     return payments.in_answer(listed)
 
 
-@router.post("/api/admin/studies/{name}/exports/{what}", status_code=202)
+@router.post(
+    "/api/admin/studies/{name}/exports/{what}",
+    status_code=202,
+    summary="Begin the report or the release",
+)
 async def begin_export(
     admin: Operator, name: str, what: ExportKind, wanted: ReleaseOptions | None = None
-) -> dict[str, object]:
-    """Begin to make the report or the release; a release needs a closed study."""
+) -> answers.Exports:
+    """Begin to make a report or a release; a release needs a closed study."""
     found = admin.progress.folder.study(name)
     if found.keeps_secret:
         raise HTTPException(409, SECRET_KEPT.format(name))
@@ -304,26 +307,32 @@ async def begin_export(
     return admin.exports.state(name)
 
 
-@router.get("/api/admin/studies/{name}/files/{file}")
+@router.get(
+    "/api/admin/studies/{name}/files/{file}",
+    response_class=FileResponse,
+    responses=file_of("text/html", "application/json", "application/zip"),
+    summary="A file that was made",
+)
 async def download(admin: Operator, name: str, file: str) -> FileResponse:
-    """Send a file that was made."""
+    """Send a file of the newest report or release; 404 before it is ready."""
     path = admin.exports.file(name, file)
     if path is None:
         raise HTTPException(404, f"no file {file!r} was made; make report or release first")
     return FileResponse(path, filename=file, headers={"Cache-Control": "no-store"})
 
 
-@router.post("/api/admin/names")
-async def hide_name(admin: Operator, chosen: ShownName) -> None:
-    """Show a player's name no more, or again; 404 where nobody has it."""
+@router.post("/api/admin/names", summary="Hide a name, or show it again")
+async def hide_name(admin: Operator, chosen: ShownName) -> answers.HiddenName:
+    """Show a player's name no more, or again; 404 if nobody has it."""
     store = admin.progress.lobby.store
     if not await store.change(names.hide_name, chosen.name, chosen.hidden):
         raise HTTPException(404, f"nobody is called {chosen.name!r} any more")
+    return answers.HiddenName(name=chosen.name, hidden=chosen.hidden)
 
 
-@router.post("/api/admin/check")
-async def check_database(admin: Operator) -> dict[str, object]:
-    """Check the database now and return the health."""
+@router.post("/api/admin/check", summary="Check the database")
+async def check_database(admin: Operator) -> answers.DatabaseHealth:
+    """Check the whole database now, which takes milliseconds to minutes."""
     await asyncio.to_thread(admin.health.check)
     return await asyncio.to_thread(admin.health.state)
 
@@ -355,9 +364,9 @@ async def _send(websocket: WebSocket, session: Session) -> None:
             await websocket.send_text(message)
 
 
-async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, object]]:
-    """Return the boards that may be watched and that somebody plays now, those of participants first; no player's id."""
-    live = [each for each in lobby.sessions() if each.is_human and each.channel.subscribers]
+async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[answers.LiveBoard]:
+    """The boards that may be watched and that somebody plays now, those of participants first."""
+    live = [one for one in lobby.sessions() if one.is_human and one.channel.subscribers]
 
     def newest(present: Participant | None) -> Trial | None:
         trials = [] if present is None else study_store.trials(present.id)
@@ -368,26 +377,21 @@ async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, o
             (session for session in live if not _is_secret(session, session.current.id)),
             key=lambda session: session.participation is None,
         )[:MAX_BOARDS]
-        present = ((each, study_store.participant_of_session(each.id)) for each in shown)
-        return [(each, participant, newest(participant)) for each, participant in present]
+        present = ((one, study_store.participant_of_session(one.id)) for one in shown)
+        return [(session, person, newest(person)) for session, person in present]
 
-    found = []
-    for session, participant, trial in await lobby.store.read(read):
-        found.append(
-            {
-                "session": session.id,
-                "study": participant and participant.study,
-                "label": participant and participant_label(participant.id),
-                "kind": participant.kind if participant else session.current.driver,
-                "phase": trial and trial.phase,
-                "trial": trial and trial.trial,
-                "ended": session.shown.ended,
-                "level": session.current.config.level,
-            }
+    boards = [
+        answers.LiveBoard(
+            session=session.id,
+            study=person and person.study,
+            label=person and participant_label(person.id),
+            kind=person.kind if person else session.current.driver,
+            phase=trial and trial.phase,
+            trial=trial and trial.trial,
         )
-    return sorted(
-        found, key=lambda each: (each["study"] is None, str(each["label"] or each["session"]))
-    )
+        for session, person, trial in await lobby.store.read(read)
+    ]
+    return sorted(boards, key=lambda board: (board.study is None, board.label or board.session))
 
 
 def _is_secret(session: Session, episode_id: str) -> bool:

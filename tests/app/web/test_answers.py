@@ -65,13 +65,31 @@ def answers_of(description):
                         yield call, kind, media.get("schema", {})
 
 
-def description_of(tmp_path, task):
-    return create_app(Settings(database=tmp_path / "a.db", task=task)).openapi()
+def description_of(tmp_path, task, **settings):
+    return create_app(Settings(database=tmp_path / "a.db", task=task, **settings)).openapi()
+
+
+def test_every_call_is_described_with_those_of_the_operators_page(tmp_path):
+    """What is no page and no file of one has answers of declared forms."""
+    app = create_app(Settings(database=tmp_path / "a.db", admin=True))
+    described = {
+        (path, method.upper())
+        for path, operations in app.openapi()["paths"].items()
+        for method in operations
+    }
+    calls = {
+        (route.path_format, method)
+        for route in app.routes
+        if route.path.startswith("/api/") and hasattr(route, "methods")
+        for method in route.methods
+    }
+    assert len([path for path, _ in calls if path.startswith("/api/admin/")]) > 10
+    assert calls - described == set()
 
 
 @pytest.mark.parametrize("task", ["mars", "gymnasium:FrozenLake-v1"])
 def test_no_answer_of_any_call_is_open(tmp_path, task):
-    description = description_of(tmp_path, task)
+    description = description_of(tmp_path, task, admin=True)
     found = {
         part
         for call, _, schema in answers_of(description)
@@ -98,12 +116,17 @@ def test_an_open_answer_is_found(tmp_path):
 
 def test_files_have_their_media_types(tmp_path):
     kinds = {}
-    for call, kind, schema in answers_of(description_of(tmp_path, "mars")):
+    for call, kind, schema in answers_of(description_of(tmp_path, "mars", admin=True)):
         if schema.get("format") == "binary":
             kinds.setdefault(call, []).append(kind)
     assert kinds == {
         "GET /api/export/{table}.csv": ["text/csv"],
         "GET /api/me/export/{table}.csv": ["text/csv"],
+        "GET /api/admin/studies/{name}/files/{file}": [
+            "text/html",
+            "application/json",
+            "application/zip",
+        ],
         "GET /api/export/human-scores.zip": ["application/zip"],
         "GET /api/evaluations/{name}/files/{file}": ["application/json"],
         "GET /replay/{episode_id}.{form}": ["text/html", "image/gif", "video/mp4", "image/png"],

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from humanplay.jobs import Jobs, JobsFullError
+from humanplay.web.answers import operator as answers
 from humanplay.web.downloads import Downloads
 
 ExportKind = Literal["report", "release"]
@@ -42,18 +43,18 @@ class Export:
     began_ms: int = field(default_factory=lambda: time.time_ns() // 1_000_000)
 
     @property
-    def state(self) -> str:
+    def state(self) -> Literal["making", "ready", "failed"]:
         """ "making", "ready" or "failed"."""
         if not self.making.done():
             return "making"
         return "ready" if self.making.exception() is None else "failed"
 
-    def to_dict(self) -> dict[str, object]:
-        """Return what the page shows."""
+    def shown(self) -> answers.Export:
+        """What the page shows of it."""
         error = str(self.making.exception()) if self.state == "failed" else None
         made = self.files.items() if self.state == "ready" else ()
-        files = [{"name": name, "size": path.stat().st_size} for name, path in made]
-        return {"state": self.state, "began_ms": self.began_ms, "error": error, "files": files}
+        files = [answers.ExportFile(name=name, size=path.stat().st_size) for name, path in made]
+        return answers.Export(state=self.state, began_ms=self.began_ms, error=error, files=files)
 
 
 class Exports:
@@ -64,10 +65,10 @@ class Exports:
         self._downloads = downloads
         self._made: dict[tuple[str, ExportKind], Export] = {}
 
-    def state(self, study: str) -> dict[str, object]:
-        """Return the state of each kind of export; None for a kind that was never begun."""
-        made = {what: self._made.get((study, what)) for what in KINDS}
-        return {what: export and export.to_dict() for what, export in made.items()}
+    def state(self, study: str) -> answers.Exports:
+        """The state of each kind of export; None for a kind that was never begun."""
+        newest = {what: self._made.get((study, what)) for what in KINDS}
+        return answers.Exports(**{what: one and one.shown() for what, one in newest.items()})
 
     def begin(self, study: str, what: ExportKind, authors: tuple[str, ...] = ()) -> None:
         """Begin an export; ExportError while the same is being made."""

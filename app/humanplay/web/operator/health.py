@@ -11,24 +11,16 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
-from typing import TypedDict
 
 from humanplay.db.checks import chain_head, quick_check, try_write
 from humanplay.db.database import StoreError, damaged
 from humanplay.db.file import log_path
+from humanplay.web.answers.operator import ChainHead, Check, DatabaseFile, DatabaseHealth, Disk
 
 _log = logging.getLogger(__name__)
 
 LOW_BYTES = 1_000_000_000
 """Less free space on the disk than this is called low."""
-
-
-class Check(TypedDict):
-    """What SQLite's own check said ("ok", or what is damaged), and when."""
-
-    result: str
-    is_whole: bool
-    at_ms: int
 
 
 class Health:
@@ -52,7 +44,7 @@ class Health:
         result, now_ms = quick_check(self._database, self._begin), time.time_ns() // 1_000_000
         if self._is_ending:
             return
-        self._check = {"result": result, "is_whole": result == "ok", "at_ms": now_ms}
+        self._check = Check(result=result, is_whole=result == "ok", at_ms=now_ms)
         if result != "ok":
             _log.error("%s", damaged(self._database, result))
 
@@ -70,7 +62,7 @@ class Health:
 
     def check_whole(self) -> None:
         """Raise StoreError where the last check has found damage."""
-        if self._check is not None and not self._check["is_whole"]:
+        if self._check is not None and not self._check.is_whole:
             what = f"the database {self._database.name} is damaged"
             raise StoreError(f"{what}: the server's log says what to do")
 
@@ -91,11 +83,8 @@ class Health:
         """Return the size of the database's file, without its log."""
         return _size(self._database)
 
-    def state(self) -> dict[str, object]:
-        """Return everything that is shown, sizes in bytes; the first time the database is checked as well.
-
-        `check` is None while the first check is under way.
-        """
+    def state(self) -> DatabaseHealth:
+        """Everything that is shown; the first time the database is checked as well."""
         if self._check is None and self._checking.acquire(blocking=False):
             try:
                 self._check_now()
@@ -104,17 +93,15 @@ class Health:
         space, chain = shutil.disk_usage(self._database.parent), chain_head(self._database)
         files = [path for path in (self._database, self._log) if path.exists()]
         written = max((path.stat().st_mtime for path in files), default=0.0)
-        return {
-            "disk": {"free": space.free, "total": space.total, "is_low": space.free < LOW_BYTES},
-            "database": {
-                "name": self._database.name,
-                "size": self.database_bytes(),
-                "wal_size": self.log_bytes(),
-            },
-            "last_write_ms": round(written * 1000),
-            "check": self._check,
-            "chain": chain and {"entries": chain.entries, "head": chain.head},
-        }
+        return DatabaseHealth(
+            disk=Disk(free=space.free, total=space.total, is_low=space.free < LOW_BYTES),
+            database=DatabaseFile(
+                name=self._database.name, size=self.database_bytes(), wal_size=self.log_bytes()
+            ),
+            last_write_ms=round(written * 1000),
+            check=self._check,
+            chain=chain and ChainHead(entries=chain.entries, head=chain.head),
+        )
 
 
 def _size(path: Path) -> int:

@@ -27,21 +27,18 @@ from humanplay.study.folder import Study
 from humanplay.study.invitations import Invitations, state_of, token_of, uses_of
 from humanplay.study.protocol import StudyError
 from humanplay.study.recruitment import code_of, valid_until_ms
+from humanplay.web.answers import operator as answers
 
-STAGES: tuple[str, ...] = get_args(Stage)
+STAGES: tuple[Stage, ...] = get_args(Stage)
 QUIET_MS = 30 * 60_000
 """A participant who has not finished and has sent nothing for so long counts as gone quiet."""
 FRESH_S = 15.0
-PARTICIPANT_FIELDS = (
-    "id", "kind", "script", "stage", "joined_ms", "session_id", "invitation", "supervised_ms",
-)  # fmt: skip
-"""What the operator sees of a participant's row."""
 
 
 def list_participants(
     reader: Reader, study: str, now_ms: int, is_open: bool
-) -> list[dict[str, object]]:
-    """Return the participants of a study in the order of joining, each with its progress so far.
+) -> list[answers.Participant]:
+    """The participants of a study in the order of joining, each with its progress so far.
 
     is_open  whether the study is: then nothing of a person's ranked episodes is listed
     """
@@ -54,7 +51,7 @@ def list_participants(
     signs = defaultdict[str, list[StageEvent]](list)
     for event in series.stage_events(reader, study, ("joined", REPEATED_JOIN)):
         signs[event.participant_id].append(event.event())
-    listed: list[dict[str, object]] = []
+    listed: list[answers.Participant] = []
     for person in series.participants(reader, study):
         hides = is_open and person.kind == "human"
         played = trials[person.id]
@@ -62,45 +59,48 @@ def list_participants(
         acted = (trial.ended_ms or trial.moved_ms or trial.started_ms for trial in played)
         last_ms = max(person.joined_ms, seen.last_ms, *acted)
         is_under_way = person.stage not in ("debrief", "complete", "withdrawn")
+        ended = [trial for trial in played if trial.outcome is not None]
+        ranked = [trial for trial in ended if trial.phase == "ranked" and not hides]
         listed.append(
-            {
-                **{name: getattr(person, name) for name in PARTICIPANT_FIELDS},
-                "label": participant_label(person.id),
-                "minutes": (last_ms - person.joined_ms) // 60_000,
-                "is_quiet": is_under_way and now_ms - last_ms > QUIET_MS,
-                "left_at": left.get(person.id, {}).get("from"),
-                "asks_erasure": left.get(person.id, {}).get("erase", False),
-                "deviations": None if hides else seen.deviations,
-                "repeated": repeated_reasons(signs[person.id]),
-                "not_attested": [
+            answers.Participant(
+                id=person.id,
+                label=participant_label(person.id),
+                kind=person.kind,
+                script=person.script,
+                stage=person.stage,
+                joined_ms=person.joined_ms,
+                minutes=(last_ms - person.joined_ms) // 60_000,
+                is_quiet=is_under_way and now_ms - last_ms > QUIET_MS,
+                left_at=left.get(person.id, {}).get("from"),
+                asks_erasure=left.get(person.id, {}).get("erase", False),
+                deviations=None if hides else seen.deviations,
+                repeated=repeated_reasons(signs[person.id]),
+                not_attested=[
                     f"{trial.attestation} {trial.phase.replace('_', '-')} {trial.trial + 1}: {trial.attestation_reason}"
                     for trial in played
                     if trial.attestation_reason and not (hides and trial.phase == "ranked")
                 ],
-                **_totals(played, hides),
-            }
+                invitation=person.invitation,
+                supervised_ms=person.supervised_ms,
+                warm_up=sum(trial.phase == "warm_up" for trial in ended),
+                ranked=None if hides else len(ranked),
+                mean_score=fmean(trial.score or 0.0 for trial in ranked) if ranked else None,
+                mean_steps=fmean(trial.steps_to_target or 0 for trial in ranked)
+                if ranked
+                else None,
+                outcomes=dict(Counter(str(trial.outcome) for trial in ranked)),
+            )
         )
     return listed
 
 
-def _totals(trials: Sequence[Trial], hides: bool) -> dict[str, object]:
-    """Return the numbers of finished episodes, and the means over ranked ones; None before the first, and where hidden."""
-    ended = [trial for trial in trials if trial.outcome is not None]
-    ranked = [trial for trial in ended if trial.phase == "ranked" and not hides]
-    return {
-        "warm_up": sum(trial.phase == "warm_up" for trial in ended),
-        "ranked": None if hides else len(ranked),
-        "mean_score": fmean(trial.score or 0.0 for trial in ranked) if ranked else None,
-        "mean_steps": fmean(trial.steps_to_target or 0 for trial in ranked) if ranked else None,
-        "outcomes": dict(Counter(trial.outcome for trial in ranked)),
-    }
-
-
-def count_stages(people: Sequence[dict[str, object]]) -> list[dict[str, object]]:
-    """Return for each stage how many people and how many scripts are at it."""
-    count = Counter((person["stage"], person["kind"]) for person in people)
-    kinds = ("human", "script")
-    return [{"stage": stage, **{each: count[stage, each] for each in kinds}} for stage in STAGES]
+def count_stages(people: Sequence[answers.Participant]) -> list[answers.StageCount]:
+    """How many people and how many scripts are at each stage."""
+    count = Counter((person.stage, person.kind) for person in people)
+    return [
+        answers.StageCount(stage=stage, human=count[stage, "human"], script=count[stage, "script"])
+        for stage in STAGES
+    ]
 
 
 class LiveFigures:
@@ -109,30 +109,30 @@ class LiveFigures:
     def __init__(self, database: Path) -> None:
         self._database = database
         self._lock = threading.Lock()
-        self._made: dict[str, tuple[float, dict[str, object]]] = {}
+        self._made: dict[str, tuple[float, answers.LiveFigures]] = {}
 
-    def of(self, study: str) -> dict[str, object]:
-        """Return {"figure", "labels"}; they are kept for FRESH_S seconds, or for ten times the time they took."""
+    def of(self, study: str) -> answers.LiveFigures:
+        """The newest ones; they are kept for FRESH_S seconds, or for ten times the time they took."""
         with self._lock:
-            until, figures = self._made.get(study, (0.0, None))
-            if figures is None or time.monotonic() >= until:
+            until, newest = self._made.get(study, (0.0, None))
+            if newest is None or time.monotonic() >= until:
                 began = time.monotonic()
-                figures = self._make(study)
+                newest = self._make(study)
                 took = time.monotonic() - began
-                self._made[study] = (time.monotonic() + max(FRESH_S, 10 * took), figures)
-            return figures
+                self._made[study] = (time.monotonic() + max(FRESH_S, 10 * took), newest)
+            return newest
 
     def forget(self, study: str) -> None:
         """Make a study's figure anew when it is asked for again: the study was closed."""
         with self._lock:
             self._made.pop(study, None)
 
-    def _make(self, study: str) -> dict[str, object]:
+    def _make(self, study: str) -> answers.LiveFigures:
         try:
             with closing(Reader.open(self._database)) as reader, reader.snapshot():
                 data = load(reader, study)
         except StudyError:  # nobody has joined
-            return {"figure": None, "labels": []}
+            return answers.LiveFigures(figure=None, labels=[])
         people = {person.id for person in data.people if person.kind == "human"}
         trials = [
             trial
@@ -140,42 +140,45 @@ class LiveFigures:
             if trial.participant in people and (trial.phase != "ranked" or data.closed_ms)
         ]
         labels = [(name, trial.participant) for trial in trials for name in trial.labels]
-        by_label: list[dict[str, object]] = []
+        by_label: list[answers.LabelCount] = []
         for label, number in Counter(name for name, _ in labels).most_common():
             ids = {participant for name, participant in labels if name == label}
             people_in_words = sorted(map(participant_label, ids))
-            by_label.append({"label": label, "episodes": number, "participants": people_in_words})
-        return {"figure": live_figure(data), "labels": by_label}
+            by_label.append(
+                answers.LabelCount(label=label, episodes=number, participants=people_in_words)
+            )
+        figure = answers.LiveFigure.model_validate(live_figure(data))
+        return answers.LiveFigures(figure=figure, labels=by_label)
 
 
 def recruiting(
     reader: Reader, invitations: Invitations, study: Study, now_ms: int
-) -> dict[str, object]:
-    """Return how people come into a study: its recruitment, the operator's code of the day, and its invitations.
+) -> answers.Recruiting:
+    """How people come into a study: its recruitment, the operator's code of the day, and its invitations.
 
     Invitations are in the order of issuing. The token of one that still lets somebody in is among them: the operator hands it
     out. A closed study has neither code nor tokens.
     """
     uses = uses_of(reader, study.name)
-    listed: list[dict[str, object]] = []
+    listed: list[answers.Invitation] = []
     for invitation in invitations.of(study.name).values():
         use = uses.get(invitation.id)
         state = state_of(invitation, use)
         lets_in = study.is_running and state in ("issued", "opened")
         listed.append(
-            {
-                "id": invitation.id,
-                "state": state,
-                "label": use.label if use else None,
-                "token": token_of(study, invitation.id) if lets_in else None,
-                "issued_ms": invitation.issued_ms,
-                "revoked_ms": invitation.revoked_ms,
-                "at_ms": use.at_ms if use else None,
-            }
+            answers.Invitation(
+                id=invitation.id,
+                state=state,
+                label=use.label if use else None,
+                token=token_of(study, invitation.id) if lets_in else None,
+                issued_ms=invitation.issued_ms,
+                revoked_ms=invitation.revoked_ms,
+                at_ms=use.at_ms if use else None,
+            )
         )
-    return {
-        "recruitment": study.protocol.recruitment,
-        "code": code_of(study, now_ms) if study.is_running else None,
-        "code_until_ms": valid_until_ms(now_ms) if study.is_running else None,
-        "invitations": listed,
-    }
+    return answers.Recruiting(
+        recruitment=study.protocol.recruitment,
+        code=code_of(study, now_ms) if study.is_running else None,
+        code_until_ms=valid_until_ms(now_ms) if study.is_running else None,
+        invitations=listed,
+    )

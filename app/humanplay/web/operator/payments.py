@@ -11,13 +11,14 @@ from humanplay.study.folder import Folder, Study
 from humanplay.study.outcome import OUTCOME_IN_WORDS
 from humanplay.study.outcomes import change_texts, read_texts
 from humanplay.study.payments import COLUMNS, Payments, payments_of
+from humanplay.web.answers import operator as answers
 
 
-def list_outcomes(folder: Folder, name: str) -> list[dict[str, str]]:
+def list_outcomes(folder: Folder, name: str) -> list[answers.OutcomeText]:
     """Each outcome of a study with what people read there."""
     texts = read_texts(folder.path(name))
     return [
-        {"outcome": outcome, "words": words, "text": texts.get(outcome, "")}
+        answers.OutcomeText(outcome=outcome, words=words, text=texts.get(outcome, ""))
         for outcome, words in OUTCOME_IN_WORDS.items()
     ]
 
@@ -35,14 +36,14 @@ def list_payments(folder: Folder, study: Study, database: Path) -> Payments:
         return payments_of(reader, study, read_texts(folder.path(study.name)))
 
 
-def in_answer(listed: Payments) -> dict[str, object]:
+def in_answer(listed: Payments) -> answers.Payments:
     """The list as the page gets it, with its files."""
     has_bulk = listed.study.protocol.platform == "prolific" and not listed.waits
-    return {
-        "columns": COLUMNS,
-        "rows": listed.table(),
-        "csv": listed.csv(),
-        "bulk": listed.bulk() if has_bulk else None,
-        "effective_pay": listed.effective_pay(),
-        "without_consent": listed.without_consent,
-    }
+    return answers.Payments(
+        columns=list(COLUMNS),
+        rows=[list(row) for row in listed.table()],
+        csv=listed.csv(),
+        bulk=listed.bulk() if has_bulk else None,
+        effective_pay=listed.effective_pay(),
+        without_consent=listed.without_consent,
+    )

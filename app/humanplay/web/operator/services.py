@@ -7,6 +7,7 @@ import time
 from humanplay.jobs import Jobs
 from humanplay.study.progress import ParticipantProgress
 from humanplay.study.protocol import StudyError
+from humanplay.web.answers.operator import FolderStudy
 from humanplay.web.downloads import Downloads
 from humanplay.web.operator import participants
 from humanplay.web.operator.exports import Exports
@@ -35,16 +36,16 @@ class AdminServices:
         self.exports = Exports(store.path, jobs, downloads)
         self.began = time.monotonic()
 
-    def studies(self) -> list[dict[str, object]]:
-        """Return every study in the folder: drafts and broken ones too, with what is wrong."""
+    def studies(self) -> list[FolderStudy]:
+        """Every study in the folder: drafts and broken ones too, with what is wrong."""
         return [self._listed(name) for name in self.progress.folder.names()]
 
-    def _listed(self, name: str) -> dict[str, object]:
+    def _listed(self, name: str) -> FolderStudy:
         folder = self.progress.folder
         try:
             status, title = folder.status(name), folder.draft(name).title
             if status != "draft":
                 folder.study(name)
         except StudyError as error:
-            return {"name": name, "title": name, "status": "broken", "error": str(error)}
-        return {"name": name, "title": title, "status": status, "error": None}
+            return FolderStudy(name=name, title=name, status="broken", error=str(error))
+        return FolderStudy(name=name, title=title, status=status, error=None)

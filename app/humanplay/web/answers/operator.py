@@ -1,0 +1,303 @@
+"""Answers to the operator: the console, a study as it runs, its invitations, payments and exports."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from humanplay.db.rows import Phase
+from humanplay.db.study_rows import Stage
+from humanplay.db.trial import ParticipantKind
+from humanplay.study.outcome import Outcome
+from humanplay.web.answers.base import Answer, described
+from humanplay.web.answers.leaderboard import StudyFigure
+from humanplay.web.answers.server import Task
+from humanplay.web.answers.studies import Status
+
+
+class LoggedIn(Answer):
+    """Whether the operator is logged in."""
+
+    logged_in: bool
+
+
+class FolderStudy(Answer):
+    """A study in the server's folder, drafts and broken ones too."""
+
+    name: str
+    title: str
+    status: Literal["draft", "open", "secret kept", "closed", "broken"]
+    error: str | None = described("what is wrong with a broken one")
+
+
+class LiveBoard(Answer):
+    """A board that somebody plays now."""
+
+    session: str
+    study: str | None = described("null outside of studies")
+    label: str | None = described("what its participant can quote")
+    kind: str = described("human or script")
+    phase: Phase | None = described("of the study")
+    trial: int | None = described("of the phase, from 0")
+
+
+class Disk(Answer):
+    """The disk that the database is on."""
+
+    free: int = described("bytes")
+    total: int = described("bytes")
+    is_low: bool
+
+
+class DatabaseFile(Answer):
+    """The database."""
+
+    name: str = described("of its file")
+    size: int = described("bytes, without its log")
+    wal_size: int = described("bytes in its write-ahead log")
+
+
+class Check(Answer):
+    """What SQLite's own check found."""
+
+    result: str = described('"ok", or what is damaged')
+    is_whole: bool
+    at_ms: int = described("ms since 1970")
+
+
+class ChainHead(Answer):
+    """The newest entry of the chain of hashes."""
+
+    entries: int = described("in all")
+    head: str = described("SHA-256 (hex) of the newest; empty without any")
+
+
+class DatabaseHealth(Answer):
+    """How disk and database are."""
+
+    disk: Disk
+    database: DatabaseFile
+    last_write_ms: int = described("ms since 1970")
+    check: Check | None = described("null while the first check is under way")
+    chain: ChainHead | None = described("null if it cannot be read")
+
+
+class Gauges(Answer):
+    """What shows first that a server is overloaded."""
+
+    move_p99_seconds: float = described(
+        "seconds that 99 of 100 moves took at most; 0 before the first"
+    )
+    waiting_jobs: float = described("ghosts, costs, exports and policies' episodes that wait")
+    waiting_writes: float = described("of the database")
+    backup_age_seconds: float = described("seconds since the newest verified backup; -1 without")
+    backup_failures: float = described("since the server's start")
+
+
+class StorageOwner(Answer):
+    """One of those for whom most is stored today."""
+
+    kind: Literal["address", "player", "study"]
+    name: str = described("of a study; empty otherwise")
+    bytes: int = described("stored today (UTC), or charged to open boards")
+    budget: int = described("bytes a day")
+
+
+class ServerHealth(DatabaseHealth):
+    """How the server is."""
+
+    watched: Gauges
+    owners: list[StorageOwner] = described("the largest first")
+    sessions: int = described("boards in memory")
+    up_s: int = described("seconds since the start")
+
+
+class ChosenName(Answer):
+    """A name that a player chose."""
+
+    name: str
+    hidden: bool = described("an operator has hidden it")
+    chosen_ms: int = described("ms since 1970")
+
+
+class Overview(Answer):
+    """Studies, boards that are played now, and the server's health."""
+
+    studies: list[FolderStudy]
+    boards: list[LiveBoard] = described("those of participants first")
+    health: ServerHealth
+    names: list[ChosenName] = described("the newest first")
+    now_ms: int = described("the server's time, ms since 1970")
+
+
+class StageCount(Answer):
+    """Who is at a stage of a study."""
+
+    stage: Stage
+    human: int = described("people")
+    script: int = described("bots")
+
+
+class Participant(Answer):
+    """Somebody in a study, without anything that identifies them."""
+
+    id: str
+    label: str = described("what the participant can quote")
+    kind: ParticipantKind
+    script: str | None = described("name of a bot")
+    stage: Stage
+    joined_ms: int = described("ms since 1970")
+    minutes: int = described("from joining to the newest sign")
+    is_quiet: bool = described("has not finished, and sent nothing for half an hour")
+    left_at: str | None = described("stage at which they withdrew")
+    asks_erasure: bool
+    deviations: int | None = described("null while they are hidden")
+    repeated: list[str] = described("signs of taking part twice")
+    not_attested: list[str] = described("episodes that are not attested, and why")
+    invitation: str | None = described("id of the invitation that brought them")
+    supervised_ms: int | None = described("when the operator's code was typed last, ms since 1970")
+    warm_up: int = described("practice episodes that ended")
+    ranked: int | None = described("ranked episodes that ended; null while they are hidden")
+    mean_score: float | None = described("over ranked episodes; null before the first, and hidden")
+    mean_steps: float | None = described(
+        "moves, over ranked episodes; null before the first, and hidden"
+    )
+    outcomes: dict[str, int] = described("how many ranked episodes ended with each outcome")
+
+
+class LabelCount(Answer):
+    """A data-quality flag, and how often it was set."""
+
+    label: str
+    episodes: int
+    participants: list[str] = described("their labels")
+
+
+class LiveFigure(StudyFigure):
+    """The people's estimate as it may be seen: nobody is in that of an open study."""
+
+    claim: str = described("what it may be called")
+    set: str = described("whom it is of")
+    everybody: StudyFigure
+    sentence: str
+
+
+class LiveFigures(Answer):
+    """The people's estimate and their data-quality flags."""
+
+    figure: LiveFigure | None = described("null before anybody has joined")
+    labels: list[LabelCount] = described("the commonest first")
+
+
+class Invitation(Answer):
+    """An invitation to a study."""
+
+    id: str
+    state: Literal["issued", "opened", "used", "revoked"]
+    label: str | None = described("of the participant who came by it")
+    token: str | None = described("of the link; null once it lets nobody in")
+    issued_ms: int = described("ms since 1970")
+    revoked_ms: int | None = described("ms since 1970")
+    at_ms: int | None = described("when it was opened or used, ms since 1970")
+
+
+class Recruiting(Answer):
+    """How people come into a study."""
+
+    recruitment: Literal["open", "invitation", "panel"]
+    code: str | None = described("of the day, for supervised play; null unless the study runs")
+    code_until_ms: int | None = described("ms since 1970")
+    invitations: list[Invitation] = described("the oldest first")
+
+
+class OutcomeText(Answer):
+    """How taking part can end, and what people read then."""
+
+    outcome: str = described(", ".join(Outcome))
+    words: str = described("who comes to it")
+    text: str = described("what they read; empty without one")
+
+
+class ExportFile(Answer):
+    """A file that was made."""
+
+    name: str
+    size: int = described("bytes")
+
+
+class Export(Answer):
+    """A report or a release that was asked for."""
+
+    state: Literal["making", "ready", "failed"]
+    began_ms: int = described("ms since 1970")
+    error: str | None = described("why it failed")
+    files: list[ExportFile] = described("empty until they are ready")
+
+
+class Exports(Answer):
+    """The newest report and the newest release; null before one is asked for."""
+
+    report: Export | None
+    release: Export | None
+
+
+class ConsoleStudy(Recruiting, LiveFigures):
+    """A study as its operator sees it."""
+
+    name: str
+    title: str
+    status: Status
+    frozen_ms: int = described("ms since 1970")
+    closed_ms: int | None = described("ms since 1970; null while it is open")
+    task: Task
+    where: str = described("what is played, in words")
+    max_steps: int = described("moves after which an episode times out")
+    planned: int = described("people that the protocol wants")
+    warm_up: int = described("practice episodes of each")
+    ranked: int = described("ranked episodes of each")
+    stages: list[StageCount]
+    participants: list[Participant] = described("in the order of joining")
+    outcomes: list[OutcomeText]
+    exports: Exports
+    now_ms: int = described("the server's time, ms since 1970")
+
+
+class ClosedStudy(Answer):
+    """A study that was closed."""
+
+    closed_ms: int | None = described("ms since 1970")
+
+
+class IssuedInvitations(Answer):
+    """New invitations."""
+
+    tokens: list[str] = described("each goes into a link: /study/NAME?invitation=TOKEN")
+
+
+class RevokedInvitations(Answer):
+    """Invitations that were taken back."""
+
+    revoked: list[str] = described("their ids")
+
+
+class ChangedTexts(Answer):
+    """Whether the texts of the outcomes differ from before."""
+
+    changed: bool
+
+
+class HiddenName(Answer):
+    """A player's name, and whether it is shown."""
+
+    name: str
+    hidden: bool
+
+
+class Payments(Answer):
+    """Whom to pay."""
+
+    columns: list[str]
+    rows: list[list[str]] = described("a row for everybody who agreed, by `columns`")
+    csv: str = described("the same as a file")
+    bulk: str | None = described("Prolific's lines of bonuses; null if they do not apply")
+    effective_pay: str = described("what an hour was worth, a sentence; empty if unknown")
+    without_consent: int = described("people who did not agree")
