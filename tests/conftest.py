@@ -4,6 +4,7 @@ import gc
 import os
 import shutil
 import signal
+import sys
 import tempfile
 from contextlib import closing, suppress
 
@@ -18,6 +19,13 @@ if "TMPDIR" not in os.environ:
     with suppress(OSError):
         if shutil.disk_usage(IN_MEMORY).free >= ROOM:
             os.environ["TMPDIR"] = tempfile.tempdir = IN_MEMORY
+
+# what mlcroissant imports closes the stderr that it met whenever logging is configured anew, pytest's capture
+# among them; never that of the process
+with suppress(ImportError):
+    from absl import logging as absl_logging
+
+    absl_logging.get_absl_handler().python_handler.setStream(sys.__stderr__)
 
 # whoever starts the tests in the background of a shell has them ignore Ctrl-C, which some of them press
 signal.signal(signal.SIGINT, signal.default_int_handler)
