@@ -29,6 +29,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
+from humanplay import held
+
 IDLE_S = 60.0
 """Seconds after which a worker without a job ends and gives back its memory."""
 REMEMBERED_S = 600.0
@@ -346,7 +348,8 @@ class _Process:
         ends early."""
         deadline = None if job.limit_s is None else time.monotonic() + job.limit_s
         try:
-            self._connection.send((job.function, job.arguments, job.on_progress is not None))
+            reports = job.on_progress is not None
+            self._connection.send((held.payloads(), job.function, job.arguments, reports))
             while True:
                 left = None if deadline is None else max(0.0, deadline - time.monotonic())
                 if not self._connection.poll(left):
@@ -388,7 +391,8 @@ def work(connection: Connection) -> None:
     while True:
         job = coming.get()
         try:
-            function, arguments, reports = pickle.loads(job)
+            payloads, function, arguments, reports = pickle.loads(job)
+            held.take(payloads)
             answer = "done", function(*arguments, **({"progress": report} if reports else {}))
             message = pickle.dumps(answer)
         except Exception as error:

@@ -10,6 +10,8 @@ from humanplay import ROOT
 from humanplay.db.reader import Reader
 from humanplay.study.verification import verify_database
 from humanplay.task.registration import WORLDS, environment_of, register, static_of
+from humanplay.tasks.base import CodePolicies
+from humanplay.tasks.costs import LOSS
 from humanplay.web.simulate import NoisyPolicy, Plan, simulate
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
@@ -247,6 +249,24 @@ def test_an_episode_that_was_left_costs_what_giving_up_does(maze):
     assert costs.costs.sum() + costs.given_up == costs.total
     assert sum(costs.by_kind().values()) + costs.gained == costs.total
     assert costs.by_tenth().sum() == costs.costs.sum()
+
+
+def test_only_a_move_that_ended_an_episode_ended_it_early(maze):
+    environment = environment_of(maze)
+    expert, roomy = environment.policies.load("far-wall"), environment.default
+    way = environment.policies.play(expert, roomy, 3, 0).record().actions
+    config = environment.configuration({"limit": len(way) + 1})
+    there_and_back = bytes([way[0], (way[0] + 2) % 4])
+    run = environment.run(config, 3, there_and_back)
+    run.abandon()
+    costs = environment.courses.estimator("far-wall", None).costs(run.record())
+    assert costs.lengths[-1] == config.limit, "nobody can succeed any more"
+    assert costs.kinds == (None, LOSS)
+
+
+def test_a_world_without_policies_of_its_own_has_no_expert(maze):
+    policies = CodePolicies(environment_of(maze), (), lambda frame: frame["text"])
+    assert (policies.shown, policies.simulated, policies.compared) == (None, None, ("random",))
 
 
 def test_moves_that_would_take_too_long_to_judge_are_not_judged(maze):

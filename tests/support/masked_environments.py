@@ -123,8 +123,8 @@ class Crooked(Doors):
         return np.ones(7, bool)
 
 
-def first_allowed(observation, action_masks):
-    """A policy that takes masks: the first action that is allowed."""
+def last_allowed(observation, action_masks):
+    """A policy that takes masks: the last action that is allowed."""
     return int(np.flatnonzero(action_masks)[-1])
 
 

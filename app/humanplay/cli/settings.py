@@ -93,23 +93,28 @@ def pins_file() -> Path:
     return place().signers or Path(click.get_app_dir("humanplay")) / "known_signers.json"
 
 
-def task_name(given: str) -> str:
-    """Return the name of a task as it is recorded, of what `told_of` takes; BadParameter where it
-    is none."""
+def named_task(name: str) -> str:
+    """The task of an id, a file, or the folder of a world; ValueError, saying why, if there is none."""
     from humanplay.task.registration import is_registered, register
     from humanplay.tasks.gymnasium.description import told_of
 
-    if is_registered(given):
-        return given
-    if Path(given).is_dir():
-        try:
-            return register(Path(given))
-        except ValueError as error:
-            raise BadParameter(str(error)) from error
+    if is_registered(name):
+        return name
+    folder = Path(name)
+    # a folder beside may be called like an id, such as that of what was trained on it
+    is_path = name.startswith((".", os.sep))
     try:
-        return f"gymnasium:{told_of(given)}"
+        if folder.is_dir() and (is_path or (folder / "environment.py").is_file()):
+            return register(folder)
+        return f"gymnasium:{told_of(name)}"
     except OSError as error:
-        raise BadParameter(f"cannot read {given}: {reason(error)}") from error
+        raise ValueError(f"cannot read {name}: {reason(error)}") from error
+
+
+def task_name(name: str) -> str:
+    """The task that a flag names, as it is recorded; BadParameter if there is none."""
+    try:
+        return named_task(name)
     except ValueError as error:
         raise BadParameter(str(error)) from error
 

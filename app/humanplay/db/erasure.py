@@ -293,6 +293,7 @@ def _named(conn: sqlite3.Connection, database: Path, name: str) -> str:
 def _delete_player(conn: sqlite3.Connection, player_id: str) -> None:
     """Delete a player's name and row; the row stays where a study knows it."""
     conn.execute("DELETE FROM names WHERE player_id = ?", [player_id])
+    names.forget_invitation(conn, player_id)
     sql = "DELETE FROM players WHERE id = ?1 AND NOT EXISTS (SELECT 1 FROM participants WHERE player_id = ?1)"
     conn.execute(sql, [player_id])
 

@@ -113,3 +113,25 @@ def named(conn: sqlite3.Connection, name: str) -> str | None:
     """The id of the player with a name; None for nobody's."""
     row = conn.execute("SELECT player_id FROM names WHERE name = ?", [name]).fetchone()
     return None if row is None else str(row[0])
+
+
+INVITED = "invited"
+"""A row of the table `meta` called `invited|NUMBER` has the id of the player whose link has that number."""
+
+
+def invited(conn: sqlite3.Connection, number: int) -> str | None:
+    """The id of the player whose link has a number; None before there is one, and for one who was erased."""
+    sql = "SELECT p.id FROM meta m JOIN players p ON p.id = m.value WHERE m.name = ?"
+    row = conn.execute(sql, [f"{INVITED}|{number}"]).fetchone()
+    return None if row is None else str(row[0])
+
+
+def invite(conn: sqlite3.Connection, number: int, player_id: str) -> None:
+    """Remember whose link has a number."""
+    conn.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (f"{INVITED}|{number}", player_id))
+
+
+def forget_invitation(conn: sqlite3.Connection, player_id: str) -> None:
+    """Forget the number of a player's link."""
+    sql = "DELETE FROM meta WHERE name LIKE ? || '|%' AND value = ?"
+    conn.execute(sql, (INVITED, player_id))

@@ -7,6 +7,7 @@ would count. No query about boards sees one of a study or of a daily terrain, bu
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from humanplay.db.database import rows
@@ -75,14 +76,31 @@ def open_plays(reader: Reader) -> list[Trial]:
     return [Trial.of(row) for row in reader.query(sql) if row["moves"]]
 
 
-def unattested_plays(reader: Reader, task: str) -> int:
-    """Count the ended episodes of people alone that do not count, since a move fits no key or touch of the page."""
-    sql = """SELECT count(*) AS n FROM episodes e JOIN sessions s ON s.id = e.session_id
-        LEFT JOIN series_episodes x ON x.episode_id = e.id
-        WHERE e.task = ? AND e.attestation = 'unattested' AND e.steps > 0 AND NOT e.assisted AND NOT e.seed_chosen
-        AND NOT e.terrain_met_before AND s.owner_id IS NOT NULL AND x.series IS NULL"""
+@dataclass(frozen=True)
+class LeftOut:
+    """Ended episodes of people alone that do not count, by the reason.
+
+    repeated    on an instance that was chosen, or met before
+    by_program  a move was called no key and no touch, as in a browser that says that a program drives it
+    unattested  a move fits no key or touch of the page
+    """
+
+    repeated: int
+    by_program: int
+    unattested: int
+
+
+def left_out_plays(reader: Reader, task: str) -> LeftOut:
+    """Count the ended episodes of a task that people played alone and that do not count."""
+    sql = """SELECT coalesce(sum(is_repeated), 0) AS repeated,
+        coalesce(sum(NOT is_repeated AND driver = 'script'), 0) AS by_program,
+        coalesce(sum(NOT is_repeated AND attestation IS 'unattested'), 0) AS unattested
+        FROM (SELECT e.driver, e.attestation, e.seed_chosen OR e.terrain_met_before AS is_repeated
+            FROM episodes e JOIN sessions s ON s.id = e.session_id LEFT JOIN series_episodes x ON x.episode_id = e.id
+            WHERE e.task = ? AND e.ended_ms IS NOT NULL AND e.steps > 0 AND e.driver IN ('human', 'script')
+            AND NOT e.assisted AND s.owner_id IS NOT NULL AND x.series IS NULL)"""
     (row,) = reader.query(sql, [task])
-    return int(row["n"])
+    return LeftOut(**row)
 
 
 def ranked_left_since(store: Store, before_ms: int) -> list[Trial]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterator
 from contextlib import closing
@@ -68,7 +69,7 @@ def minari_of(database: Path, name: str, task: str | None = None) -> str:
         task: Whose episodes; without it there must be those of one.
 
     Raises:
-        ReleaseError: There is none, or several tasks were played.
+        ReleaseError: There is none, or several tasks or configurations were played.
     """
     different = 0
 
@@ -89,6 +90,19 @@ def minari_of(database: Path, name: str, task: str | None = None) -> str:
                 f"expected plays of one environment, found {', '.join(sorted(tasks))}"
             )
         task = task or next(iter(tasks), None)
+        configurations = {
+            row["config_hash"]: Trial.of(row).config
+            for row in reader.finished("human")
+            if row["task"] == task
+        }
+        if len(configurations) > 1:
+            names = "; ".join(
+                sorted(json.dumps(config.to_dict()) for config in configurations.values())
+            )
+            raise ReleaseError(
+                f"a dataset has one configuration, and {database} has plays of {len(configurations)}: {names}. "
+                "Play each in a database of its own"
+            )
         count = write_plays(name, plays(reader))
     if not count:
         raise ReleaseError(f"no episode of a person in {database} counts and replays as recorded")

@@ -466,9 +466,6 @@ class Environment(Protocol):
     def own_actions(self, config: Configuration, actions: bytes) -> NDArray[np.generic]:
         """Return moves as the environment itself takes them: what a policy would have chosen."""
 
-    def code_of(self, config: Configuration, action: object) -> int:
-        """Return the code of an action as the environment itself takes it; ValueError for none."""
-
     def returns(self, config: Configuration) -> tuple[float, float] | None:
         """Return the lowest and the highest return that a data set may be scored against; None where they are not known."""
 

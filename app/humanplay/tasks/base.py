@@ -97,13 +97,6 @@ class BaseEnvironment:
         """The codes of the moves."""
         return np.frombuffer(actions, np.uint8).astype(np.int64)
 
-    def code_of(self, config: Configuration, action: object) -> int:
-        """The action itself, a number or an array with one."""
-        array = np.asarray(action)
-        if array.size != 1:
-            raise ValueError(f"expected one action, got {array.size} numbers: {action!r}")
-        return int(array.reshape(-1)[0])
-
     def returns(self, config: Configuration) -> tuple[float, float] | None:
         """None: the bounds of the return are not known."""
         return None
@@ -433,7 +426,7 @@ class CodePolicies(BasePolicies):
         )
         self._classes = {make().name: make for make in makers}
         self.compared = tuple(self._classes)
-        self.shown = self.simulated = next(name for name in self._classes)
+        self.shown = self.simulated = next((make().name for make in classes), None)
 
     def offers(self) -> list[PolicyOffer]:
         """Each, with its docstring's first line."""

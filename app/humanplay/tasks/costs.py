@@ -65,10 +65,12 @@ class MoveCosts:
     @property
     def kinds(self) -> tuple[str | None, ...]:
         """The kind of mistake that each move is, None for one that cost nothing."""
-        last = len(self.actions) - 1
-        ends_early = self.counts == self.limit and last + 1 < self.limit and not self.given_up
+        moves = len(self.actions)
+        # an episode that was left has advice after its last move too
+        is_ended_by_move = len(self.advice.lengths) == moves
+        ends_early = is_ended_by_move and self.counts == self.limit and moves < self.limit
         return tuple(
-            None if cost <= 0 else ENDED_EARLY if ends_early and step == last else LOSS
+            None if cost <= 0 else ENDED_EARLY if ends_early and step == moves - 1 else LOSS
             for step, cost in enumerate(self.costs)
         )
 

@@ -102,11 +102,11 @@ class FramePictures:
 
 
 def _picture(frame: dict[str, Any]) -> Image.Image:
-    """Return a frame's picture, or its text as one."""
-    if frame["picture"] is not None:
+    """Return a frame's picture, or its text as one; an empty one of a frame with neither."""
+    if frame.get("picture"):
         packed = base64.b64decode(frame["picture"].partition(",")[2])
         return Image.open(io.BytesIO(packed)).convert("RGB")
-    font, rows = ImageFont.load_default_imagefont(), frame["text"].splitlines() or [""]
+    font, rows = ImageFont.load_default_imagefont(), (frame.get("text") or "").splitlines() or [""]
     size = (16 + 6 * max(map(len, rows)), 16 + 12 * len(rows))
     drawn = Image.new("RGB", size, GROUND)
     ImageDraw.Draw(drawn).multiline_text((8, 8), "\n".join(rows), INK, font, spacing=1)

@@ -188,18 +188,25 @@ def chooser(source: str, seed: int, code_of: Callable[[Any], int] = int) -> Choo
         return _random(seed)
     if source.endswith(".onnx"):
         return _network(source, code_of)
-    function = _function(source)
-    parameters = inspect.signature(function).parameters
+    return masked(_function(source), code_of)
+
+
+def masked(function: Callable[..., object], code_of: Callable[[Any], int]) -> Choose:
+    """Return what a function of the observation decides; one that takes the allowed actions is given them."""
+    try:
+        parameters = tuple(inspect.signature(function).parameters)
+    except ValueError:  # of a function that is written in C
+        parameters = ()
     name = next((name for name in MASKS if name in parameters), None)
     if name is None:
         return lambda observation, mask: code_of(function(observation))
     return lambda observation, mask: code_of(function(observation, **{name: mask}))
 
 
-def _function(source: str) -> Callable[..., int]:
+def _function(source: str) -> Callable[..., object]:
     module, _, name = source.partition(":")
     try:
-        function: Callable[..., int] = getattr(import_module(module), name)
+        function: Callable[..., object] = getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         said = f"expected a function as module:function, got {source!r}: {error}"
         raise ValueError(said) from error

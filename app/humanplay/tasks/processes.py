@@ -39,8 +39,8 @@ from multiprocessing.reduction import recv_handle, send_handle
 from pathlib import Path
 from typing import Any, NoReturn
 
+from humanplay import held
 from humanplay.jobs import give_way
-from humanplay.tasks import held
 
 STEP_CPU_S = 2.0
 """Seconds of processor from one yield of a worker to the next."""
@@ -187,9 +187,9 @@ class Preparer:
                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
             )  # fmt: skip
             self._connection = Connection(mine.detach())
-            self._connection.send_bytes(json.dumps(held.payloads()).encode())
         self._ended = weakref.finalize(self, _end, self._process, self._connection, self.folder)
         try:
+            self._connection.send_bytes(json.dumps(held.payloads()).encode())
             told = self._heard()
         except (OSError, EOFError):
             self.close()

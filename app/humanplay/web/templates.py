@@ -8,6 +8,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.requests import HTTPConnection, Request
 
 from humanplay import STATIC
+from humanplay.task.registration import DEFAULT_TASK, environment_of
 from humanplay.web.protection import is_secure
 
 environment = Environment(
@@ -16,14 +17,20 @@ environment = Environment(
 )  # fmt: skip
 
 
+def brand_of(task: str) -> str:
+    """What the bar calls a site that plays a task."""
+    return environment_of(task).about.title if task == DEFAULT_TASK else "Playground"
+
+
 def addresses(request: Request) -> dict[str, object]:
-    """Return what every page has: relative and absolute addresses, and the pages that are offered."""
+    """Return what every page has: addresses, the pages that are offered, and the name of the site."""
     root, state, address = root_of(request), request.app.state, absolute_address(request)
     folder = state.files.address()
     return {
         "root": root,
         "files": root + folder,
         "offered": state.offered,
+        "brand": state.brand,
         "address": address,
         "site": f"{address.removesuffix(path_of(request))}/",
         "folder": folder,

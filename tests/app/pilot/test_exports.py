@@ -4,6 +4,7 @@ import pytest
 
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.plays import Plays
+from humanplay.release.errors import ReleaseError
 from tests.app.pilot.test_score import LAKE, played
 from tests.support.command import command
 from tests.support.recorded import alter, ask
@@ -33,6 +34,14 @@ def test_plays_leave_as_parquet_minari_and_a_page(plays, tmp_path):
     assert plays.verify() == []
     with pytest.raises(PilotError, match="expected a number below 2"):
         plays.replay(2)
+
+
+def test_plays_of_two_configurations_are_no_dataset(plays):
+    longer = "config = json_set(config, '$.max_steps', 50), config_hash = 'longer'"
+    first = "SELECT min(id) FROM episodes WHERE ended_ms IS NOT NULL"
+    assert alter(plays.database, f"UPDATE episodes SET {longer} WHERE id = ({first})") == 1
+    with pytest.raises(ReleaseError, match=r'plays of 2: .*"max_steps": 100\}.*"max_steps": 50\}'):
+        plays.to_minari("lake/people-v0")
 
 
 def test_the_command_writes_the_same_and_leaves_out_what_does_not_replay(plays, tmp_path, capsys):

@@ -17,6 +17,8 @@ import pytest
 from humanplay import play
 from humanplay.cli.pilot.environments import task_of
 from humanplay.cli.pilot.errors import PilotError
+from tests.app.tasks.test_gymnasium import begin
+from tests.app.tasks.test_gymnasium import play as play_out
 from tests.support.command import command
 from tests.support.own_environment import Line, make_line
 
@@ -131,6 +133,67 @@ def test_invited_people_have_a_link_each_which_stays_theirs(opened, browser_of):
     again = opened("FrozenLake-v1", people=3)
     assert [link.partition("=")[2] for link in again.links][:2] == tokens
     assert not plays.is_open, "the page of the call before is closed"
+
+
+def test_a_link_stays_its_person_s_after_a_new_name(opened, browser_of, capsys):
+    plays = opened("FrozenLake-v1", people=2)
+    tokens = [link.partition("=")[2] for link in plays.links]
+    browser = browser_of(plays)
+    browser.get("/", params={"invitation": tokens[0]})
+    assert browser.put("/api/me/name", json={"name": "Ada"}).json()["name"] == "Ada"
+    stranger = browser_of(plays)
+    stranger.get("/")
+    assert stranger.put("/api/me/name", json={"name": "Person 3"}).json()["name"] == "Person 3"
+    again = opened("FrozenLake-v1", people=3)
+    assert [link.partition("=")[2] for link in again.links][:2] == tokens
+    third = browser_of(again)
+    page = third.get("/", params={"invitation": again.links[2].partition("=")[2]})
+    assert "What are you called?" in page.text, "a stranger has the name of the third"
+    again.close()
+    assert (
+        command(capsys, "forget", "Ada", "--player", "--yes", "--database", plays.database)[0] == 0
+    )
+    after = opened("FrozenLake-v1", people=2)
+    first, second = [link.partition("=")[2] for link in after.links]
+    assert first != tokens[0]
+    assert second == tokens[1]
+
+
+def test_a_replay_of_what_a_program_holds_is_downloaded(serve):
+    server = serve(task=task_of(lambda: Line("rgb_array")))
+    client = server.page()
+    frames = play_out(server, client, begin(server, client, player="human"), ["1"], input=None)
+    answer = client.get(f"/replay/{frames[-1]['episode']}.html")
+    assert answer.status_code == 200, answer.text
+    assert answer.text.startswith("<!doctype html>")
+
+
+def test_plays_are_called_by_their_title(opened):
+    plays = opened(lambda: Line("rgb_array"))
+    assert "held:" not in repr(plays)
+    assert "plays of " in repr(plays)
+
+
+@pytest.mark.parametrize("how", ["info", "observation", "method"])
+def test_an_environment_is_recreated_by_actions_that_it_allows(how):
+    env = gymnasium.make("tests.support.masked_environments:Doors-v0", how=how)
+    assert task_of(env).startswith("gymnasium:")
+
+
+def test_two_environments_that_cannot_be_compared_are_refused_with_the_line_to_write():
+    gymnasium.register("Objects-v0", "tests.support.bad_habits:Objects", disable_env_checker=True)
+    env = gymnasium.make("Objects-v0")
+    with pytest.raises(PilotError, match=r"the two cannot be compared: .*play\(lambda: "):
+        task_of(env)
+
+
+def test_a_folder_called_like_an_id_is_no_world(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "FrozenLake-v1").mkdir()
+    assert task_of("FrozenLake-v1") == "gymnasium:FrozenLake-v1"
+    new = ("study", "new", "lake", "--env", "FrozenLake-v1", "--database", "studies.db")
+    assert command(capsys, *new)[0] == 0
+    assert "expected a world's environment.py" in command(capsys, *new[:-3], "./FrozenLake-v1")[2]
 
 
 class Vector(gymnasium.vector.VectorEnv):

@@ -80,6 +80,21 @@ def test_people_stand_beside_random_actions_and_policies_on_what_they_played(ser
     assert "<table>" in shown._repr_html_()
 
 
+def test_people_who_are_surely_worse_than_random_have_no_normalized_score(serve, database):
+    played(serve(task=POLE), 6, moves=("left",))
+    shown = score(database, {"by hand": lambda observation: 0})
+    random, mine = shown.policies
+    assert shown.people.interval[1] < random.mean
+    assert (mine.normalized, mine.normalized_interval) == (None, None)
+    assert "human-normalized" not in shown.headline
+
+
+def test_no_policy_takes_the_place_of_random_actions(serve, database):
+    played(serve(task=LAKE), 1)
+    with pytest.raises(PilotError, match="call your policy something else"):
+        score(database, {"random": lambda observation: 0})
+
+
 def test_below_five_people_there_is_no_interval_and_the_number_stands_beside(serve, database):
     played(serve(task=LAKE), 1)
     shown = score(database)
@@ -127,7 +142,32 @@ def test_chosen_and_repeated_instances_do_not_count(serve, database):
     server = serve(task=LAKE)
     client = server.page()
     play(server, client, begin(server, client, player="human", seed=3), STRAIGHT)
-    with pytest.raises(PilotError, match="nothing counts yet"):
+    with pytest.raises(
+        PilotError,
+        match=r"nothing counts yet.*; not counted: 1 episode on an instance that was chosen or met before$",
+    ):
+        score(database)
+
+
+def test_episodes_that_no_person_moved_do_not_count_and_are_named(serve, database):
+    server = serve(task=LAKE)
+    client = server.page()
+    # as a page sends moves if `navigator.webdriver` is true
+    play(server, client, begin(server, client, player="human"), STRAIGHT, input=None)
+    with pytest.raises(PilotError, match="not counted: 1 episode of a program, such as a browser"):
+        score(database)
+    played(server, 1)
+    assert "not counted: 1 episode of a program" in str(score(database))
+
+
+def test_where_no_episode_has_ended_and_no_bound_is_known_there_is_no_figure(serve, database):
+    server = serve(task=POLE)
+    client = server.page()
+    begun = begin(server, client, player="human")
+    with server.socket(begun["session"], client) as socket:
+        socket.act(socket.receive("frame"), "left", input="key")
+        socket.receive("frame")
+    with pytest.raises(PilotError, match=r"no lowest score is known.*name `bounds`"):
         score(database)
 
 

@@ -171,6 +171,12 @@ def test_shares_of_people_who_may_be_no_better_than_random_have_no_bounds():
     )
 
 
+def test_shares_of_people_who_are_surely_worse_than_random_are_not_shown():
+    table = 0.2 + np.random.default_rng(2).normal(0, 0.01, (8, 3))
+    comparison = compare_policy("ppo", "score", np.full(3, 0.9), table, np.full(3, 0.8))
+    assert (comparison.normalized, comparison.normalized_interval) == (None, None)
+
+
 def test_one_player_gives_no_intervals_and_a_mean_at_zero_no_ratio():
     table = np.array([[0.5, 0.7, 0.6]])
     found = compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table)

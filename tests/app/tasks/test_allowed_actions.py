@@ -93,7 +93,7 @@ def test_what_is_drawn_at_random_is_allowed(made, how):
 
 
 def test_policies_that_take_masks_are_given_them(made, tmp_path):
-    rule = f"{MODULE}:first_allowed"
+    rule = f"{MODULE}:last_allowed"
     task = made(doors("info"), rule)
     run = task.policies.play(task.policies.load(rule), task.default, 3, 3)
     assert (run.outcome, len(run.actions)) == ("ended", 6)

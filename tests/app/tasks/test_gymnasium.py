@@ -38,13 +38,13 @@ def begin(server, client, **body):
     return begun.json()
 
 
-def play(server, client, begun, moves=("down", "right", "left")):
-    """Play by keys until the end; the moves again and again."""
+def play(server, client, begun, moves=("down", "right", "left"), input="key"):
+    """Play until the end, by keys unless `input` is another; the moves again and again."""
     frames = []
     with server.socket(begun["session"], client) as socket:
         frames.append(socket.receive("frame"))
         while frames[-1]["outcome"] is None:
-            socket.act(frames[-1], moves[frames[-1]["step"] % len(moves)], input="key")
+            socket.act(frames[-1], moves[frames[-1]["step"] % len(moves)], input=input)
             frames.append(socket.frame_after(frames[-1]["step"]))
     return frames
 

@@ -8,6 +8,7 @@ from humanplay.study.verification import verify_database
 from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.lock import GymnasiumLock
 from humanplay.tasks.lock import differences
+from tests.app.tasks.test_gymnasium import begin, play
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.recorded import alter
@@ -57,12 +58,7 @@ def test_an_episode_of_another_version_is_named_with_its_first_difference(monkey
 def test_a_changed_version_is_found_by_the_chain(serve, tmp_path):
     server = serve(task=LAKE)
     client = server.page()
-    begun = client.post("/api/sessions", json={}).json()
-    with server.socket(begun["session"], client) as socket:
-        frame = socket.receive("frame")
-        while frame["outcome"] is None:
-            socket.act(frame, "right")
-            frame = socket.frame_after(frame["step"])
+    play(server, client, begin(server, client), ["right"], input=None)
     server.stop()
     database = tmp_path / "playground.db"
     assert verify_database(database).findings == ()

@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from humanplay.task.registration import environment_of
+from tests.app.tasks.test_gymnasium import begin, play
 from tests.support.recorded import ask
 
 SETS = "gymnasium:tests.support.odd_environments:Odd-sets-v0"
@@ -17,12 +18,7 @@ SETS = "gymnasium:tests.support.odd_environments:Odd-sets-v0"
 def test_an_episode_is_verified_whatever_the_shell_s_hash_seed_is(serve, tmp_path, hash_seed):
     server = serve(task=SETS)
     client = server.page()
-    begun = client.post("/api/sessions", json={}).json()
-    with server.socket(begun["session"], client) as socket:
-        frame = socket.receive("frame")
-        while frame["outcome"] is None:
-            socket.act(frame, "1")
-            frame = socket.frame_after(frame["step"])
+    play(server, client, begin(server, client), ["1"], input=None)
     server.stop()
     path = tmp_path / "playground.db"
     assert ask(path, "SELECT steps FROM episodes") == [(30,)]

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import gymnasium
 
+from humanplay import held
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.names import importable_name
 from humanplay.cli.pilot.recreation import recreated
-from humanplay.task.registration import is_registered, register
-from humanplay.tasks import held
-from humanplay.tasks.gymnasium.description import told_of
+from humanplay.cli.settings import named_task
 
 EXPECTED = (
     "expected an environment of Gymnasium, a class or function that makes one, an id, or a file"
@@ -38,27 +37,20 @@ def task_of(env: object) -> str:
     Raises:
         PilotError: It is none of these.
     """
-    if isinstance(env, str | Path):
-        return _named(str(env))
-    if callable(env) and (name := importable_name(env)):
-        return _named(name)
     check_kind(env)
+    name = (
+        str(env) if isinstance(env, str | Path) else importable_name(env) if callable(env) else ""
+    )
+    if name:
+        try:
+            return named_task(name)
+        except ValueError as error:
+            raise PilotError(str(error)) from error
     if isinstance(env, gymnasium.Env):
         return f"gymnasium:{recreated(env)}"
     if callable(env):
         return f"gymnasium:{held.SCHEME}:{held.hold(env)}"
     raise PilotError(f"{EXPECTED}; got {type(env).__name__}")
-
-
-def _named(name: str) -> str:
-    if is_registered(name):
-        return name
-    try:
-        return register(Path(name)) if Path(name).is_dir() else f"gymnasium:{told_of(name)}"
-    except OSError as error:
-        raise PilotError(f"cannot read {name}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise PilotError(str(error)) from error
 
 
 def check_kind(env: object) -> None:

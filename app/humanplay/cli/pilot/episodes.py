@@ -11,7 +11,7 @@ from humanplay.cli.pilot.errors import PilotError
 from humanplay.db.checks import tasks
 from humanplay.db.database import reading
 from humanplay.db.names import own
-from humanplay.db.playground import open_plays, unattested_plays
+from humanplay.db.playground import LeftOut, left_out_plays, open_plays
 from humanplay.db.reader import Reader
 from humanplay.db.trial import LEFT, Trial
 
@@ -36,13 +36,13 @@ class Counted:
 class Pilot:
     """What was played of a task.
 
-    names       of people, by their ids
-    unattested  episodes with a move that fits no key or touch of the page
+    names     of people, by their ids
+    left_out  ended episodes that do not count
     """
 
     episodes: list[Counted]
     names: dict[str, str]
-    unattested: int
+    left_out: LeftOut
 
 
 def only_task(database: Path) -> str:
@@ -64,7 +64,7 @@ def read(database: Path, task: str) -> Pilot:
         episodes = [_counted(trial) for trial in [*ended, *running]]
         people = {episode.person for episode in episodes}
         names = {person: own(reader, person)["name"] or person[:8] for person in people}
-        return Pilot(episodes, names, unattested_plays(reader, task))
+        return Pilot(episodes, names, left_out_plays(reader, task))
 
 
 def _counted(trial: Trial) -> Counted:

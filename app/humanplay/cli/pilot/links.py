@@ -16,6 +16,8 @@ from urllib.parse import urlsplit
 
 from humanplay.cli.pilot.errors import PilotError
 
+ANY_HOST, LOCAL_HOST = ("0.0.0.0", "::"), "127.0.0.1"
+"""What a server listens on for all addresses of this machine, and for itself alone."""
 COLAB = (
     "the proxy of Colab passes no WebSockets on, over which the page plays: download the notebook and what it trained, "
     "`pip install humanplay jupyterlab` on your machine, and run it there"
@@ -34,10 +36,19 @@ def in_notebook() -> bool:
     return getattr(shell, "kernel", None) is not None
 
 
+def is_loopback(address: str) -> bool:
+    """Whether only this machine opens an address."""
+    return urlsplit(address).hostname in ("127.0.0.1", "::1", "localhost")
+
+
+def with_host(address: str, host: str) -> str:
+    """The address of a page by another name of the machine."""
+    return f"http://{host}:{urlsplit(address).port}"
+
+
 def shared_address(address: str) -> str:
     """The address by which other machines open a page that listens on all of this one's."""
-    parts = urlsplit(address)
-    if parts.hostname not in ("0.0.0.0", "::"):
+    if urlsplit(address).hostname not in ANY_HOST:
         return address
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
@@ -46,15 +57,20 @@ def shared_address(address: str) -> str:
             )  # nothing is sent: the system only chooses its own address
             host = probe.getsockname()[0]
         except OSError:
-            host = "127.0.0.1"
-    return f"http://{host}:{parts.port}"
+            host = LOCAL_HOST
+    return with_host(address, host)
+
+
+def local_address(address: str) -> str:
+    """The address by which this machine opens a page."""
+    return with_host(address, LOCAL_HOST) if urlsplit(address).hostname in ANY_HOST else address
 
 
 def forwarding(address: str) -> str:
-    """The command that makes a page of this machine that of the one that ssh came from; empty without ssh."""
+    """The command that brings a page to the machine that ssh came from; empty without ssh, and if others reach it."""
     connection = os.environ.get("SSH_CONNECTION", "").split()
     port = urlsplit(address).port
-    if len(connection) != 4:
+    if len(connection) != 4 or not is_loopback(address):
         return ""
     return f"ssh -N -L {port}:127.0.0.1:{port} {getpass.getuser()}@{connection[2]}"
 
@@ -78,23 +94,29 @@ def _base_of_parent() -> str:
     )
 
 
-def show(address: str, links: Sequence[str], opens: bool) -> None:
-    """Print the links, and open the page in a new tab where that can be done.
+def show(
+    address: str, links: Sequence[str] = (), opens: bool = True, public_url: str | None = None
+) -> None:
+    """Print the links, and open the page in a new tab if that can be done.
 
     Args:
-        address: Of the page, as this machine opens it.
+        address: Of the page, as its server tells it.
         links: Of invited people; empty if anybody may come.
         opens: Whether a tab is opened.
+        public_url: Where browsers find the page, if that is elsewhere.
     """
-    command = forwarding(address)
-    if below := proxied(address):
-        _display(below, opens and not links)
-    elif in_notebook():
-        _display(address, opens and not links and not command)
+    opens = opens and not links
+    shared = public_url or shared_address(address)
+    below = "" if public_url else proxied(address)
+    command = "" if public_url or below else forwarding(address)
+    if in_notebook():
+        _display(below or shared, opens and not command)
     else:
-        print(f"Play at {shared_address(address)}", flush=True)
-        if opens and not links and not command:
-            Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+        print(f"Play at {shared}", flush=True)
+        # over ssh the browser is elsewhere
+        if opens and "SSH_CONNECTION" not in os.environ:
+            opened = public_url or local_address(address)
+            Thread(target=webbrowser.open, args=(opened,), daemon=True).start()
     if command:
         print(f"From the machine that you sit at, first: {command}", flush=True)
     for number, link in enumerate(links, 1):

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import gymnasium
 
+from humanplay import held
 from humanplay.cli.pilot.environments import task_of
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.links import check_place, in_notebook, shared_address, show
 from humanplay.cli.pilot.plays import Plays
 from humanplay.cli.pilot.recreation import COMPARED
 from humanplay.cli.pilot.running import RunningServer
-from humanplay.tasks import held
 
 MOST_PEOPLE = 1000
 _open: list[Plays] = []
@@ -68,7 +68,7 @@ def play(
     server = RunningServer({"settings": settings, "held": held.payloads(), "people": people})
     plays = Plays(path, task, server, (public_url or shared_address(server.address)).rstrip("/"))
     _open.append(plays)
-    show(server.address if public_url is None else public_url, plays.links, browser)
+    show(server.address, plays.links, browser, public_url)
     if (not in_notebook()) if wait is None else wait:
         print(f"Every move is recorded in {path}. Ctrl-C closes the page.", flush=True)
         plays.wait()

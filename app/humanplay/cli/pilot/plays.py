@@ -8,6 +8,7 @@ from pathlib import Path
 from humanplay.cli.pilot.episodes import read
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.running import RunningServer
+from humanplay.task.registration import environment_of
 
 
 class Plays:
@@ -92,4 +93,4 @@ class Plays:
 
     def __repr__(self) -> str:
         state = f"open at {self.link}" if self.is_open else "closed"
-        return f"plays of {self.task.partition(':')[2] or self.task} in {self.database}, {state}"
+        return f"plays of {environment_of(self.task).about.title} in {self.database}, {state}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -9,9 +10,10 @@ from dataclasses import dataclass, replace
 import gymnasium
 from gymnasium.envs.registration import EnvSpec
 
+from humanplay import held
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.names import importable_name
-from humanplay.tasks import held
+from humanplay.tasks.gymnasium.codes import ActionCodes, allowed_in
 from humanplay.tasks.gymnasium.description import (
     CATALOGUE,
     Description,
@@ -110,10 +112,16 @@ def recreated(env: Env) -> str:
     )
     recreation = Recreation(replace(spec, kwargs=dict(spec.kwargs)), wrappers)
     try:
-        with closing(recreation()) as other:
-            difference = _difference(env, other)
-    except (gymnasium.error.Error, TypeError, ImportError) as error:
+        other = recreation()
+    except (gymnasium.error.Error, ImportError, TypeError, ValueError) as error:
         raise PilotError(f"{spec.id} cannot be made again: {error}; {_line(env)}") from error
+    try:
+        with closing(other):
+            difference = _difference(env, other)
+    except Exception as error:  # whatever the environment raises
+        raise PilotError(
+            f"{spec.id} was made again, and the two cannot be compared: {error}; {_line(env)}"
+        ) from error
     if difference:
         raise PilotError(f"{spec.id} was made again from its spec, and {difference}: {_line(env)}")
     return recreation.told or _held(recreation, env)
@@ -165,15 +173,22 @@ def _difference(one: Env, other: Env) -> str:
 
 
 def _steps(env: Env) -> Iterator[dict[str, object]]:
-    """Play some steps from fixed seeds, and yield what each leads to."""
-    env.action_space.seed(0)
-    actions, seed = [env.action_space.sample() for _ in range(COMPARED)], 0
-    observation, _ = env.reset(seed=seed)
+    """Play some allowed steps from fixed seeds, and yield what each leads to."""
+    codes = ActionCodes(type(env.unwrapped).__name__, env.action_space)
+    dice, seed = random.Random(0), 0
+    observation, info = env.reset(seed=seed)
     yield {"observation": bytes_of(observation)}
-    for action in actions:
-        observation, reward, terminated, truncated, _ = env.step(action)
+    for _ in range(COMPARED):
+        allowed = allowed_in(codes.mask_of(env, observation, info)) or range(codes.count)
+        action = dice.choice(allowed)
+        observation, reward, terminated, truncated, info = env.step(codes.own(action))
         end = bool(terminated), bool(truncated)
-        yield {"observation": bytes_of(observation), "reward": float(reward), "end": end}
+        yield {
+            "action mask": allowed,
+            "observation": bytes_of(observation),
+            "reward": float(reward),
+            "end": end,
+        }
         if any(end):
             seed += 1
-            env.reset(seed=seed)
+            observation, info = env.reset(seed=seed)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.util import find_spec
@@ -13,21 +12,24 @@ from pathlib import Path
 
 import numpy as np
 
+from humanplay import held
 from humanplay.cli.pilot.episodes import Counted, Pilot, State, only_task, read
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.plays import Plays
-from humanplay.cli.pilot.policies import Stepper
+from humanplay.cli.pilot.policies import played_score
+from humanplay.db.playground import LeftOut
 from humanplay.report.statistics.comparisons import quotient_interval
 from humanplay.report.statistics.formatting import number, percent
 from humanplay.report.statistics.intervals import Interval, estimate
 from humanplay.task import counted
 from humanplay.task.registration import environment_of
-from humanplay.tasks import held
+from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from marsexplorer.intervals import FEWEST, Floats
 
 BOTH_WAYS = 0.05
 """Share of left and failed episodes above which both ways of counting them are printed."""
 DIGITS = 2
+RANDOM = "random"
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Line:
     """A mean over people of their means, or of what a policy scores on what they played.
 
     interval             of the mean, for other people on these instances; None below five people, and of a policy
-    normalized           (policy - random) / (people - random); None if people may be no better than random actions
+    normalized           (policy - random) / (people - random); None unless people are surely better than random actions
     normalized_interval  of it
     """
 
@@ -56,7 +58,7 @@ class Score:
     left_as     what an episode counts that did not end
     without     the mean of people without those; None if none of theirs ended
     has_bound   whether the lowest possible score is known
-    unattested  episodes that do not count, since a move fits no key or touch of the page
+    left_out    ended episodes that do not count
     """
 
     task: str
@@ -70,7 +72,7 @@ class Score:
     left_as: float
     without: float | None
     has_bound: bool
-    unattested: int
+    left_out: LeftOut
 
     def to_dict(self) -> dict[str, object]:
         """The figures by their names, as JSON holds them."""
@@ -137,10 +139,8 @@ class Score:
             notes.append(
                 "no lowest score is known, so that leaving an episode can raise the figure: name `bounds` in a description"
             )
-        if self.unattested:
-            notes.append(
-                f"not counted: {counted(self.unattested, 'episode')} with a move that fits no key or touch of the page"
-            )
+        if words := _left_out(self.left_out):
+            notes.append(f"not counted: {words}")
         notes.append(
             f"pilot: people chose how often to play. To be quoted, play a study: {_study(self.task)}"
         )
@@ -161,6 +161,18 @@ class Score:
         )
         notes = "<br>".join(map(html.escape, [self.headline, *self.notes]))
         return f"<table><tr>{head}</tr>{rows}</table><p>{notes}</p>"
+
+
+def _left_out(episodes: LeftOut) -> str:
+    """Say how many episodes do not count, and why; empty if all do."""
+    reasons = {
+        "on an instance that was chosen or met before": episodes.repeated,
+        "of a program, such as a browser that says that one drives it": episodes.by_program,
+        "with a move that fits no key or touch of the page": episodes.unattested,
+    }
+    return "; ".join(
+        f"{counted(number, 'episode')} {reason}" for reason, number in reasons.items() if number
+    )
 
 
 def _with(mean: float, interval: Interval | None) -> str:
@@ -206,7 +218,7 @@ def score(plays: Plays | str | Path, policies: Mapping[str, object] | None = Non
             decides in this program.
 
     Raises:
-        PilotError: Nothing was played that counts, or a policy cannot play.
+        PilotError: Nothing was played that counts, a policy cannot play, or it is called `random`.
     """
     if isinstance(plays, Plays):
         database, task = plays.database, plays.task
@@ -217,7 +229,15 @@ def score(plays: Plays | str | Path, policies: Mapping[str, object] | None = Non
         raise PilotError(f"expected plays of an environment of Gymnasium, got {task}")
     pilot = read(database, task)
     if not pilot.episodes:
-        raise PilotError(f"nothing counts yet in {database}: play a round with keys or by touch")
+        left_out = _left_out(pilot.left_out)
+        reasons = f"; not counted: {left_out}" if left_out else ""
+        raise PilotError(
+            f"nothing counts yet in {database}: play a round with keys or by touch{reasons}"
+        )
+    if RANDOM in (policies or {}):
+        raise PilotError(
+            f"{RANDOM!r} names the random actions that all others are compared with: call your policy something else"
+        )
     return _scored(task, pilot, policies or {})
 
 
@@ -225,8 +245,12 @@ def _scored(task: str, pilot: Pilot, policies: Mapping[str, object]) -> Score:
     environment = environment_of(task)
     metric = environment.metrics[0]
     ended = [episode.score for episode in pilot.episodes if episode.score is not None]
-    stood = [episode.trial.score or 0.0 for episode in pilot.episodes]
-    worst = metric.lowest if metric.lowest is not None else min(ended or stood)
+    if metric.lowest is None and not ended:
+        raise PilotError(
+            "no episode that counts has ended, and no lowest score is known that the others could count as: "
+            "play one to its end, or name `bounds` in a description"
+        )
+    worst = min(ended) if metric.lowest is None else metric.lowest
     table, instances = _table(pilot.episodes, worst)
     bounds = (
         -np.inf if metric.lowest is None else metric.lowest,
@@ -236,7 +260,7 @@ def _scored(task: str, pilot: Pilot, policies: Mapping[str, object]) -> Score:
     played = Counter(episode.person for episode in pilot.episodes)
     alone = [episode for episode in pilot.episodes if episode.score is not None]
     states = Counter(episode.state for episode in pilot.episodes)
-    lines = _policies(task, table, instances, metric.lowest, {"random": "random", **policies})
+    lines = _policies(task, table, instances, metric.lowest, {RANDOM: RANDOM, **policies})
     return Score(
         task=task,
         metric=metric.name,
@@ -249,7 +273,7 @@ def _scored(task: str, pilot: Pilot, policies: Mapping[str, object]) -> Score:
         left_as=worst,
         without=_mean(_table(alone, worst)[0]) if alone else None,
         has_bound=metric.lowest is not None,
-        unattested=pilot.unattested,
+        left_out=pilot.left_out,
     )
 
 
@@ -280,25 +304,26 @@ def _policies(
     policies: Mapping[str, object],
 ) -> Iterable[Line]:
     random: Floats | None = None
-    with closing(Stepper(task)) as stepper:
-        for name, policy in policies.items():
-            scores = np.array(
-                [
-                    stepper.play(policy, episode.trial.config, _seed(episode)).score
-                    for episode in instances
-                ]
-            )
-            mean = _mean(np.where(np.isnan(table), np.nan, scores))
-            if random is None:
-                random = scores
-                yield Line(name, mean)
-                continue
-            worst = None if lowest is None else lowest - random
-            ratio, interval = quotient_interval(
-                scores - random, table - random, worst, terrains_drawn=False
-            )
-            known = ratio if interval is not None else None
-            yield Line(name, mean, None, known, interval)
+    environment = environment_of(task)
+    assert isinstance(environment, GymnasiumEnvironment)  # `score` has refused others
+    causes = [
+        (environment.configuration(episode.trial.config.to_dict()), _seed(episode))
+        for episode in instances
+    ]
+    for name, policy in policies.items():
+        scores = np.array(
+            [played_score(environment, name, policy, config, seed) for config, seed in causes]
+        )
+        mean = _mean(np.where(np.isnan(table), np.nan, scores))
+        if random is None:
+            random = scores
+            yield Line(name, mean)
+            continue
+        worst = None if lowest is None else lowest - random
+        ratio, interval = quotient_interval(
+            scores - random, table - random, worst, terrains_drawn=False
+        )
+        yield Line(name, mean, None, ratio if interval else None, interval)
 
 
 def _seed(episode: Counted) -> int:

@@ -10,16 +10,16 @@ import json
 import os
 import signal
 import sys
-from contextlib import closing
+from contextlib import closing, suppress
 from multiprocessing.connection import Connection
 from threading import Thread
 
+from humanplay import held
 from humanplay.board.sources import PlayerTokens, Sources
 from humanplay.cli.pilot.running import Answer, Request
 from humanplay.db import names
 from humanplay.db.database import StoreError
 from humanplay.db.store import Store
-from humanplay.tasks import held
 from humanplay.web.people import likeness
 from humanplay.web.server import ServerError, run
 from humanplay.web.settings import Settings
@@ -31,15 +31,14 @@ def invitations(settings: Settings, people: int) -> list[str]:
     with closing(Store(settings.database, settings.durable)) as store:
         signed = PlayerTokens(store.secret())
         for number in range(1, people + 1):
-            name = f"Person {number}"
-            player = names.named(store.connection, name)
+            player = names.invited(store.connection, number)
             if player is None:
-                player = sources.player_id()
+                player, name, now_ms = sources.player_id(), f"Person {number}", sources.clock_ms()
                 with store.transaction():
-                    store.add_player(player, sources.clock_ms())
-                    names.set_name(
-                        store.connection, player, name, likeness(name), sources.clock_ms()
-                    )
+                    store.add_player(player, now_ms)
+                    names.invite(store.connection, number, player)
+                    with suppress(names.NameTakenError):  # else the page asks them for a name
+                        names.set_name(store.connection, player, name, likeness(name), now_ms)
             tokens.append(signed.sign(player))
     return tokens
 

@@ -40,7 +40,7 @@ class PolicyComparison:
     p_adjusted             `p_value` by Holm's method over the policies that the protocol names, without `random`
     ratio                  policy / people (the 85.8 % of the paper is this figure), over players and terrains
     normalized             (policy - random) / (people - random), over players and terrains; None for `random`, without it,
-                           and where people may be no better
+                           and unless people are surely better
     """
 
     policy: str
@@ -81,9 +81,7 @@ def compare_policy(
     """
     differences = values - table
     lowest = None if worst is None else values - worst
-    ratio, ratio_interval = None, None
-    if player_means(table).mean() > 0:
-        ratio, ratio_interval = quotient_interval(values, table, worst, terrains_drawn)
+    ratio, ratio_interval = quotient_interval(values, table, worst, terrains_drawn)
     normalized, normalized_interval = None, None
     if random is not None and policy != "random":
         above = None if worst is None else worst - random
@@ -142,8 +140,8 @@ def quotient_interval(
 ) -> tuple[float | None, Interval | None]:
     """The quotient of two means, and the values q that the test of top - q people = 0 keeps.
 
-    No quotient where the people's mean is 0, and no interval where the test cannot tell it from 0,
-    since then there are no bounds (Fieller 1954, J. R. Statist. Soc. B 16(2)).
+    No quotient where the people's mean is not above 0, and no interval where the test cannot tell it
+    from 0, since then there are no bounds (Fieller 1954, J. R. Statist. Soc. B 16(2)).
 
     Args:
         top: float64[terrains].
@@ -152,7 +150,7 @@ def quotient_interval(
         terrains_drawn: whether the interval is for other terrains too.
     """
     middle = float(player_means(people).mean())
-    if middle == 0:
+    if middle <= 0:
         return None, None
     above = np.where(np.isnan(people), np.nan, top)
     quotient = float(player_means(above).mean()) / middle
@@ -166,7 +164,7 @@ def quotient_interval(
         return float(min(high, -low))
 
     low, high = interval(people, worst, terrains_drawn)
-    step = max(abs(quotient), 1e-3) * max(float(high - low) / abs(middle), 1e-9)
+    step = max(abs(quotient), 1e-3) * max(float(high - low) / middle, 1e-9)
     return quotient, (_end(kept, quotient, -step), _end(kept, quotient, step))
 
 

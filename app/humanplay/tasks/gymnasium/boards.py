@@ -222,16 +222,17 @@ class BoardRun(GymnasiumRun):
         return {
             "picture": None if view is None else view.picture,
             "text": None if view is None else view.text,
-            "observation": self._seen_last() if observation else None,
+            "observation": plain(self.newest_observation) if observation else None,
             "allowed": self.allowed_names,
         }
 
-    def _seen_last(self) -> object:
-        """Return the newest observation as JSON holds it."""
+    @property
+    def newest_observation(self) -> object:
+        """What the environment showed last; ValueError where its process is lost twice."""
         if not self._last:
             _, self._last = self._asked_for(OBSERVATION)
         (observation,) = unpacked(self._last)
-        return plain(observation)
+        return observation
 
     def _asked_for(self, question: str) -> Any:
         try:

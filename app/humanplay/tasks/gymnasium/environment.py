@@ -76,7 +76,7 @@ class GymnasiumEnvironment(BaseEnvironment):
     """The environment that a description names (`humanplay.task.Environment`)."""
 
     assets: ClassVar[str] = "picture"
-    courses: ClassVar[None] = None  # its server's task draws its replays, in a process of its own
+    courses: ClassVar[None] = None  # no expert judges its moves; a replay shows its frames
     boards: ClassVar[None] = None
     messages: ClassVar[Messages] = Messages(NewBoard, NewEpisode, Frame, History)
 
@@ -170,7 +170,7 @@ class GymnasiumEnvironment(BaseEnvironment):
         """The environment's own actions of the moves."""
         return np.array([self._codes.own(code) for code in actions])
 
-    def code_of(self, config: GymnasiumConfig, action: object) -> int:
+    def code_of(self, action: object) -> int:
         """The code of the environment's own action; ValueError for none."""
         return self._codes.of_own(action)
 

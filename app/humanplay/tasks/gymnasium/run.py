@@ -186,7 +186,7 @@ class GymnasiumRun:
         return self._codes.of_own(action)
 
     @property
-    def newest_observation(self) -> Any:
+    def newest_observation(self) -> object:
         """What the environment showed last, itself."""
         return self._observation
 

@@ -44,10 +44,15 @@ def render(
     address  of the page, absolute, for whoever shows a preview of the link
     inlined  what a page that stands in one file holds itself, see `_inlined`
     """
+    site = {**addresses, "address": address, "brand": templates.brand_of(course.task)}
     text: str = templates.environment.get_template("replay/index.html").render(
-        **{**addresses, "address": address}, data=data, headline=course.headline, terrain=data["place"],
-        formats=formats, inlined=inlined,
-    )  # fmt: skip
+        **site,
+        data=data,
+        headline=course.headline,
+        terrain=data["place"],
+        formats=formats,
+        inlined=inlined,
+    )
     return text
 
 

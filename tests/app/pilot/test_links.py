@@ -1,0 +1,106 @@
+"""The links that `play` shows, by where the program runs and where its page listens."""
+
+import sys
+import webbrowser
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from humanplay import play
+from humanplay.cli.pilot.errors import PilotError
+from humanplay.cli.pilot.links import show
+from tests.support.servers import eventually
+
+LOCAL, SHARED, PUBLIC = "http://127.0.0.1:8123", "http://0.0.0.0:8123", "https://play.example"
+FORWARDING = "ssh -N -L 8123:127.0.0.1:8123"
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    """The addresses that the browser of this machine was asked for."""
+    addresses = []
+    monkeypatch.setattr(webbrowser, "open", addresses.append)
+    monkeypatch.delenv("SSH_CONNECTION", raising=False)
+    monkeypatch.delenv("JUPYTERHUB_SERVICE_PREFIX", raising=False)
+    return addresses
+
+
+@pytest.fixture
+def cells(monkeypatch):
+    """What a notebook displays."""
+    shown = []
+    display = ModuleType("IPython.display")
+    display.HTML, display.display = str, shown.append
+    shell = SimpleNamespace(get_ipython=lambda: SimpleNamespace(kernel=object()))
+    monkeypatch.setitem(sys.modules, "IPython", shell)
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    return shown
+
+
+def over_ssh(monkeypatch):
+    monkeypatch.setenv("SSH_CONNECTION", "10.0.0.1 50000 10.0.0.2 22")
+
+
+@pytest.mark.parametrize(
+    ("address", "public_url", "is_remote", "link", "tab"),
+    [
+        pytest.param(LOCAL, None, False, LOCAL, LOCAL, id="local"),
+        pytest.param(LOCAL, None, True, LOCAL, None, id="ssh"),
+        pytest.param(SHARED, None, False, None, LOCAL, id="shared"),
+        pytest.param(SHARED, None, True, None, None, id="shared, ssh"),
+        pytest.param(LOCAL, PUBLIC, False, PUBLIC, PUBLIC, id="public"),
+        pytest.param(LOCAL, PUBLIC, True, PUBLIC, None, id="public, ssh"),
+    ],
+)
+def test_a_program_prints_one_link_and_opens_it_where_the_browser_is(
+    monkeypatch, capsys, opened, address, public_url, is_remote, link, tab
+):
+    if is_remote:
+        over_ssh(monkeypatch)
+    show(address, public_url=public_url)
+    first, *others = capsys.readouterr().out.splitlines()
+    if link:
+        assert first == f"Play at {link}"
+    else:
+        assert first.startswith("Play at http://")
+        assert first.endswith(":8123")
+        assert "0.0.0.0" not in first
+    is_forwarded = is_remote and link == LOCAL
+    assert [FORWARDING in line for line in others] == [True] * is_forwarded
+    if tab:
+        eventually(lambda: opened == [tab])
+    assert opened == [tab] * bool(tab)
+
+
+@pytest.mark.parametrize(
+    ("address", "public_url", "is_remote", "has_proxy", "link"),
+    [
+        pytest.param(LOCAL, None, False, False, LOCAL, id="local"),
+        pytest.param(LOCAL, None, True, False, LOCAL, id="ssh"),
+        pytest.param(LOCAL, None, True, True, "/proxy/8123/", id="proxy, ssh"),
+        pytest.param(SHARED, None, False, True, "/proxy/8123/", id="proxy, shared"),
+        pytest.param(LOCAL, PUBLIC, True, True, PUBLIC, id="public"),
+    ],
+)
+def test_a_notebook_shows_one_link(
+    monkeypatch, tmp_path, capsys, opened, cells, address, public_url, is_remote, has_proxy, link
+):
+    if is_remote:
+        over_ssh(monkeypatch)
+    if has_proxy:
+        (tmp_path / "jupyter_server_proxy.py").touch()
+        monkeypatch.syspath_prepend(tmp_path)
+    show(address, public_url=public_url)
+    (cell,) = cells
+    assert f'<a href="{link}"' in cell
+    assert "None" not in cell
+    printed = capsys.readouterr().out
+    assert (FORWARDING in printed) == (is_remote and link == LOCAL)
+    assert ("window.open" in cell) == (FORWARDING not in printed)
+    assert opened == []
+
+
+def test_colab_is_refused_with_the_way_out(monkeypatch):
+    monkeypatch.setitem(sys.modules, "google.colab", ModuleType("google.colab"))
+    with pytest.raises(PilotError, match="pip install humanplay jupyterlab"):
+        play("FrozenLake-v1", wait=False, browser=False)
