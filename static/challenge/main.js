@@ -2,7 +2,7 @@
 import { api, request } from "../common/api.js";
 import { boardColours, by, create, createRepaint, createSizes, put } from "../common/page.js";
 import { loadTask } from "../common/task.js";
-import { challengerText, headline } from "./words.js";
+import { challengerText } from "./words.js";
 
 const episode = decodeURIComponent(location.pathname.split("/").at(-1) ?? "");
 const place = by("matrix");
@@ -20,7 +20,6 @@ async function load() {
   try {
     const [task, { run }] = await Promise.all([loadTask(), api.replay(episode)]);
     shown = { task, run };
-    put(by("headline"), headline(task, run));
     put(by("status"), "");
     by("take").setAttribute("href", `../#challenge=${encodeURIComponent(episode)}`);
     repaint();

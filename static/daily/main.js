@@ -1,5 +1,5 @@
 // The daily page: today's board, one attempt, and what it came to. The only module of this page that knows all the others.
-import { api, ApiError, request, withTask } from "../common/api.js";
+import { api, ApiError, request, ROOT, withTask } from "../common/api.js";
 import { boardColours, by, create, createRepaint, createSizes, paintLink, paintNotices, partsOf, put } from "../common/page.js";
 import { paintDistribution } from "../common/distribution.js";
 import { startEndCard } from "../common/end_card.js";
@@ -112,7 +112,7 @@ function startCountdown({ now_ms, next_ms }) {
     if (left_ms > 0) put(by("countdown"), untilText(task, left_ms));
     else {
       clearInterval(timer);
-      by("countdown").replaceChildren(create("a", `A new ${task.round} is here`, { href: "daily" }));
+      by("countdown").replaceChildren(create("a", `A new ${task.round} is here`, { href: `${ROOT}daily` }));
     }
   };
   const timer = setInterval(tick, 1000);
@@ -127,7 +127,7 @@ async function begin() {
     paintCalendar(today.calendar);
     put(by("commitment"), today.commitment);
     startCountdown(today);
-    if (today.yesterday) showYesterday(today.yesterday).catch((error) => dispatch({ kind: "notice", text: error.message }));
+    showPast(today).catch((error) => dispatch({ kind: "notice", text: error.message }));
     if (today.attempt?.state === "ended") await showEnded(today.attempt.episode);
     else dispatch({ kind: "begun", about: await withTask(request("daily", {})) });
   } catch (error) {
@@ -147,7 +147,7 @@ const ASK_AGAIN_MS = 2000;
  * @param {string} who @param {string} what @param {"you" | "person" | "policy"} kind
  * @param {string} [episode] whose replay the row leads to */
 function row(who, what, kind, episode) {
-  const name = episode ? create("a", who, { href: `replay/${encodeURIComponent(episode)}` }) : create("span", who);
+  const name = episode ? create("a", who, { href: `${ROOT}replay/${encodeURIComponent(episode)}` }) : create("span", who);
   return create("li", [name, create("b", what)], { class: kind });
 }
 
@@ -188,11 +188,11 @@ let days = 0;
 function paintResults({ day, attempt, people, policies }) {
   if (!attempt) return;
   const rows = policyRows(task, policies, people.you?.moves ?? null);
-  const page = new URL("daily", document.baseURI).href;
+  const page = `${ROOT}daily/${day}`;
   card.show(state.player?.frame, {
     title: capital(resultText(task, attempt)), note: rankText(attempt, people, rows),
     share: shareText(task, day, attempt, policies, page, state.player?.progress, days),
-    watch: `watch/${encodeURIComponent(attempt.episode)}`, play: "./", episodes: "me",
+    watch: `${ROOT}watch/${encodeURIComponent(attempt.episode)}`, play: ROOT, episodes: `${ROOT}me`,
   });
   const marks = policies.flatMap(({ name, moves }) => (moves === null || name === "lookahead" ? [] : [{ name: task.nameOf(name), moves }]));
   paintDistribution(by("distribution"), { target: task.target, counts: people.moves, you: task.successes.includes(attempt.outcome ?? "") ? attempt.moves : null, marks });
@@ -216,19 +216,27 @@ async function showResults(day) {
   }
 }
 
-/** Show the results of the day before.
- * @param {{day: string, commitment: string, key: string | null}} yesterday */
-async function showYesterday({ day, commitment, key }) {
+/** Show the results of the day before, or of the past day in the address.
+ * @param {Answers.Today} now */
+async function showPast({ day: nowadays, yesterday }) {
+  const chosen = location.pathname.split("/").at(-1) ?? "";
+  const isChosen = /^\d{4}-/.test(chosen) && chosen < nowadays;
+  const past = isChosen ? /** @type {Answers.Day} */ (await request(`daily/${chosen}`)) : yesterday;
+  if (!past) return;
+  const { day, commitment, key } = past;
   put(by("key"), key ?? "");
   put(by("key-commitment"), commitment);
-  by("key-link").setAttribute("href", `api/daily/${day}`);
+  by("key-link").setAttribute("href", `${ROOT}api/daily/${day}`);
   by("key").hidden = by("key-commitment").hidden = by("key-line").hidden = false;
   const { attempt, people, policies } = /** @type {Answers.Results} */ (await request(`daily/${day}/results`));
-  put(by("yesterday-title"), `Yesterday, ${dayText(day)}`);
+  const isYesterday = day === yesterday?.day;
+  put(by("yesterday-title"), isYesterday ? `Yesterday, ${dayText(day)}` : dayText(day));
+  put(by("key-of"), isYesterday ? "Yesterday's key" : `The key of ${dayText(day)}`);
   const best = people.table.slice(0, 5).map((each) => row(`${each.rank}. ${each.you ? "You" : "A person"}`, resultText(task, each), each.you ? "you" : "person", each.episode ?? undefined));
   by("yesterday-rows").replaceChildren(...best, ...policyItems(policyRows(task, policies.filter(({ moves }) => moves !== null), null)));
   put(by("yesterday-note"), peopleText(task, people));
   by("yesterday").hidden = false;
+  if (isChosen) by("yesterday").scrollIntoView({ block: "nearest" });
   const first = people.table[0]?.episode ?? null;
   const own = attempt?.state === "ended" ? attempt.episode : null;
   if (first ?? own) await paintRoutes(/** @type {string} */ (first ?? own), own);

@@ -66,7 +66,8 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     me.shows("copy-text", "Copied")
     shared = page.evaluate("() => navigator.clipboard.readText()")
     assert shared.startswith("MarsExplorer daily 20")
-    assert shared.endswith(f"{server.url}/daily")
+    shared_link = shared.splitlines()[-1]
+    assert shared_link.startswith(f"{server.url}/daily/20")
     # the sentence counts the rows that stand below it
     eventually(lambda: "still playing" not in page.get_by_test_id("policies").inner_text())
     took = page.locator("#policies li b").all_inner_texts()
@@ -99,6 +100,11 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
         me.shows("streak", f"{day} days in a row")
         assert days.count() == int(day)
     check_screen(page, "daily-third-day", wrong, ("light", "dark"))
+    page.goto(shared_link)
+    page.get_by_test_id("routes").get_by_text(f"You: {moves} moves").wait_for()
+    assert page.locator("#yesterday-title").inner_text() == title.split(":")[0]
+    page.locator("#yesterday-rows").get_by_role("link").first.click()
+    page.get_by_role("heading", name=f"in {moves} moves").wait_for()
     page.goto(f"{server.url}/watch/{newest['episode']}")  # its replay is secret today
     page.get_by_text("Its replay opens once the day is over.").wait_for()
     assert page.locator("#name").inner_text() == "You"

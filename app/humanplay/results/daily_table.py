@@ -20,7 +20,7 @@ from humanplay.db.trial import Trial
 from humanplay.jobs import Jobs
 from humanplay.results.evaluations import Evaluation, FigureState, PolicyEvaluations, State
 from humanplay.study.days import DailyTerrain, day_before
-from humanplay.task import Environment, PolicyOffer, drawn
+from humanplay.task import Environment, PolicyOffer, counted, drawn
 from humanplay.task.registration import DEFAULT_TASK, environment_of
 
 SHOWN = 10
@@ -49,6 +49,22 @@ class DayRow(TypedDict):
     episode: NotRequired[str]
 
 
+class PeopleOfDay(TypedDict):
+    """What people came to on a terrain.
+
+    moves       [moves, how many people] of those who succeeded
+    unfinished  how many did not
+    table       the first rows
+    you         the row of the player who asks; None where they have none
+    """
+
+    players: int
+    unfinished: int
+    moves: list[tuple[int, int]]
+    table: list[DayRow]
+    you: DayRow | None
+
+
 class PolicyResult(TypedDict):
     """What a policy came to on a day's terrain.
 
@@ -64,13 +80,10 @@ class PolicyResult(TypedDict):
 
 def people_on(
     reader: Reader, terrain: DailyTerrain, player_id: str | None, names_episodes: bool
-) -> dict[str, object]:
+) -> PeopleOfDay:
     """Return what people came to on a terrain; no player is named.
 
     names_episodes  True once the day is over: the rows of the table then say which episode they are
-
-    `moves` is the distribution, [moves, how many people] of those who succeeded; `unfinished` counts the others. `you` is
-    the player's own row, None where they have none.
     """
     environment = environment_of(terrain.task)
     cells = environment.cells(drawn(environment, terrain.config, terrain.seed))
@@ -90,10 +103,23 @@ def people_on(
     return {
         "players": len(table),
         "unfinished": sum(row["moves"] is None for row in table),
-        "moves": [[moves, counts[moves]] for moves in sorted(counts)],
+        "moves": sorted(counts.items()),
         "table": table[:SHOWN],
         "you": next((row for row in table if row["you"]), None),
     }
+
+
+def people_text(people: PeopleOfDay) -> str:
+    """Return how a day came out, in a sentence for a preview of its link."""
+    if not people["players"]:
+        return "Nobody has a rank on this day."
+    players = counted(people["players"], "person", "people")
+    best = people["moves"][0][0] if people["moves"] else None
+    return (
+        f"{players}, and nobody finished."
+        if best is None
+        else (f"{players}, the best with {counted(best, 'move')}.")
+    )
 
 
 def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, object] | None:

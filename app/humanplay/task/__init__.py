@@ -170,6 +170,11 @@ def counted(count: int, one: str, many: str | None = None) -> str:
     return f"{count:,} {one if count == 1 else many or f'{one}s'}"
 
 
+def beat_text(moves: int, succeeded: bool) -> str:
+    """What a challenge asks for: `85 moves. Beat it.`"""
+    return f"{counted(moves, 'move')}. Beat it." if succeeded else "Not finished. Finish it."
+
+
 Allowed = tuple[int, ...] | None
 """The codes of the actions that may be chosen before a move; None: all of them."""
 
@@ -718,14 +723,18 @@ class Course(Protocol):
     def is_large(self) -> bool:
         """Whether a move changes much of a large picture."""
 
+    @property
+    def challenge(self) -> str:
+        """What is to be beaten, in words: `beat_text`."""
+
     def renamed(self, name: str) -> Course:
         """The same course under another name."""
 
     def to_dict(self) -> dict[str, Any]:
         """The course as the page reads it."""
 
-    def preview(self) -> bytes:
-        """The end as a PNG."""
+    def preview(self, is_challenge: bool = False) -> bytes:
+        """The end as a PNG; of a challenge what is seen before the first move."""
 
     def animation(self, others: Sequence[Any], is_large: bool) -> Animation:
         """What draws the course, and others of the task beside it."""

@@ -11,7 +11,7 @@ from typing import Any
 
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
-from humanplay.task import Configuration, counted
+from humanplay.task import Configuration, beat_text, counted
 from humanplay.task.registration import environment_of
 
 PREVIEW = (1200, 630)
@@ -59,6 +59,13 @@ class FrameCourse:
         return f"{self.name} {self.sentence}"
 
     @property
+    def challenge(self) -> str:
+        """What is to be beaten."""
+        return beat_text(
+            self.moves, self.frames[-1]["outcome"] in environment_of(self.task).successes
+        )
+
+    @property
     def is_large(self) -> bool:
         """Whether each move may change much of a large picture."""
         return max(_picture(self.frames[0]).size) > LARGE_PX
@@ -75,10 +82,10 @@ class FrameCourse:
         """The same course under another name."""
         return replace(self, name=name)
 
-    def preview(self) -> bytes:
-        """Return the end as a PNG."""
-        out = io.BytesIO()
-        ImageOps.pad(_picture(self.frames[-1]), PREVIEW, color=GROUND).save(out, "PNG")
+    def preview(self, is_challenge: bool = False) -> bytes:
+        """Return the end as a PNG, or the start."""
+        frame, out = self.frames[0 if is_challenge else -1], io.BytesIO()
+        ImageOps.pad(_picture(frame), PREVIEW, color=GROUND).save(out, "PNG")
         return out.getvalue()
 
     def animation(self, others: Sequence[Any], is_large: bool) -> FramePictures:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import closing
+from datetime import datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
@@ -11,15 +12,24 @@ from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 from humanplay.db.reader import Reader
 from humanplay.db.series import attempts_of, results
 from humanplay.results.daily import DailyPlayedError
-from humanplay.results.daily_table import calendar, describe_attempt, people_on, streak
+from humanplay.results.daily_table import (
+    PeopleOfDay,
+    calendar,
+    describe_attempt,
+    people_on,
+    people_text,
+    streak,
+)
 from humanplay.study.days import DailyTerrain, day_before
 from humanplay.web.access import player_of, remember_player, services_of
 from humanplay.web.answers.boards import GONE_ON_WITH, Board
 from humanplay.web.answers.daily import Day as DayAnswer
 from humanplay.web.answers.daily import Results, Today
 from humanplay.web.api import session_summary
-from humanplay.web.protection import has_own_origin
+from humanplay.web.pages import page
+from humanplay.web.protection import NO_CACHE, has_own_origin
 from humanplay.web.services import Services
+from humanplay.web.templates import addresses
 
 
 async def _is_offered(request: Request) -> None:
@@ -29,6 +39,7 @@ async def _is_offered(request: Request) -> None:
 
 
 router = APIRouter(prefix="/api/daily", tags=["daily"], dependencies=[Depends(_is_offered)])
+page_router = APIRouter(include_in_schema=False, dependencies=[Depends(_is_offered)])
 _DAY = Path(pattern=r"^\d{4}-\d{2}-\d{2}$", description="a date in UTC", examples=["2026-11-22"])
 Day = Annotated[str, _DAY]
 
@@ -117,6 +128,23 @@ async def get_results(request: Request, day: Day) -> dict[str, object]:
     return {"day": day, "attempt": attempt, "people": people, "policies": policies}
 
 
+@page_router.get("/daily/{day}")
+async def day_page(request: Request, day: Day) -> Response:
+    """Serve the daily page with the results of a day; its preview shows the best route once the day is over."""
+    services = services_of(request)
+    terrain = await _terrain_on(services, day)
+    date = datetime.fromisoformat(day)
+    context: dict[str, object] = {"title": f"The terrain of {date.day} {date:%B %Y}"}
+    if day < services.daily_boards.day():
+        people = await asyncio.to_thread(_people, services, terrain, None, True)
+        context["description"] = people_text(people)
+        if people["table"]:
+            best = people["table"][0]["episode"]
+            site = addresses(request)["site"]
+            context |= {"picture": f"{site}replay/{best}.png", "picture_alt": "The best route"}
+    return page(request, "daily", NO_CACHE, **context)
+
+
 def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, object]:
     """Return what anybody may know of a day's terrain now; `key` and `seed` are None before the day is over.
 
@@ -150,6 +178,6 @@ async def _terrain_on(services: Services, day: str) -> DailyTerrain:
 
 def _people(
     services: Services, terrain: DailyTerrain, player_id: str | None, is_over: bool
-) -> dict[str, object]:
+) -> PeopleOfDay:
     with closing(Reader.open(services.store.path)) as reader:
         return people_on(reader, terrain, player_id, is_over)

@@ -45,9 +45,11 @@ def offered(environment: Environment) -> tuple[str, ...]:
     return tuple(name for name, is_there in pages.items() if is_there)
 
 
-def page(request: Request, name: str, headers: dict[str, str] = NO_CACHE) -> Response:
+def page(
+    request: Request, name: str, headers: dict[str, str] = NO_CACHE, **context: object
+) -> Response:
     """Return the page of a folder of `static/`, with the head and the bar that pages share."""
-    return _html(request, f"{name}/index.html", headers)
+    return _html(request, f"{name}/index.html", headers, **context)
 
 
 def _html(

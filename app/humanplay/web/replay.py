@@ -107,12 +107,22 @@ async def get_challengers(request: Request, episode_id: str) -> list[dict[str, o
     return [person._asdict() for person in people]
 
 
+@router.get("/challenge/{episode_id}.png", include_in_schema=False)
+async def challenge_picture(request: Request, episode_id: str) -> Response:
+    """Return what is seen before the first move, for a preview of the link; 404 as for the replay."""
+    asker, owner = asker_of(request), owner_of(request)
+    with bad_input():
+        content = await services_of(request).replays.challenge(episode_id, asker, owner)
+    return Response(content, media_type=MEDIA_TYPES["png"], headers=SHARED)
+
+
 @router.get("/challenge/{episode_id}", include_in_schema=False)
 async def challenge_page(request: Request, episode_id: str) -> Response:
     """Serve the page that challenges to an episode; 404 as for its replay. It begins no board."""
+    asker, owner = asker_of(request), owner_of(request)
     with bad_input():
-        await services_of(request).replays.replay(episode_id, asker_of(request), owner_of(request))
-    return page(request, "challenge")
+        replay = await services_of(request).replays.replay(episode_id, asker, owner)
+    return page(request, "challenge", headline=replay.course.challenge)
 
 
 @router.get("/replay/{episode_id}", include_in_schema=False)

@@ -193,7 +193,7 @@ def _app_of(
     # first what is asked for most: routes are tried in turn
     modules = [files, pages, sockets, api, watch, results, people, replay, daily, puzzles, study]
     modules += [viewer]
-    further = (results.mine, results.leaderboard, api.probes)
+    further = (results.mine, results.leaderboard, daily.page_router, api.probes)
     for router in (boards, *(module.router for module in modules), *further):
         # as they are: `include_router` would build each again for this app
         app.router.routes.extend(router.routes)

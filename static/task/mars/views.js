@@ -1,4 +1,5 @@
 // 3-D or matrix: which of the two fills a board, how the 3-D view is drawn, and the frame in which it stands.
+import { ROOT } from "../../common/api.js";
 import { by, create } from "../../common/page.js";
 import { browserStore } from "../../common/storage.js";
 import { LARGE_SIDE } from "./zoom.js";
@@ -136,7 +137,7 @@ const HEALTHY_MS = 60_000;
 /** Return the address of the 3-D client, one for all boards; where the processor draws it, with coarser pixels and on a
  * canvas of its own (software_canvas.js), so that keys stay quick.
  * @param {boolean} isSoftware */
-export const clientUrl = (isSoftware) => `viewer/client/${isSoftware ? "?fixedDpr=0.75&software-canvas" : ""}`;
+export const clientUrl = (isSoftware) => `${ROOT}viewer/client/${isSoftware ? "?fixedDpr=0.75&software-canvas" : ""}`;
 
 /** Show a session in a frame: its name says which (board_socket.js), and a client that is there already only changes
  * its socket.

@@ -23,6 +23,7 @@ from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.tasks.mars.task import Mars
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import unpack_terrain
+from tests.support.previews import picture_of, tags
 from tests.support.servers import eventually
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "daily.md"
@@ -56,7 +57,8 @@ def told(client, about, terrain, is_own=False):
     exports = [f"/api/{whose}export/{table}" for whose in ("", "me/") for table in tables]
     of_episode = ("", "/costs", "/replay", "/ghost?policy=frontier-cost")
     routes = [
-        "/", "/docs", "/api/daily", f"/api/daily/{terrain.day}", f"/api/daily/{terrain.day}/results", "/api/episodes",
+        "/", "/docs", "/daily", f"/daily/{terrain.day}", "/api/daily", f"/api/daily/{terrain.day}",
+        f"/api/daily/{terrain.day}/results", "/api/episodes",
         "/api/me/history", "/api/me/session", "/api/human-level", "/api/leaderboard", "/api/health",
         *(f"/api/episodes/{episode}{more}" for more in of_episode), f"/api/watch/{episode}", f"/watch/{episode}",
         *(f"/replay/{episode}{form}" for form in ("", ".html", ".gif", ".png")),
@@ -139,6 +141,13 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
     assert stranger.get("/api/daily").json()["yesterday"] == revealed
     table = stranger.get(f"/api/daily/{day}/results").json()["people"]["table"]
     assert table[0]["episode"] == frame["episode"]
+    preview = tags(stranger.get(f"/daily/{day}"))
+    assert preview["og:image"] == f"{server.url}/replay/{frame['episode']}.png"
+    assert preview["og:description"] == f"1 person, the best with {moves} moves."
+    assert picture_of(stranger, preview, server.url) == (1200, 630)
+    assert "common/preview.png" in tags(stranger.get(f"/daily/{tomorrow}"))["og:image"]
+    for other_day in ("2020-01-01", utc_day(server.clock.now_ms() + DAY_MS), "today"):
+        assert stranger.get(f"/daily/{other_day}").status_code in (404, 422)
     assert begin(page)["daily"] == tomorrow
     assert page.get("/api/daily").json()["streak"] == 1
     assert stranger.get("/api/daily/2020-01-01").status_code == 404

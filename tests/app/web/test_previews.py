@@ -1,19 +1,17 @@
 """What a chat program or a search engine sees of an address: tags, a picture, and nothing of anybody's episodes."""
 
-import re
+from contextlib import closing
 from io import BytesIO
 
 from PIL import Image
 
+from humanplay.db.store import Store
+from tests.support.previews import picture_of, tags
+from tests.support.recorded import add_session, open_episode, play
 from tests.support.study import freeze
 
 SITE = "https://mars.example/lab/"
-TAG = re.compile(r'<meta (?:property|name)="([^"]+)" content="([^"]*)">')
 PAGES = ("", "daily", "leaderboard", "about", "study", "study/open")
-
-
-def tags(page):
-    return dict(TAG.findall(page.text))
 
 
 def test_every_address_that_people_share_has_a_preview_with_a_picture(serve, tmp_path):
@@ -29,13 +27,27 @@ def test_every_address_that_people_share_has_a_preview_with_a_picture(serve, tmp
         assert f'<link rel="canonical" href="{SITE}{path}">' in page.text
         assert found["description"] == found["og:description"] == found["twitter:description"]
         assert found["og:image"].startswith(SITE)
-        picture = stranger.get(found["og:image"].replace(SITE, "/"))
-        assert picture.headers["cross-origin-resource-policy"] == "cross-origin"
-        size = (int(found["og:image:width"]), int(found["og:image:height"]))
-        assert Image.open(BytesIO(picture.content)).size == size == (1200, 630)
+        assert picture_of(stranger, found, SITE[:-1]) == (1200, 630)
         titles.add(found["og:title"])
     assert len(titles) == len(PAGES)
     assert len(server.services.lobby) == 0
+
+
+def test_a_challenge_shows_the_start_and_what_is_to_be_beaten(serve, tmp_path):
+    with closing(Store(tmp_path / "playground.db")) as store:
+        ended = play(store, 3, explore=True)
+        running, _ = open_episode(store, add_session(store), 5)
+    stranger = serve(public_url=SITE).client(headers={"User-Agent": "a chat program"})
+    preview = tags(stranger.get(f"/challenge/{ended.id}"))
+    moves = len(stranger.get(f"/api/episodes/{ended.id}/replay").json()["run"]["actions"])
+    assert preview["og:title"] == f"{moves} moves. Beat it."
+    assert preview["og:image"] == f"{SITE}challenge/{ended.id}.png"
+    assert picture_of(stranger, preview, SITE[:-1]) == (1200, 630)
+    start, end = (
+        stranger.get(f"/{page}/{ended.id}.png").content for page in ("challenge", "replay")
+    )
+    assert start != end
+    assert stranger.get(f"/challenge/{running.id}.png").status_code == 404
 
 
 def test_a_stranger_sees_nothing_of_an_episode_that_is_not_to_be_seen(serve):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from humanplay.task import GhostError
 from humanplay.tasks.mars.drawn import NEVER, DrawnEpisode, sentence
-from humanplay.tasks.mars.pictures import AnimationPicture, Look, preview
+from humanplay.tasks.mars.pictures import AnimationPicture, Look, challenge_preview, preview
 from humanplay.tasks.mars.run import encode_grid
 from marsexplorer.config import ACTIONS, FREE, ROVER, UNKNOWN
 from marsexplorer.episode import Episode, Record, replay
@@ -40,9 +40,9 @@ class Course(DrawnEpisode):
         """The same course under another name."""
         return replace(self, name=name)
 
-    def preview(self) -> bytes:
-        """Return the end as a PNG."""
-        return preview(self)
+    def preview(self, is_challenge: bool = False) -> bytes:
+        """Return the end as a PNG, or what is seen before the first move."""
+        return challenge_preview(self) if is_challenge else preview(self)
 
     def animation(self, others: Sequence[Course], is_large: bool) -> Any:
         """Return what draws the course after each move, with others beside it."""

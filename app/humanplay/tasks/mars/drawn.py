@@ -8,7 +8,7 @@ from math import floor
 import numpy as np
 from numpy.typing import NDArray
 
-from humanplay.task import counted
+from humanplay.task import beat_text, counted
 from marsexplorer.config import EnvConfig
 
 NEVER = -1
@@ -17,7 +17,7 @@ PLAIN_POLICIES = {
     "ppo": "Expert", "frontier-cost": "Nearest", "frontier-utility": "Greedy", "frontier-priced": "Tidy",
     "lookahead": "Expert that knows how terrains are made", "random": "Random",
 }  # fmt: skip
-"""Names of policies as pages and pictures say them; `static/task/mars/names.js` has the same."""
+"""Names of policies as pages and pictures say them; `static/task/mars/words.js` has the same."""
 PLAIN_LEVELS = {
     "1-1-1": "Open", "random": "Scattered", "3-2-1": "Boulders", "building": "Building", "cave": "Cave"
 }  # fmt: skip
@@ -64,6 +64,11 @@ class DrawnEpisode:
     def headline(self) -> str:
         """Who did what: `A person mapped 99 % of the ground in 75 moves`."""
         return f"{self.plain_name} {sentence(self)}"
+
+    @property
+    def challenge(self) -> str:
+        """What is to be beaten: `85 moves. Beat it.`"""
+        return beat_text(self.moves, self.outcome == "explored")
 
     @property
     def plain_name(self) -> str:

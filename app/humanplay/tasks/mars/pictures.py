@@ -210,21 +210,38 @@ class AnimationPicture:
 
 def preview(course: DrawnEpisode) -> bytes:
     """Return the picture of a link's preview as PNG: the board at the end with the path, and what it came to in words."""
+    return _preview(
+        course,
+        course.moves,
+        course.headline,
+        "Watch every move, and a policy",
+        "on the same ground.",
+    )
+
+
+def challenge_preview(course: DrawnEpisode) -> bytes:
+    """Return the picture of a challenge's link as PNG: what is seen before the first move, and what is to be beaten."""
+    return _preview(course, 0, course.challenge, "This is what you see", "before the first move.")
+
+
+def _preview(course: DrawnEpisode, step: int, headline: str, *below: str) -> bytes:
     picture = Image.new("RGB", PREVIEW, NIGHT)
     draw = ImageDraw.Draw(picture)
     room = PREVIEW[1] - 2 * 35
     cell = pixels_a_cell(course, room)
-    board = board_picture(course, course.moves, cell, AMBER)
-    picture.paste(board, (35 + (room - board.width) // 2, 35 + (room - board.height) // 2))
+    board = board_picture(course, step, cell, AMBER)
+    corner = (35 + (room - board.width) // 2, 35 + (room - board.height) // 2)
+    picture.paste(board, corner)
+    draw.rectangle((*corner, corner[0] + board.width, corner[1] + board.height), outline=LINE)
     left, right = room + 2 * 40, PREVIEW[0] - 40
     draw.text((left, 92), "MarsExplorer", MUTED, font(30), anchor="ls")
-    lines = textwrap.wrap(course.headline.replace(" %", "\u00a0%"), 22)[:5]
+    lines = textwrap.wrap(headline.replace(" %", "\u00a0%"), 22)[:5]
     for number, line in enumerate(lines):
         whole = line.replace("\u00a0", " ")  # for which the font has no glyph
         draw.text((left, 185 + 62 * number), whole, TEXT, font(50), anchor="ls")
-    _bar(draw, (left, 470, right, 486), course.coverage(course.moves), AMBER)
-    draw.text((left, 535), "Watch every move, and a policy", MUTED, font(30), anchor="ls")
-    draw.text((left, 575), "on the same ground.", MUTED, font(30), anchor="ls")
+    _bar(draw, (left, 470, right, 486), course.coverage(step), AMBER)
+    for number, line in enumerate(below):
+        draw.text((left, 535 + 40 * number), line, MUTED, font(30), anchor="ls")
     return png(picture)
 
 

@@ -110,6 +110,16 @@ class Replays:
         content = await self._jobs.run(file_of, form, episode_id, courses, **asked)
         return _keep(self._files, MAX_FILES, key, content)
 
+    async def challenge(self, episode_id: str, asker: Asker, owner: str) -> bytes:
+        """Return the picture of a challenge to an episode; see `replay`, JobError and JobsFullError as well."""
+        shown = await self.replay(episode_id, asker, owner)
+        key = ("challenge", episode_id, shown.episode.trial.trajectory_hash)
+        if (kept := self._files.get(key)) is not None:
+            return kept
+        asked: Any = {"owner": owner, "key": key, "limit_s": LONGEST_S}
+        content = await self._jobs.run(shown.course.preview, True, **asked)
+        return _keep(self._files, MAX_FILES, key, content)
+
     def _plays(self, task: str) -> bool:
         """Whether it is the server's task, or one whose episodes are drawn in the server's process."""
         return task == self._task.name or environment_of(task).courses is not None
