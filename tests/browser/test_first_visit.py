@@ -143,3 +143,12 @@ def test_help_opens_by_button_and_by_key_and_says_what_everything_is(serve, play
     dialog.wait_for(state="hidden")
     me.press("east" if me.state()["grid"][0][1] == "." else "south")
     assert me.errors == []
+
+
+def test_a_first_visit_makes_at_most_forty_requests(server, player):
+    me, requests = player(server, NO_3D, is_new=True), []
+    me.page.on("request", lambda request: requests.append(request.url))
+    me.goto()
+    me.wait("performance.getEntriesByName('humanplay.first-frame')[0]")
+    me.page.wait_for_timeout(2_000)
+    assert len(requests) <= 40

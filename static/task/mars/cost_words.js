@@ -1,7 +1,7 @@
 // What the moves of an episode cost, in sentences; no document here, so that node can test every one.
 import { capital, many } from "../../common/words.js";
 import { cellAfter, markAt, WAYS } from "./ground.js";
-import { policyName } from "./names.js";
+import { policyName } from "./words.js";
 
 /** Return on which side of the rover cells lie, as steps down and right: 0 where they lie on both sides.
  * @param {Cell[]} cells @param {Cell} rover @returns {Cell} */

@@ -4,8 +4,7 @@ import { boardAt, courseOf, paintEvents, progressAt } from "./course.js";
 import { costsInWords } from "./cost_words.js";
 import { adviceText } from "./expert.js";
 import { ahead } from "./ground.js";
-import { firstWish, policyName } from "./names.js";
-import { words } from "./words.js";
+import { firstWish, policyName, words } from "./words.js";
 
 /** @param {Answers.Task} about @returns {Mars.Task} */
 export const taskOf = (about) => ({

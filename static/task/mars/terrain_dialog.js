@@ -1,6 +1,6 @@
 // The dialog in which a terrain and the policies are chosen.
 import { create, createSvg } from "../../common/page.js";
-import { firstWish, levelGroups, levelName, policyName } from "./names.js";
+import { firstWish, levelGroups, levelName, policyName } from "./words.js";
 
 export const MAX_SEED = 2 ** 53 - 1;
 /** How the value of a map begins among the levels. */

@@ -73,7 +73,7 @@ def test_an_abandoned_episode_was_left():
 
 
 def test_pages_and_pictures_have_the_same_plain_names():
-    script = (STATIC / "task/mars/names.js").read_text()
+    script = (STATIC / "task/mars/words.js").read_text()
     tables = "".join(re.findall(r"Object\.freeze\(\{.*?\}\)", script, re.S))
     pairs = dict(re.findall(r'"?([\w-]+)"?: "([^"]+)"', tables))
     assert pairs == {**PLAIN_POLICIES, **PLAIN_LEVELS}

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { favourite } from "../../../../static/task/mars/names.js";
+import { favourite } from "../../../../static/task/mars/words.js";
 import { MAX_SEED, readWish } from "../../../../static/task/mars/terrain_dialog.js";
 
 test("a filled form is a wish, a wrong one a sentence", () => {

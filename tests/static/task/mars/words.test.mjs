@@ -1,8 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { hasTwoBoards, standing } from "../../../../static/play/panels.js";
-import { policyName } from "../../../../static/task/mars/names.js";
-import { describe, stepsToGoal, words } from "../../../../static/task/mars/words.js";
+import { describe, policyName, stepsToGoal, words } from "../../../../static/task/mars/words.js";
 
 const frame = (changes = {}) => ({ episode: "e", step: 16, rows: 3, cols: 4, coverage: 0.2899, score: 0.281, outcome: null, ...changes });
 
