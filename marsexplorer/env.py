@@ -37,7 +37,7 @@ COLOURS: NDArray[np.uint8] = np.array(_RGB, np.uint8)
 GLYPHS = "?.@#"
 CELL_PIXELS = 12
 
-SHARED = frozenset({"config", "_spec", "_np_random"})
+SHARED = frozenset({"config", "_spec"})
 """What nobody changes of `packed` attributes, so that copies may share it."""
 PLAIN = frozenset({int, float, str, bool, type(None)})
 
@@ -47,7 +47,24 @@ ARROWS = {1073741906: 0, 1073741903: 1, 1073741905: 2, 1073741904: 3}
 """The arrow keys as pygame numbers them, and the moves that they make."""
 
 
-class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
+class LimitedSpec:
+    """The spec of an environment that ends its episodes itself, so that no TimeLimit is needed."""
+
+    config: EnvConfig
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The spec that it was made from, with the moves after which an episode ends."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        limit = self.config.limit
+        self._spec = None if spec is None else replace(spec, max_episode_steps=limit)
+
+
+class MarsExplorer(LimitedSpec, gymnasium.Env[NDArray[Any], np.int64]):
     """Explore an unknown terrain with a lidar rover (Koutras et al. 2021, section 2).
 
     level          `random`, `t-m-b`, `building`, `cave` or `map`, see config.ALL_LEVELS
@@ -79,7 +96,6 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         discoverable_only: bool | None = None,
     ) -> None:
         self.render_mode = check_render_mode(render_mode)
-        self._spec: EnvSpec | None = None
         limits = (sensor_radius, beta, max_steps, discoverable_only)
         self.config = EnvConfig.of(level, size, *limits)
         self._raw = observation == "uint8"
@@ -91,15 +107,6 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         self._scalars = self._worlds.head(0)
         self._total = 0.0
         self._running = False
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """The spec that it was made from, with the moves after which an episode ends; no TimeLimit is needed for that."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = limited(spec, self.config)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -253,11 +260,6 @@ def drawn(codes: NDArray[np.uint8], render_mode: str | None) -> Any:
     return None
 
 
-def limited(spec: EnvSpec | None, config: EnvConfig) -> EnvSpec | None:
-    """A spec with the moves after which an episode of a configuration ends."""
-    return None if spec is None else replace(spec, max_episode_steps=config.limit)
-
-
 def packed(members: dict[str, Any], views: Collection[str]) -> dict[str, Any]:
     """The attributes of an environment for a pickle or a copy, without its views.
 
@@ -285,7 +287,8 @@ def copied(state: dict[str, Any], memo: dict[int, Any]) -> dict[str, Any]:
 
 
 def _copied(name: str, member: Any, memo: dict[int, Any]) -> Any:
-    if name in SHARED or type(member) in PLAIN:
+    is_state = name == "_np_random" and isinstance(member, dict)
+    if is_state or name in SHARED or type(member) in PLAIN:
         return member
     if type(member) in (
         spaces.Box,

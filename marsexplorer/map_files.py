@@ -253,10 +253,7 @@ def _read_picture(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | No
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # MAX_PIXELS is checked
             with Image.open(path, formats=PICTURES) as picture:
                 if picture.width * picture.height > MAX_PIXELS:
-                    raise MapFileError(
-                        f"{path}: at most {MAX_PIXELS:,} pixels are read, got {picture.width} x {picture.height}; "
-                        "cut the map to what is known, or save it at a larger resolution"
-                    )
+                    raise _too_large(path, f"{picture.width} x {picture.height}")
                 return _grey_of(path, picture)
     except UnidentifiedImageError as error:
         raise MapFileError(
@@ -267,10 +264,20 @@ def _read_picture(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | No
         raise MapFileError(
             f"{path} is no readable picture: {error.strerror or error}; check the field image of the YAML file"
         ) from error
-    except (ValueError, SyntaxError, Image.DecompressionBombError) as error:
+    except Image.DecompressionBombError as error:  # its picture is not returned
+        raise _too_large(path, "more than twice as many") from error
+    except (ValueError, SyntaxError) as error:
         if isinstance(error, MapFileError):
             raise
         raise MapFileError(f"{path} is no readable picture: {error}; save it again") from error
+
+
+def _too_large(path: Path, came: str) -> MapFileError:
+    """The error for a picture of more than MAX_PIXELS."""
+    return MapFileError(
+        f"{path}: at most {MAX_PIXELS:,} pixels are read, got {came}; "
+        "cut the map to what is known, or save it at a larger resolution"
+    )
 
 
 def _grey_of(path: Path, picture: Image) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:

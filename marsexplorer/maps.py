@@ -85,11 +85,18 @@ class GridMap:
 
     def to_metres(self, position: tuple[int, int]) -> tuple[float, float]:
         """(x, y) of the middle of a cell (row, col) in the robot's frame."""
-        east = (position[1] + 0.5) * self.cell
-        north = (self.terrain.shape[0] - position[0] - 0.5) * self.cell
+        (x,), (y,) = self.middles(np.array([position[0]]), np.array([position[1]]))
+        return float(x), float(y)
+
+    def middles(
+        self, rows: NDArray[np.intp], cols: NDArray[np.intp]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """`to_metres` of many cells."""
+        east = (cols + 0.5) * np.float64(self.cell)
+        north = (self.terrain.shape[0] - rows - 0.5) * np.float64(self.cell)
         x, y, yaw = self.origin
-        x, y = x + east * math.cos(yaw), y + east * math.sin(yaw)
-        return x - north * math.sin(yaw), y + north * math.cos(yaw)
+        cosine, sine = np.float64(math.cos(yaw)), np.float64(math.sin(yaw))
+        return x + east * cosine - north * sine, y + east * sine + north * cosine
 
     def to_cell(self, x: float, y: float) -> tuple[int, int]:
         """(row, col) of the cell around a point in the robot's frame; ValueError off the map."""
@@ -194,15 +201,19 @@ class _Reading:
                 f"{self._path}: a side must have {MIN_SIDE} to {MAX_SIDE} cells, got {rows}x{cols} cells of {cell:g} m; "
                 "choose another cell"
             )
-        if size.terrain.all():
-            raise MapFileError(
-                f"{self._path}: no cell of {cell:g} m is free; choose a smaller cell or less inflation"
-            )
+        self._check_free(size)
         if self._start is not None:
             return self._with_start(size, self._start)
         if (start := next(size.playable(), None)) is None:
             return self._small([size])
         return size.map_from(start.position)
+
+    def _check_free(self, size: _Cells) -> None:
+        """Raise MapFileError where all cells are blocked."""
+        if size.terrain.all():
+            raise MapFileError(
+                f"{self._path}: no cell of {size.map.cell:g} m is free; choose a smaller cell or less inflation"
+            )
 
     def with_chosen_cell(self) -> GridMap:
         """The map in the largest cells that leave enough of it connected to a playable start."""
@@ -272,6 +283,7 @@ class _Reading:
             position = size.map.to_cell(*point)
         except ValueError as error:
             raise MapFileError(f"start: {error}") from error
+        self._check_free(size)
         if size.terrain[position]:
             near = next(size.playable(), None) or next(size.starts())
             x, y = size.map.to_metres(near.position)
@@ -305,6 +317,9 @@ class _Reading:
         way_out = "give a map with more rooms"
         if fitting is not None:
             way_out = f"cells of {fitting:g} m would do (--cell {fitting:g})"
+            rows, cols = self._form(fitting).shape
+            if max(rows, cols) > MOST_CELLS:
+                way_out += f", {rows}x{cols} of them; `serve` takes {MOST_CELLS} a side: cut the map for it"
         raise MapFileError(
             f"{self._path}: nowhere is enough to explore: {'; '.join(sentences)}. Expected a region of at least "
             f"{LEAST_SHARE:.0%} of the free cells, of which at most {MOST_SEEN:.0%} is seen at once; {way_out}"
@@ -372,7 +387,7 @@ class _Cells:
     def starts(self) -> Iterator[_Start]:
         """The start of each region, the nearest first."""
         rows, cols = np.nonzero(~self.terrain)  # from north to south, then from west to east
-        x, y = self._metres(rows, cols)
+        x, y = self.map.middles(rows, cols)
         order = np.argsort(np.hypot(x - self._point[0], y - self._point[1]), kind="stable")
         _, first = np.unique(self.labels[rows, cols][order], return_index=True)
         for index in order[np.sort(first)]:
@@ -416,16 +431,6 @@ class _Cells:
         worlds = Worlds(self.map.config())
         worlds.start_on(0, self.terrain, start.position)
         return int(worlds.scalars[0, AT_START]) / int(worlds.scalars[0, CELLS])
-
-    def _metres(
-        self, rows: NDArray[np.intp], cols: NDArray[np.intp]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """`GridMap.to_metres` of many cells."""
-        east = (cols + 0.5) * np.float64(self.map.cell)
-        north = (len(self.terrain) - rows - 0.5) * np.float64(self.map.cell)
-        x, y, yaw = self.map.origin
-        cosine, sine = np.float64(math.cos(yaw)), np.float64(math.sin(yaw))
-        return x + east * cosine - north * sine, y + east * sine + north * cosine
 
 
 def _form_cells(occupancy: Occupancy, cell: float, inflation: float) -> GridMap:

@@ -9,7 +9,6 @@ from typing import Any, Self
 
 import numpy as np
 from gymnasium import spaces
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -25,12 +24,12 @@ from marsexplorer.config import (
     check_seed,
 )
 from marsexplorer.env import (
+    LimitedSpec,
     MarsExplorer,
     check_render_mode,
     copied,
     drawn,
     following,
-    limited,
     observation_space,
     packed,
     unpacked,
@@ -63,7 +62,7 @@ VIEWS = ("_info", "_final_info", "_final_obs", "_which", "_final_views", "_out")
 VectorStep = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]
 
 
-class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
+class MarsExplorerVector(LimitedSpec, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """`num_envs` MarsExplorer environments stepped at once, equal to single ones bit for bit.
 
     Takes what MarsExplorer takes, and
@@ -103,7 +102,6 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.render_mode = check_render_mode(render_mode)
-        self._spec: EnvSpec | None = None
         if max_episode_steps is not None:  # of a spec that make_vec is given
             max_steps = (
                 max_episode_steps if max_steps is None else min(max_steps, max_episode_steps)
@@ -131,21 +129,13 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._final_obs: NDArray[np.object_] = np.full(self.num_envs, None, object)
         self._which: NDArray[np.int64] = np.zeros(0, np.int64)
 
-    @property
-    def spec(self) -> EnvSpec | None:
-        """The spec that it was made from, with the moves after which an episode ends."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = limited(spec, self.config)
-
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Start every environment and return the observations and infos."""
         chosen = self._chosen(options or {})
-        seeds = self._starting_seeds(seed)
+        last = self._worlds.scalars[:, SEED].tolist() if self._was_reset else None
+        seeds = starting_seeds(seed, self.num_envs, last)
         super().reset(seed=seeds[0])
         if chosen is None:
             self._worlds.start(seeds)
@@ -176,17 +166,6 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             raise RuntimeError("no episode is running: call reset() without a reset_mask first")
         chosen: NDArray[np.bool_] = mask
         return chosen
-
-    def _starting_seeds(self, seed: int | list[int | None] | None) -> list[int]:
-        if isinstance(seed, (list, tuple)):
-            if len(seed) != self.num_envs:
-                wanted = f"one number or {self.num_envs} of them"
-                raise ValueError(f"seed must be {wanted}, got {len(seed)}")
-            return [following(None) if one is None else check_seed(one) for one in seed]
-        if seed is None and self._was_reset:
-            return [next_seed(one) for one in self._worlds.scalars[:, SEED]]
-        first = secrets.randbelow(MAX_SEED + 2 - self.num_envs) if seed is None else seed
-        return [check_seed(check_seed(first) + i) for i in range(self.num_envs)]
 
     def step(self, actions: NDArray[Any]) -> VectorStep:
         """Make one move in every environment."""
@@ -347,6 +326,24 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
                 observations[i] = STATE_VALUES[self._worlds.last_codes[i]]
         found = {"final_obs": observations, "final_info": self._lasting(self._final_info)}
         return found | {"_final_obs": ended, "_final_info": ended}
+
+
+def starting_seeds(
+    seed: int | list[int | None] | None, num_envs: int, last: list[int] | None
+) -> list[int]:
+    """The seed of each environment of a reset.
+
+    seed  the first of consecutive ones, or one for each environment, None for any
+    last  those of the episodes before, which the next ones follow without `seed`; None before the first reset
+    """
+    if isinstance(seed, (list, tuple)):
+        if len(seed) != num_envs:
+            raise ValueError(f"seed must be one number or {num_envs} of them, got {len(seed)}")
+        return [following(None) if one is None else check_seed(one) for one in seed]
+    if seed is None and last is not None:
+        return [next_seed(one) for one in last]
+    first = secrets.randbelow(MAX_SEED + 2 - num_envs) if seed is None else check_seed(seed)
+    return [check_seed(first + i) for i in range(num_envs)]
 
 
 def _masked(info: dict[str, Any], chosen: NDArray[np.bool_]) -> dict[str, Any]:

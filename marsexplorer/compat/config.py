@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
+from math import ceil
 from numbers import Integral, Real
 from types import MappingProxyType
 from typing import Any
+
+from marsexplorer.compat.kernels import POINTS
 
 Conf = Mapping[str, Any]
 """A configuration by the authors' names."""
@@ -38,6 +41,8 @@ VIEWER_NAMES = frozenset({"viewer", "viwer"})
 PAIRS = ("size", "initial", "noise", "margins", "obstacle_size")
 REWARDS = ("movementCost", "bonus_reward", "collision_reward", "out_of_bounds_reward")
 MOST_CHANNELS = 1024
+MOST_MEMORY = 256 << 20
+"""Bytes of the list of all cells' rays."""
 
 
 @dataclass(frozen=True)
@@ -141,9 +146,9 @@ class CodeConfig:
             known = ", ".join(name for name in _DEFAULTS if name not in VIEWER_NAMES)
             raise ValueError(f"conf has no {', '.join(unknown)}; it may name: {known}")
         whole = {**_DEFAULTS, **base.changes, **own}
-        found = {name: whole[name] for name in _DEFAULTS if name not in VIEWER_NAMES}
-        _check(found)
-        return cls(MappingProxyType(deepcopy(found)), base.share, base.rover)
+        named = {name: whole[name] for name in _DEFAULTS if name not in VIEWER_NAMES}
+        _check(named)
+        return cls(deepcopy(named), base.share, base.rover)
 
     @property
     def rows(self) -> int:
@@ -209,7 +214,24 @@ def _check(conf: Conf) -> None:
     _require(conf["obstacles"] >= 0, "obstacles", "0 or more", conf)
     _require(conf["max_steps"] >= 0, "max_steps", "0 or more", conf)
     _require(min(conf["noise"]) >= 0, "noise", "0 or more cells", conf)
+    _check_memory(conf)
     _check_obstacles(conf)
+
+
+def points_of_ray(conf: Conf) -> int:
+    """The most cells of a ray: a line of its length enters no more than it crosses edges."""
+    return min(POINTS, 2 * ceil(conf["lidar_range"]) + 4)
+
+
+def _check_memory(conf: Conf) -> None:
+    """Raise ValueError where the rays of all cells would take more than MOST_MEMORY."""
+    rows, cols = conf["size"]
+    channels, points = conf["lidar_channels"], points_of_ray(conf)
+    if 4 * rows * cols * channels * points > MOST_MEMORY:
+        raise ValueError(
+            f"conf asks for {rows} x {cols} cells with {channels} rays of up to {points} cells each, which may take "
+            f"{MOST_MEMORY >> 20} MiB; make size, lidar_channels or lidar_range smaller"
+        )
 
 
 def _check_obstacles(conf: Conf) -> None:

@@ -16,10 +16,11 @@ from marsexplorer.compat.config import CodeConfig, Conf
 from marsexplorer.compat.kernels import DISCOVERED, OUTCOME, RUNNING, SHIFTS, X, Y
 from marsexplorer.compat.worlds import OUTCOMES, CodeWorlds
 from marsexplorer.config import check_seed
-from marsexplorer.env import CELL_PIXELS, COLOURS, following
+from marsexplorer.env import drawn, following
 from marsexplorer.observation import DISPLACEMENTS, STATE_VALUES
 from marsexplorer.terrain import next_seed
-from marsexplorer.vector import SAME_STEP, VectorStep
+from marsexplorer.vector import SAME_STEP, VectorStep, starting_seeds
+from marsexplorer.world import not_actions
 
 OWN_SHIFTS: NDArray[np.int64] = np.array(DISPLACEMENTS, np.int64)
 """What this project's actions add to (x, y): north, east, south, west."""
@@ -62,15 +63,15 @@ class KoutrasCode(gymnasium.Env[NDArray[Any], np.int64]):
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Start an episode and return its first observation and info."""
         super().reset(seed=seed)
-        given = options or {}
-        if unknown := sorted(set(given) - OPTIONS):
+        options = options or {}
+        if unknown := sorted(set(options) - OPTIONS):
             raise ValueError(f"options may hold terrain and start, got {', '.join(unknown)}")
-        if "terrain" not in given:
+        start = options.get("start", self.config.initial)
+        if "terrain" in options:
+            self._worlds.start_on(0, options["terrain"], start)
+        else:
             self._seed = following(self._seed) if seed is None else check_seed(seed)
-            self._worlds.start(0, self._seed)
-        if given:
-            terrain, start = given.get("terrain", self.terrain), given.get("start")
-            self._worlds.start_on(0, terrain, start or self.config.initial)
+            self._worlds.start(0, self._seed, start)
         self._is_running = True
         return self._observe(), self._worlds.info(0)
 
@@ -87,8 +88,7 @@ class KoutrasCode(gymnasium.Env[NDArray[Any], np.int64]):
 
     def render(self) -> Any:
         """Return what the rover knows as an RGB picture, 12 pixels a cell."""
-        pixels = COLOURS[self._worlds.codes[0]]
-        return pixels.repeat(CELL_PIXELS, axis=0).repeat(CELL_PIXELS, axis=1)
+        return drawn(self._worlds.codes[0], "rgb_array")
 
     @property
     def terrain(self) -> NDArray[np.bool_]:
@@ -150,6 +150,8 @@ class GymEnv:
         self._next_seed: int | None = None
 
     def __getattr__(self, name: str) -> Any:
+        if name == "unwrapped":  # a copy asks before it has one
+            raise AttributeError(name)
         return getattr(self.unwrapped, name)
 
     def seed(self, seed: int) -> list[int]:
@@ -222,29 +224,20 @@ class KoutrasCodeVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """Start every environment, i on seed + i, and return the observations and infos."""
         if options:
             raise ValueError("a batch takes no options: play given terrains one at a time")
-        for i, own in enumerate(self._starting_seeds(seed)):
-            self._worlds.start(i, own)
+        last = self._worlds.seeds.tolist() if self._was_reset else None
+        for i, terrain_seed in enumerate(starting_seeds(seed, self.num_envs, last)):
+            self._worlds.start(i, terrain_seed)
         self._was_reset = True
         return self._observe(), self._info()
 
-    def _starting_seeds(self, seed: int | list[int | None] | None) -> list[int]:
-        if isinstance(seed, (list, tuple)):
-            if len(seed) != self.num_envs:
-                raise ValueError(f"seed must be {self.num_envs} numbers, got {len(seed)}")
-            return [following(None) if one is None else check_seed(one) for one in seed]
-        if seed is None and self._was_reset:
-            return [next_seed(int(one)) for one in self._worlds.seeds]
-        first = following(None) // 2 if seed is None else check_seed(seed)
-        return [check_seed(first + i) for i in range(self.num_envs)]
-
     def step(self, actions: NDArray[Any]) -> VectorStep:
         """Make one move in every environment."""
-        given = np.asarray(actions)
-        is_whole = given.shape == (self.num_envs,) and given.dtype.kind in "iu"
-        if not is_whole or not ((given >= 0) & (given < len(OWN_SHIFTS))).all():
-            raise ValueError(f"actions must be {self.num_envs} whole numbers 0..3, got {actions!r}")
+        moves = np.asarray(actions)
+        is_whole = moves.shape == (self.num_envs,) and moves.dtype.kind in "iu"
+        if not is_whole or not ((moves >= 0) & (moves < len(OWN_SHIFTS))).all():
+            raise not_actions(self.num_envs, actions)
         worlds = self._worlds
-        rewards = worlds.step(given.astype(np.int64))
+        rewards = worlds.step(moves.astype(np.int64))
         ended = worlds.scalars[:, OUTCOME] != RUNNING
         final: dict[str, Any] = {}
         if ended.any():
@@ -275,17 +268,17 @@ class KoutrasCodeVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         last = self._observe()
         for i in np.flatnonzero(ended):
             observations[i] = last[i]
-        found = {"final_obs": observations, "final_info": self._info()}
-        return found | {"_final_obs": ended.copy(), "_final_info": ended.copy()}
+        finals = {"final_obs": observations, "final_info": self._info()}
+        return finals | {"_final_obs": ended.copy(), "_final_info": ended.copy()}
 
     def _info(self) -> dict[str, Any]:
-        own, always = self._worlds.scalars, np.ones(self.num_envs, np.bool_)
+        scalars, always = self._worlds.scalars, np.ones(self.num_envs, np.bool_)
         outcomes = np.full(self.num_envs, None, object)
-        outcomes[:] = [OUTCOMES[code] for code in own[:, OUTCOME]]
+        outcomes[:] = [OUTCOMES[code] for code in scalars[:, OUTCOME]]
         info = {
-            "position": own[:, [X, Y]].copy(),
-            "discovered": own[:, DISCOVERED].copy(),
-            "coverage": own[:, DISCOVERED] / self.config.n,
+            "position": scalars[:, [X, Y]].copy(),
+            "discovered": scalars[:, DISCOVERED].copy(),
+            "coverage": scalars[:, DISCOVERED] / self.config.n,
             "outcome": outcomes,
             "terrain_seed": self._worlds.seeds.copy(),
         }

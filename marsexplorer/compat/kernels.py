@@ -77,15 +77,10 @@ def scan(
     scalars: Any,
     terrain: Any,
     known: Any,
-    rays: Any,
-    is_listed: Any,
-    directions: Any,
-    numbers: Any,
-    rows: int,
-    cols: int,
-    line: Any,
+    shared: Any,
 ) -> None:
-    """Scan from the rover's cell and mark it."""
+    """Scan from the rover's cell and mark it; `shared` is of `worlds.CodeWorlds`."""
+    rays, is_listed, directions, numbers, rows, cols, line = shared
     x, y = scalars[X], scalars[Y]
     here = x * cols + y
     length = numbers[LENGTH]
@@ -123,15 +118,10 @@ def step(
     scalars: Any,
     terrain: Any,
     known: Any,
-    rays: Any,
-    is_listed: Any,
-    directions: Any,
-    numbers: Any,
-    rows: int,
-    cols: int,
-    line: Any,
+    shared: Any,
 ) -> None:
     """Make one move of every episode; write the rewards, and the outcomes into `scalars`."""
+    rows, cols, numbers = shared[4], shared[5], shared[3]
     for i in range(len(actions)):
         own = scalars[i]
         x, y = own[X] + shifts[actions[i], 0], own[Y] + shifts[actions[i], 1]
@@ -140,7 +130,7 @@ def step(
         if not is_out and not is_blocked:
             own[X], own[Y] = x, y
         before = own[DISCOVERED]
-        scan(own, terrain[i], known[i], rays, is_listed, directions, numbers, rows, cols, line)
+        scan(own, terrain[i], known[i], shared)
         own[STEPS] += 1
         rewards[i] = own[DISCOVERED] - before - numbers[COST]
         if own[STEPS] > numbers[LIMIT]:

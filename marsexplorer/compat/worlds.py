@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.compat import kernels
-from marsexplorer.compat.config import CodeConfig
+from marsexplorer.compat.config import CodeConfig, points_of_ray
 from marsexplorer.compat.kernels import DISCOVERED, OUTCOME, STEPS, X, Y
 from marsexplorer.compat.terrain import draw_terrain
 from marsexplorer.observation import STATE_VALUES
@@ -35,20 +35,21 @@ class CodeWorlds:
         self.seeds: NDArray[np.int64] = np.zeros(num, np.int64)
         self.terrains: NDArray[np.uint8] = np.zeros((num, config.n), np.uint8)
         self.known: NDArray[np.uint8] = np.zeros((num, config.n), np.uint8)
+        self._is_started = np.zeros(num, np.bool_)
         channels, length = config.conf["lidar_channels"], float(config.conf["lidar_range"])
         angles = np.linspace(0, 2 * np.pi, channels, endpoint=False)
         self._directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        # A line of this length enters no more cells than it crosses edges.
-        most = min(kernels.POINTS, 2 * int(np.ceil(length)) + 4)
-        self._rays = np.full((config.n, channels, most), -1, np.int32)
+        points = points_of_ray(config.conf)
+        self._rays = np.full((config.n, channels, points), -1, np.int32)
         self._is_listed = np.zeros(config.n, np.uint8)
         self._line = np.zeros(kernels.POINTS, np.int32)
         limits = float(config.conf["max_steps"]), config.share * config.n
         self._numbers = np.array([length, config.cuts_distances, *config.rewards, *limits])
 
-    def start(self, index: int, seed: int) -> None:
-        """Begin an episode on the terrain of a seed."""
-        self.start_on(index, draw_terrain(self.config, seed), self.config.initial)
+    def start(self, index: int, seed: int, start: tuple[int, int] | None = None) -> None:
+        """Begin an episode on the terrain of a seed, from a start or the configuration's."""
+        start = self.config.initial if start is None else start
+        self.start_on(index, draw_terrain(self.config, seed), start)
         self.seeds[index] = seed
 
     def start_on(self, index: int, terrain: NDArray[Any], start: tuple[int, int]) -> None:
@@ -60,17 +61,20 @@ class CodeWorlds:
         x, y = (int(number) for number in start)
         if not (0 <= x < shape[0] and 0 <= y < shape[1]):
             raise ValueError(f"the start must be a cell of the grid, got {(x, y)}")
+        self._is_started[index] = True
         self.seeds[index] = -1
         self.terrains[index], self.known[index] = blocked.reshape(-1), 0
         self.scalars[index] = 0
         self.scalars[index, X], self.scalars[index, Y] = x, y
-        kernels.scan(self.scalars[index], self.terrains[index], self.known[index], *self._shared())
+        kernels.scan(self.scalars[index], self.terrains[index], self.known[index], self._shared())
 
     def step(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Make one move of every episode and return the rewards."""
+        """Make one move of every episode and return the rewards; RuntimeError before each has begun."""
+        if not self._is_started.all():
+            raise RuntimeError("no episode is running: call reset() first")
         rewards = np.zeros(len(self.scalars))
         episodes = self.scalars, self.terrains, self.known
-        kernels.step(actions, self.shifts, rewards, *episodes, *self._shared())
+        kernels.step(actions, self.shifts, rewards, *episodes, self._shared())
         return rewards
 
     def _shared(self) -> tuple[Any, ...]:
@@ -112,3 +116,4 @@ class CodeWorlds:
         """Set everything as `snapshot` returned it."""
         for name in CHANGING:
             getattr(self, name)[:] = snapshot[name]
+        self._is_started[:] = True

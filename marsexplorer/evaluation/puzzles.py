@@ -20,7 +20,7 @@ from marsexplorer.policies.base import Memory
 from marsexplorer.policies.kernels.grid import completion_target, neighbour
 from marsexplorer.policies.kernels.posterior import move_chains
 from marsexplorer.policies.kernels.prices import update_board
-from marsexplorer.policies.kernels.rollouts import BLOCK, compare, fill_truths
+from marsexplorer.policies.kernels.rollouts import BLOCK, MOST_MOVES, compare, fill_truths
 from marsexplorer.policies.kernels.visibility import word_and_bit
 from marsexplorer.policies.lookahead import LookaheadArrays
 
@@ -39,8 +39,6 @@ SCREENED = 16
 """Of them those on which a position must look promising before all are tried."""
 LEAST_SAVED = 6.0
 """Moves that the best first move saves on average against each other one."""
-MOST_MOVES = 4
-"""Moves for each cell at which an imagined drive is given up (`kernels.rollouts.compare`)."""
 SWEEPS = 4
 """Gibbs steps of each rectangle before a position is judged."""
 
@@ -175,8 +173,8 @@ class Judge:
 def _free_moves(codes: NDArray[np.uint8], cell: int, rows: int, cols: int) -> dict[str, int]:
     """The cell of each move to a known free one."""
     cells = {name: int(neighbour(cell, k, rows, cols)) for k, name in enumerate(ACTIONS)}
-    free = (UNKNOWN, OBSTACLE)
-    return {name: near for name, near in cells.items() if near >= 0 and codes[near] not in free}
+    not_free = (UNKNOWN, OBSTACLE)
+    return {name: near for name, near in cells.items() if near >= 0 and codes[near] not in not_free}
 
 
 def puzzle_on(seed: int) -> Puzzle | None:

@@ -65,6 +65,33 @@ class RecentEpisodes:
     outcomes: deque[str] = field(default_factory=lambda: deque(maxlen=1000))
     count: int = 0
 
+    def add(
+        self, ended: NDArray[np.bool_], steps: Numbers, returns: NDArray[np.float64], info: Any
+    ) -> NDArray[np.bool_]:
+        """Add the episodes that ended in a step; return bool[num_envs], which of them explored."""
+        outcomes = info["final_info"]["outcome"]  # older endings too
+        explored: NDArray[np.bool_] = ended & (outcomes == "explored")
+        self.steps += steps[ended].tolist()
+        self.explored += explored[ended].tolist()
+        self.returns += returns[ended].tolist()
+        self.coverages += info["final_info"]["coverage"][ended].tolist()
+        self.outcomes += outcomes[ended].tolist()
+        self.count += int(ended.sum())
+        return explored
+
+    def state_dict(self) -> dict[str, Any]:
+        """The episodes as lists, and their number."""
+        recent = {name: list(column) for name, column in vars(self).items() if name != "count"}
+        return {"recent_episodes": recent, "num_episodes": self.count}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Set everything as `state_dict` returned it."""
+        for name, column in state["recent_episodes"].items():
+            episodes = getattr(self, name)
+            episodes.clear()
+            episodes.extend(column)
+        self.count = state["num_episodes"]
+
 
 @dataclass(frozen=True)
 class StepResult:
@@ -128,14 +155,7 @@ class TrainingEnvs:
         dones, late = terminated | truncated, np.flatnonzero(truncated)
         explored, final_obs = np.zeros(self.num_envs, np.bool_), None
         if dones.any():
-            outcomes = info["final_info"]["outcome"]  # older endings too
-            explored = dones & (outcomes == "explored")
-            self.recent.steps += self.steps[dones].tolist()
-            self.recent.explored += explored[dones].tolist()
-            self.recent.returns += self.returns[dones].tolist()
-            self.recent.coverages += info["final_info"]["coverage"][dones].tolist()
-            self.recent.outcomes += outcomes[dones].tolist()
-            self.recent.count += int(dones.sum())
+            explored = self.recent.add(dones, self.steps, self.returns, info)
             if len(late):
                 final_obs = self._final_observations(late, info)
             refuse_evaluation_seeds(info["terrain_seed"])
@@ -158,9 +178,7 @@ class TrainingEnvs:
         """Return everything that changes, as tensors and lists."""
         arrays = {name: torch.from_numpy(getattr(self, name).copy()) for name in STATE_ARRAYS}
         worlds = {name: torch.from_numpy(array) for name, array in self.env.snapshot().items()}
-        recent = {name: list(each) for name, each in vars(self.recent).items() if name != "count"}
-        episodes = {"recent_episodes": recent, "num_episodes": self.recent.count}
-        return {"arrays": arrays, "worlds": worlds, **episodes}
+        return {"arrays": arrays, "worlds": worlds, **self.recent.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Set everything as `state_dict` returned it."""
@@ -168,11 +186,7 @@ class TrainingEnvs:
             setattr(self, name, state["arrays"][name].numpy().copy())
         worlds = {name: tensor.numpy() for name, tensor in state["worlds"].items()}
         self.codes = self.env.restore(worlds)
-        for name, values in state["recent_episodes"].items():
-            episodes = getattr(self.recent, name)
-            episodes.clear()
-            episodes.extend(values)
-        self.recent.count = state["num_episodes"]
+        self.recent.load_state_dict(state)
 
 
 class MixedEnvs:

@@ -50,9 +50,9 @@ HEAD = """# Compatibility
 
 *Reference. `python -m research.compatibility` drew this page.*
 
-Each row was run: Gymnasium's own check, copies by `copy.deepcopy` and `pickle`, the stack against Gymnasium's
-`SyncVectorEnv`, and a vector wrapper. `tests/marsexplorer/test_as_gymnasium_expects.py` holds the table of all vector
-wrappers, for the version that the tests run with.
+Each row of the first table was run: Gymnasium's own check, copies by `copy.deepcopy` and `pickle`, the stack against
+Gymnasium's `SyncVectorEnv`, and a vector wrapper. `tests/marsexplorer/test_as_gymnasium_expects.py` holds the table
+of all vector wrappers, for the version that the tests run with.
 
 |Python|Gymnasium|NumPy|result|
 |---|---|---|---|
@@ -94,14 +94,23 @@ def probe(python: Path, folder: Path, checks: tuple[str, ...]) -> str:
     """Run checks in an environment; return "passed", or the first that failed and why."""
     environ = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": str(folder / "kernels")}
     script = Path(__file__).with_name("probe.py")
-    done = subprocess.run(
-        [python, script, *checks],
-        env=environ, cwd=folder, capture_output=True, text=True, timeout=PROBE_S,
-    )  # fmt: skip
+    try:
+        done = subprocess.run(
+            [python, script, *checks],
+            env=environ, cwd=folder, capture_output=True, text=True, timeout=PROBE_S,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired as error:
+        output = error.stdout or b""
+        return f"{_unfinished(checks, output.decode())} not done after {PROBE_S} s"
     if done.returncode == 0:
         return "passed"
-    failed = checks[len(done.stdout.split())]
-    return f"{failed} failed: {done.stderr.strip().splitlines()[-1][:150]}"
+    lines = done.stderr.strip().splitlines() or [f"Python ended with code {done.returncode}"]
+    return f"{_unfinished(checks, done.stdout)} failed: {lines[-1][:150]}"
+
+
+def _unfinished(checks: tuple[str, ...], output: str) -> str:
+    """The first check that did not print its name, or the end of Python after all of them."""
+    return next((check for check in checks if check not in output.split()), "the end")
 
 
 def libraries(folder: Path) -> Iterator[str]:

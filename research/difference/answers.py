@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
 from statistics import fmean, stdev
+from textwrap import fill
 from typing import Any
 
 from marsexplorer.intervals import t_quantile
 from research.difference.design import SEEDS, Training
+from research.paper.jobs import read_lines
 
+DATA = Path(__file__).parent / "data" / "trainings.jsonl"
+COLUMNS = ("coverage", "out_of_bounds", "collided")
+"""Of the curve, that the table prints."""
+HELD_OUT = ("covers_most", "explored", "clean_u")
+"""Of the terrains kept apart, that the table prints."""
 LAST_LINES = 5
 """Of the curve, whose mean is a training's coverage."""
 LARGE = 0.10
@@ -75,8 +85,8 @@ def sweeps(coverages: Sequence[float]) -> bool:
     return len(coverages) > 1 and Interval.of(coverages).low > SWEEPS
 
 
-def effect_of(factor: str, records: Records, name: str = "coverage") -> Interval | None:
-    """Return the effect of a factor on a column of the curve; None until all trainings are finished."""
+def effect_of(factor: str, records: Records) -> Interval | None:
+    """Return the effect of a factor on coverage; None until all trainings are finished."""
     high, low = LEVELS[factor]
     by_seed: dict[int, list[float]] = {seed: [] for seed in SEEDS}
     for record in records.values():
@@ -90,13 +100,13 @@ def effect_of(factor: str, records: Records, name: str = "coverage") -> Interval
         other = records.get(replace(training, **changed))
         if other is None or other.result is None or record.result is None:
             return None
-        by_seed[training.seed].append(record.last(name) - other.last(name))
+        by_seed[training.seed].append(record.last("coverage") - other.last("coverage"))
     if any(len(differences) != 4 for differences in by_seed.values()):
         return None
     return Interval.of([fmean(differences) for differences in by_seed.values()])
 
 
-def effect_of_passes(records: Records, name: str = "coverage") -> Interval | None:
+def effect_of_passes(records: Records) -> Interval | None:
     """Return full less light passes in the code's corner; None until the trainings are finished."""
     differences = []
     for seed in SEEDS:
@@ -107,5 +117,110 @@ def effect_of_passes(records: Records, name: str = "coverage") -> Interval | Non
         full_record, light_record = pair
         assert full_record is not None
         assert light_record is not None
-        differences.append(full_record.last(name) - light_record.last(name))
+        differences.append(full_record.last("coverage") - light_record.last("coverage"))
     return Interval.of(differences)
+
+
+def read_stored(path: Path = DATA) -> Records:
+    """Return the stored trainings."""
+    records: dict[Training, Record] = {}
+    for stored in read_lines(path):
+        rows = zip(*stored["curve"].values(), strict=True)
+        curve = tuple(dict(zip(stored["curve"], row, strict=True)) for row in rows)
+        training = Training(**stored["training"])
+        records[training] = Record(training, tuple(stored["machines"]), curve, stored["result"])
+    return records
+
+
+def read_records(paths: Iterable[Path]) -> Records:
+    """Return the trainings of some logs."""
+    records: dict[Training, Record] = {}
+    for path in paths:
+        head, *lines = read_lines(path) or [{}]
+        curve = tuple(line for line in lines if line["kind"] == "curve")
+        result = next((line for line in lines if line["kind"] == "result"), None)
+        if curve:
+            training = Training(**head["training"])
+            records[training] = Record(training, tuple(head["machines"]), curve, result)
+    return records
+
+
+def kind_of(training: Training) -> tuple[str, ...]:
+    """Return what trainings of one combination share."""
+    return (
+        training.level,
+        training.passes,
+        training.world,
+        training.estimates,
+        training.leaving,
+    )
+
+
+def table(records: Records) -> str:
+    """Return the answers as two tables in Markdown."""
+    head = ["level", "passes", "world", "estimates", "leaving", "seeds", "moves"]
+    rows = [[*head, *COLUMNS, *HELD_OUT, "sweeps"], ["---"] * 14]
+    ordered = sorted(records.values(), key=lambda record: kind_of(record.training), reverse=True)
+    for kind, group in groupby(ordered, lambda record: kind_of(record.training)):
+        own = list(group)
+        moves = min(record.lines[-1]["moves"] for record in own)
+        columns = [spread([record.last(name) for record in own]) for name in COLUMNS]
+        results = [record.result for record in own if record.result]
+        for name in HELD_OUT:
+            columns.append(spread([result[name] for result in results]) if results else "")
+        is_sweep = sweeps([record.last("coverage") for record in own])
+        rows.append([*kind, str(len(own)), f"{moves:,}", *columns, "yes" if is_sweep else ""])
+    effects = [["factor", "effect on coverage", "verdict"], ["---"] * 3]
+    measured = {factor: effect_of(factor, records) for factor in LEVELS}
+    for factor, effect in {**measured, "passes": effect_of_passes(records)}.items():
+        if effect is None:
+            effects.append([factor, "not all finished", "undecided"])
+        else:
+            effects.append([factor, words(effect), verdict(effect)])
+    return "\n\n".join("\n".join(f"|{'|'.join(row)}|" for row in part) for part in (rows, effects))
+
+
+def in_short(records: Records) -> str:
+    """Return what PPO by the letter does in either world, and the authors' PPO in the code's, in Markdown."""
+    groups: dict[str, list[Record]] = {"text": [], "code": [], "full": []}
+    for training, record in records.items():
+        if training.level == "videos" and record.result is not None:
+            if (training.estimates, training.passes) == ("text", "light"):
+                groups[training.world].append(record)
+            if (training.world, training.estimates, training.passes) == ("code", "code", "full"):
+                groups["full"].append(record)
+    text, code, full = (
+        spread([record.last("coverage") for record in group]) for group in groups.values()
+    )
+    completed = max(_results(groups["text"], "explored"))
+    u_shares, explored = (_results(groups["full"], name) for name in ("clean_u", "explored"))
+    number = u_shares.index(max(u_shares))
+    record = groups["full"][number]
+    assert record.result is not None
+    coverage, left = record.result["coverage"], record.result["out_of_bounds"]
+    others = [share for i, share in enumerate(explored) if i != number]
+    sentences = (
+        f"On the level of the videos, PPO by the letter covers {text} of the text's world and completes "
+        f"{completed:.1%} at most; of the code's it covers {code}. With the code's discount and lambda and as many "
+        f"gradient steps as the authors' it covers {full} of the code's. Of its episodes on terrains kept apart, "
+        f"seed {record.training.seed} makes a U as in the videos, mirrored, in {u_shares[number]:.1%}, covers "
+        f"{coverage:.0%} in the mean, and leaves the grid in {left:.1%}; the other seeds complete "
+        f"{' and '.join(f'{share:.1%}' for share in sorted(others))}."
+    )
+    return fill(re.sub(r"(?<=\d)%", " %", sentences), 110, break_on_hyphens=False)
+
+
+def _results(records: Sequence[Record], name: str) -> list[float]:
+    """A column of the results on terrains kept apart, of finished trainings."""
+    return [record.result[name] for record in records if record.result is not None]
+
+
+def spread(values: list[float]) -> str:
+    """Return the smallest and the largest of some values."""
+    low, high = (f"{limit(values):.2f}" for limit in (min, max))
+    return low if low == high else f"{low} to {high}"
+
+
+def words(effect: Interval) -> str:
+    """Return an effect with its interval."""
+    return f"{effect.mean:+.2f} ({effect.low:+.2f} to {effect.high:+.2f})"

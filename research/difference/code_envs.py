@@ -9,7 +9,12 @@ import torch
 from numpy.typing import NDArray
 
 from marsexplorer.compat.env import KoutrasCodeVector
-from marsexplorer.training.envs import Observation, RecentEpisodes, StepResult
+from marsexplorer.training.envs import (
+    Observation,
+    RecentEpisodes,
+    StepResult,
+    refuse_evaluation_seeds,
+)
 
 NONE: NDArray[np.intp] = np.zeros(0, np.intp)
 
@@ -20,7 +25,8 @@ class CodeEnvs:
     def __init__(self, env: KoutrasCodeVector, seed: int) -> None:
         self.env, self.num_envs = env, env.num_envs
         self.recent = RecentEpisodes()
-        self.codes, _ = env.reset(seed=10**12 * (seed + 1))
+        self.codes, info = env.reset(seed=10**12 * (seed + 1))
+        refuse_evaluation_seeds(info["terrain_seed"])
         self.steps: NDArray[np.int64] = np.zeros(self.num_envs, np.int64)
         self.returns: NDArray[np.float64] = np.zeros(self.num_envs)
 
@@ -34,29 +40,19 @@ class CodeEnvs:
         self.steps, self.returns = self.steps + 1, self.returns + rewards
         explored = np.zeros(self.num_envs, np.bool_)
         if dones.any():
-            final = info["final_info"]
-            explored = dones & (final["outcome"] == "explored")
-            self.recent.steps += self.steps[dones].tolist()
-            self.recent.explored += explored[dones].tolist()
-            self.recent.returns += self.returns[dones].tolist()
-            self.recent.coverages += final["coverage"][dones].tolist()
-            self.recent.outcomes += final["outcome"][dones].tolist()
-            self.recent.count += int(dones.sum())
+            explored = self.recent.add(dones, self.steps, self.returns, info)
+            refuse_evaluation_seeds(info["terrain_seed"])
             self.steps[dones], self.returns[dones] = 0, 0
         return StepResult(rewards, dones, explored, NONE, None)
 
     def state_dict(self) -> dict[str, Any]:
         """Return everything that changes, as tensors and lists."""
         worlds = {name: torch.from_numpy(array) for name, array in self.env.snapshot().items()}
-        recent = {
-            name: list(column) for name, column in vars(self.recent).items() if name != "count"
-        }
         return {
             "steps": torch.from_numpy(self.steps.copy()),
             "returns": torch.from_numpy(self.returns.copy()),
             "worlds": worlds,
-            "recent": recent,
-            "count": self.recent.count,
+            **self.recent.state_dict(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -64,8 +60,4 @@ class CodeEnvs:
         self.steps, self.returns = state["steps"].numpy().copy(), state["returns"].numpy().copy()
         worlds = {name: tensor.numpy() for name, tensor in state["worlds"].items()}
         self.codes = self.env.restore(worlds)
-        for name, column in state["recent"].items():
-            episodes = getattr(self.recent, name)
-            episodes.clear()
-            episodes.extend(column)
-        self.recent.count = state["count"]
+        self.recent.load_state_dict(state)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from marsexplorer.observation import DISPLACEMENTS
-from research.difference.__main__ import DATA, read_stored
+from research.difference.answers import DATA, read_stored
 from research.difference.design import Training
 from research.paper.figures.drawing import LINE_COLOUR, SAND, new_figure, plain, save
 from research.paper.jobs import read_lines

@@ -5,17 +5,23 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from marsexplorer.compat import make
-from research.difference.__main__ import read_records, table
+from marsexplorer.compat.env import KoutrasCodeVector
+from marsexplorer.training.envs import EVALUATION_SEEDS
+from research.difference.__main__ import main
 from research.difference.answers import (
     Interval,
     Record,
     effect_of,
     effect_of_passes,
+    read_records,
     sweeps,
+    table,
     verdict,
 )
+from research.difference.code_envs import CodeEnvs
 from research.difference.design import Training, combinations, full_passes, random_level
 from research.difference.picture import PANELS, VIDEOS, draw
 from research.paper.jobs import read_lines
@@ -112,6 +118,25 @@ def test_a_training_that_was_stopped_ends_as_one_that_was_not(world, tmp_path):
     (own,) = read_records(logs[:1]).values()
     assert len(own.result["actions"]) == 20
     assert own.result["coverage"] > 0
+
+
+def test_training_in_the_codes_world_refuses_the_terrains_kept_apart():
+    envs = CodeEnvs(KoutrasCodeVector(2, "videos", observation="uint8"), 0)
+    state = envs.state_dict()
+    state["worlds"]["seeds"][1] = EVALUATION_SEEDS.start
+    envs.load_state_dict(state)
+    with pytest.raises(ValueError, match=f"training met seed {EVALUATION_SEEDS.start}"):
+        envs.step(np.array([0, 2]))  # the first one leaves the grid
+
+
+def test_a_training_that_fails_fails_the_command(tmp_path):
+    for training in random_level():
+        checkpoint = tmp_path / training.name / "checkpoint.pt"
+        checkpoint.parent.mkdir()
+        checkpoint.write_bytes(b"no checkpoint")
+    outcome = CliRunner().invoke(main, ["--out", str(tmp_path), "--part", "random"])
+    assert outcome.exit_code == 1
+    assert outcome.output.count(" failed: ") == 3
 
 
 def test_the_paths_of_the_videos_are_played_in_the_codes_world():

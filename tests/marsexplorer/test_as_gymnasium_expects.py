@@ -98,6 +98,15 @@ def test_an_environment_is_copied_before_its_first_reset_too(way):
     assert env.reset(seed=3)[1]["terrain_seed"] == 3
 
 
+@pytest.mark.parametrize("way", COPIES)
+@pytest.mark.parametrize("bits", [np.random.PCG64, np.random.MT19937])
+def test_a_copy_has_random_numbers_of_its_own(way, bits):
+    env = gymnasium.make(ID).unwrapped
+    env.np_random = np.random.Generator(bits(3))
+    twin = COPIES[way](env)
+    assert [twin.np_random.random() for _ in range(3)] == [env.np_random.random() for _ in range(3)]
+
+
 @pytest.mark.alone
 @pytest.mark.parametrize("way", COPIES)
 def test_a_copy_takes_no_longer_than_planning_allows(way):

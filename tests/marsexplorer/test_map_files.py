@@ -169,6 +169,8 @@ def test_a_picture_that_is_not_read_names_those_that_are(tmp_path):
         read_occupancy(map_file(tmp_path, fractions, image="m.tif"))
     with pytest.raises(MapFileError, match=r"at most 64,000,000 pixels are read, got 9000 x 9000"):
         read_occupancy(map_file(tmp_path, b"P5\n9000 9000\n255\n", image="m.pgm"))
+    with pytest.raises(MapFileError, match=r"at most 64,000,000 pixels .* cut the map"):
+        read_occupancy(map_file(tmp_path, b"P5\n20000 20000\n255\n", image="m.pgm"))
 
 
 def test_thresholds_that_make_unknown_pixels_free_are_warned_of(tmp_path):

@@ -165,6 +165,14 @@ def test_a_map_that_would_be_complete_at_once_is_refused(tmp_path):
         read_map(saved(tmp_path, pixels, resolution=0.5))
 
 
+@pytest.mark.parametrize("cell", [None, 0.25])
+def test_a_start_on_a_map_without_a_free_cell_is_refused(tmp_path, cell):
+    with pytest.raises(
+        MapFileError, match=r"no cell of .* m is free; choose a smaller cell or less"
+    ):
+        read_map(saved(tmp_path, hall()), cell, inflation=5, start=(0, 0))
+
+
 def test_a_map_is_cut_to_what_is_known(tmp_path):
     pixels = np.full((4000, 4000), robot_maps.UNKNOWN)
     pixels[1900:2100, 1900:2150] = 1

@@ -170,6 +170,13 @@ def broken_onnx(kind, path, marker):
         graph.node.append(helper.make_node("Reshape", ["whole", "once"], ["shape"]))
         graph.node.append(helper.make_node("ConstantOfShape", ["shape"], ["planet"]))
         _output(graph, "planet")
+    elif kind == "a state as large as a planet":
+        huge = helper.make_tensor_value_info("state_h", TensorProto.FLOAT, [2**20, 2**20])
+        graph.input.append(huge)
+        graph.node.append(helper.make_node("Identity", ["state_h"], ["next_state_h"]))
+        graph.output.append(
+            helper.make_tensor_value_info("next_state_h", TensorProto.FLOAT, [2**20, 2**20])
+        )
     elif kind == "our own inputs in other shapes":
         model = onnx_model(names=("planes", "logits"))
         moves = helper.make_tensor_value_info("moves", TensorProto.FLOAT, [1, 4, 3])
@@ -256,6 +263,7 @@ BROKEN_ONNX = [
     "a tensor as large as a planet",
     "a product as large as a planet",
     "a tensor that grows with the board",
+    "a state as large as a planet",
     "our own inputs in other shapes",
     "any number of our boards in name alone",
 ]

@@ -129,6 +129,8 @@ def _put_weights_in(reading: _Reading) -> None:
         size = math.prod(tensor.dims) * helper.tensor_dtype_to_np_dtype(tensor.data_type).itemsize
         left -= size
         try:
+            if min(tensor.dims, default=0) < 0:
+                raise ValueError(f"have the shape {list(tensor.dims)}")
             if left < 0:
                 raise ValueError(f"take more than {LARGEST >> 20} MiB")
             tensor.raw_data = _weights_beside(reading.path, described, size)
@@ -373,6 +375,11 @@ def _shape(reading: _Reading, tensor: GraphEnd) -> tuple[tuple[int, int], int] |
             "flatten the rest in the module",
         )
         return None
+    if answers.size not in (None, size):
+        reading.complain(
+            f"--size {answers.size[0]}x{answers.size[1]} contradicts {tensor.words}",
+            "leave --size out",
+        )
     if not all(5 <= side <= 1024 for side in size):
         reading.complain(
             f"expected 5 to 1024 rows and cols, got {tensor.words}",

@@ -20,6 +20,7 @@ memory that it allocates on the way is bounded, and a model that asks for more i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from functools import cache
 from pathlib import Path
@@ -36,6 +37,9 @@ from marsexplorer.policies.files.model import Model, refuse
 
 MOST_MEMORY = 256 << 20
 """Bytes that all models of a process may take together while they run."""
+
+MOST_STATES = 1 << 20
+"""Numbers that all states of a model hold together at most."""
 
 PROBE = 21
 """Cells a side of the board that a model of open size is tried on."""
@@ -115,6 +119,9 @@ def load_imported(model: OnnxModel) -> ImportedPolicy:
     for name in states:
         if model.inputs[name][0] != "tensor(float)" or None in model.inputs[name][1]:
             raise model.refuse(f"{name} float32 of a fixed shape", str(model.inputs[name])[:60])
+    numbers = sum(math.prod(side or 1 for side in model.inputs[name][1]) for name in states)
+    if numbers > MOST_STATES:
+        raise model.refuse(f"at most {MOST_STATES:,} numbers in states", f"{numbers:,}")
     kind, shape = model.inputs["observation"]
     if kind not in ("tensor(float)", "tensor(uint8)"):
         raise model.refuse("observation float32 or uint8", kind)
@@ -146,12 +153,11 @@ class OnnxEvaluation:
 
     def begin(self) -> None:
         """Start an episode: forget the states."""
-        shapes = {
-            name: tuple(side or 1 for side in shape)
+        self._states = {
+            name: np.zeros(shape, np.float32)  # of no open side, which `load_imported` refuses
             for name, (_, shape) in self._model.inputs.items()
             if name.startswith("state_")
         }
-        self._states = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
         self._is_start = True
 
     def evaluate(

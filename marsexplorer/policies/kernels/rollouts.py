@@ -24,6 +24,8 @@ from marsexplorer.policies.kernels.prices import SCREEN, count_in_squares, forge
 from marsexplorer.policies.kernels.visibility import count_visible, word_and_bit
 
 MOST_CANDIDATES = 16
+MOST_MOVES = 4
+"""Moves for each cell at which an imagined drive is given up."""
 BLOCK = 8
 """Terrains that all candidates are tried on before those that fall behind are dropped."""
 APART = 2
@@ -240,7 +242,7 @@ def compare(real, trial, truths, samples, drop, rule, target, count, ways, lengt
     (known, counts, view), done_before, rover = real
     board, done, walker = trial
     squares = rule[5]
-    most = 4 * done.size
+    most = MOST_MOVES * done.size
     alive[:count] = 1
     used = 0
     while used < samples:

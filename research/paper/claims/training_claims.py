@@ -16,8 +16,7 @@ from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode, score
 from marsexplorer.intervals import Floats
 from marsexplorer.training.envs import EVALUATION_SEEDS
-from research.difference.__main__ import read_stored
-from research.difference.__main__ import table as difference_table
+from research.difference import answers
 from research.paper.algorithms import ALGORITHMS
 from research.paper.claims.results import (
     NOT_YET,
@@ -641,6 +640,7 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     "ablations": ablations,
     "became": became,
     "unfinished": unfinished,
-    "difference": lambda results: difference_table(read_stored()),
+    "difference in short": lambda results: answers.in_short(answers.read_stored()),
+    "difference": lambda results: answers.table(answers.read_stored()),
 }
 """Name of a drawn block of the document -> what draws it."""

@@ -13,7 +13,7 @@ from marsexplorer.episode import score
 from marsexplorer.intervals import t_interval
 from research.paper.algorithms import ALGORITHMS, begin
 from research.paper.claims import checks, page, settings_table, training_claims
-from research.paper.claims.claims import CLAIMS
+from research.paper.claims.claims import CLAIMS, FINDINGS
 from research.paper.claims.results import (
     FOLDER,
     NOT_REPRODUCED,
@@ -552,6 +552,10 @@ def test_a_file_that_holds_no_results_is_an_error_with_its_name(tmp_path):
     (tmp_path / "odd.jsonl").write_text('{"score": 1}\n')
     with pytest.raises(ValueError, match=r"odd\.jsonl is no file of trials"):
         read(tmp_path)
+
+
+def test_every_finding_is_a_claim():
+    assert set(CLAIMS) >= FINDINGS
 
 
 def test_every_verdict_is_one_of_those_that_there_are():

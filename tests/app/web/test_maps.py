@@ -120,3 +120,17 @@ def test_a_map_that_cannot_be_offered_is_named_before_the_server_starts(
     code, _, err = command(capsys, "serve", *where, *arguments)
     assert (code, said in err) == (1, True)
     assert not (tmp_path / "x.db").exists()
+
+
+@pytest.mark.parametrize("cell", [[], ["--cell=0.1"]])
+def test_a_map_whose_corridors_need_more_cells_than_a_board_has_is_to_be_cut(
+    tmp_path, capsys, cell
+):
+    cells = np.zeros((200, 200), bool)
+    cells[1::2] = True
+    cells[1::4, 0] = cells[3::4, -1] = False
+    path = write_map(tmp_path, "maze", cells, metres=0.1)
+    code, _, err = command(
+        capsys, "serve", "--port=0", f"--database={tmp_path / 'x.db'}", f"--map={path}", *cell
+    )
+    assert (code, "cut " in err, "leave --cell out" in err) == (1, True, False), err

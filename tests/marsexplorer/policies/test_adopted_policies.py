@@ -253,6 +253,25 @@ def test_weights_of_more_than_64_mib_are_refused_unread(tmp_path):
         adopt(tmp_path / "net.onnx", tmp_path / "added.onnx", EQ6, observations)
 
 
+def test_weights_of_a_negative_shape_are_refused_unread(tmp_path):
+    proto = model()
+    proto.graph.initializer[0].dims[0] = -1
+    onnx.external_data_helper.set_external_data(proto.graph.initializer[0], "w")
+    proto.graph.initializer[0].ClearField("raw_data")
+    (tmp_path / "net.onnx").write_bytes(proto.SerializeToString())
+    (tmp_path / "w").write_bytes(b"\0" * 100)
+    with pytest.raises(ComplaintsError, match=r"the weights of w have the shape \[-1, 4\]"):
+        adopt(tmp_path / "net.onnx", tmp_path / "added.onnx", EQ6, observations)
+
+
+@pytest.mark.parametrize("shape", [(1, ROWS, COLS), (1, 2, ROWS, COLS)])
+def test_a_size_that_contradicts_the_shape_is_refused(shape, tmp_path):
+    onnx.save(model(shape), tmp_path / "net.onnx")
+    answers = Answers("eq6", (COLS, ROWS), "newest", "zeros", acts="greedy")
+    with pytest.raises(ComplaintsError, match=r"--size 7x6 contradicts .*; leave --size out"):
+        adopt(tmp_path / "net.onnx", tmp_path / "added.onnx", answers, observations)
+
+
 @pytest.mark.parametrize("content", [b"", b"not a model", b"PK\x03\x04"])
 def test_what_is_no_model_is_refused_with_the_line_that_writes_one(content, tmp_path):
     (tmp_path / "net.onnx").write_bytes(content)

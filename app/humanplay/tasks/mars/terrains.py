@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from humanplay.task import Cause, Choice
 from humanplay.tasks.mars.messages import MAX_API_SIDE
-from marsexplorer.maps import GridMap, MapWarning, read_map
+from marsexplorer.maps import GridMap, MapFileError, MapWarning, read_map
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +100,19 @@ def _offered(path: Path, cell_m: float | None) -> tuple[str, Choice]:
     if max(rows, cols) > MAX_API_SIDE:
         raise ValueError(
             f"{path}: a board has at most {MAX_API_SIDE} cells a side, and this map has {rows}x{cols}; "
-            "leave --cell out, or give a larger one"
+            f"{_smaller_board(path)}"
         )
     return path.stem, Choice(
         grid_map.config(), None, GivenTerrain(grid_map.terrain, grid_map.start)
     )
+
+
+def _smaller_board(path: Path) -> str:
+    """The way out where a map in the cells that were asked for is too large for a board."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MapWarning)
+            read_map(path)
+    except MapFileError:  # larger cells leave nothing to explore
+        return "cut it into maps that are smaller"
+    return "leave --cell out, or give a larger one"
