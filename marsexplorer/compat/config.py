@@ -220,7 +220,8 @@ def _check(conf: Conf) -> None:
 
 def points_of_ray(conf: Conf) -> int:
     """The most cells of a ray: a line of its length enters no more than it crosses edges."""
-    return min(POINTS, 2 * ceil(conf["lidar_range"]) + 4)
+    crossed: int = 2 * ceil(conf["lidar_range"]) + 4
+    return min(POINTS, crossed)
 
 
 def _check_memory(conf: Conf) -> None:

@@ -153,11 +153,12 @@ class OnnxEvaluation:
 
     def begin(self) -> None:
         """Start an episode: forget the states."""
-        self._states = {
-            name: np.zeros(shape, np.float32)  # of no open side, which `load_imported` refuses
+        shapes = {  # without an open side, which `load_imported` refuses
+            name: [side for side in shape if side is not None]
             for name, (_, shape) in self._model.inputs.items()
             if name.startswith("state_")
         }
+        self._states = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
         self._is_start = True
 
     def evaluate(
