@@ -543,6 +543,8 @@ declare namespace Answers {
     right: boolean[] | null,
     /** what explains the wrong ones */
     why: string[] | null,
+    /** questions that come before anything else */
+    block: ShownBlock | null,
     warm_up: Count,
     ranked: Count,
     tutorial: Tutorial,
@@ -741,6 +743,54 @@ declare namespace Answers {
   type Shipped = {
     /** that made it */
     command: string,
+  };
+  /** Questions on one screen. */
+  type ShownBlock = {
+    name: string,
+    /** ranked episodes done, between sets; else 0 */
+    turn: number,
+    title: string,
+    intro: string,
+    can_be_skipped: boolean,
+    questions: ShownQuestion[],
+  };
+  /** A choice, at the place where it is shown. */
+  type ShownChoice = {
+    /** what is sent for it */
+    value: number,
+    text: string,
+  };
+  /** A question of a block; a field that its kind lacks is absent. */
+  type ShownQuestion = {
+    kind: "choice" | "several" | "likert" | "scale" | "number" | "text" | "statement",
+    name: string,
+    question: string,
+    /** it cannot be left out */
+    needed: boolean,
+    /** prefer not to say is offered: null is sent for it */
+    declinable: boolean,
+    /** of choice and several */
+    choices?: ShownChoice[] | null,
+    /** of likert: the statements */
+    rows?: string[] | null,
+    /** of likert: from one end to the other */
+    points?: string[] | null,
+    /** of scale: 0 to one less is sent */
+    steps?: number | null,
+    /** of scale: its low end */
+    low?: string | null,
+    /** of scale: its high end */
+    high?: string | null,
+    /** of number */
+    least?: number | null,
+    /** of number, and of text the characters */
+    most?: number | null,
+    /** of number */
+    whole?: boolean | null,
+    /** of number */
+    unit?: string | null,
+    /** of text: several lines */
+    long?: boolean | null,
   };
   /** Your ranked episodes among the volunteers'. */
   type Standing = {

@@ -43,6 +43,8 @@ export function createStudyApi(name) {
     consent: (version, agree, unfit = false) => ask("consent", { version, agree, unfit }),
     advance: (from) => ask("advance", { from }),
     answers: (answers) => ask("answers", { answers }),
+    block: (block, turn, answers) => ask("block", { block, turn, answers }),
+    skip: (block, turn) => ask("skip", { block, turn }),
     next: () => ask("next", {}),
     giveUp: (episode, step) => ask("give-up", { episode, step }),
     settings: (settings, signal) => ask("settings", settings, undefined, { keepalive: true, signal }),

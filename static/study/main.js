@@ -10,6 +10,7 @@ import { tabStore } from "../common/storage.js";
 import { forbidden, keyName, showTask } from "../common/task.js";
 import { announce, idle, isDialogOpen, keep, onEnter, pause, recordPauses } from "./actions.js";
 import { load, paintDebrief } from "./debrief.js";
+import { paintBlocks } from "./block.js";
 import { paintPages } from "./pages.js";
 import { paintPlayScreen } from "./play_screen.js";
 import { createSettings, createSettingsSync, PALETTES } from "./settings.js";
@@ -88,6 +89,7 @@ function begun({ episode }) {
 function paint(before) {
   const { participant, game } = painted = state;
   paintPages(before);
+  paintBlocks(before);
   if (participant && !before?.participant) paintKeys();
   const colours = look();
   paintPlayScreen(before, colours, keyOf);

@@ -2,6 +2,7 @@
 // only where it changed.
 import { many } from "../common/words.js";
 import { all, by, create, put } from "../common/page.js";
+import { chosenIn, fieldset, radios } from "./questions.js";
 import { screenOf } from "./state.js";
 import { dispatch, go, state, study } from "./store.js";
 import * as words from "./words.js";
@@ -93,7 +94,7 @@ export function paintPages(before) {
     if (participant && screen === "complete") paintComplete(participant);
     if (participant) paintEnding(participant, screen);
     if (screen === "problem") put(by("problem"), words.sentence(problem ?? ""));
-    by("open-leave").hidden = !participant || ["debrief", "complete", "withdrawn", "problem", "loading"].includes(screen);
+    by("open-leave").hidden = !participant || participant.ending !== null || ["debrief", "complete", "withdrawn", "problem", "loading"].includes(screen);
     show(screen);
   }
   if (participant && screen === "questions" && before?.participant !== participant) paintQuiz(participant);
@@ -110,13 +111,11 @@ let judged = null;
 
 /** @param {{question: string, choices: string[]}} each @param {number} number */
 function item({ question, choices }, number) {
-  const labels = choices.map((choice, value) =>
-    create("label", [create("input", [], { type: "radio", name: `q${number}`, value: String(value) }), choice]));
-  const verdict = create("p", [], { class: "verdict", id: `verdict-${number}`, hidden: "" });
-  return create("fieldset", [create("legend", `${number + 1}. ${question}`), ...labels, verdict], { "data-testid": `question-${number}` });
+  const labels = radios(`q${number}`, choices.map((text, value) => ({ value, text })));
+  return fieldset(String(number), `${number + 1}. ${question}`, labels);
 }
 /** @param {number} number @returns {number} -1 while nothing is chosen */
-const chosen = (number) => Number(/** @type {HTMLInputElement | null} */ (form.querySelector(`[name=q${number}]:checked`))?.value ?? -1);
+const chosen = (number) => Number(chosenIn(form, `q${number}`) ?? -1);
 
 form.addEventListener("submit", (event) => {
   event.preventDefault();

@@ -49,6 +49,7 @@ export function screenOf({ participant, game, passed, problem, looksBack }) {
   const { stage } = participant;
   const frame = game.player?.frame;
   if (frame && endsHere(participant) && (!frame.outcome || frame.episode !== passed)) return "play";
+  if (participant.block) return "block";
   if (stage === "tutorial" || stage === "warm_up" || stage === "ranked") return stage === "ranked" && participant.break_due ? "break" : "ready";
   return stage === "complete" && looksBack ? "debrief" : stage;
 }
@@ -64,7 +65,7 @@ export function knowsTheEnd({ participant, game }) {
 
 /** Return whether the next episode follows at once: the same stage goes on and no break is due.
  * @param {Study.Participant} participant */
-export const goesOn = (participant) => participant.stage === participant.phase && !participant.break_due;
+export const goesOn = (participant) => participant.stage === participant.phase && !participant.break_due && !participant.block;
 
 /** Return a timer that counts from the last press. The clock is an argument, so that node can test it.
  * @param {() => number} now_ms */

@@ -3,6 +3,12 @@
 declare namespace Study {
   type Stage = "consent" | "instructions" | "tutorial" | "questions" | "warm_up" | "ranked" | "debrief"
     | "complete" | "withdrawn";
+  /** What is sent for a question of a block; null: prefer not to say. */
+  type Sent = null | boolean | number | string | (number | null)[];
+  type Kind = {
+    draw(question: Answers.ShownQuestion, sent: Sent | undefined): HTMLElement[],
+    read(question: Answers.ShownQuestion, root: HTMLElement): Sent | undefined,
+  };
   type Phase = "tutorial" | "warm_up" | "ranked";
   type PaletteName = "mars" | "colour-blind" | "high-contrast";
   type Settings = {modality: "keyboard" | "touch", palette: PaletteName, keys: Keys};
@@ -18,7 +24,7 @@ declare namespace Study {
   type Look = {palette: PaletteName, inks: Inks, accent: string, rival: string, font: string};
   type Choices = Settings & {pad: boolean};
   type Replay = {index: number, runs: {own: Course | null, policy: Course | null}, playback: Playback};
-  type Screen = "loading" | "problem" | "ready" | "break" | "play" | "consent" | "instructions" | "questions"
+  type Screen = "loading" | "problem" | "block" | "ready" | "break" | "play" | "consent" | "instructions" | "questions"
     | "debrief" | "complete" | "withdrawn";
   /** Game: the board, the connection and the notices: the playground's own state without a rival; problem: one sentence when
    * the study cannot be taken part in; passed: the finished episode whose end card was passed by; isPaused: the board waits
@@ -35,6 +41,7 @@ declare namespace Study {
     show(): Promise<Answers.Study>,
     join(outside_ids: Record<string, string | string[]>, invitation: string | null): Asked, me(): Asked,
     consent(version: string, agree: boolean, unfit?: boolean): Asked, advance(from: Stage): Asked, answers(answers: number[]): Asked,
+    block(block: string, turn: number, answers: Record<string, Sent>): Asked, skip(block: string, turn: number): Asked,
     next(): Asked, giveUp(episode: string, step: number): Asked,
     /** The request outlives the page; the signal ends it. */
     settings(settings: Settings, signal: AbortSignal): Asked, supervise(code: string): Asked, withdraw(erase: boolean): Asked,

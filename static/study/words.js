@@ -5,6 +5,7 @@ import { many } from "../common/words.js";
  * @param {Study.Participant} participant @param {boolean} isPlaying while an episode runs its number counts as begun */
 export function progress(participant, isPlaying) {
   const { stage, questions, task } = participant;
+  if (participant.block && !isPlaying) return "Questions";
   const part = stage === "warm_up" || stage === "ranked" ? participant[stage] : null;
   const name = stage === "ranked" ? "Ranked" : "Warm-up";
   if (part) return isPlaying ? `${name}: ${task.round} ${Math.min(part.of, part.done + 1)} of ${part.of}` : `${name}: ${part.done} of ${part.of} done`;
@@ -64,10 +65,10 @@ export function endCard(frame, participant) {
 }
 
 /** @param {Frame} frame @param {string} advice of the task after a practice drive @param {Study.Participant} participant */
-function endNote({ score: scored }, advice, { phase, stage, rules, task }) {
+function endNote({ score: scored }, advice, { phase, stage, rules, task, block }) {
   if (phase === "tutorial") return advice;
   if (phase === "warm_up") return stage === "ranked" ? `That was the last ${task.round} of the warm-up.` : `Fewer moves to ${rules.coverage} are better. This one does not count.`;
-  return stage === "debrief" ? `That was the last ${task.round}. Now you will see how you did.` : scored === null ? "Its score is kept for the end." : "";
+  return stage === "debrief" ? `That was the last ${task.round}. ${block ? "Some questions follow, then you will see how you did." : "Now you will see how you did."}` : scored === null ? "Its score is kept for the end." : "";
 }
 
 /** @param {Study.Participant} participant @param {Study.Participant["phase"]} phase */

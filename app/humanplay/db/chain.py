@@ -100,6 +100,7 @@ class _Part:
 
 
 _BETWEEN = "episode_id = :id AND number >= :first AND number < :until ORDER BY number"
+_ANSWER = "block, turn, question"
 _EVENTS = _Part("input_events", _BETWEEN)
 _STEPS = _Part("steps", "episode_id = :id AND step >= :first_move ORDER BY step")
 _PARTS: dict[Kind, tuple[_Part, ...]] = {
@@ -123,6 +124,8 @@ _PARTS: dict[Kind, tuple[_Part, ...]] = {
         _Part("participants", "id = :id"),
         _Part("stage_events", "participant_id = :id ORDER BY number"),
         _Part("identities", "participant_id = :id ORDER BY name"),
+        _Part("answers", f"participant_id = :id ORDER BY {_ANSWER}, part"),
+        _Part("free_texts", f"participant_id = :id ORDER BY {_ANSWER}"),
         _Part("players", "id = (SELECT player_id FROM participants WHERE id = :id)"),
     ),
 }

@@ -231,7 +231,8 @@ def _erase_rows(conn: sqlite3.Connection, person: Participant, asked_by: AskedBy
     entries = _entries_of(conn, person, sessions)
     stored = {each: chain.unsound_hash(conn, each.kind, each.id) for each in entries if keeps}
     unsound = {each: hash_ for each, hash_ in stored.items() if hash_}
-    conn.execute("DELETE FROM identities WHERE participant_id = ?", [person.id])
+    for table in ("identities", "answers", "free_texts"):
+        conn.execute(f"DELETE FROM {table} WHERE participant_id = ?", [person.id])
     new = _rename(conn, person) if keeps else {}
     of_session = "SELECT id FROM episodes WHERE session_id = ?"
     episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]

@@ -22,7 +22,16 @@ from humanplay.db.playground import MOVES
 from humanplay.db.reader import ATTESTED, TRIAL, Reader
 from humanplay.db.rows import ErasedPerson, MoveTime, NotedArrivals, Phase, PlayerSettings
 from humanplay.db.store import Store
-from humanplay.db.study_rows import ORDER_EVENT, Participant, SeriesRow, Stage, StageEventRow
+from humanplay.db.study_rows import (
+    BLOCK_EVENT,
+    ORDER_EVENT,
+    AnswerRow,
+    FreeTextRow,
+    Participant,
+    SeriesRow,
+    Stage,
+    StageEventRow,
+)
 from humanplay.db.trial import DAILY, Trial
 
 STUDY_TRIAL = f"{TRIAL}, x.participant_id AS participant, p.kind, x.phase, x.trial, x.terrain AS terrain_index"
@@ -185,6 +194,33 @@ class StudyStore:
         """Add an event to those of a participant."""
         with self._changing(participant_id):
             self._add(participant_id, at_ms, kind, detail)
+
+    def note_block(
+        self,
+        participant_id: str,
+        at_ms: int,
+        detail: Mapping[str, object],
+        answers: Sequence[AnswerRow] = (),
+        texts: Sequence[FreeTextRow] = (),
+    ) -> None:
+        """Note that a block was answered or skipped, with the answers."""
+        with self._changing(participant_id):
+            self._conn.executemany(TABLES["answers"].insert(), answers)
+            self._conn.executemany(TABLES["free_texts"].insert(), texts)
+            self._add(participant_id, at_ms, BLOCK_EVENT, detail)
+
+    def blocks_done(self, participant_id: str) -> set[tuple[str, int]]:
+        """Return the name and the turn of each block that a participant has answered or skipped."""
+        sql = """SELECT json_extract(detail, '$.block'), json_extract(detail, '$.turn') FROM stage_events
+            WHERE participant_id = ? AND kind = ?"""
+        return set(self._conn.execute(sql, (participant_id, BLOCK_EVENT)).fetchall())
+
+    def has_answered(self, participant_id: str, question: str, answers: Sequence[int]) -> bool:
+        """Whether a participant's last answer to a question is one of these."""
+        sql = """SELECT answer FROM answers WHERE participant_id = ? AND question = ?
+            ORDER BY answered_ms DESC, turn DESC LIMIT 1"""
+        row = self._conn.execute(sql, (participant_id, question)).fetchone()
+        return row is not None and row[0] in answers
 
     def set_stage(
         self, participant_id: str, at_ms: int, stage: Stage, **columns: str | int

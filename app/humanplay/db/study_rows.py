@@ -14,6 +14,8 @@ Stage = Literal[
     "consent", "instructions", "tutorial", "questions", "warm_up", "ranked", "debrief", "complete", "withdrawn"
 ]  # fmt: skip
 SeriesKind = Literal["study", "daily"]
+BLOCK_EVENT = "block"
+"""Kind of the stage event of a block that was answered or skipped: its `block`, its `turn`, and whether it was `skipped`."""
 ORDER_EVENT = "order"
 """Kind of the stage event whose detail holds the `number` that fixes a participant's order of the
 ranked terrains."""
@@ -80,6 +82,29 @@ class Participant:
     settings: str
     invitation: str | None = None
     supervised_ms: int | None = None
+
+
+class AnswerRow(NamedTuple):
+    """A number that answers a part of a question; None: prefer not to say."""
+
+    participant_id: str
+    block: str
+    turn: int
+    question: str
+    part: int
+    answer: float | None
+    place: int | None
+    answered_ms: int
+
+
+class FreeTextRow(NamedTuple):
+    """What somebody wrote in answer to a question; None: prefer not to say."""
+
+    participant_id: str
+    block: str
+    turn: int
+    question: str
+    words: str | None
 
 
 class StageEventRow(NamedTuple):

@@ -10,6 +10,7 @@ from humanplay.board.sources import Sources
 from humanplay.db.rows import PlayerSettings
 from humanplay.db.series import StudyStore
 from humanplay.db.study_rows import Participant
+from humanplay.study.asking import due_blocks
 from humanplay.study.flow import STOPPED
 from humanplay.study.folder import Folder, Study, StudyError
 
@@ -38,7 +39,7 @@ class StudyParticipation:
         """Return whether the episode is ranked and the participant has not come to the debrief."""
         found = self._study_store.phase_and_stage(episode_id)
         phase, stage = found or ("", "")
-        return phase == "ranked" and stage not in ("debrief", "complete")
+        return phase == "ranked" and (stage not in ("debrief", "complete") or self._is_asked())
 
     def is_secret(self, episode_id: str) -> bool:
         """Whether the episode is a ranked one of a study that is not closed."""
@@ -91,6 +92,12 @@ class StudyParticipation:
     def supervised_ms(self) -> tuple[int, ...]:
         """Return when the operator's code was typed for the participant; empty when it never was."""
         return self._study_store.supervised_ms(self._participant.id)
+
+    def _is_asked(self) -> bool:
+        """Whether questions come before the debrief, which no score is to colour."""
+        participant = self._study_store.participant(self._participant.id)
+        trials = self._study_store.trials(participant.id)
+        return bool(due_blocks(self._study_store, self._study(), participant, trials))
 
     def _study(self) -> Study:
         try:

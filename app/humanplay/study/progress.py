@@ -23,6 +23,7 @@ from humanplay.db.rows import Phase
 from humanplay.db.series import StudyStore, add_series
 from humanplay.db.study_rows import Participant, Stage, is_same_study
 from humanplay.db.trial import Trial
+from humanplay.study.asking import DueBlock, break_due, due_blocks, skip, store_answers
 from humanplay.study.closing import give_up_left, left_open, note_closed
 from humanplay.study.flow import INTERRUPTED
 from humanplay.study.folder import Folder, Study
@@ -30,11 +31,12 @@ from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import Ending, ending, outcome_of, read_texts
 from humanplay.study.participation import CLOSED_MESSAGE, Participations, StageError
 from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from humanplay.study.questions import Sent
 from humanplay.study.recruitment import Arrival, Recruitment, supervise
 from humanplay.study.seeds import TUTORIAL_SEED
 from humanplay.task import counted, on_threads
 
-__all__ = ["NotJoinedError", "ParticipantProgress", "StageError", "break_due"]
+__all__ = ["NotJoinedError", "ParticipantProgress", "StageError"]
 
 _log = logging.getLogger(__name__)
 NOT_HERE = "the study {!r} cannot be played on this server now; tell whoever invited you"
@@ -232,6 +234,7 @@ class ParticipantProgress:
             at = f"you are at {_describe(participant.stage)}, not at {_describe(stage)}"
             raise StageError(f"{at}; nothing has changed")
         trials = self.study_store.trials(participant.id)
+        self._check_asked(self.study(name), participant, trials)
         if stage == "tutorial" and not any(trial.ended_ms for trial in trials):
             raise StageError("play the tutorial to its end first, or give it up")
         self.study_store.set_stage(participant.id, self._now(), _AFTER[stage])
@@ -241,14 +244,14 @@ class ParticipantProgress:
         study, participant = self._at(name, player_id, "questions")
         questions = study.protocol.questions
         if len(answers) != len(questions):
-            each = f"one choice for each of {counted(len(questions), 'question')}"
-            raise ValueError(f"answers must hold {each}, got {len(answers)}")
+            expected = f"one choice for each of {counted(len(questions), 'question')}"
+            raise ValueError(f"answers must hold {expected}, got {len(answers)}")
+        right = []
         for number, (choice, question) in enumerate(zip(answers, questions, strict=True)):
-            if choice >= len(question.choices):
-                most = len(question.choices) - 1
-                raise ValueError(f"answer {number} must be 0 to {most}, got {choice}")
-        pairs = zip(answers, questions, strict=True)
-        right = [choice == question.answer for choice, question in pairs]
+            try:
+                right.append(question.is_right(choice))
+            except ValueError as error:
+                raise ValueError(f"answer {number} {error}") from error
         with self.lobby.store.transaction():
             self.study_store.add_stage_event(
                 participant.id, self._now(), "answers", {"answers": list(answers), "right": right}
@@ -260,6 +263,29 @@ class ParticipantProgress:
                 failed = Outcome.FAILED_QUESTIONS
                 self.study_store.withdraw(participant, self._now(), outcome=failed)
         return right
+
+    def answer_block(
+        self, name: str, player_id: str | None, block: str, turn: int, answers: Mapping[str, Sent]
+    ) -> None:
+        """Store the answers to the block that is due; ValueError where an answer is none."""
+        participant, due = self._due(name, player_id, block, turn)
+        store_answers(self.study_store, participant.id, due[0], answers, self._now())
+
+    def skip_blocks(self, name: str, player_id: str | None, block: str, turn: int) -> None:
+        """Skip the block that is due, and all that follow it before the debrief."""
+        participant, due = self._due(name, player_id, block, turn)
+        if due[0].block.at != "after":
+            raise StageError(
+                f"the block {block!r} cannot be skipped: leave out what need not be answered, or choose prefer not to say"
+            )
+        with self.lobby.store.transaction():
+            skip(self.study_store, participant.id, due, self._now())
+
+    def due_blocks(
+        self, study: Study, participant: Participant, trials: Sequence[Trial]
+    ) -> list[DueBlock]:
+        """Return the blocks of questions that come before anything else, in order."""
+        return due_blocks(self.study_store, study, participant, trials)
 
     def tries_left(self, study: Study, participant: Participant) -> int | None:
         """How often a participant may still answer the questions; None where that has no limit."""
@@ -361,10 +387,28 @@ class ParticipantProgress:
         trials = self.study_store.trials(participant.id)
         if any(trial.ended_ms is None for trial in trials):
             return None
+        self._check_asked(study, participant, trials)
         phase: Phase = participant.stage  # type: ignore[assignment]  # checked by _at
         trial = sum(each.phase == phase for each in trials)
         where = self._terrain(study, participant, phase, trial)
         return study, participant, trials, phase, trial, *where
+
+    def _due(
+        self, name: str, player_id: str | None, block: str, turn: int
+    ) -> tuple[Participant, list[DueBlock]]:
+        """Return who asks and the blocks that are due; StageError where another one, or none, is the first."""
+        study, participant = self._at(name, player_id)
+        due = self.due_blocks(study, participant, self.study_store.trials(participant.id))
+        if not due or (due[0].block.name, due[0].turn) != (block, turn):
+            now = f"the questions {due[0].block.title!r}" if due else "no questions of a block"
+            raise StageError(f"{now} are asked now, and not {block!r}; nothing has changed")
+        return participant, due
+
+    def _check_asked(self, study: Study, participant: Participant, trials: Sequence[Trial]) -> None:
+        if due := self.due_blocks(study, participant, trials):
+            raise StageError(
+                f"the questions {due[0].block.title!r} come first; nothing has changed"
+            )
 
     def _note_withdrawal(self, participant_id: str, erase: bool) -> None:
         """Withdraw a participant as they are now; StageError when they are at the end already."""
@@ -428,7 +472,7 @@ class ParticipantProgress:
         return found or self.lobby.new_board(participant.player_id, own)
 
     def _note_break(self, study: Study, participant: Participant, trials: Sequence[Trial]) -> None:
-        if break_due(study, participant, trials):
+        if break_due(study.protocol, participant, trials):
             length = self._now() - (trials[-1].ended_ms or 0)
             done = sum(trial.phase == "ranked" for trial in trials)
             detail = {"after": done, "length_ms": length}
@@ -448,14 +492,6 @@ class ParticipantProgress:
 
     def _now(self) -> int:
         return self._sources.clock_ms()
-
-
-def break_due(study: Study, participant: Participant, trials: Sequence[Trial]) -> bool:
-    """Return whether a break is offered now: after every `break_every` ranked episodes, until the next one begins."""
-    ranked = [trial for trial in trials if trial.phase == "ranked"]
-    has_ended = bool(ranked) and ranked[-1].ended_ms is not None
-    is_due = has_ended and len(ranked) % study.protocol.break_every == 0
-    return is_due and participant.stage == "ranked"
 
 
 def _describe(stage: str) -> str:

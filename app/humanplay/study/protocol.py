@@ -13,8 +13,7 @@ from dataclasses import asdict
 from typing import Annotated, Literal
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
+    BeforeValidator,
     Field,
     SerializerFunctionWrapHandler,
     StrictBool,
@@ -30,6 +29,8 @@ from humanplay.board.messages import describe_errors
 from humanplay.db.trial import Required
 from humanplay.study.outcome import Outcome
 from humanplay.study.platforms import PLATFORMS, PlatformName
+from humanplay.study.questions import Block, Line, Part, Question, check_blocks
+from humanplay.study.shipped_questions import with_shipped
 from humanplay.study.texts import consent
 from humanplay.task import Configuration, Environment
 from humanplay.task.registration import DEFAULT_TASK, environment_of
@@ -38,7 +39,6 @@ from marsexplorer.intervals import FEWEST
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
 
-Line = Annotated[str, Field(min_length=1, max_length=300)]
 Rule = Literal[
     "completed", "all_ranked_driver_human", "most_given_up", "no_labels", "max_pause_share"
 ]
@@ -81,35 +81,11 @@ class DraftStudyError(StudyError):
     """The study has not been frozen yet."""
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Consent(_Part):
+class Consent(Part):
     """What a participant agrees to: paragraphs are split by blank lines, and a new text is a new version."""
 
     version: str = Field(default="1", min_length=1, max_length=40)
     text: str = Field(min_length=1, max_length=20_000)
-
-
-class Question(_Part):
-    """One that shows whether the instructions were understood.
-
-    answer   the index of the right choice
-    why      what a participant who chose another one reads before trying again
-    """
-
-    question: Line
-    choices: tuple[Line, ...] = Field(min_length=2, max_length=8)
-    answer: int = Field(ge=0)
-    why: str = Field(default="", max_length=500)
-
-    @model_validator(mode="after")
-    def _answer_is_a_choice(self) -> Question:
-        if self.answer >= len(self.choices):
-            known = f"the index of a choice, 0 to {len(self.choices) - 1}"
-            raise ValueError(f"answer must be {known}, got {self.answer}")
-        return self
 
 
 Declared = Annotated[str, Field(max_length=2_000)]
@@ -125,7 +101,7 @@ def asked(question: str) -> str:
     return Field(default="", description=question)
 
 
-class Declarations(_Part):
+class Declarations(Part):
     """What only the authors know of their study, said before anybody plays; a draft may leave texts empty.
 
     The descriptions are the questions of `study new` and the table of docs/study.md.
@@ -159,7 +135,7 @@ class Declarations(_Part):
         return [name for name, text in self if _NO_ANSWER.fullmatch(text)]
 
 
-class Power(_Part):
+class Power(Part):
     """What a study can see, by simulated studies with its assumptions.
 
     policy_better  share (0..1) of studies that see a policy which is better by `policy_difference`; None: none is tested
@@ -184,7 +160,7 @@ class Power(_Part):
 Money = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 
 
-class Payment(_Part):
+class Payment(Part):
     """What people are paid, in one currency.
 
     base      who finishes gets it from the platform
@@ -234,7 +210,7 @@ class Payment(_Part):
         return self.each > 0
 
 
-class Protocol(_Part):
+class Protocol(Part):
     """A study's protocol.
 
     task                 what is played: mars, or gymnasium: with an id or a description as JSON
@@ -249,6 +225,7 @@ class Protocol(_Part):
     max_paused_s         for how many seconds in all it may
     max_late             share (0..1) of its ticks that may come more than a frame late; beyond, it is labelled
     device               with which people may take part; a computer is one whose browser has a mouse or the like
+    blocks               of questions about people, in the order of where they stand; a name is that of a shipped block
     question_tries       at the questions, after which they are over; None: as many as are wanted
     platform             from which people come; `code`: from none, and a code is drawn for each person
     outside_ids          parameters of the link that are kept; the first one names the person
@@ -292,6 +269,9 @@ class Protocol(_Part):
     max_late: float = Field(default=ClockLimits.late, ge=0, le=1, allow_inf_nan=False)
     consent: Consent
     questions: tuple[Question, ...] = Field(max_length=20)
+    blocks: Annotated[tuple[Block, ...], BeforeValidator(with_shipped)] = Field(
+        default=(), max_length=20
+    )
     device: Literal["any", "computer"] = "any"
     question_tries: int | None = Field(default=None, ge=2, le=20)
     platform: PlatformName = "code"
@@ -362,6 +342,12 @@ class Protocol(_Part):
         if len(set(given)) < len(given):
             raise ValueError(f"outside_ids must differ from each other, got {', '.join(given)}")
         return given
+
+    @field_validator("blocks")
+    @classmethod
+    def _blocks_follow_each_other(cls, blocks: tuple[Block, ...]) -> tuple[Block, ...]:
+        check_blocks(blocks)
+        return blocks
 
     @model_validator(mode="after")
     def _panel_names_people(self) -> Protocol:

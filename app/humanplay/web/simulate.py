@@ -7,6 +7,7 @@ one of them; `simulate` lets many take part side by side.
 from __future__ import annotations
 
 import json
+import math
 import random
 import secrets
 import ssl
@@ -286,10 +287,19 @@ class Participant:
         while not all(right := self.call("answers", {"answers": choices})["right"]):
             choices = [each + (not is_right) for each, is_right in zip(choices, right, strict=True)]
 
+    def answer_block(self) -> None:
+        """Answer every question of the block that is due, at random."""
+        block = self.where["block"]
+        draws = random.Random(f"{self.where['participant']}|{block['name']}|{block['turn']}")
+        answers = {asked["name"]: _answer_to(asked, draws) for asked in block["questions"]}
+        self.call("block", {"block": block["name"], "turn": block["turn"], "answers": answers})
+
     def take_step(self) -> None:
         """Do what is next where the participant stands, a whole episode at most."""
         stage, has_practised = self.where["stage"], self.where["tutorial"]["done"]
-        if stage == "consent":
+        if self.where["block"] is not None:
+            self.answer_block()
+        elif stage == "consent":
             self.call("consent", {"version": self.where["consent"]["version"], "agree": True})
         elif stage == "questions":
             self.answer_questions()
@@ -298,6 +308,22 @@ class Participant:
         elif stage in ("tutorial", "warm_up", "ranked"):
             self.call("next")
             self.play()
+
+
+def _answer_to(question: dict[str, Any], draws: random.Random) -> object:
+    """Return an answer to a question, as a page sends it."""
+    kind = question["kind"]
+    if kind == "choice":
+        return draws.choice(question["choices"])["value"]
+    if kind == "several":
+        return [choice["value"] for choice in question["choices"] if draws.random() < 0.5]
+    if kind == "likert":
+        return [draws.randrange(len(question["points"])) for _ in question["rows"]]
+    if kind == "scale":
+        return draws.randrange(question["steps"])
+    if kind == "number":
+        return draws.randint(math.ceil(question["least"]), math.floor(question["most"]))
+    return True if kind == "statement" else "A synthetic player has no words."
 
 
 def _content(answer: httpx.Response) -> dict[str, Any]:

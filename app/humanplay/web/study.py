@@ -16,12 +16,14 @@ from humanplay.board.messages import PRINTABLE, Message
 from humanplay.board.participation import RefusedError
 from humanplay.db.study_rows import Participant, participant_label
 from humanplay.db.trial import Trial
+from humanplay.study.asking import DueBlock, break_due
 from humanplay.study.debrief import NoTerrainError, Shown, own_trial
 from humanplay.study.folder import Study
 from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import Ending
-from humanplay.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
+from humanplay.study.progress import NotJoinedError, ParticipantProgress, StageError
 from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from humanplay.study.questions import shown
 from humanplay.study.recruitment import Arrival, supervised_until_ms
 from humanplay.study.templates import placeholder_values
 from humanplay.task import describe
@@ -108,6 +110,25 @@ class Answers(Message):
     """The index of the choice for each question."""
 
     answers: list[Annotated[int, Field(ge=0)]] = Field(max_length=20, examples=[[0, 1, 1]])
+
+
+class AskedBlock(Message):
+    """The block of questions that is on the page."""
+
+    block: str = Field(max_length=40)
+    turn: int = Field(default=0, ge=0)
+
+
+Choices = Annotated[list[Annotated[int, Field(ge=0)] | None], Field(max_length=40)]
+
+
+class BlockAnswers(AskedBlock):
+    """Answers by the name of their question: what is left out is not answered, null is "prefer not to say"."""
+
+    answers: dict[
+        Annotated[str, Field(max_length=40)],
+        bool | int | float | Annotated[str, Field(max_length=5000)] | Choices | None,
+    ] = Field(max_length=40, examples=[{"age": 34, "gender": 1, "skills": [3, 4, 2]}])
 
 
 class OperatorCode(Message):
@@ -209,7 +230,10 @@ class Asking:
             participant = progress.participant(self.name, self.player)
             if participant.stage not in ("debrief", "complete"):
                 raise StageError("the debrief comes after the last ranked round")
-            return study, progress.study_store.trials(participant.id)
+            trials = progress.study_store.trials(participant.id)
+            if progress.due_blocks(study, participant, trials):
+                raise StageError("the debrief comes after the questions")
+            return study, trials
 
         with answering_study_errors():
             return await progress.lobby.store.read(read)
@@ -226,19 +250,21 @@ async def participant_state(request: Request, study: Study, participant: Partici
     """Return where a participant stands: all that the page needs."""
     progress, protocol = services_of(request).progress, study.protocol
 
-    def read() -> tuple[list[Trial], str | None, Ending | None, int | None]:
+    def read() -> tuple[list[Trial], str | None, Ending | None, int | None, list[DueBlock]]:
         ending = progress.ending(study, participant)
+        trials = progress.study_store.trials(participant.id)
         return (
-            progress.study_store.trials(participant.id),
+            trials,
             _note(progress, study, participant, ending),
             ending,
             progress.tries_left(study, participant),
+            progress.due_blocks(study, participant, trials),
         )
 
-    trials, note, ending, tries_left = await progress.lobby.store.read(read)
+    trials, note, ending, tries_left, due = await progress.lobby.store.read(read)
     ended = [trial.phase for trial in trials if trial.ended_ms is not None]
     session, debrief = await progress.session(participant), None
-    if participant.stage in ("debrief", "complete"):
+    if participant.stage in ("debrief", "complete") and not due:
         debrief = await services_of(request).debriefs.summary(study, participant, trials)
     values, questions = placeholder_values(protocol), protocol.questions
     chosen = {"modality": None, "palette": "mars", "keys": None}
@@ -254,10 +280,11 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "device": protocol.device,
         "right": None,
         "why": None,
+        "block": shown(due[0].block, participant.id, due[0].turn) if due else None,
         "warm_up": {"done": ended.count("warm_up"), "of": protocol.warm_up},
         "ranked": {"done": ended.count("ranked"), "of": protocol.ranked},
         "tutorial": {"done": "tutorial" in ended},
-        "break_due": break_due(study, participant, trials),
+        "break_due": break_due(protocol, participant, trials),
         "can_be_erased": not protocol.keep_episodes_when_forgotten,
         "pause_after_s": protocol.pause_after_s,
         "rules": {name: values[name] for name in RULES if name in values},
@@ -408,6 +435,19 @@ async def answers(asks: AskingOf, given: Answers) -> State:
     questions = asks.progress.study(asks.name).protocol.questions
     why = ["" if each else question.why for each, question in zip(right, questions, strict=True)]
     return {**await asks.state(), "right": right, "why": why}
+
+
+@router.post("/{name}/block", response_model=Participation, summary="Answer a block of questions")
+async def answer_block(asks: AskingOf, given: BlockAnswers) -> State:
+    """Store the answers to the block that stands under `block`: nothing goes on before it is answered, or skipped."""
+    answered = given.block, given.turn, given.answers
+    return await asks.after(asks.write(asks.progress.answer_block, *answered))
+
+
+@router.post("/{name}/skip", response_model=Participation, summary="Skip the last questions")
+async def skip_blocks(asks: AskingOf, asked: AskedBlock) -> State:
+    """Skip all blocks that are left before the debrief; one that stands elsewhere cannot be skipped."""
+    return await asks.after(asks.write(asks.progress.skip_blocks, asked.block, asked.turn))
 
 
 @router.post("/{name}/next", response_model=Participation, summary="Begin the next episode")

@@ -59,6 +59,45 @@ class Question(Answer):
     choices: list[str]
 
 
+class ShownChoice(Answer):
+    """A choice, at the place where it is shown."""
+
+    value: int = described("what is sent for it")
+    text: str
+
+
+class ShownQuestion(Answer):
+    """A question of a block; a field that its kind lacks is absent."""
+
+    kind: Literal["choice", "several", "likert", "scale", "number", "text", "statement"]
+    name: str
+    question: str
+    needed: bool = described("it cannot be left out")
+    declinable: bool = described("prefer not to say is offered: null is sent for it")
+    choices: list[ShownChoice] | None = absent("of choice and several")
+    rows: list[str] | None = absent("of likert: the statements")
+    points: list[str] | None = absent("of likert: from one end to the other")
+    steps: int | None = absent("of scale: 0 to one less is sent")
+    low: str | None = absent("of scale: its low end")
+    high: str | None = absent("of scale: its high end")
+    least: float | None = absent("of number")
+    most: float | None = absent("of number, and of text the characters")
+    whole: bool | None = absent("of number")
+    unit: str | None = absent("of number")
+    long: bool | None = absent("of text: several lines")
+
+
+class ShownBlock(Answer):
+    """Questions on one screen."""
+
+    name: str
+    turn: int = described("ranked episodes done, between sets; else 0")
+    title: str
+    intro: str
+    can_be_skipped: bool
+    questions: list[ShownQuestion]
+
+
 class Count(Answer):
     """How many episodes of a stage are over."""
 
@@ -131,6 +170,7 @@ class Participation(Answer):
     device: str = described("any or computer: with which people may take part")
     right: list[bool] | None = described("which of the answers just given were right")
     why: list[str] | None = described("what explains the wrong ones")
+    block: ShownBlock | None = described("questions that come before anything else")
     warm_up: Count
     ranked: Count
     tutorial: Tutorial
