@@ -5,7 +5,7 @@ from contextlib import closing
 
 import pytest
 
-from tests.app.study.test_questions import ALL_KINDS, block
+from tests.app.study.test_questions import block
 from tests.browser.test_study_page import RIGHT, Participant
 from tests.support.browser import AS_A_PERSON, NO_3D, SIZES, judged, keep_picture
 from tests.support.study import freeze

@@ -137,6 +137,16 @@ JOIN episodes e ON e.id = v.episode_id
 JOIN series_episodes s ON s.episode_id = e.id
 ORDER BY e.started_ms, e.id, v.number;
 
+-- table: answers
+SELECT participant_id AS participant, block, turn, question, part, answer, place, answered_ms
+FROM answers
+ORDER BY participant_id, block, turn, question, part;
+
+-- table: free_texts
+SELECT participant_id AS participant, block, turn, question, words
+FROM free_texts
+ORDER BY participant_id, block, turn, question;
+
 -- table: policy_episodes
 SELECT
   policy,

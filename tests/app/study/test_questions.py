@@ -16,7 +16,8 @@ ALL_KINDS = [
     {"kind": "choice", "name": "hand", "question": "Which hand?", "needed": True, "choices": ["left", "right"]},
     {"kind": "choice", "name": "colour", "question": "Which colour?", "ordered": False, "choices": list("abcdefgh")},
     {"kind": "several", "name": "devices", "question": "Which devices?", "choices": ["phone", "pad", "watch"]},
-    {"kind": "likert", "name": "mood", "question": "How much?", "needed": True, "rows": ["calm", "awake"], "points": ["no", "so so", "yes"]},
+    {"kind": "likert", "name": "mood", "question": "How much?", "needed": True, "rows": ["calm", "awake"],
+      "points": ["no", "so so", "yes"]},
     {"kind": "scale", "name": "load", "question": "How hard?", "steps": 21, "low": "not", "high": "very"},
     {"kind": "number", "name": "hours", "question": "How long?", "least": 1, "most": 24, "unit": "hours"},
     {"kind": "text", "name": "town", "question": "Where?", "most": 20},
@@ -38,6 +39,11 @@ def ask(name, **rest):
     """A choice in a block of its own."""
     question = {"kind": "choice", "name": f"{name}_q", "question": "Yes?", "choices": ["no", "yes"]}
     return block(name, questions=[question], **rest)
+
+
+def only(question, answer):
+    """The condition that a question was answered so."""
+    return {"question": question, "answers": [answer]}
 
 
 def rows(database, sql):
@@ -157,11 +163,13 @@ def test_every_kind_is_stored_as_numbers_or_as_text(asking, database):
 
 
 def test_the_browser_sees_no_right_answer_and_no_rule(asking):
-    hidden = {"question": "hand", "answers": [1]}
+    hidden = only("hand", 1)
     person = asking(block(), ask("more", at="before", shown_if=hidden))
     agree(person)
     text = str(person.where)
-    assert "attention" not in text and "shown_if" not in text and "'answer'" not in text
+    assert "attention" not in text
+    assert "shown_if" not in text
+    assert "'answer'" not in text
     kinds = {each["name"]: each["kind"] for each in person.where["block"]["questions"]}
     assert kinds["look"] == kinds["hand"] == "choice"
 
@@ -228,7 +236,7 @@ def test_whoever_prefers_not_to_say_has_answered(asking, database):
 
 
 def test_a_block_is_shown_by_one_earlier_answer(asking):
-    condition = {"question": "first_q", "answers": [1]}
+    condition = only("first_q", 1)
     first = asking(ask("first", at="before"), ask("more", at="before", shown_if=condition))
     for answer, then in ((1, "more"), (0, None), (None, None)):
         person = first if answer == 1 else Person(first.server)
@@ -243,8 +251,8 @@ def test_a_block_is_shown_by_one_earlier_answer(asking):
     [
         ([ask("a", at="before"), ask("a", at="after")], "no two blocks can be called 'a'"),
         ([block("a"), block("b")], "no two questions can be called"),
-        ([ask("a", at="before", shown_if={"question": "b_q", "answers": [1]}), ask("b", at="after")], "no choice of a block before"),
-        ([ask("a", at="before"), ask("b", at="after", shown_if={"question": "a_q", "answers": [2]})], "answers 0 to 1 of 'a_q', got 2"),
+        ([ask("a", at="before", shown_if=only("b_q", 1)), ask("b", at="after")], "no choice of a block before"),
+        ([ask("a", at="before"), ask("b", at="after", shown_if=only("a_q", 2))], "answers 0 to 1 of 'a_q', got 2"),
         ([ask("a", at="sometimes")], "at"),
         (["nasa"], "no block is shipped as 'nasa'"),
     ],
@@ -291,7 +299,8 @@ def test_an_answer_that_is_changed_in_the_database_no_longer_fits_the_chain(
     with closing(sqlite3.connect(database)) as conn, conn:
         conn.execute(change)
     code, out, err = command(capsys, "verify", "--database", database)
-    assert code == 1 and "participant" in out + err
+    assert code == 1
+    assert "participant" in out + err
 
 
 @pytest.mark.parametrize("keeps", [False, True])
