@@ -29,6 +29,7 @@ from websockets.sync.connection import Connection
 from humanplay.db.store import SLOW, WAITS
 from humanplay.task import Configuration, Environment
 from humanplay.task.registration import environment_of
+from humanplay.web.answers.studies import ShownQuestion
 
 Frame = dict[str, Any]
 
@@ -291,7 +292,8 @@ class Participant:
         """Answer every question of the block that is due, at random."""
         block = self.where["block"]
         draws = random.Random(f"{self.where['participant']}|{block['name']}|{block['turn']}")
-        answers = {asked["name"]: _answer_to(asked, draws) for asked in block["questions"]}
+        questions = [ShownQuestion.model_validate(question) for question in block["questions"]]
+        answers = {question.name: _answer_to(question, draws) for question in questions}
         self.call("block", {"block": block["name"], "turn": block["turn"], "answers": answers})
 
     def take_step(self) -> None:
@@ -310,20 +312,24 @@ class Participant:
             self.play()
 
 
-def _answer_to(question: dict[str, Any], draws: random.Random) -> object:
+def _answer_to(question: ShownQuestion, draws: random.Random) -> object:
     """Return an answer to a question, as a page sends it."""
-    kind = question["kind"]
-    if kind == "choice":
-        return draws.choice(question["choices"])["value"]
-    if kind == "several":
-        return [choice["value"] for choice in question["choices"] if draws.random() < 0.5]
-    if kind == "likert":
-        return [draws.randrange(len(question["points"])) for _ in question["rows"]]
-    if kind == "scale":
-        return draws.randrange(question["steps"])
-    if kind == "number":
-        return draws.randint(math.ceil(question["least"]), math.floor(question["most"]))
-    return True if kind == "statement" else "A synthetic player has no words."
+    values = [choice.value for choice in question.choices or ()]
+    match question.kind:
+        case "choice":
+            return draws.choice(values)
+        case "several":
+            return [value for value in values if draws.random() < 0.5]
+        case "likert":
+            return [draws.randrange(len(question.points or ())) for _ in question.rows or ()]
+        case "scale":
+            return draws.randrange(question.steps or 1)
+        case "number":
+            least, most = question.least or 0, question.most or 0
+            return draws.randint(math.ceil(least), math.floor(most))
+        case "statement":
+            return True
+    return "A synthetic player has no words."
 
 
 def _content(answer: httpx.Response) -> dict[str, Any]:
