@@ -2,6 +2,8 @@
 // and what cannot be kept holds until the page is left.
 
 const PROBE = "humanplay.probe";
+/** Where a tab keeps the newest episode that tries another again. */
+export const TRIED = "humanplay.tried";
 
 /** @param {() => globalThis.Storage} open reading it may throw already @returns {Store} */
 export function createStore(open) {

@@ -5,9 +5,10 @@ import { paintChart } from "../common/chart.js";
 import { ticks, tickText } from "../common/chart_scale.js";
 import { all, boardColours, by, chartColours, create, put } from "../common/page.js";
 import { browserStore } from "../common/storage.js";
+import { tryHash } from "../play/address.js";
 import { loadTask, showTask } from "../common/task.js";
 import { many, percent, score } from "../common/words.js";
-import { bestText, dailyText, gapsText, isFinished, kindText, puzzlesText, standingText, summary } from "./words.js";
+import { bestText, dailyText, gapsText, idleIn, idleText, isFinished, kindText, puzzlesText, standingText, summary } from "./words.js";
 
 /** @type {Task} */
 let task;
@@ -135,22 +136,37 @@ async function compare() {
 /** How many of the newest replays stand there as pictures. */
 const PICTURES = 6;
 
-/** Draw the newest episodes as small pictures that lead to their replays.
+/** How many positions to try from stand there, and the fewest moves without anything new that make one. */
+const POSITIONS = 3, IDLE_MOVES = 6;
+
+/** Draw a board as a small picture that leads somewhere.
+ * @param {Element} list @param {Course} run @param {number} step @param {string} href @param {(Node | string)[]} says */
+function addPicture(list, run, step, href, says) {
+  const place = create("div", create("canvas", [], { role: "img" }), { class: "matrix" });
+  list.append(create("li", create("a", [place, create("span", says)], { href })));
+  const part = /** @type {HTMLElement} */ (list.closest("section"));
+  part.hidden = false;
+  const side = place.clientWidth;
+  const { you } = boardColours(document.documentElement);
+  task.paint(place, task.boardAt(run, step), { name: "You", accent: you, width_px: side, height_px: side, dpr: devicePixelRatio || 1 });
+  /** @type {HTMLElement} */ (place.firstElementChild).setAttribute("aria-hidden", "true");
+}
+
+/** Draw the newest episodes as pictures that lead to their replays, and positions of them from which to try again.
  * @param {Answers.OwnEpisode[]} episodes the newest first */
 async function paintPictures(episodes) {
-  const { you } = boardColours(document.documentElement);
+  const [pictures, positions] = [by("pictures"), by("positions")];
   for (const episode of episodes) {
-    if (by("pictures").children.length === PICTURES) return;
-    const replay = await api.replay(episode.episode).catch(() => null);
+    if (pictures.children.length === PICTURES) return;
+    const id = episode.episode;
+    const replay = await api.replay(id).catch(() => null);
     if (!replay) continue; // today's terrain, or one of another version
-    const place = create("div", create("canvas", [], { role: "img" }), { class: "matrix" });
-    const says = `${resultOf(episode)}, ${episode.place}`;
-    const link = create("a", [place, create("span", says)], { href: `replay/${encodeURIComponent(episode.episode)}` });
-    by("pictures").append(create("li", link));
-    by("replays").hidden = false;
-    const side = place.clientWidth;
-    task.paint(place, task.boardAt(replay.run, replay.run.actions.length), { name: "You", accent: you, width_px: side, height_px: side, dpr: devicePixelRatio || 1 });
-    /** @type {HTMLElement} */ (place.firstElementChild).setAttribute("aria-hidden", "true");
+    const { run } = replay;
+    addPicture(pictures, run, run.actions.length, `replay/${encodeURIComponent(id)}`, [`${resultOf(episode)}, ${episode.place}`]);
+    if (positions.children.length === POSITIONS) continue;
+    const idle = idleIn([...Array(run.actions.length + 1).keys()].map((step) => task.progressAt(run, step)));
+    if (idle.moves < IDLE_MOVES || (await api.episode(id)).seed === null) continue;
+    addPicture(positions, run, idle.after, `./${tryHash(id, idle.after)}`, [create("b", "Try from here"), ` ${idleText(idle)}`]);
   }
 }
 

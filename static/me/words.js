@@ -91,3 +91,18 @@ export function puzzlesText({ day, puzzles }, answered) {
   const state = done ? `${done} of ${puzzles.length} answered today` : "not answered today";
   return withStreak(state, streak(answered, day, puzzles.length));
 }
+
+/** Return the longest way without anything new, but for the last moves to the end.
+ * @param {number[]} progress 0..1 before the first move and after each @returns {Me.Idle} after how many moves it begins */
+export function idleIn(progress) {
+  let longest = { after: 0, moves: 0 }, after = 0;
+  progress.forEach((share, step) => {
+    if (share === progress[after]) return;
+    if (step - 1 - after > longest.moves) longest = { after, moves: step - 1 - after };
+    after = step;
+  });
+  return longest;
+}
+
+/** @param {Me.Idle} idle @returns {string} what stands below a position to try from */
+export const idleText = ({ after, moves }) => `after ${many(after, "move")}: then ${many(moves, "move")} showed nothing new`;

@@ -47,6 +47,17 @@ export const challengedIn = (hash) => /^#challenge=([\w-]{4,64})$/.exec(hash)?.[
 /** @param {string} episode @returns the end of the address that challenges to it */
 export const challengeHash = (episode) => `#challenge=${encodeURIComponent(episode)}`;
 
+/** @typedef {{episode: string, moves: number}} Tried */
+
+/** @param {string} hash @returns {Tried | null} the finished episode that an address tries again, and after how many of its moves */
+export function triedIn(hash) {
+  const [, episode, moves] = /^#try=([\w-]{4,64}):([0-9]{1,5})$/.exec(hash) ?? [];
+  return episode ? { episode, moves: Number(moves) } : null;
+}
+
+/** @param {string} episode @param {number} moves @returns the end of the address that tries it again */
+export const tryHash = (episode, moves) => `#try=${encodeURIComponent(episode)}:${moves}`;
+
 /** @typedef {{session: string, index: number}} Entry */
 
 /** @param {unknown} state of the browser's history @returns {Entry | null} */

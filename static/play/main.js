@@ -338,7 +338,11 @@ async function loadPlayed() {
   if (!task.parts) return;
   const { createCosts } = await loadLater(task.parts.costs);
   parts.costs = createCosts({ part: card.part, canvas: panels.player.canvas, chart, state: () => state, load: api.costs,
-    tryFrom: (...how) => sessions.tryFrom(...how), storage: tabStore, onChange: () => repaint(true) });
+    storage: tabStore, onChange: () => repaint(true),
+    tryFrom(moves) {
+      const { mode, player } = state;
+      if (player) sessions.tryFrom({ episode: player.frame.episode, moves }, mode === "practice" ? player.session : null);
+    } });
   repaint(true);
 }
 

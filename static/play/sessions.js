@@ -2,7 +2,8 @@
 import { ApiError } from "../common/api.js";
 import { put } from "../common/page.js";
 import { many } from "../common/words.js";
-import { challengedIn, challengeHash, queryOf } from "./address.js";
+import { TRIED } from "../common/storage.js";
+import { challengedIn, challengeHash, queryOf, triedIn } from "./address.js";
 
 /** @param {Play.Wish | null} wish null where the task leaves nothing to be chosen @param {number | null} [seed] */
 function terrainOf(wish, seed = wish?.seed ?? null) {
@@ -80,9 +81,14 @@ export async function findBoard({ api, hash, entry, asked, start, storage, watch
       note(`This challenge cannot be opened: ${error.message} This is a board of your own.`);
     }
   }
-  if (asked && !entry && !challenged && !isAsked(about, asked)) {
+  const tried = entry ? null : triedIn(hash);
+  const isNew = asked && !entry && !challenged && !isAsked(about, asked);
+  if (tried || isNew) {
     const open = await api.mySession(); // an address drops no ranked episode
     if (open && isUnfinished({ mode: open.kind, counts: open.counts, player: open })) return { about: open, isNewest: true };
+  }
+  if (tried) return { about: null, isNewest: false, tried };
+  if (isNew) {
     try {
       return { about: await start(asked), isNewest: false, isAsked: true };
     } catch (error) {
@@ -101,8 +107,8 @@ async function opponentOf(api, { challenges, frame }) {
   return { episode: frame.episode, course: run.name === "You" ? { ...run, name: "Your replay" } : run };
 }
 
-/** A board, whether it is the newest of the player's, and whether the address has asked for it.
- * @typedef {{about: About | null, isNewest: boolean, isAsked?: boolean}} Found */
+/** A board, whether it is the newest of the player's, and whether the address has asked for it; or what is tried again.
+ * @typedef {{about: About | null, isNewest: boolean, isAsked?: boolean, tried?: import("./address.js").Tried}} Found */
 
 /** Return whether a board is what an address asks for.
  * @param {About | null} about @param {import("./address.js").Asked} asked */
@@ -164,6 +170,30 @@ export function createSessions({ api, wish, dispatch, storage, place, onBegun })
   }
   /** @param {Mode} mode @param {Play.Wish | null} [chosen] */
   const start = (mode, chosen = wish()) => once(async () => begin(await api.createSession(sessionWish(mode, chosen)), chosen));
+  /** Begin the terrain of the player's finished episode once more, in practice, and make its first moves again.
+   * @param {import("./address.js").Tried} tried @param {string | null} [session] of a board in practice; null opens one
+   * @returns whether it has begun */
+  async function tryFrom({ episode: finished, moves }, session = null) {
+    let hasBegun = false;
+    await once(async () => {
+      const { level, rows, cols, seed, actions, outcome, steps } = await api.episode(finished);
+      if (seed === null) throw new ApiError("This terrain was not drawn from a seed, so it cannot be tried again.", 422);
+      const terrain = { level, size: rows === cols ? rows : /** @type {[number, number]} */ ([rows, cols]), seed };
+      const about = await (session ? api.nextEpisode(session, terrain)
+        : api.createSession({ ...terrain, player: "human", rival: wish()?.rival }));
+      const { frame: { episode } } = about;
+      const before = about.task.successes.includes(outcome) ? steps : null;
+      storage.setItem(TRIED, JSON.stringify({ episode, move: moves + 1, before }));
+      again = { episode, moves };
+      hasBegun = true;
+      await begin(about, wishOf(about));
+      for (const [step, action] of actions.slice(0, moves).entries()) {
+        await api.act(about.session, { episode, step, action }).catch((error) => { again.moves = 0; throw error; });
+      }
+      note(`Practice from move ${moves + 1}: the moves before it are made again, and the next one is yours. Nothing counts here.`);
+    });
+    return hasBegun;
+  }
   return {
     start,
     /** Take up a challenge, once more where it was taken up before.
@@ -171,7 +201,8 @@ export function createSessions({ api, wish, dispatch, storage, place, onBegun })
     challenge: (challenges) => once(async () => begin(await api.createSession({ challenges }), null)),
     /** Go on with a board of one's own, or begin one.
      * @param {Found} found */
-    async resume({ about, isNewest, isAsked: isWanted }) {
+    async resume({ about, isNewest, isAsked: isWanted, tried }) {
+      if (tried && await tryFrom(tried)) return undefined;
       if (!about) return start(wish()?.level ? "practice" : "ranked");
       await begin(about, isWanted ? undefined : wishOf(about));
       if (isNewest && about.counts && about.frame.step > 0 && !about.frame.outcome) note("You are back in your ranked episode, where you left it.");
@@ -196,23 +227,7 @@ export function createSessions({ api, wish, dispatch, storage, place, onBegun })
       const chosen = wish();
       await begin(await api.nextEpisode(session, seed === null ? {} : terrainOf(chosen && { ...chosen, map: null }, seed))); // a map stays when nothing is said
     }),
-    /** Begin the terrain of the player's finished episode once more, in practice, and make its first moves again.
-     * @param {GameState} state @param {number} moves @param {(episode: string) => void} onBegun with the new episode */
-    tryFrom: ({ mode, player }, moves, onBegun) => once(async () => {
-      if (!player) return;
-      const { level, rows, cols, seed, actions } = await api.episode(player.frame.episode);
-      const terrain = { level, size: rows === cols ? rows : /** @type {[number, number]} */ ([rows, cols]), seed };
-      const about = await (mode === "practice" ? api.nextEpisode(player.session, terrain)
-        : api.createSession({ ...terrain, player: "human", rival: wish()?.rival }));
-      const { session, frame: { episode } } = about;
-      onBegun(episode);
-      again = { episode, moves };
-      await begin(about, wishOf(about));
-      for (const [step, action] of actions.slice(0, moves).entries()) {
-        await api.act(session, { episode, step, action }).catch((error) => { again.moves = 0; throw error; });
-      }
-      note(`Practice from move ${moves + 1}: the moves before it are made again, and the next one is yours. Nothing counts here.`);
-    }),
+    tryFrom,
     /** @param {Frame} frame @returns whether first moves of its episode are still to be made again */
     isMadeAgain: ({ episode, step }) => episode === again.episode && step < again.moves,
     /** Show a policy on the terrain of a finished ranked episode, once unless asked again. The player need not wait for it.

@@ -1,5 +1,6 @@
 """The daily page and the page of one's own episodes in a real browser: one story, from nothing to the result."""
 
+import re
 from contextlib import closing
 
 import pytest
@@ -170,6 +171,12 @@ def test_the_page_of_ones_own_episodes_heals_and_shows_each_once(serve, player, 
     before = page.evaluate(CURVE)
     page.get_by_test_id("theme").click()
     eventually(lambda: page.evaluate(CURVE)["drawn"] != before["drawn"])
+    position = page.get_by_test_id("positions").get_by_role("link").first
+    made = int(re.search(r"after (\d+) move", position.inner_text())[1])
+    position.click()
+    me.wait(f"window.playground.state.player.frame.step === {made}")
+    assert (me.state("mode"), me.state("counts")) == ("practice", False)
+    page.get_by_text(f"Practice from move {made + 1}").wait_for()
     assert me.errors == []
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from humanplay.board.sources import Sources
 from marsexplorer import policies
-from tests.support.browser import KEY_OF, NO_3D
+from tests.support.browser import KEY_OF, NO_3D, keep_picture
 
 WAYS = ("east", "south", "west", "north")
 
@@ -130,10 +130,10 @@ def test_help_opens_by_button_and_by_key_and_says_what_everything_is(serve, play
     dialog = page.get_by_test_id("help-dialog")
     dialog.wait_for()
     text = dialog.inner_text()
-    words = ("Rules", "Score", "Who is Expert?", "Koutras", "rock", "Play ranked", "Enter")
+    words = ("Rules", "Score", "Who is Expert?", "rock", "Play ranked", "Enter")
     assert all(word in text for word in words)
     links = {link.get_attribute("href") for link in dialog.get_by_role("link").all()}
-    assert links >= {"about", "leaderboard", "docs", "daily", "study"}
+    assert links >= {"about", "about#policies", "leaderboard", "docs", "daily", "study"}
     page.keyboard.press(KEY_OF["east"])
     page.keyboard.press("Escape")
     dialog.wait_for(state="hidden")
@@ -141,6 +141,14 @@ def test_help_opens_by_button_and_by_key_and_says_what_everything_is(serve, play
     page.get_by_test_id("open-help").click()
     page.get_by_test_id("close-help").click()
     dialog.wait_for(state="hidden")
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.get_by_test_id("open-help").click()
+    keep_picture(page, "help-390")
+    assert dialog.evaluate("part => part.scrollHeight <= part.clientHeight"), "one screen"
+    dialog.get_by_role("link", name="Who is Expert?").click()
+    page.get_by_text("is a small neural network").wait_for()
+    page.go_back()
+    me.wait("window.playground.state.link === 'open'")
     me.press("east" if me.state()["grid"][0][1] == "." else "south")
     assert me.errors == []
 

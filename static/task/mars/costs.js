@@ -1,12 +1,11 @@
 // The end card's question: where did I lose moves? The answers stand in a list, on the board and on the chart; each can be tried again.
 import { ApiError } from "../../common/api.js";
 import { create, put } from "../../common/page.js";
+import { TRIED } from "../../common/storage.js";
 import { restOf, sentenceOf, summaryOf, triedText } from "./cost_words.js";
 import { chartMarkAt, numberAt, paintOnCurve, placeOnCurve } from "./mistake_marks.js";
 
 const ASK = "Where did I lose moves?";
-/** Where the newest episode that tries another again is kept. */
-const TRIED = "humanplay.tried";
 
 /** @param {Mars.Board} board @param {Mars.Mistake} mistake @returns {Mars.Board} a board as it was known before a mistake */
 export function boardBefore(board, { step, grid, position, discovered, previous }) {
@@ -16,11 +15,11 @@ export function boardBefore(board, { step, grid, position, discovered, previous 
 }
 
 /**
- *   tryFrom   begins the same terrain in practice and makes the first moves of the episode once more
+ *   tryFrom   begins the same terrain in practice and makes so many moves of the episode once more
  *   storage   of this tab: what is tried again, and what it came to before
  * @param {{part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, chart: HTMLElement,
- *   state: () => GameState, load: (episode: string) => Promise<Answers.Costs>, tryFrom: (state: GameState, step: number,
- *   onBegun: (episode: string) => void) => void, storage: Store, onChange: () => void}} how part of the player's panel, whose matrix is `canvas` */
+ *   state: () => GameState, load: (episode: string) => Promise<Answers.Costs>, tryFrom: (moves: number) => void,
+ *   storage: Pick<Store, "read">, onChange: () => void}} how part of the player's panel, whose matrix is `canvas` */
 export function createCosts({ part, canvas, chart, state, load, tryFrom, storage, onChange }) {
   const playerOf = () => /** @type {Mars.Board | null} */ (state().player);
   /** @type {string | null} the episode whose moves are shown or asked for */
@@ -100,10 +99,7 @@ export function createCosts({ part, canvas, chart, state, load, tryFrom, storage
       const again = create("button", "Try from here", { type: "button", class: "quiet", "aria-label": `Try from here: move ${mistake.step + 1}` });
       const item = create("li", [choose, again]);
       choose.addEventListener("click", () => pin(index));
-      again.addEventListener("click", () => {
-        const before = playerOf()?.frame;
-        tryFrom(state(), mistake.step, (begun) => storage.setItem(TRIED, JSON.stringify({ episode: begun, move: mistake.step + 1, before: before?.outcome === "explored" ? before.step : null })));
-      });
+      again.addEventListener("click", () => tryFrom(mistake.step));
       item.addEventListener("pointerenter", (event) => { if (event.pointerType === "mouse") point(index); });
       item.addEventListener("pointerleave", (event) => { if (event.pointerType === "mouse") point(null); });
       item.addEventListener("focusin", () => { if (choose.matches(":focus-visible") || again.matches(":focus-visible")) point(index); });

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
 import { MARS } from "../task/mars/about.mjs";
-import { bestText, dailyText, gapsText, isFinished, kindText, personalText, puzzlesText, standingText, summary } from "../../../static/me/words.js";
+import { bestText, dailyText, gapsText, idleIn, idleText, isFinished, kindText, personalText, puzzlesText, standingText, summary } from "../../../static/me/words.js";
 
 const task = taskOf(MARS);
 const best = { place: "Scattered 21 \u00d7 42", max_steps: 882, episodes: 4, successes: 3, best: null, people: { means: [80, 90.5, 120], you: 90.5, ranked: 5, missing: 0 } };
@@ -76,4 +76,10 @@ test("the daily terrain and the puzzles say how today stands, and the days in a 
   assert.equal(puzzlesText(today, null), "not answered today");
   assert.equal(puzzlesText(today, { "2026-03-01": chosen, "2026-03-02": chosen.slice(1) }), "2 of 3 answered today");
   assert.equal(puzzlesText(today, { "2026-03-01": chosen, "2026-03-02": chosen }), "3 of 3 answered today, 2 days in a row");
+});
+
+test("the longest way that showed nothing new is where one would drive on otherwise", () => {
+  assert.deepEqual(idleIn([0.1, 0.2, 0.2, 0.3, 0.3, 0.3, 0.4, 0.4, 0.4, 0.4]), { after: 3, moves: 2 });
+  assert.deepEqual(idleIn([0.1, 0.2]), { after: 0, moves: 0 });
+  assert.equal(idleText({ after: 1, moves: 12 }), "after 1 move: then 12 moves showed nothing new");
 });

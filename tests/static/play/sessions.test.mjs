@@ -78,6 +78,25 @@ test("a link that challenges stands for the board on which it was taken up, else
   assert.deepEqual(untold.done, ["begun", "#challenge=e000", "notice"]);
 });
 
+test("an address tries an episode again from one of its moves, but drops no ranked one", async () => {
+  const [acts, kept] = [[], { "humanplay.session": "s1" }];
+  const episode = async () => ({ level: "random", rows: 7, cols: 9, seed: 3, actions: ["east", "south", "east"], outcome: "explored", steps: 3 });
+  const createSession = async ({ size, seed, player }) => ({ ...about(`${player}-${size}-${seed}`), task: { successes: ["explored"] } });
+  const api = { episode, createSession, about: async () => about("s1"), mySession: async () => null, act: async (session, move) => { acts.push([session, move]); } };
+  const begun = restored({ hash: "#try=e000:2", kept, api });
+  await begun.restore();
+  assert.deepEqual(begun.done, ["begun", "#watch=human-7,9-3-watch", "notice"]);
+  assert.deepEqual(acts.map(([session, { step, action }]) => [session, step, action]), [["human-7,9-3", 0, "east"], ["human-7,9-3", 1, "south"]]);
+  assert.deepEqual(JSON.parse(kept["humanplay.tried"]), { episode: "human-7,9-3-episode", move: 3, before: 3 });
+  const ranked = { ...about("s2"), kind: "ranked", counts: true, frame: { episode: "e", step: 4, outcome: null } };
+  const open = restored({ hash: "#try=e000:2", api: { ...api, mySession: async () => ranked } });
+  await open.restore();
+  assert.deepEqual(open.done, ["begun", "?mode=ranked#watch=s2-watch", "notice"], "it goes on");
+  const given = restored({ hash: "#try=e000:2", api: { ...api, episode: async () => ({ seed: null }) } });
+  await given.restore();
+  assert.deepEqual(given.done, ["notice", "begun", "#watch=human-21-undefined-watch"]);
+});
+
 test("an answer that does not come begins no board, which would abandon a ranked episode", async () => {
   for (const status of [0, 503]) {
     let asked = 0;
