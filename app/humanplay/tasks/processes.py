@@ -39,8 +39,7 @@ from multiprocessing.reduction import recv_handle, send_handle
 from pathlib import Path
 from typing import Any, NoReturn
 
-from humanplay import held
-from humanplay.jobs import give_way
+from humanplay.jobs import give_way, held
 
 STEP_CPU_S = 2.0
 """Seconds of processor from one yield of a worker to the next."""

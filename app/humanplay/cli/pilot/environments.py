@@ -6,11 +6,11 @@ from pathlib import Path
 
 import gymnasium
 
-from humanplay import held
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.names import importable_name
 from humanplay.cli.pilot.recreation import recreated
 from humanplay.cli.settings import named_task
+from humanplay.jobs import held
 
 EXPECTED = (
     "expected an environment of Gymnasium, a class or function that makes one, an id, or a file"

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import gymnasium
 
-from humanplay import held
 from humanplay.cli.pilot.environments import task_of
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.links import check_place, in_notebook, shared_address, show
 from humanplay.cli.pilot.plays import Plays
 from humanplay.cli.pilot.recreation import COMPARED
 from humanplay.cli.pilot.running import RunningServer
+from humanplay.jobs import held
 
 MOST_PEOPLE = 1000
 _open: list[Plays] = []

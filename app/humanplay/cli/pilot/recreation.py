@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import gymnasium
 from gymnasium.envs.registration import EnvSpec
 
-from humanplay import held
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.names import importable_name
+from humanplay.jobs import held
 from humanplay.tasks.gymnasium.codes import ActionCodes, allowed_in
 from humanplay.tasks.gymnasium.description import (
     CATALOGUE,

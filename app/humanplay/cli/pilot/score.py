@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from humanplay import held
 from humanplay.cli.pilot.episodes import Counted, Pilot, State, only_task, read
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.plays import Plays
 from humanplay.cli.pilot.policies import played_score
 from humanplay.db.playground import LeftOut
+from humanplay.jobs import held
 from humanplay.report.statistics.comparisons import quotient_interval
 from humanplay.report.statistics.formatting import number, percent
 from humanplay.report.statistics.intervals import Interval, estimate

@@ -14,12 +14,12 @@ from contextlib import closing, suppress
 from multiprocessing.connection import Connection
 from threading import Thread
 
-from humanplay import held
 from humanplay.board.sources import PlayerTokens, Sources
 from humanplay.cli.pilot.running import Answer, Request
 from humanplay.db import names
 from humanplay.db.database import StoreError
 from humanplay.db.store import Store
+from humanplay.jobs import held
 from humanplay.web.people import likeness
 from humanplay.web.server import ServerError, run
 from humanplay.web.settings import Settings

@@ -19,8 +19,8 @@ import gymnasium
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from humanplay import held
 from humanplay.board.messages import KEY_CODES
+from humanplay.jobs import held
 from humanplay.tasks.gymnasium.codes import ActionCodes
 from humanplay.tasks.gymnasium.modules import imported, module_of_file, owners_of, source_hash
 from humanplay.tasks.gymnasium.values import two_of

@@ -23,13 +23,12 @@ from collections import Counter, deque
 from collections.abc import Callable, Hashable
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from importlib import import_module
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
-from humanplay import held
+from humanplay.jobs import held
 
 IDLE_S = 60.0
 """Seconds after which a worker without a job ends and gives back its memory."""
@@ -433,15 +432,3 @@ def give_way(nice: int) -> None:
             return
         else:
             return
-
-
-def _main() -> None:
-    """Be a worker process: `python -m humanplay.jobs DESCRIPTOR NICE`."""
-    give_way(int(sys.argv[2]))
-    work(Connection(int(sys.argv[1])))
-
-
-if __name__ == "__main__":
-    import_module(
-        "humanplay.jobs"
-    )._main()  # so that its classes are those that the other end knows
