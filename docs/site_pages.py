@@ -20,7 +20,6 @@ from marsexplorer.policies import begin, load
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {
-    "readme.md": "README.md",
     "contributing.md": "CONTRIBUTING.md",
     "changelog.md": "CHANGELOG.md",
 }

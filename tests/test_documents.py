@@ -49,7 +49,7 @@ def test_every_block_of_python_runs(path, tmp_path, monkeypatch):
 
 
 DOCUMENTS = [
-    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
+    *(ROOT / name for name in ("README.md", "AGENTS.md", "CONTRIBUTING.md", "SECURITY.md")),
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "data").rglob("README.md")),
     *sorted((ROOT / "research").rglob("README.md")),
@@ -265,7 +265,7 @@ def test_the_site_builds_without_a_warning_and_asks_nobody_else(tmp_path):
     pages = {path.name: path.read_text() for path in (tmp_path / "site").glob("*.html")}
     assert {
         "index.html",
-        "readme.html",
+        "playing.html",
         "tutorial.html",
         "reference.html",
         "examples.html",
@@ -279,7 +279,7 @@ def test_the_site_builds_without_a_warning_and_asks_nobody_else(tmp_path):
         words for text in pages.values() for words in re.findall(r"<a [^>]*>([^<]*)</a>", text)
     ]
     assert [words for words in links if words.endswith(".md")] == []
-    assert 'href="study.html"' in pages["readme.html"]
+    assert 'href="architecture.html"' in pages["contributing.html"]
     assert "--board-ground: #" in (tmp_path / "site/colours.css").read_text()
     for name, text in pages.items():
         assert not re.findall(
