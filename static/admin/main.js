@@ -4,7 +4,7 @@ import { by, create, put } from "../common/page.js";
 import { loadTask } from "../common/task.js";
 import { many } from "../common/words.js";
 import { createLive, MAX_BOARDS } from "./live.js";
-import { paintOutcomes, paintPayments, typedTexts } from "./payments.js";
+import { keepPaymentsOf, paintOutcomes, paintPayments, typedTexts } from "./payments.js";
 import * as tables from "./tables.js";
 import { ago, attention, exportText, invitationCounts, RECRUITMENT, summary } from "./words.js";
 
@@ -27,6 +27,7 @@ function enter(isIn) {
   clearTimeout(timer);
   state = { ...state, overview: null, study: null };
   live.sync([]);
+  paintPayments("", null);
   password.focus();
 }
 
@@ -115,6 +116,7 @@ function paintStudy(study, task, overview) {
   tables.paintPeople(by("people", HTMLTableElement), task, study);
   paintRecruiting(study);
   paintOutcomes(study);
+  keepPaymentsOf(study.name);
   const { report, release } = study.exports;
   tables.paintExport(by("report"), exportText(report, isOpen ? "The figures as HTML and JSON, once the study is closed." : "The figures as HTML and JSON.", study.now_ms), report, study.name);
   tables.paintExport(by("release"), exportText(release, isOpen ? "The citable bundle, once the study is closed." : "The citable bundle: data, documents, signed manifest, as one zip.", study.now_ms), release, study.name);
@@ -154,7 +156,7 @@ by("logout").addEventListener("click", async () => {
 });
 by("study").addEventListener("change", () => {
   state = { ...state, chosen: by("study", HTMLSelectElement).value };
-  paintPayments(state.chosen, null);
+  keepPaymentsOf(state.chosen);
   history.replaceState(null, "", `#${encodeURIComponent(state.chosen)}`);
   load();
 });
@@ -170,7 +172,11 @@ by("outcomes").addEventListener("submit", (event) => {
   event.preventDefault();
   run(() => request(ofStudy("outcomes"), { texts: typedTexts() }));
 });
-by("list-payments").addEventListener("click", () => run(async () => paintPayments(state.chosen, await request(ofStudy("payments"), {}))));
+by("list-payments").addEventListener("click", () => run(async () => {
+  const { chosen } = state;
+  const payments = await request(ofStudy("payments"), {});
+  if (chosen === state.chosen && state.overview) paintPayments(chosen, payments); // else another study, or nobody, is shown now
+}));
 
 by("close").addEventListener("click", () => {
   const under = state.study?.participants.filter(({ kind, stage }) => kind === "human" && !["debrief", "complete", "withdrawn"].includes(stage)).length ?? 0;

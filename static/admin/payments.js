@@ -3,8 +3,11 @@ import { by, create, put } from "../common/page.js";
 import { many } from "../common/words.js";
 
 /** @param {Admin.ConsoleStudy} study */
-export function paintOutcomes({ name, outcomes }) {
+export function paintOutcomes({ name, outcomes, outcomes_problem: problem }) {
   const place = by("outcome-list");
+  put(by("outcomes-problem"), problem);
+  by("outcomes-problem").hidden = problem === "";
+  by("save-outcomes").hidden = problem !== "";
   const key = JSON.stringify([name, outcomes]);
   if (place.dataset.shown === key) return; // what is being typed stays
   place.dataset.shown = key;
@@ -20,9 +23,16 @@ export function typedTexts() {
   return Object.fromEntries(inputs.map(({ name, value }) => [name, value]));
 }
 
+/** Take the list away unless it is of this study.
+ * @param {string} study */
+export function keepPaymentsOf(study) {
+  if (by("payments-part").dataset.study !== study) paintPayments(study, null);
+}
+
 /** @param {string} study @param {Admin.Payments | null} payments null: the list was not asked for */
 export function paintPayments(study, payments) {
   by("payments-part").hidden = payments === null;
+  by("payments-part").dataset.study = study;
   const table = by("payments", HTMLTableElement);
   const { columns, rows, csv, bulk, effective_pay: pay, without_consent: without } = payments ?? { columns: [], rows: [], csv: null, bulk: null, effective_pay: "", without_consent: 0 };
   table.tHead?.replaceChildren(create("tr", columns.map((column) => create("th", column.replace("_", " "), { scope: "col" }))));

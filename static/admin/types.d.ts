@@ -35,6 +35,9 @@ declare namespace Admin {
   };
   /** A study as its operator sees it. */
   type ConsoleStudy = {
+    outcomes: OutcomeText[],
+    /** what is wrong with the file of the texts; empty if nothing is */
+    outcomes_problem: string,
     /** null before anybody has joined */
     figure: LiveFigure | null,
     /** the commonest first */
@@ -67,7 +70,6 @@ declare namespace Admin {
     stages: StageCount[],
     /** in the order of joining */
     participants: Participant[],
-    outcomes: OutcomeText[],
     exports: Exports,
     /** the server's time, ms since 1970 */
     now_ms: number,

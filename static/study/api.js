@@ -4,13 +4,16 @@ import { request, withTask } from "../common/api.js";
 /** @param {string} pathname @returns the study's name in the page's address */
 export const studyName = (pathname) => decodeURIComponent(/\/study\/([^/]*)\/?$/.exec(pathname)?.[1] ?? "");
 
+/** One more than an ID may have: the server refuses what is longer, and no two of the same beginning become one. */
+const MOST_CHARACTERS = 201;
+
 /** Return the ids that another site put into the address, all of them where a name is there more than once; the server knows
  * which it wants.
  * @param {string} search @returns {Record<string, string | string[]>} */
 export function outsideIds(search) {
   const parameters = new URLSearchParams(search);
   const names = [...new Set(parameters.keys())].filter((name) => name && name.length <= 64 && name !== "invitation").slice(0, 20);
-  const ids = names.map((name) => /** @type {const} */ ([name, parameters.getAll(name).map((id) => id.slice(0, 200)).slice(0, 20)]));
+  const ids = names.map((name) => /** @type {const} */ ([name, parameters.getAll(name).map((id) => id.slice(0, MOST_CHARACTERS)).slice(0, 20)]));
   return Object.fromEntries(ids.map(([name, all]) => [name, all.length === 1 ? all[0] : all]));
 }
 

@@ -1,6 +1,7 @@
 // The state of the study's page and what changes it: events, and steps through the stages. One request at a time, each answered by
 // the participant's stage and board; other tabs are notified.
 import { ApiError } from "../common/api.js";
+import { tabStore } from "../common/storage.js";
 import { bareAddress, createStudyApi, invitationIn, outsideIds, studyName } from "./api.js";
 import { apply, initialState } from "./state.js";
 
@@ -77,17 +78,15 @@ export async function go(ask, from) {
 
 const ARRIVAL = `humanplay.study.${name}.arrival`;
 
+const bareAddressBar = () => history.replaceState(history.state, "", bareAddress(location.href));
+
 /** Take what the link held out of the address bar, at once, and keep it in this tab until the server has answered.
  * @returns {string} the part of the address after its question mark */
 function takeArrival() {
   const { search } = location;
-  try {
-    if (search) sessionStorage.setItem(ARRIVAL, search);
-    history.replaceState(history.state, "", bareAddress(location.href));
-    return sessionStorage.getItem(ARRIVAL) ?? search;
-  } catch {
-    return search; // a browser that keeps nothing
-  }
+  if (search) tabStore.setItem(ARRIVAL, search);
+  if (tabStore.isKept()) bareAddressBar(); // elsewhere a reload needs it until then
+  return tabStore.getItem(ARRIVAL) ?? "";
 }
 const arrival = takeArrival();
 
@@ -97,7 +96,8 @@ const arrival = takeArrival();
 export async function join(onJoined) {
   try {
     const participant = await study.join(outsideIds(arrival), invitationIn(arrival));
-    try { sessionStorage.removeItem(ARRIVAL); } catch { /* a browser that keeps nothing */ }
+    tabStore.removeItem(ARRIVAL);
+    bareAddressBar();
     arrive(await onJoined(participant));
   } catch (error) {
     const { status, message } = /** @type {ApiError} */ (error);

@@ -173,6 +173,41 @@ def test_a_console_whose_server_is_gone_says_so(serve, player):
     until(page, "document.getElementById('link').dataset.link === 'lost'")
 
 
+def test_payments_are_shown_of_the_study_that_is_looked_at_and_of_none_after_logging_out(
+    serve, player, tmp_path
+):
+    for name in ("dunes", "rocks"):
+        freeze(tmp_path / "playground.db-studies", name, title=f"The {name}")
+    server = serve(admin_password=PASSWORD)
+    Person(server, "dunes").to_tutorial()
+    me = player(server, NO_3D)
+    page, rows = me.page, me.page.locator("#payments tbody tr")
+    page.goto(f"{me.url}/admin#dunes")
+    page.get_by_test_id("password").fill(PASSWORD)
+    page.keyboard.press("Enter")
+    until(page, "document.body.dataset.in === 'yes'")
+    page.get_by_test_id("list-payments").click()
+    rows.wait_for()
+    page.get_by_test_id("study").select_option("rocks")
+    page.get_by_role("heading", name="The rocks").wait_for()
+    assert rows.count() == 0
+    late = []
+    page.route("**/api/admin/studies/rocks/payments", lambda route: late.append(route))
+    page.get_by_test_id("list-payments").click()
+    eventually(lambda: page.wait_for_timeout(50) or late)
+    page.get_by_test_id("study").select_option("dunes")
+    page.get_by_role("heading", name="The dunes").wait_for()
+    with page.expect_response("**/api/admin/studies/rocks/payments"):
+        late[0].continue_()
+    page.wait_for_timeout(300)
+    assert page.locator("#payments-part").is_hidden()
+    page.get_by_test_id("list-payments").click()
+    rows.wait_for()
+    page.locator("#logout").click()
+    until(page, "document.body.dataset.in !== 'yes'")
+    assert rows.count() == 0
+
+
 def test_a_late_answer_about_a_study_is_not_shown_in_place_of_the_one_chosen_since(
     serve, player, tmp_path
 ):

@@ -89,8 +89,9 @@ def test_storage_in_a_bad_state_stops_nothing(serve, player, tmp_path, state):
         there, _ = there_and_back(me)
         me.press(there)
         forgets.wait_for(state="detached")  # a move has dismissed it
-    me.page.goto(f"{server.url}/study/tiny")
+    me.page.goto(f"{server.url}/study/tiny?PROLIFIC_PID=p-77")
     me.wait("window.study.screen === 'consent'", 20_000)
+    assert me.page.url == f"{server.url}/study/tiny"
     me.page.get_by_test_id("agree").click()
     me.page.get_by_test_id("to-tutorial").click()
     me.wait("window.study.screen === 'play' && window.study.state.game.link === 'open'", 20_000)

@@ -390,9 +390,12 @@ def _keep_out(database: Path, person: Participant) -> None:
     from humanplay.study.kept_out import keep_out
 
     folder, ident = Folder.beside(database), identity_of_person(database, person)
-    with suppress(StudyError):  # the study's folder is not at hand
-        if ident is not None and folder.study(person.study).is_running:
-            keep_out(folder.path(person.study), [ident])
+    try:
+        is_running = folder.study(person.study).is_running
+    except StudyError:  # the study's folder is not at hand
+        return
+    if ident is not None and is_running:
+        keep_out(folder.path(person.study), [ident])
 
 
 def _backups_of(database: Path) -> list[Path]:

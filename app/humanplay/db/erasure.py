@@ -12,6 +12,7 @@ import json
 import secrets
 import sqlite3
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -159,9 +160,15 @@ def _write_anew(conn: sqlite3.Connection, database: Path) -> None:
         except sqlite3.Error as error:
             if "locked" in str(error) and time.monotonic() < until:
                 continue
-            said = f"erased the rows, but could not be written anew: {error}"
-            way_out = f"make room, also where temporary files are, and run `{command} VACUUM`"
-            raise StoreError(f"the database {database} {said}; {way_out}") from error
+            way_out = (
+                "end the other program that has it open"
+                if "locked" in str(error)
+                else "make room, also where temporary files are"
+            )
+            raise StoreError(
+                f"the database {database} erased the rows, but could not be written anew: {error}; {way_out}, and "
+                f"run `{command} VACUUM`"
+            ) from error
     while conn.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]:
         if time.monotonic() >= until:
             raise StoreError(
@@ -175,17 +182,18 @@ def _write_anew(conn: sqlite3.Connection, database: Path) -> None:
 def unlink(database: Path, study: SeriesRow) -> int:
     """Delete the outside ids and completion codes of everybody in a study, and return how many people had one.
 
-    The chain says so, without them; the file is written anew.
+    Invitations get other ids, the same one the same. The chain says so, without any; the file is written anew.
     """
-    linked = """SELECT id FROM participants p WHERE study = ? AND (completion_code IS NOT NULL
-        OR EXISTS (SELECT 1 FROM identities WHERE participant_id = p.id)) ORDER BY id"""
+    linked = """SELECT id, invitation FROM participants p WHERE study = ? AND (completion_code IS NOT NULL
+        OR invitation IS NOT NULL OR EXISTS (SELECT 1 FROM identities WHERE participant_id = p.id)) ORDER BY id"""
+    other_ids = defaultdict[str, str](_other_invitation)
     with _lock_unless_served(database) as lock, _rewritten(database, lock) as conn:
-        people = [row[0] for row in conn.execute(linked, [study.name])]
-        for person in people:
+        people = conn.execute(linked, [study.name]).fetchall()
+        for person, invitation in people:
             with chain.changing(conn, "participant", person):
                 conn.execute("DELETE FROM identities WHERE participant_id = ?", [person])
-                sql = "UPDATE participants SET completion_code = NULL WHERE id = ?"
-                conn.execute(sql, [person])
+                sql = "UPDATE participants SET completion_code = NULL, invitation = ? WHERE id = ?"
+                conn.execute(sql, [invitation and other_ids[invitation], person])
         chain.append_marks(conn, [chain.act_of(study, "unlinked", people=len(people))])
     return len(people)
 
@@ -361,6 +369,10 @@ def _forget_challenges(conn: sqlite3.Connection) -> None:
     """Let no board name an episode that is gone as the one it is played against."""
     gone = "challenges NOT IN (SELECT id FROM episodes)"
     conn.execute(f"UPDATE sessions SET challenges = NULL WHERE {gone}")
+
+
+def _other_invitation() -> str:
+    return "I" + secrets.token_hex(6)
 
 
 def _rename(conn: sqlite3.Connection, person: Participant) -> dict[str, str]:

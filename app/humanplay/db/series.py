@@ -20,7 +20,14 @@ from humanplay.db.database import rows
 from humanplay.db.erasure import ARRIVALS, ERASED, asks_erasure, invitation_hash
 from humanplay.db.playground import MOVES
 from humanplay.db.reader import ATTESTED, TRIAL, Reader
-from humanplay.db.rows import ErasedPerson, MoveTime, NotedArrivals, Phase, PlayerSettings
+from humanplay.db.rows import (
+    ErasedPerson,
+    MoveTime,
+    NotedArrivals,
+    Phase,
+    PlayerSettings,
+    StageEvent,
+)
 from humanplay.db.store import Store
 from humanplay.db.study_rows import (
     BLOCK_EVENT,
@@ -249,12 +256,12 @@ class StudyStore:
             detail |= {"outcome": outcome} if outcome else {}
             self._add(participant.id, at_ms, "withdrawn", detail)
 
-    def withdrawn_as(self, participant_id: str) -> str | None:
-        """As what it ended for somebody who is withdrawn, where it was not their wish."""
-        sql = """SELECT json_extract(detail, '$.outcome') FROM stage_events
-            WHERE participant_id = ? AND kind = 'withdrawn'"""
-        found = self._conn.execute(sql, [participant_id]).fetchone()
-        return None if found is None or found[0] is None else str(found[0])
+    def events(self, participant_id: str, kinds: Sequence[str]) -> list[StageEvent]:
+        """The stage events of some kinds of a participant, in order."""
+        sql = f"""SELECT * FROM stage_events WHERE participant_id = ?
+            AND kind IN ({", ".join("?" * len(kinds))}) ORDER BY number"""
+        stored = self._conn.execute(sql, [participant_id, *kinds]).fetchall()
+        return [StageEventRow(*row).event() for row in stored]
 
     def asks_erasure(self, participant_id: str) -> bool:
         """Whether a participant withdrew and asked that what they had played be erased."""

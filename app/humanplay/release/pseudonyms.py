@@ -25,8 +25,9 @@ from humanplay.release.errors import ReleaseError
 from humanplay.study.flow import Arrivals, arrivals_of, with_invitations, with_noted
 from humanplay.study.invitations import Invitation
 
-_WORD = re.compile(r"\w{5,}(?:[.-]\w+)*")
-"""A word of a text that is too long to be an id by chance."""
+_NOT_WITHIN_A_WORD = r"(?:(?<!\w)|(?!\w))"
+_LONG_ID = 5
+"""Characters of an id from which on it is no part of a text by chance."""
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
 KEPT_SETTINGS = ("modality", "palette", "keys")
 _AGREED = "study = ? AND consent_ms IS NOT NULL ORDER BY joined_ms, id"
@@ -183,11 +184,13 @@ class RowPseudonymizer:
 
     def _text(self, text: str, place: str) -> str:
         if text not in self._texts:
-            for word in words_of(text) & self._identities.keys():
-                raise ReleaseError(
-                    f"{place} holds somebody's {self._identities[word]}: nothing was written; "
-                    "correct that row and try again"
-                )
+            leaves = _leaves(text)
+            for ident, name in self._identities.items():
+                if any(_holds(leaf, ident) for leaf in leaves):
+                    raise ReleaseError(
+                        f"{place} holds somebody's {name}: nothing was written; "
+                        "correct that row and try again"
+                    )
             made = text
             for ident, pseudonym in self._pseudonyms.known.items():
                 made = made.replace(ident, pseudonym)
@@ -195,13 +198,21 @@ class RowPseudonymizer:
         return self._texts[text]
 
 
-def words_of(text: str) -> set[str]:
-    """Return the texts and words that a JSON value or a plain text holds; numbers are our own."""
+def _leaves(text: str) -> list[str]:
+    """Every text in a JSON object or array; of anything else the text itself."""
     try:
-        leaves = list(_texts_in(json.loads(text)))
+        content = json.loads(text)
     except ValueError:
-        leaves = [text]
-    return {*leaves, *(word for leaf in leaves for word in _WORD.findall(leaf))}
+        return [text]
+    return list(_texts_in(content)) if isinstance(content, (dict, list)) else [text]
+
+
+def _holds(text: str, ident: str) -> bool:
+    """Whether a text is an id or holds a long one, not as a part of a longer word."""
+    if len(ident) < _LONG_ID or ident not in text:
+        return text == ident
+    pattern = _NOT_WITHIN_A_WORD + re.escape(ident) + _NOT_WITHIN_A_WORD
+    return re.search(pattern, text) is not None
 
 
 def _texts_in(content: object) -> Iterator[str]:

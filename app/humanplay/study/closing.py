@@ -80,7 +80,7 @@ def note_closed(
     left  `give_up_left` of each of `left_open`; None: they are replayed here, where an environment is not guarded
     """
     known, row = StudyStore(store), find_study(store, study.name)
-    ended_ms = _unnoted_ms(study, row)
+    ended_ms = unnoted_ms(study, row)
     if ended_ms is None or row is None:
         return []
     with store.transaction():
@@ -102,7 +102,7 @@ def note_closed(
     return [trial.session_id for trial, _ in opened]
 
 
-def _unnoted_ms(study: Study, row: SeriesRow | None) -> int | None:
+def unnoted_ms(study: Study, row: SeriesRow | None) -> int | None:
     """Return when a study ended whose end is still to be written; None where nothing is."""
     ended_ms = study.closed_ms if study.secret_kept_ms is None else study.secret_kept_ms
     if row is None or row.closed_ms is not None or not is_same_study(row, study):
@@ -112,7 +112,7 @@ def _unnoted_ms(study: Study, row: SeriesRow | None) -> int | None:
 
 def left_open(reader: Reader, study: Study) -> list[tuple[Trial, list[MoveRow]]]:
     """Return the open episodes, with their moves, of a study whose end is still to be written; else nothing."""
-    if _unnoted_ms(study, find_study(reader, study.name)) is None:
+    if unnoted_ms(study, find_study(reader, study.name)) is None:
         return []
     running = [trial for trial in study_trials(reader, study.name) if trial.ended_ms is None]
     return [(trial, reader.steps(trial.id)) for trial in running]

@@ -8,12 +8,14 @@ their outside id is missing or known. An open link cannot stop anybody from join
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal
 
 from humanplay.db.rows import ErasedPerson, NotedArrivals, StageEvent
+from humanplay.db.study_rows import Participant
+from humanplay.db.trial import Trial
 from humanplay.study.invitations import Invitation
 from humanplay.study.outcome import Outcome
 
@@ -22,6 +24,9 @@ REPEATED_JOIN = "repeated_join"
 
 INTERRUPTED = "interrupted"
 """Kind of the stage event of somebody who was at an episode when the study was closed."""
+
+ENDING_EVENTS = ("withdrawn", INTERRUPTED)
+"""Kinds of the stage events that say how taking part ended."""
 
 STOPPED = "stopped"
 """Kind of the stage event of an episode that a rule of the protocol ended; its detail is {"episode": id}."""
@@ -92,25 +97,6 @@ STATUS_IN_WORDS: dict[Status, str] = {
     Status.UNDECIDED: "did not answer",
     Status.ERASED: "erased",
 }
-OUTCOME_OF: dict[Status, Outcome] = {
-    Status.FINISHED: Outcome.FINISHED,
-    Status.GAVE_UP: Outcome.FINISHED,
-    Status.EXCLUDED: Outcome.FINISHED,
-    Status.NOT_ATTESTED: Outcome.FINISHED,
-    Status.PARTLY_BOT: Outcome.FINISHED,
-    Status.FAILED: Outcome.STOPPED_BY_US,
-    Status.INTERRUPTED: Outcome.STOPPED_BY_US,
-    Status.INTERRUPTED_EARLY: Outcome.STOPPED_BY_US,
-    Status.WITHDREW: Outcome.WITHDREW,
-    Status.WITHDREW_EARLY: Outcome.WITHDREW,
-    Status.STOPPED: Outcome.LEFT,
-    Status.LEFT: Outcome.LEFT,
-    Status.NEVER_BEGAN: Outcome.LEFT,
-    Status.FAILED_QUESTIONS: Outcome.FAILED_QUESTIONS,
-    Status.DECLINED: Outcome.NO_CONSENT,
-    Status.UNFIT_DEVICE: Outcome.UNFIT_DEVICE,
-}
-"""Each status of the report that is an outcome; whoever plays, or was erased, has none."""
 
 
 ENDED = (
@@ -245,15 +231,51 @@ def with_noted(arrivals: Arrivals, noted: NotedArrivals) -> Arrivals:
 def with_invitations(
     arrivals: Arrivals, invitations: Mapping[str, Invitation], opened: Iterable[str]
 ) -> Arrivals:
-    """Return the arrivals with the counts of a study's invitations. The erased had one each, though it is not known which.
+    """Return the arrivals with the counts of a study's invitations.
+
+    The erased had one each, and so had who has been unlinked, though it is not known which.
 
     opened  ids of those with which somebody has joined
     """
     used = set(opened)
-    unused = [each for each in invitations.values() if each.id not in used]
-    revoked = sum(each.revoked_ms is not None for each in unused)
-    left = max(0, len(unused) - revoked - arrivals.erased)
-    return replace(arrivals, issued=len(invitations), revoked=revoked, unopened=left)
+    unknown = arrivals.erased + len(used - invitations.keys())
+    unused = [invitation for invitation in invitations.values() if invitation.id not in used]
+    revoked = sum(invitation.revoked_ms is not None for invitation in unused)
+    unopened = max(0, len(unused) - revoked - unknown)
+    return replace(arrivals, issued=len(invitations), revoked=revoked, unopened=unopened)
+
+
+def outcome_of(
+    participant: Participant,
+    is_running: bool,
+    events: Collection[StageEvent],
+    trials: Sequence[Trial],
+) -> Outcome | None:
+    """How taking part ended for somebody; None for whoever can go on.
+
+    Args:
+        is_running: Whether the study is.
+        events: Of the participant, those of ENDING_EVENTS at least.
+        trials: Of the participant.
+    """
+    if participant.completed_ms is not None:
+        return Outcome.FINISHED
+    # before the withdrawal: whoever leaves after the closing was stopped by it
+    if any(event.kind == INTERRUPTED for event in events):
+        return Outcome.STOPPED_BY_US
+    if participant.stage == "withdrawn":
+        unasked = Outcome.NO_CONSENT if participant.consent_ms is None else Outcome.WITHDREW
+        return left_as(events) or unasked
+    if is_running or participant.consent_ms is None:
+        return None
+    return Outcome.STOPPED_BY_US if _failed_last(trials) else Outcome.LEFT
+
+
+def _failed_last(trials: Sequence[Trial]) -> bool:
+    """Whether the environment or the server ended somebody's last ranked episode."""
+    ranked = [trial for trial in trials if trial.phase == "ranked"]
+    last = max(ranked, key=lambda trial: trial.trial, default=None)
+    return last is not None and last.outcome == "environment_failed"
 
 
 def left_as(events: Iterable[StageEvent]) -> Outcome | None:

@@ -17,6 +17,8 @@ class Outcome(StrEnum):
     STOPPED_BY_US = "stopped_by_us"
 
 
+BEFORE_CONSENT = frozenset({Outcome.UNFIT_DEVICE, Outcome.NO_CONSENT})
+"""No code is drawn for these, and their IDs are deleted at once."""
 OUTCOME_IN_WORDS: dict[Outcome, str] = {
     Outcome.FINISHED: "ended the last ranked episode",
     Outcome.UNFIT_DEVICE: "came with a device that does not fit, before the consent",

@@ -14,11 +14,10 @@ from pathlib import Path
 from string import Formatter
 from urllib.parse import quote
 
-from humanplay.db.study_rows import Participant
 from humanplay.study.files import locked, read_object, write_object
-from humanplay.study.outcome import Outcome
+from humanplay.study.outcome import BEFORE_CONSENT, Outcome
 from humanplay.study.platforms import PLATFORMS
-from humanplay.study.protocol import Protocol, StudyError
+from humanplay.study.protocol import Payment, Protocol, StudyError
 
 FILE = "outcomes.json"
 CODE = "code"
@@ -75,33 +74,18 @@ def delete_texts(folder: Path) -> None:
     (folder / FILE).unlink(missing_ok=True)
 
 
-def outcome_of(
-    participant: Participant, is_running: bool, was_stopped: bool, left_as: Outcome | None
-) -> Outcome | None:
-    """How taking part ended for somebody; None for whoever can go on.
-
-    Args:
-        is_running: Whether the study is.
-        was_stopped: Whether the closing, or a failure of environment or server, took the last episode from them.
-        left_as: What the end of somebody who is withdrawn was noted as, where it was not their wish.
-    """
-    if participant.completed_ms is not None:
-        return Outcome.FINISHED
-    if participant.stage == "withdrawn" and left_as is not None:
-        return left_as
-    if participant.stage == "withdrawn":
-        return Outcome.NO_CONSENT if participant.consent_ms is None else Outcome.WITHDREW
-    if is_running or participant.consent_ms is None:
-        return None
-    return Outcome.STOPPED_BY_US if was_stopped else Outcome.LEFT
-
-
 def check_texts(protocol: Protocol, texts: Mapping[Outcome, str]) -> None:
     """StudyError where a text names what nothing fills in, or the platform cannot take it."""
     platform = PLATFORMS[protocol.platform]
-    known = {*protocol.outside_ids, *([CODE] if protocol.platform == "code" else [])}
+    fillable = {*protocol.outside_ids, *([CODE] if protocol.platform == "code" else [])}
     for outcome, text in texts.items():
-        for name in _placeholders(outcome, text) - known:
+        names = _placeholders(outcome, text)
+        if names and outcome in BEFORE_CONSENT:
+            raise StudyError(
+                f"{outcome} has {{{min(names)}}}, but nothing is stored of whoever did not agree: "
+                "write a text without placeholders"
+            )
+        for name in names - fillable:
             if name == CODE:
                 raise StudyError(
                     f"{outcome} has {{code}}, but {platform.title} takes fixed codes and none is drawn: "
@@ -109,7 +93,7 @@ def check_texts(protocol: Protocol, texts: Mapping[Outcome, str]) -> None:
                 )
             raise StudyError(
                 f"{outcome} has {{{name}}}, which nothing fills in: there are "
-                f"{', '.join(f'{{{each}}}' for each in sorted(known)) or 'no placeholders'}"
+                f"{', '.join(f'{{{name}}}' for name in sorted(fillable)) or 'no placeholders'}"
             )
     codes = [text for text in texts.values() if kind_of(text) == "code"]
     if repeated := {code for code in codes if codes.count(code) > 1 and "{" not in code}:
@@ -130,8 +114,6 @@ def check_complete(protocol: Protocol, texts: Mapping[Outcome, str]) -> None:
     )
 
 
-BEFORE_CONSENT = (Outcome.UNFIT_DEVICE, Outcome.NO_CONSENT)
-"""No code is drawn for these."""
 WAYS_BACK = ("code", "address")
 
 
@@ -157,8 +139,9 @@ def ending(
     text = texts.get(outcome, "")
     if not text and protocol.platform == "code" and outcome not in BEFORE_CONSENT:
         text = f"{{{CODE}}}" if drawn else ""
-    if not text and protocol.platform == "prolific":
-        text = _return_it(protocol, outcome)
+    # without a code for finishers all texts were deleted, when everybody had been paid
+    if not text and protocol.platform == "prolific" and Outcome.FINISHED in texts:
+        text = _return_it(protocol.payment, outcome)
     values = {**dict.fromkeys(protocol.outside_ids, ""), **ids, CODE: drawn or ""}
     if not text:
         return Ending(outcome)
@@ -172,22 +155,24 @@ def ending(
     return Ending(outcome, code=filled, address=back.format(code=quote(filled)) if back else None)
 
 
-def _return_it(protocol: Protocol, outcome: Outcome) -> str:
+def _return_it(payment: Payment | None, outcome: Outcome) -> str:
     """What somebody from Prolific reads where no code stands for their outcome."""
-    payment = protocol.payment
     amount = 0.0 if payment is None else payment.outcomes.get(outcome, 0.0)
-    bonus = (
-        ""
-        if payment is None or not amount
-        else f" You get {amount:.2f} {payment.currency} as a bonus."
-    )
+    bonus = ""
+    if payment is not None and amount and payment.is_fixed(outcome):
+        bonus = f" You get {amount:.2f} {payment.currency} as a bonus."
     return f"Please return your submission on Prolific.{bonus}"
 
 
 def _placeholders(outcome: Outcome, text: str) -> set[str]:
     try:
-        return {name for _, name, _, _ in Formatter().parse(text) if name is not None}
+        fields = [field for field in Formatter().parse(text) if field[1] is not None]
     except ValueError as error:
         raise StudyError(
             f"{outcome} has a brace without its pair, got {text!r}: {{{{ and }}}} write braces"
         ) from error
+    if any(spec or conversion for _, _, spec, conversion in fields):
+        raise StudyError(
+            f"{outcome} has more than a name within braces, got {text!r}: write {{NAME}} alone"
+        )
+    return {name for _, name, _, _ in fields if name is not None}

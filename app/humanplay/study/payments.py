@@ -11,19 +11,19 @@ import io
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from decimal import ROUND_HALF_UP, Decimal
+from decimal import ROUND_FLOOR, ROUND_HALF_UP, Decimal
 from statistics import mean, median
 
 from humanplay.db import series
 from humanplay.db.reader import Reader
 from humanplay.db.rows import StageEvent
 from humanplay.db.study_rows import Participant, participant_label
-from humanplay.db.trial import Trial
-from humanplay.study.closing import UNNOTED
-from humanplay.study.flow import INTERRUPTED, left_as
+from humanplay.db.trial import LEFT, Trial
+from humanplay.study.closing import UNNOTED, unnoted_ms
+from humanplay.study.flow import ENDING_EVENTS, INTERRUPTED, outcome_of
 from humanplay.study.folder import Study
 from humanplay.study.outcome import Outcome
-from humanplay.study.outcomes import ending, outcome_of
+from humanplay.study.outcomes import Ending, ending
 from humanplay.study.protocol import Payment, StudyError
 from humanplay.task import counted
 from marsexplorer.files import to_cell
@@ -122,11 +122,11 @@ class Payments:
     def effective_pay(self) -> str:
         """What an hour was worth to those who finished, in a sentence; empty where nothing is known yet."""
         payment = self.study.protocol.payment
-        done = [each for each in self.payees if each.outcome is Outcome.FINISHED]
-        amounts = [each.amount for each in done if each.amount is not None]
+        done = [payee for payee in self.payees if payee.outcome is Outcome.FINISHED]
+        amounts = [payee.amount for payee in done if payee.amount is not None]
         if payment is None or self.waits or not amounts:
             return ""
-        minutes, amount = median(each.minutes for each in done), mean(amounts)
+        minutes, amount = median(payee.minutes for payee in done), mean(amounts)
         if minutes <= 0:
             return ""
         return (
@@ -146,18 +146,18 @@ def payments_of(reader: Reader, study: Study, texts: Mapping[Outcome, str]) -> P
     Args:
         texts: What people read at each outcome.
     """
-    row = series.find_study(reader, study.name)
-    if row is not None and row.closed_ms is None and not study.is_open:
+    if unnoted_ms(study, series.find_study(reader, study.name)) is not None:
         raise StudyError(UNNOTED.format(study.name, reader.path))
-    people = [each for each in series.participants(reader, study.name) if each.kind == "human"]
+    joined = series.participants(reader, study.name)
+    people = [person for person in joined if person.kind == "human"]
     trials = defaultdict[str, list[Trial]](list)
     for trial in series.trial_activity(reader, study.name):
         trials[trial.participant].append(trial)
     stages = defaultdict[str, list[int]](list)
     events = defaultdict[str, list[StageEvent]](list)
-    for noted in series.stage_events(reader, study.name, ("stage", "withdrawn", INTERRUPTED)):
+    for noted in series.stage_events(reader, study.name, ("stage", *ENDING_EVENTS)):
         events[noted.participant_id].append(noted.event())
-        if noted.kind != INTERRUPTED:
+        if noted.kind != INTERRUPTED:  # the closing is no sign of theirs
             stages[noted.participant_id].append(noted.at_ms)
     ids = series.identities_by_person(reader, study.name)
     payment = study.protocol.payment
@@ -167,31 +167,26 @@ def payments_of(reader: Reader, study: Study, texts: Mapping[Outcome, str]) -> P
     for person in people:
         if person.consent_ms is None:
             continue
-        own, known = trials[person.id], ids.get(person.id, {})
-        is_interrupted = any(event.kind == INTERRUPTED for event in events[person.id])
-        was_stopped = is_interrupted or _failed_last(own)
-        outcome = outcome_of(person, study.is_running, was_stopped, left_as(events[person.id]))
-        minutes = _minutes(person, own, stages[person.id], study.closed_ms)
-        shown = (
-            None
-            if outcome is None
-            else ending(study.protocol, texts, outcome, known, person.completion_code)
-        )
+        played, idents = trials[person.id], ids.get(person.id, {})
+        outcome = outcome_of(person, study.is_running, events[person.id], played)
+        minutes = _minutes(person, played, stages[person.id])
         amount = bonus = None
         if payment is not None and outcome is not None and not waits:
-            amount, bonus = amounts(payment, outcome, own, minutes)
-        ended = sum(trial.phase == "ranked" and trial.ended_ms is not None for trial in own)
+            amount, bonus = amounts(payment, outcome, played, minutes)
         names = study.protocol.outside_ids
+        drawn = person.completion_code
         payees.append(
             Payee(
-                identifier=known.get(names[0], "") if names else person.invitation or "",
+                identifier=idents.get(names[0], "") if names else person.invitation or "",
                 label=participant_label(person.id),
                 outcome=outcome,
-                code=None if shown is None else shown.code,
+                code=None
+                if outcome is None
+                else _code_shown(ending(study.protocol, texts, outcome, idents, drawn), drawn),
                 minutes=minutes,
                 amount=amount,
                 bonus=bonus,
-                share_ended=None if study.is_open else ended / study.protocol.ranked,
+                share_ended=None if study.is_open else _share_ended(study, played),
             )
         )
     without = len(people) - len(payees)
@@ -204,7 +199,7 @@ def amounts(
     """What somebody gets in all, and the part of it that the platform does not pay by itself."""
     if outcome is Outcome.FINISHED:
         bonus = _bonus(payment, [trial for trial in trials if trial.phase == "ranked"])
-        return _rounded(payment, Decimal(str(payment.base)) + bonus), bonus
+        return Decimal(str(payment.base)) + bonus, bonus
     amount = Decimal(str(payment.outcomes.get(outcome, 0)))
     if outcome is Outcome.STOPPED_BY_US:
         time = Decimal(str(payment.hour)) * Decimal(str(minutes)) / 60
@@ -219,36 +214,47 @@ def _bonus(payment: Payment, ranked: Sequence[Trial]) -> Decimal:
         units = Decimal(sum(trial.succeeded for trial in played))
     else:
         metric = "score" if payment.unit == "score" else "steps_to_target"
-        found = [Decimal(str(getattr(trial, metric) or 0)) for trial in played]
-        beyond = [number - Decimal(str(payment.beyond)) for number in found]
+        numbers = [Decimal(str(getattr(trial, metric) or 0)) for trial in played]
+        beyond = [number - Decimal(str(payment.beyond)) for number in numbers]
         units = sum(beyond, Decimal(0)) * (1 if payment.direction == "more" else -1)
-    bonus = max(Decimal(0), Decimal(str(payment.each)) * units)
-    if payment.most is not None:
-        bonus = min(bonus, Decimal(str(payment.most)))
-    return _rounded(payment, bonus)
+    bonus = _rounded(payment, max(Decimal(0), Decimal(str(payment.each)) * units))
+    if payment.most is None:
+        return bonus
+    return min(bonus, _rounded(payment, Decimal(str(payment.most)), ROUND_FLOOR))
 
 
-def _rounded(payment: Payment, amount: Decimal) -> Decimal:
+def _rounded(payment: Payment, amount: Decimal, mode: str = ROUND_HALF_UP) -> Decimal:
     step = Decimal(str(payment.rounding))
-    return (amount / step).quantize(Decimal(1), ROUND_HALF_UP) * step
+    return (amount / step).quantize(Decimal(1), mode) * step
 
 
-def _failed_last(trials: Sequence[Trial]) -> bool:
-    """Whether the environment or the server ended somebody's last ranked episode."""
-    ranked = sorted((t for t in trials if t.phase == "ranked"), key=lambda trial: trial.trial)
-    return bool(ranked) and ranked[-1].outcome == "environment_failed"
+def _code_shown(shown: Ending, drawn: str | None) -> str | None:
+    """The code that somebody was shown, in a sentence too; None if they were shown none."""
+    if drawn is not None and shown.sentence is not None and drawn in shown.sentence:
+        return drawn
+    return shown.code
 
 
-def _minutes(
-    person: Participant, trials: Iterable[Trial], stages_ms: Iterable[int], closed_ms: int | None
-) -> float:
-    """The minutes from somebody's consent to their end, or to their newest sign; closing a study is none of theirs."""
+def _share_ended(study: Study, trials: Iterable[Trial]) -> float:
+    """The share of the ranked episodes that somebody ended, those left out that the closing cut off."""
+    stopped_ms = study.closed_ms if study.secret_kept_ms is None else study.secret_kept_ms
+    ended = [
+        trial
+        for trial in trials
+        if trial.phase == "ranked"
+        and trial.ended_ms is not None
+        and not (trial.outcome in LEFT and stopped_ms is not None and trial.ended_ms >= stopped_ms)
+    ]
+    return len(ended) / study.protocol.ranked
+
+
+def _minutes(person: Participant, trials: Iterable[Trial], stages_ms: Sequence[int]) -> float:
+    """The minutes from somebody's consent to their end, or to their newest sign."""
     began_ms = person.consent_ms or person.joined_ms
     if person.completed_ms is not None:
         return (person.completed_ms - began_ms) / 60_000
-    moved = (trial.moved_ms or trial.started_ms for trial in trials)
-    last_ms = max(began_ms, *moved, *stages_ms) if (moved or stages_ms) else began_ms
-    return (last_ms - began_ms) / 60_000
+    moved_ms = [trial.moved_ms or trial.started_ms for trial in trials]
+    return (max([began_ms, *moved_ms, *stages_ms]) - began_ms) / 60_000
 
 
 @dataclass(frozen=True)

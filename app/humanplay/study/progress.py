@@ -12,7 +12,6 @@ import logging
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from functools import partial
 
 from humanplay.board.lobby import Lobby, Locks
@@ -25,10 +24,10 @@ from humanplay.db.study_rows import Participant, Stage, is_same_study
 from humanplay.db.trial import Trial
 from humanplay.study.asking import DueBlock, break_due, due_blocks, skip, store_answers
 from humanplay.study.closing import give_up_left, left_open, note_closed
-from humanplay.study.flow import INTERRUPTED
+from humanplay.study.flow import ENDING_EVENTS, outcome_of
 from humanplay.study.folder import Folder, Study
 from humanplay.study.outcome import Outcome
-from humanplay.study.outcomes import Ending, ending, outcome_of, read_texts
+from humanplay.study.outcomes import Ending, ending, read_texts
 from humanplay.study.participation import CLOSED_MESSAGE, Participations, StageError
 from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from humanplay.study.questions import Sent
@@ -175,7 +174,7 @@ class ParticipantProgress:
         study = self.open_study(name)
         found = self.study_store.participant_of_player(name, player_id)
         came = comes.outside_ids
-        kept = {each: came[each] for each in study.protocol.outside_ids if each in came}
+        kept = {name: came[name] for name in study.protocol.outside_ids if name in came}
         script, now, invitation = comes.script, self._now(), None
         if found is not None and script is not None and found.script != script:
             who = "a person" if found.script is None else f"the script {found.script!r}"
@@ -183,7 +182,6 @@ class ParticipantProgress:
             raise StageError(f"{what}; a script needs a cookie of its own")
         if script is None and (found is None or found.kind == "human"):
             with self.recruitment.noting(now):
-                comes = replace(comes, outside_ids=kept)
                 invitation = self.recruitment.admit(study, player_id, comes, found)
         if found is not None:
             self._note_return(study, found, invitation, kept, now)
@@ -290,7 +288,7 @@ class ParticipantProgress:
     def tries_left(self, study: Study, participant: Participant) -> int | None:
         """How often a participant may still answer the questions; None where that has no limit."""
         tries = study.protocol.question_tries
-        if tries is None:
+        if tries is None or participant.kind == "script":  # which can but guess
             return None
         return max(0, tries - self.study_store.count_stage_events(participant.id, "answers"))
 
@@ -348,15 +346,12 @@ class ParticipantProgress:
         except RefusedError:  # it has ended meanwhile
             await self.lobby.store.write(note)
 
-    def ending(self, study: Study, participant: Participant) -> Ending | None:
+    def ending(
+        self, study: Study, participant: Participant, trials: Sequence[Trial]
+    ) -> Ending | None:
         """What a participant reads at their end; None for whoever can go on."""
-        noted = self.study_store.withdrawn_as(participant.id)
-        outcome = outcome_of(
-            participant,
-            study.is_running,
-            was_stopped=self.study_store.count_stage_events(participant.id, INTERRUPTED) > 0,
-            left_as=None if noted is None else Outcome(noted),
-        )
+        events = self.study_store.events(participant.id, ENDING_EVENTS)
+        outcome = outcome_of(participant, study.is_running, events, trials)
         if outcome is None:
             return None
         ids = self.study_store.identities_of(participant.id)

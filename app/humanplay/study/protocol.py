@@ -27,7 +27,7 @@ from pydantic import (
 from humanplay.board.controls import ClockLimits
 from humanplay.board.messages import describe_errors
 from humanplay.db.trial import Required
-from humanplay.study.outcome import Outcome
+from humanplay.study.outcome import BEFORE_CONSENT, Outcome
 from humanplay.study.platforms import PLATFORMS, PlatformName
 from humanplay.study.questions import Block, Line, Part, Question, check_blocks
 from humanplay.study.shipped_questions import with_shipped
@@ -197,6 +197,15 @@ class Payment(Part):
         return amounts
 
     @model_validator(mode="after")
+    def _who_is_paid_is_listed(self) -> Payment:
+        for outcome in sorted(BEFORE_CONSENT & self.outcomes.keys() - {self.screen_out}):
+            raise ValueError(
+                f"nothing is stored of whoever comes to {outcome}, so that nobody could pay them: expected an "
+                "outcome after the consent, or screen_out, which the platform pays by itself"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _screen_out_is_paid(self) -> Payment:
         if self.screen_out is not None and self.screen_out not in self.outcomes:
             raise ValueError(
@@ -208,6 +217,11 @@ class Payment(Part):
     def follows_from_play(self) -> bool:
         """Whether an amount says something of how somebody played."""
         return self.each > 0
+
+    def is_fixed(self, outcome: Outcome) -> bool:
+        """Whether we pay exactly what `outcomes` says: no platform pays it, and no time counts."""
+        by_time = self.hour > 0 and outcome is Outcome.STOPPED_BY_US
+        return outcome is not self.screen_out and not by_time
 
 
 class Protocol(Part):

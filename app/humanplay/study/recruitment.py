@@ -67,6 +67,11 @@ REPEATED = (
     "this link has {name} more than once, so that it does not say who you are: begin the study on the platform that "
     "sent you"
 )
+LONGEST_ID = 200
+TOO_LONG = (
+    "this link has a {name} of more than 200 characters, which is no participant ID: open the link that you were sent just as "
+    "it stands"
+)
 MISSHAPEN = "this link has a {name} that is none of {platform}'s: open the link there again, and do not change it"
 KEPT_OUT = (
     "this study is for people who have not taken part before, and this {name} has: nothing is recorded; if you come from a "
@@ -279,17 +284,19 @@ def panel_link(study: Study, value: str, base: str) -> str:
 
 
 def _check_shapes(study: Study, comes: Arrival) -> None:
-    """StageError where an id that the protocol names is there twice, names nobody, or is none of the platform's."""
+    """StageError for a preview, and for an ID of the protocol that is there twice, or is none of the platform's."""
     protocol = study.protocol
+    if NO_ASSIGNMENT in map(str.strip, comes.outside_ids.values()):
+        text, _, _ = protocol.consent.text.partition("\n\n")
+        raise StageError(PREVIEW.format(title=protocol.title, text=text))
     for name in protocol.outside_ids:
         if name in comes.repeated:
             raise StageError(REPEATED.format(name=name))
         value = comes.outside_ids.get(name)
         if value is None:
             continue
-        if value.strip() == NO_ASSIGNMENT:
-            text, _, _ = protocol.consent.text.partition("\n\n")
-            raise StageError(PREVIEW.format(title=protocol.title, text=text))
+        if len(value) > LONGEST_ID:
+            raise StageError(TOO_LONG.format(name=name))
         if not plain(value):
             raise StageError(EMPTY.format(name=name))
         if is_unfilled(value):

@@ -195,17 +195,20 @@ async def show_study(admin: Operator, name: str) -> answers.ConsoleStudy:
     found = admin.progress.folder.study(name)
     store, now = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
 
-    def read() -> tuple[list[answers.Participant], answers.Recruiting]:
+    def read() -> tuple[list[answers.Participant], answers.Recruiting, answers.OutcomeTexts]:
+        texts = payments.show_outcomes(admin.progress.folder, name)
         with closing(Reader.open(store.path)) as reader:
             how = recruiting(reader, admin.progress.recruitment.invitations, found, now)
-            return participants.list_participants(reader, name, now, found.is_open), how
+            present = participants.list_participants(reader, name, now, found.is_open)
+        return present, how, texts
 
-    present, how = await asyncio.to_thread(read)
+    present, how, texts = await asyncio.to_thread(read)
     figures = await asyncio.to_thread(admin.figures.of, name)
     protocol = found.protocol
     return answers.ConsoleStudy(
         **dict(how),
         **dict(figures),
+        **dict(texts),
         name=name,
         title=protocol.title,
         status=found.status,
@@ -219,7 +222,6 @@ async def show_study(admin: Operator, name: str) -> answers.ConsoleStudy:
         ranked=protocol.ranked,
         stages=participants.count_stages(present),
         participants=present,
-        outcomes=payments.list_outcomes(admin.progress.folder, name),
         exports=admin.exports.state(name),
         now_ms=now,
     )

@@ -159,7 +159,7 @@ class Socket:
 
 
 class RandomMoves:
-    """Any action that has a key, at random."""
+    """Any action that has a key and can be chosen, at random."""
 
     def __init__(self, keys: Mapping[str, Sequence[str]], seed: int = 0) -> None:
         self._actions = [action for action, codes in keys.items() if codes]
@@ -170,7 +170,10 @@ class RandomMoves:
 
     def choose(self, frame: Frame) -> str:
         """The action that answers a frame."""
-        return self._dice.choice(self._actions)
+        allowed = frame.get("allowed")
+        if allowed is None:
+            return self._dice.choice(self._actions)
+        return self._dice.choice([action for action in self._actions if action in allowed])
 
 
 class NoisyPolicy:
@@ -286,7 +289,8 @@ class Participant:
         """Answer the questions until all are right: the first choice of each, then the next ones."""
         choices = [0] * len(self.where["questions"])
         while not all(right := self.call("answers", {"answers": choices})["right"]):
-            choices = [each + (not is_right) for each, is_right in zip(choices, right, strict=True)]
+            pairs = zip(choices, right, strict=True)
+            choices = [choice + (not is_right) for choice, is_right in pairs]
 
     def answer_block(self) -> None:
         """Answer every question of the block that is due, at random."""

@@ -24,7 +24,7 @@ from humanplay.study.outcomes import Ending
 from humanplay.study.progress import NotJoinedError, ParticipantProgress, StageError
 from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from humanplay.study.questions import shown
-from humanplay.study.recruitment import Arrival, supervised_until_ms
+from humanplay.study.recruitment import LONGEST_ID, Arrival, supervised_until_ms
 from humanplay.study.templates import placeholder_values
 from humanplay.task import describe
 from humanplay.web.access import PARTICIPANT, participant_of, remember_player, services_of
@@ -56,13 +56,15 @@ WITHDRAWN_TO_ERASE = (
 )
 
 
-Id = Annotated[str, Field(max_length=200), PRINTABLE]
+Id = Annotated[str, Field(max_length=LONGEST_ID + 1), PRINTABLE]
+"""A parameter of a link; one that is an ID of the protocol may have one character less."""
 
 
 UNFIT = (
     "This study is for a computer with a keyboard and a mouse or the like, and this browser has none. Nothing was recorded but "
-    "that this page was opened. You can open the link that you were sent again on a computer."
+    "that this page was opened."
 )
+AGAIN_ON_A_COMPUTER = " You can open the link that you were sent again on a computer."
 
 
 class Join(Message):
@@ -251,8 +253,8 @@ async def participant_state(request: Request, study: Study, participant: Partici
     progress, protocol = services_of(request).progress, study.protocol
 
     def read() -> tuple[list[Trial], str | None, Ending | None, int | None, list[DueBlock]]:
-        ending = progress.ending(study, participant)
         trials = progress.study_store.trials(participant.id)
+        ending = progress.ending(study, participant, trials)
         return (
             trials,
             _note(progress, study, participant, ending),
@@ -304,7 +306,8 @@ def _note(
     progress: ParticipantProgress, study: Study, participant: Participant, ending: Ending | None
 ) -> str | None:
     if ending is not None and ending.outcome is Outcome.UNFIT_DEVICE:
-        return UNFIT
+        has_text = (ending.code or ending.address or ending.sentence) is not None
+        return UNFIT if has_text else UNFIT + AGAIN_ON_A_COMPUTER
     if participant.stage == "withdrawn":
         if participant.consent_ms is None:
             return "You did not agree to take part. Nothing was recorded but that this page was opened."

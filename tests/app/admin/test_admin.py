@@ -514,6 +514,10 @@ def test_the_operator_lists_whom_to_pay_and_changes_what_people_read_at_their_en
     assert (wrong.status_code, "nothing fills in" in wrong.json()["detail"]) == (409, True)
     shown = operator.get("/api/admin/studies/small").json()["outcomes"]
     assert {each["outcome"]: each["text"] for each in shown}["withdrew"] == "Thank you, {code}."
+    admin.services.progress.folder.path("small").joinpath("outcomes.json").write_text("{")
+    answer = operator.get("/api/admin/studies/small").json()
+    assert "outcomes.json" in answer["outcomes_problem"]
+    assert (answer["outcomes"], len(answer["participants"])) == ([], 1)
 
 
 def person_code(server):

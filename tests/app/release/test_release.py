@@ -31,7 +31,14 @@ from humanplay.study.verification import verify_database
 from marsexplorer.config import EnvConfig
 from tests.support.command import command as run
 from tests.support.recorded import alter, ask
-from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze, play_study
+from tests.support.stored_studies import (
+    BEGAN,
+    CONFIG,
+    IDENTITIES,
+    StudyRecorder,
+    freeze,
+    play_study,
+)
 
 ROOT = Path(__file__).parents[3]
 
@@ -358,21 +365,65 @@ def test_no_release_where_free_text_holds_an_identity(copy):
     refused(copy, "stage_events.detail holds somebody's PROLIFIC_PID")
 
 
-def test_an_id_is_sought_as_a_whole_word_and_never_within_a_number(tmp_path):
-    study = freeze(tmp_path / "play.db-studies")
-    recorder = StudyRecorder(tmp_path / "play.db", study)
-    person = recorder.join(0, stage="ranked", outside={"survey_code": "12345"})
-    recorder.play(person, "ranked", 0)
-    details = {"break": {"length_ms": 7123456}, "answers": {"n": 12345, "note": "123456"}}
-    for kind, detail in details.items():
-        StudyStore(recorder.store).add_stage_event(person, recorder.tick(), kind, detail)
-    recorder.close()
-    request = ReleaseRequest(tmp_path / "play.db", study.name, tmp_path / "out")
-    build_release(request)
-    store = Store(tmp_path / "play.db")
-    StudyStore(store).add_stage_event(person, recorder.tick(), "answers", {"note": "I am 12345."})
-    store.close()
-    refused(tmp_path, "stage_events.detail holds somebody's survey_code", study=study.name)
+@pytest.fixture
+def noting(tmp_path):
+    """`noting(ident, detail)` adds an event with this detail to a closed study of one person with this ID."""
+
+    def add(ident, detail, number=0):
+        if not (tmp_path / "play.db").exists():
+            study = freeze(tmp_path / "play.db-studies")
+            recorder = StudyRecorder(tmp_path / "play.db", study)
+            person = recorder.join(0, stage="ranked", outside={"survey_code": ident})
+            recorder.play(person, "ranked", 0)
+            recorder.close()
+        ((person,),) = ask(tmp_path / "play.db", "SELECT id FROM participants")
+        store = Store(tmp_path / "play.db")
+        StudyStore(store).add_stage_event(person, BEGAN + 3_600_000 + number, "answers", detail)
+        store.close()
+        return tmp_path
+
+    return add
+
+
+@pytest.mark.parametrize(
+    ("ident", "note"),
+    [
+        ("12345", "I am 12345."),
+        ("12345", "12345"),
+        ("12345", "12345-x"),
+        ("ada@example.org", "write to ada@example.org."),
+        ("ada@example.org", "ada@example.org.com"),
+        ("P-12345", "I am P-12345"),
+        ("P-12345", "P-12345-x"),
+        ("-12345-", "x-12345-x"),
+        ("@", "@"),
+    ],
+)
+def test_no_release_where_a_text_holds_an_id(noting, ident, note):
+    folder = noting(ident, {"note": note})
+    refused(folder, "stage_events.detail holds somebody's survey_code")
+
+
+def test_no_release_where_a_text_that_is_a_bare_number_is_an_id(noting):
+    folder = noting("12345", {})
+    conn = sqlite3.connect(folder / "play.db")
+    conn.execute("UPDATE input_events SET code = '12345' WHERE number = 0")
+    for (episode,) in conn.execute("SELECT id FROM episodes").fetchall():
+        chain.append(conn, "episode", episode)
+    conn.commit()
+    conn.close()
+    refused(folder, "input_events.code holds somebody's survey_code")
+
+
+def test_an_id_within_a_number_or_a_longer_word_is_no_leak(noting):
+    folder = noting("12345", {"length_ms": 7123456})
+    noting("12345", {"n": 12345, "note": "123456 x12345"}, 1)
+    build_release(ReleaseRequest(folder / "play.db", "dunes", folder / "out"))
+
+
+def test_a_short_id_is_no_leak_within_a_text(noting):
+    folder = noting("an", {"note": "an id"})
+    build_release(ReleaseRequest(folder / "play.db", "dunes", folder / "out"))
 
 
 def test_an_open_study_is_not_released(tmp_path):

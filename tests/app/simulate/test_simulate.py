@@ -15,10 +15,12 @@ from humanplay.report.build import build
 from humanplay.report.statistics.human_level import human_level
 from humanplay.study.data import load
 from humanplay.study.folder import Folder
+from humanplay.study.protocol import default_protocol
 from humanplay.study.verification import verify_database
 from humanplay.task.registration import environment_of
 from humanplay.web.simulate import NoisyPolicy, Plan, RefusedError, ServerAwayError, simulate
 from tests.support.command import command
+from tests.support.declared import DECLARATIONS
 from tests.support.recorded import ask
 from tests.support.servers import eventually
 from tests.support.study import freeze
@@ -154,6 +156,27 @@ def test_the_command_prints_who_came_how_far(server, tmp_path, capsys):
     assert code == 0, err
     assert out.count("complete") == 2  # as many as the study plans
     assert "moves; act to frame in ms: p50" in out
+
+
+def test_whoever_guesses_is_not_sent_away_where_the_tries_of_people_are_limited(server, tmp_path):
+    question = {"question": "How many?", "choices": ("1", "2", "3", "4"), "answer": 3}
+    study = freeze(tmp_path / "playground.db-studies", question_tries=2, questions=(question,))
+    assert [each.stage for each in Simulation(server.url, study, 1).result()] == ["complete"]
+    answers = "SELECT count(*) FROM stage_events WHERE kind = 'answers'"
+    assert ask(tmp_path / "playground.db", answers) == [(4,)]
+
+
+def test_moves_at_random_are_those_that_can_be_chosen(serve, tmp_path, briefly_examined):
+    task = "gymnasium:tests.support.masked_environments:Doors-v0"
+    protocol = default_protocol(
+        "doors", environment_of(task).default, task=task, declarations=DECLARATIONS, debrief_policy=None,
+        policies=(), warm_up=1, ranked=2, players=1,
+    )  # fmt: skip
+    folder = Folder(tmp_path / "playground.db-studies")
+    folder.create(protocol)
+    study = folder.freeze("doors")
+    outcomes = Simulation(serve(task=task).url, study, 1).result()
+    assert [(each.stage, each.ranked) for each in outcomes] == [("complete", 2)]
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5, 1.0])

@@ -9,25 +9,44 @@ from humanplay.db.reader import Reader
 from humanplay.db.study_rows import participant_label
 from humanplay.report.statistics.exclusion_sets import people_of, statuses
 from humanplay.study.data import load
-from humanplay.study.flow import OUTCOME_OF
+from humanplay.study.flow import Status
 from humanplay.study.folder import Folder
 from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import ending
 from humanplay.study.payments import payments_of
-from humanplay.study.protocol import StudyError
+from humanplay.study.protocol import Payment, StudyError
 from tests.support.command import command
-from tests.support.recorded import ask
+from tests.support.recorded import alter, ask
 from tests.support.study import Person, freeze
 
 PROLIFIC_ID = "5f3e0c9a1b2d4e6f8a7b9c0d"
 FROM_PROLIFIC = {"PROLIFIC_PID": PROLIFIC_ID, "STUDY_ID": "6" * 24, "SESSION_ID": "7" * 24}
+OUTCOME_OF = {
+    Status.FINISHED: Outcome.FINISHED,
+    Status.GAVE_UP: Outcome.FINISHED,
+    Status.EXCLUDED: Outcome.FINISHED,
+    Status.NOT_ATTESTED: Outcome.FINISHED,
+    Status.PARTLY_BOT: Outcome.FINISHED,
+    Status.FAILED: Outcome.STOPPED_BY_US,
+    Status.INTERRUPTED: Outcome.STOPPED_BY_US,
+    Status.INTERRUPTED_EARLY: Outcome.STOPPED_BY_US,
+    Status.WITHDREW: Outcome.WITHDREW,
+    Status.WITHDREW_EARLY: Outcome.WITHDREW,
+    Status.STOPPED: Outcome.LEFT,
+    Status.LEFT: Outcome.LEFT,
+    Status.NEVER_BEGAN: Outcome.LEFT,
+    Status.FAILED_QUESTIONS: Outcome.FAILED_QUESTIONS,
+    Status.DECLINED: Outcome.NO_CONSENT,
+    Status.UNFIT_DEVICE: Outcome.UNFIT_DEVICE,
+}
+"""Each status of the report that is an outcome; whoever plays, or was erased, has none."""
 YES, NO = ({"version": "1", "agree": agree} for agree in (True, False))
 
 
-def for_prolific(tmp_path, **texts):
+def for_prolific(tmp_path, payment=None, **texts):
     return freeze(
         tmp_path / "playground.db-studies", platform="prolific", recruitment="panel",
-        outcomes={"finished": "C1DONE", **texts},
+        payment=payment, outcomes={"finished": "C1DONE", **texts},
     )  # fmt: skip
 
 
@@ -85,6 +104,10 @@ def test_a_study_that_is_closed_tells_those_on_their_way_that_it_stopped_them(se
         ({"platform": "sona"}, {"finished": "https://x.example/?s={survey_code"}, "a brace without its pair"),
         ({"platform": "connect"}, {}, "with the address that gives credit"),
         ({}, {"fnished": "C1"}, "expected one of finished, unfit_device"),
+        ({}, {"no_consent": "Write to us, with {code}."}, "no_consent has {code}, but nothing is stored of"),
+        ({"platform": "sona"}, {"unfit_device": "https://x.example/?s={survey_code}"}, "unfit_device has {survey_code}"),
+        ({}, {"finished": "{code:d}"}, "finished has more than a name within braces"),
+        ({}, {"left": "Thanks, {code!r}."}, "left has more than a name within braces"),
     ],
 )  # fmt: skip
 def test_no_study_is_frozen_whose_people_would_not_come_back(tmp_path, protocol, texts, said):
@@ -147,6 +170,9 @@ def test_a_device_that_does_not_fit_ends_it_before_the_consent_and_is_counted(se
     tablet, computer = Person(server, outside_ids={"PROLIFIC_PID": "t"}), Person(server)
     assert tablet.where["device"] == "computer"
     tablet.call("consent", {**NO, "unfit": True})
+    assert "again on a computer" not in tablet.where["note"], (
+        "what the operator wrote is said alone"
+    )
     assert (tablet.where["stage"], tablet.where["ending"]["sentence"]) == (
         "withdrawn",
         "Open it on a computer.",
@@ -179,7 +205,9 @@ def test_the_outcomes_of_a_list_are_those_of_the_report(serve, tmp_path, capsys)
     """Everybody who agreed has in the list of payments the outcome that their status in the report stands for."""
     freeze(tmp_path / "playground.db-studies", question_tries=2)
     server = serve()
-    finisher, quitter, early, gone, busy, wrong = (Person(server) for _ in range(6))
+    finisher, quitter, early, gone, busy, wrong, broken, stopped = people = [
+        Person(server) for _ in range(8)
+    ]
     finisher.to_warm_up()
     finisher.play_on()
     quitter.to_warm_up()
@@ -195,11 +223,24 @@ def test_the_outcomes_of_a_list_are_those_of_the_report(serve, tmp_path, capsys)
     wrong.call("advance", {"from": "tutorial"})
     for _ in range(2):
         wrong.call("answers", {"answers": [1, 0, 0]})
-    busy.to_warm_up()
-    busy.call("next")
-    busy.play(2)
+    for person in (busy, stopped):
+        person.to_warm_up()
+        person.call("next")
+        person.play(2)
+    broken.to_warm_up()
+    broken.play_on(until=("ranked",))
+    broken.call("next")
+    broken.play()
+    failed = """WITH failed AS (SELECT x.participant_id, e.id FROM episodes e JOIN series_episodes x
+        ON x.episode_id = e.id WHERE x.phase = 'ranked' ORDER BY e.started_ms DESC LIMIT 1)"""
+    long_ago = """UPDATE steps SET server_ms = server_ms - 900000 WHERE episode_id IN (SELECT episode_id
+        FROM series_episodes x JOIN failed ON failed.participant_id = x.participant_id)"""
+    fails = "UPDATE episodes SET outcome = 'environment_failed' WHERE id IN (SELECT id FROM failed)"
+    alter(tmp_path / "playground.db", f"{failed} {long_ago}", f"{failed} {fails}")
     database = "--database", tmp_path / "playground.db"
     assert command(capsys, "study", "close", "small", "--yes", "--now", *database)[0] == 0
+    stopped.call("withdraw")
+    on_pages = {person.me()["participant"]: person.where["ending"]["outcome"] for person in people}
     server.stop()
     data = load(tmp_path / "playground.db", "small")
     cohort = people_of(data)
@@ -207,7 +248,45 @@ def test_the_outcomes_of_a_list_are_those_of_the_report(serve, tmp_path, capsys)
     study = Folder(tmp_path / "playground.db-studies").study("small")
     with closing(Reader.open(tmp_path / "playground.db")) as reader:
         listed = {payee.label: payee.outcome for payee in payments_of(reader, study, {}).payees}
-    assert listed == reported
+    assert listed == reported == on_pages
+    for person in (broken, stopped):
+        assert listed[person.where["participant"]] == "stopped_by_us"
     assert sorted(listed.values()) == [
-        "failed_questions", "finished", "left", "stopped_by_us", "withdrew", "withdrew",
+        "failed_questions", "finished", "left", "stopped_by_us", "stopped_by_us", "stopped_by_us", "withdrew", "withdrew",
     ]  # fmt: skip
+
+
+def test_an_amount_is_named_only_where_the_list_pays_exactly_it(tmp_path):
+    """Time counts for whoever we stop, and the platform pays a screen-out by itself."""
+    amounts = {"withdrew": 1, "stopped_by_us": 2, "failed_questions": 3, "no_consent": 0.2}
+    paid = {"currency": "GBP", "hour": 9, "outcomes": amounts, "screen_out": "no_consent"}
+    study = for_prolific(tmp_path, payment=paid)
+    texts = {Outcome.FINISHED: "C1DONE"}
+    shown = {
+        outcome: ending(study.protocol, texts, Outcome(outcome), {}, None) for outcome in amounts
+    }
+    back = "Please return your submission on Prolific."
+    assert {outcome: end.sentence for outcome, end in shown.items()} == {
+        "withdrew": f"{back} You get 1.00 GBP as a bonus.", "stopped_by_us": back,
+        "failed_questions": f"{back} You get 3.00 GBP as a bonus.", "no_consent": back,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("outcome", ["no_consent", "unfit_device"])
+def test_nobody_is_promised_an_amount_who_leaves_no_id(outcome):
+    with pytest.raises(ValueError, match=f"nothing is stored of whoever comes to {outcome}"):
+        Payment(currency="GBP", outcomes={outcome: 0.2})
+    assert Payment(currency="GBP", outcomes={outcome: 0.2}, screen_out=outcome)
+
+
+def test_whoever_has_finished_is_never_asked_to_return_their_submission(serve, tmp_path, capsys):
+    for_prolific(tmp_path)
+    server = serve()
+    person = Person(server, outside_ids=FROM_PROLIFIC)
+    person.to_warm_up()
+    person.play_on()
+    database = "--yes", "--database", tmp_path / "playground.db"
+    assert command(capsys, "study", "close", "small", "--now", *database)[0] == 0
+    assert command(capsys, "study", "unlink", "small", *database)[0] == 0
+    nothing = {"code": None, "address": None, "sentence": None}
+    assert person.me()["ending"] == {"outcome": "finished", **nothing}

@@ -7,6 +7,7 @@ from decimal import Decimal
 
 import pytest
 
+from humanplay.study.folder import Folder
 from humanplay.study.outcome import Outcome
 from humanplay.study.payments import amounts
 from humanplay.study.protocol import Payment
@@ -104,6 +105,46 @@ def test_everybody_who_agreed_is_listed_and_what_follows_from_play_waits(
     assert bulk.splitlines()[:2] == [f"{ident('1')},1.00", f"{ident('2')},0.25"]
 
 
+def test_an_episode_that_the_closing_cut_off_was_not_ended(serve, study, tmp_path, capsys):
+    study()
+    server = serve()
+    busy = comes(server, "1")
+    busy.to_warm_up()
+    busy.play_on(until=("ranked",))
+    busy.call("next")
+    busy.play()
+    busy.call("next")
+    busy.play(2)
+    where = "--database", tmp_path / "playground.db"
+    closes = "study", "close", "small", "--yes", "--now", *where
+    assert command(capsys, *closes, "--keep-secret")[0] == 0
+    assert command(capsys, *closes)[0] == 0
+    payments(capsys, tmp_path, "--csv", tmp_path / "list.csv")
+    assert listed(tmp_path / "list.csv")[ident("1")]["share_ended"] == "0.333"
+
+
+def test_nothing_is_listed_before_the_database_knows_the_end(study, serve, tmp_path, capsys):
+    frozen = study(each=0)
+    server = serve()
+    comes(server, "1").to_tutorial()
+    server.stop()
+    Folder(tmp_path / "playground.db-studies").close(frozen.name, keeps_secret=True)
+    code, _, said = payments(capsys, tmp_path)
+    assert (code, "has not taken note" in said) == (2, True)
+
+
+def test_the_code_of_a_sentence_is_listed(serve, tmp_path, capsys):
+    freeze(tmp_path / "playground.db-studies", outcomes={"withdrew": "Write to us, with {code}."})
+    person = Person(serve())
+    person.to_tutorial()
+    person.call("withdraw")
+    ((drawn,),) = ask(tmp_path / "playground.db", "SELECT completion_code FROM participants")
+    assert drawn in person.where["ending"]["sentence"]
+    payments(capsys, tmp_path, "--csv", tmp_path / "list.csv")
+    (row,) = listed(tmp_path / "list.csv").values()
+    assert row["code"] == drawn
+
+
 def test_an_amount_that_follows_from_no_play_waits_for_nothing(serve, study, tmp_path, capsys):
     study(each=0)
     of_every_kind(serve())
@@ -154,6 +195,12 @@ def test_a_platforms_export_is_compared_with_who_finished(serve, study, tmp_path
     export.write_text("a,b\n1,2\n")
     code, _, said = payments(capsys, tmp_path, "--against", export)
     assert (code, "'participant id' is missing" in said) == (2, True)
+    export.write_bytes(b"\xff\xfe")
+    code, _, said = payments(capsys, tmp_path, "--against", export)
+    assert (code, f"cannot read {export}: it is no text in UTF-8" in said) == (2, True)
+    export.unlink()
+    code, _, said = payments(capsys, tmp_path, "--against", export)
+    assert (code, str(export) in said, "playground.db" in said) == (1, True, False)
 
 
 def test_an_identifier_that_a_spreadsheet_would_run_is_a_text(serve, tmp_path, capsys):
@@ -182,13 +229,15 @@ class Played:
         ({"each": 1, "unit": "score", "beyond": 0.5}, "0.35"),
         ({"each": 1, "unit": "score", "beyond": 0.5, "rounding": 0.25}, "0.25"),
         ({"each": 1, "unit": "score", "beyond": 0.5, "rounding": 0.1}, "0.40"),
+        ({"each": 0.5, "most": 0.9, "rounding": 0.25}, "0.75"),
+        ({"each": 0.5, "base": 2.1, "rounding": 0.25}, "1.00"),
     ],
 )
 def test_a_bonus_is_never_below_nothing_or_above_its_cap(payment, bonus):
     played = [Played(True, 20, 0.9), Played(True, 25, 0.8), Played(False, 30, 0.15)]
-    paid = Payment(currency="USD", base=3, **payment)
+    paid = Payment(currency="USD", **{"base": 3, **payment})
     whole, part = amounts(paid, Outcome.FINISHED, played, 10.0)
-    assert (f"{part:.2f}", whole) == (bonus, Decimal(3) + Decimal(bonus))
+    assert (f"{part:.2f}", whole) == (bonus, Decimal(str(paid.base)) + Decimal(bonus))
     assert amounts(paid, Outcome.LEFT, played, 10.0) == (0, 0)
 
 

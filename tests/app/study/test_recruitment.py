@@ -24,6 +24,7 @@ from humanplay.study.recruitment import (
     NO_INVITATION,
     REPEATED,
     REVOKED,
+    TOO_LONG,
     UNFILLED,
     USED,
     WRONG_INVITATION,
@@ -316,6 +317,23 @@ def test_a_preview_says_what_the_study_is(serve, tmp_path):
     _, _, detail = comes(serve(), outside_ids={PID: "ASSIGNMENT_ID_NOT_AVAILABLE"})
     assert study.protocol.title in detail
     assert study.protocol.consent.text.split("\n\n")[0] in detail
+
+
+def test_a_preview_is_known_whatever_parameter_says_so(serve, tmp_path):
+    study = freeze(tmp_path / "playground.db-studies", outside_ids=("workerId",))
+    server = serve()
+    _, status, detail = comes(server, outside_ids={"assignmentId": "ASSIGNMENT_ID_NOT_AVAILABLE"})
+    assert (status, study.protocol.title in detail) == (409, True)
+    assert rows(server, "SELECT count(*) FROM participants") == [(0,)]
+
+
+def test_an_id_that_is_too_long_is_refused_and_not_cut(serve, tmp_path):
+    freeze(tmp_path / "playground.db-studies", outside_ids=("ID",))
+    server = serve()
+    _, status, detail = comes(server, outside_ids={"ID": "x" * 201})
+    assert (status, detail) == (409, TOO_LONG.format(name="ID"))
+    assert comes(server, outside_ids={"ID": "x" * 200, "utm": "y" * 201})[1] == 201
+    assert rows(server, "SELECT length(value) FROM identities") == [(200,)]
 
 
 def test_the_newest_session_of_a_platform_is_kept(serve, tmp_path):

@@ -1,9 +1,12 @@
 """People are erased, unlinked and kept out while the server runs: nothing of them is left in any byte."""
 
 import json
-from contextlib import suppress
+from contextlib import closing, suppress
 
+from humanplay.db.reader import Reader
+from humanplay.report.making import load_with_folder
 from humanplay.study.folder import Folder
+from humanplay.study.invitations import Invitations, token_of
 from humanplay.study.recruitment import KEPT_OUT
 from tests.support.command import command
 from tests.support.recorded import ask
@@ -82,6 +85,32 @@ def test_people_of_a_pilot_are_kept_out_by_hashes_alone(serve, tmp_path, capsys)
         assert person.client.post(f"{person.url}/join", json=join).status_code == wanted
 
 
+def test_nobody_can_be_kept_out_by_an_id_that_no_link_has(tmp_path, capsys):
+    folder = Folder(tmp_path / "playground.db-studies")
+    freeze(tmp_path / "other", outside_ids=())
+    (folder.root / "small").mkdir(parents=True)
+    draft = (tmp_path / "other" / "small" / "draft.json").read_text()
+    (folder.root / "small" / "protocol.json").write_text(draft)
+    (tmp_path / "ids.txt").write_text(PILOT)
+    asks = "study", "freeze", "small", "--underpowered", "--exclude-ids", tmp_path / "ids.txt"
+    code, _, said = command(capsys, *asks, "--database", tmp_path / "playground.db")
+    assert (code, "leave --exclude-ids out" in said) == (2, True)
+    assert not (folder.root / "small" / "kept_out.json").exists()
+
+
+def test_nobody_is_erased_who_could_not_be_kept_out(serve, tmp_path, capsys):
+    freeze(tmp_path / "playground.db-studies")
+    comes(serve(), FIRST)[0].to_tutorial()
+    path = tmp_path / "playground.db-studies" / "small" / "kept_out.json"
+    path.write_text("{")
+    asks = "forget", FIRST, "--yes", "--database", tmp_path / "playground.db"
+    code, _, said = command(capsys, *asks)
+    assert (code, str(path) in said, "Traceback" in said) == (1, True, False)
+    assert ask(tmp_path / "playground.db", "SELECT count(*) FROM identities") == [(1,)]
+    path.unlink()
+    assert command(capsys, *asks)[0] == 0
+
+
 def test_once_everybody_is_paid_nobody_can_be_told_from_the_study(serve, tmp_path, capsys):
     freeze(tmp_path / "playground.db-studies", outcomes={"finished": "Thanks, {code}."})
     server = serve()
@@ -100,3 +129,30 @@ def test_once_everybody_is_paid_nobody_can_be_told_from_the_study(serve, tmp_pat
     assert command(capsys, "verify", *database)[0] == 0
     ((note,),) = ask(tmp_path / "playground.db", "SELECT note FROM chain WHERE kind = 'acted'")
     assert (json.loads(note)["act"], json.loads(note)["people"]) == ("unlinked", 1)
+
+
+def arrivals_in(folder):
+    """The counts of a study's invitations."""
+    with closing(Reader.open(folder / "playground.db")) as reader:
+        data, _ = load_with_folder(reader, Folder(folder / "playground.db-studies"), "small")
+    return data.arrivals
+
+
+def test_nobody_can_be_told_by_the_invitation_they_used_and_the_counts_stay(
+    serve, tmp_path, capsys
+):
+    study = freeze(tmp_path / "playground.db-studies", recruitment="invitation", outside_ids=())
+    issued = Invitations(Folder(tmp_path / "playground.db-studies")).issue("small", 3)
+    server = serve()
+    for invitation in issued[:2]:
+        Person(server, invitation=token_of(study, invitation.id)).to_tutorial()
+    database = "--database", tmp_path / "playground.db"
+    assert command(capsys, "study", "close", "small", "--yes", "--now", *database)[0] == 0
+    before = arrivals_in(tmp_path)
+    code, said, _ = command(capsys, "study", "unlink", "small", "--yes", *database)
+    assert (code, "of 2 people" in said) == (0, True)
+    used = ask(tmp_path / "playground.db", "SELECT DISTINCT invitation FROM participants")
+    assert len(used) == 2
+    assert not {ident for (ident,) in used} & {invitation.id for invitation in issued}
+    assert (before.unopened, arrivals_in(tmp_path)) == (1, before)
+    assert command(capsys, "verify", *database)[0] == 0

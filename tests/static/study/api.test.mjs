@@ -10,6 +10,7 @@ test("the name of the study and the ids of another site are read from the addres
   assert.equal(studyName("/"), "");
   assert.deepEqual(outsideIds("?PROLIFIC_PID=p%201&STUDY_ID=&invitation=7K3M"), { PROLIFIC_PID: "p 1", STUDY_ID: "" });
   assert.deepEqual(outsideIds("?PROLIFIC_PID=a&PROLIFIC_PID=b"), { PROLIFIC_PID: ["a", "b"] });
+  assert.equal(outsideIds(`?id=${"x".repeat(500)}`).id.length, 201, "more than the server takes, so that it is refused");
 });
 
 test("calls go below api, wherever the app is mounted", async () => {

@@ -222,6 +222,11 @@ def freeze(
     idents = [] if excluded is None else _lines(excluded)
     with study_errors():
         draft = folder.filled(name)
+        if excluded is not None and not draft.outside_ids:
+            raise UsageError(
+                f"the study {name!r} has no outside_ids, so that nobody is known by an ID: leave --exclude-ids out, or name "
+                "the parameter of its links that holds one"
+            )
         draft = draft.model_copy(update=_planned(draft, folder))
     protocol = _with_power(draft, AT_FREEZING)
     if not underpowered:
@@ -230,8 +235,8 @@ def freeze(
     found = frozen(name, folder, database, planned)
     if idents:
         with study_errors():
-            kept = keep_out(folder.path(name), idents)
-        people = counted(kept, "person of a pilot is", "people of pilots are")
+            count = keep_out(folder.path(name), idents)
+        people = counted(count, "person of a pilot is", "people of pilots are")
         echo(f"{people} kept out, by keyed hashes of their IDs, until the study is closed")
     echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
     _echo_power(found.protocol)
@@ -380,17 +385,14 @@ def _note_in_database(found: Study, database: Path) -> bool:
     from humanplay.db.reader import Reader
     from humanplay.db.series import find_study
     from humanplay.db.store import Store, StoreError
-    from humanplay.db.study_rows import is_same_study
-    from humanplay.study.closing import note_closed
+    from humanplay.study.closing import note_closed, unnoted_ms
 
     with suppress(StoreError), closing(Store(database)) as store:
         note_closed(store, found)
     for _ in range(NOTED_S * 10):
         with closing(Reader.open(database)) as reader:
             row = find_study(reader, found.name)
-        if row is None or row.closed_ms is not None or not is_same_study(row, found):
-            return True
-        if found.is_open and row.secret_kept_ms is not None:
+        if unnoted_ms(found, row) is None:
             return True
         time.sleep(0.1)
     return False
@@ -689,12 +691,12 @@ def payments(
 
     if not database.exists():
         raise UsageError(f"no database at {database}: give its path with --database")
+    text = None if exported is None else _text(exported, "with a submission on each line")
     with failures(f"cannot read {database}"), study_errors():
         found = folder.study(name)
         with closing(Reader.open(database)) as reader, reader.snapshot():
             listed = payments_of(reader, found, read_texts(folder.path(name)))
         lines = None if bulk is None else listed.bulk()
-        text = None if exported is None else exported.read_text(encoding="utf-8-sig")
         against = None if text is None else claims(listed, text)
     if listed.shows_play and not listed.waits:
         _note_act(found, database, "amounts listed", people=listed.finished)
@@ -718,8 +720,9 @@ def payments(
 def unlink(name: str, yes: bool, folder: Folder, database: Path) -> None:
     """Delete the participant IDs and completion codes of a closed study, and the texts of its outcomes, once everybody is paid.
 
-    Nobody can tell then who a participant was. An entry of the chain says that it was done. The file is written anew and its
-    log emptied, within a minute, while a server may go on. Backups keep what they hold.
+    Invitations that were used get other IDs. Nobody can tell then who a participant was. An entry of the chain says that it
+    was done. The file is written anew and its log emptied, within a minute, while a server may go on. Backups keep what they
+    hold.
 
     \b
     Example:
@@ -794,13 +797,16 @@ def supervise(name: str, folder: Folder) -> None:
 
 def _lines(path: Path) -> list[str]:
     """The IDs in a file, one a line; UsageError where it holds no text."""
+    return list(filter(None, map(str.strip, _text(path, "with an ID on each line").splitlines())))
+
+
+def _text(path: Path, wanted: str) -> str:
+    """The text of a file; UsageError where it holds none, with how it is wanted."""
     try:
         with failures(f"cannot read {path}"):
-            lines = path.read_text(encoding="utf-8").splitlines()
+            return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        why = f"cannot read {path}: it is no text in UTF-8, with an ID on each line"
-        raise UsageError(why) from error
-    return list(filter(None, map(str.strip, lines)))
+        raise UsageError(f"cannot read {path}: it is no text in UTF-8, {wanted}") from error
 
 
 def _uses(database: Path, name: str) -> dict[str, Use]:

@@ -217,6 +217,15 @@ class OutcomeText(Answer):
     text: str = described("what they read; empty without one")
 
 
+class OutcomeTexts(Answer):
+    """What people read at their end."""
+
+    outcomes: list[OutcomeText]
+    outcomes_problem: str = described(
+        "what is wrong with the file of the texts; empty if nothing is"
+    )
+
+
 class ExportFile(Answer):
     """A file that was made."""
 
@@ -240,7 +249,7 @@ class Exports(Answer):
     release: Export | None
 
 
-class ConsoleStudy(Recruiting, LiveFigures):
+class ConsoleStudy(Recruiting, LiveFigures, OutcomeTexts):
     """A study as its operator sees it."""
 
     name: str
@@ -256,7 +265,6 @@ class ConsoleStudy(Recruiting, LiveFigures):
     ranked: int = described("ranked episodes of each")
     stages: list[StageCount]
     participants: list[Participant] = described("in the order of joining")
-    outcomes: list[OutcomeText]
     exports: Exports
     now_ms: int = described("the server's time, ms since 1970")
 

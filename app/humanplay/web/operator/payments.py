@@ -11,16 +11,21 @@ from humanplay.study.folder import Folder, Study
 from humanplay.study.outcome import OUTCOME_IN_WORDS
 from humanplay.study.outcomes import change_texts, read_texts
 from humanplay.study.payments import COLUMNS, Payments, payments_of
+from humanplay.study.protocol import StudyError
 from humanplay.web.answers import operator as answers
 
 
-def list_outcomes(folder: Folder, name: str) -> list[answers.OutcomeText]:
-    """Each outcome of a study with what people read there."""
-    texts = read_texts(folder.path(name))
-    return [
+def show_outcomes(folder: Folder, name: str) -> answers.OutcomeTexts:
+    """Each outcome of a study with what people read there, or what is wrong with their file."""
+    try:
+        texts = read_texts(folder.path(name))
+    except StudyError as error:
+        return answers.OutcomeTexts(outcomes=[], outcomes_problem=str(error))
+    outcomes = [
         answers.OutcomeText(outcome=outcome, words=words, text=texts.get(outcome, ""))
         for outcome, words in OUTCOME_IN_WORDS.items()
     ]
+    return answers.OutcomeTexts(outcomes=outcomes, outcomes_problem="")
 
 
 def change_outcomes(folder: Folder, study: Study, texts: Mapping[str, str]) -> bool:
