@@ -1,7 +1,8 @@
-"""Terrains as rows of bits: their layout, the rectangles drawn into them, and what is connected in them.
+"""Terrains as rows of bits: their layout, rectangles, and connected cells.
 
-A terrain is stored as `words` uint64 a row, with a margin of `radius` bits and rows all round, lowest bit west: a set bit is an
-obstacle. `shape` is the int64 array of `shape_of`; `base` is the place of a terrain's first word.
+A terrain is stored as `words` uint64 a row, with a margin of `radius` bits and rows all round,
+lowest bit west: a set bit is an obstacle. `shape` is the int64 array of `shape_of`; `base` is the
+index of a terrain's first word.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ ROWS, COLS, RADIUS, WORDS, TOPOLOGY, MORPHOLOGY, TARGET, GENERATOR, SHAPE = rang
 
 
 def shape_of(config: EnvConfig) -> NDArray[np.int64]:
-    """Return what compiled code needs to draw terrains: int64[8], see ROWS..GENERATOR.
+    """The int64[8] that compiled code draws terrains from; see ROWS..GENERATOR.
 
-    TARGET is how many cells of a drawn terrain can be discovered at least: beta of them on the levels of the paper, half of
-    them in a cave, which would be a small hole otherwise, and any number in a building.
+    TARGET is the fewest cells of a drawn terrain that can be discovered: beta of them on the
+    paper's levels, half of them in a cave (which could otherwise be a small hole), and any number
+    in a building.
     """
     level = ALL_LEVELS[config.level]
     least = {BUILDING: 0, CAVE: (config.n + 1) // 2}.get(level.generator, config.target)
@@ -49,19 +51,20 @@ def fill_rectangle(bits, base, shape, top, left, height, width):
 
 @inlined
 def fill_runs(reached, free):
-    """Return the free bits of one word that are connected, along the word, with a reached one."""
-    # 1. Nearly always each run of free bits has a reached one, and all are connected. A one added to the first bit of each run
-    #    is carried through the run, and out of it, unless a reached bit, which is left out of the sum, takes it up. What is
-    #    carried out lands on a bit that is not free, or is lost at the end of the word, which makes the sum too small. No
-    #    row waits for the row before then, since this branch is foreseen.
+    """The free bits of a word that connect, along the word, with a reached bit."""
+    # 1. Nearly always each run of free bits has a reached one, and all are connected. A one added
+    #    to the first bit of each run is carried through the run, and out of it, unless a reached
+    #    bit, which is left out of the sum, takes it up. What is carried out lands on a bit that is
+    #    not free, or is lost at the end of the word, which makes the sum too small. No row waits
+    #    for the row before then, since this branch is foreseen.
     starts = free & ~(free << np.uint64(1))
     carried = (free & ~reached) + starts
     if carried & ~free == np.uint64(0) and carried >= starts:
         return free
 
-    # 2. Else a Kogge-Stone fill: after the round with step s, every bit has spread over 2 s - 1 free bits to both sides, so
-    #    six rounds cover a word. `east` and `west` hold where a whole stretch of s free bits ends, so nothing jumps over an
-    #    obstacle.
+    # 2. Else a Kogge-Stone fill: after the round with step s, every bit has spread over 2 s - 1
+    #    free bits to both sides, so six rounds cover a word. `east` and `west` hold where a whole
+    #    stretch of s free bits ends, so nothing jumps over an obstacle.
     for step in (1, 2, 4, 8, 16, 32):
         by = np.uint64(step)
         if step == 1:
@@ -76,7 +79,10 @@ def fill_runs(reached, free):
 
 @inlined
 def sweep_row(bits, base, reach, at, above, free_mask, words):
-    """Grow the reached part of a row (reach[at:]) from the row reach[above:]; return whether it grew."""
+    """Grow the reached part of a row from a neighbouring row; return whether it grew.
+
+    The row is reach[at:], its neighbour reach[above:].
+    """
     grew = False
     carry = np.uint64(0)
 
@@ -101,7 +107,9 @@ def sweep_row(bits, base, reach, at, above, free_mask, words):
 
 @kernel
 def flood(bits, base, reach, offset, shape, masks, row, col):
-    """Write what is connected to a free cell into reach, rows of bits, and clear the row above and below the grid.
+    """Write the cells connected to a free cell into reach, as rows of bits.
+
+    The rows just above and below the grid are cleared.
 
     reach  as large as the rows of bits, `offset` words after the place that the bits have in theirs
     masks  uint64[words], see `row_masks`
@@ -114,9 +122,10 @@ def flood(bits, base, reach, offset, shape, masks, row, col):
         reach[at] = np.uint64(0)
     reach[first + row * words + offset + (bit >> 6)] = np.uint64(1) << np.uint64(bit & 63)
 
-    # 2. A row at a time: down the grid, then up, until neither reaches anything more. Above row 0 there is nothing, so from
-    #    there the first way up is made only when something was reached below. One loop makes both ways, so that `sweep_row`
-    #    is compiled into it once; `at` begins one step before the first row of a way.
+    # 2. A row at a time: down the grid, then up, until neither reaches anything more. Above row 0
+    #    there is nothing, so from there the first way up is made only when something was reached
+    #    below. One loop makes both ways, so that `sweep_row` is compiled into it once; `at` begins
+    #    one step before the first row of a way.
     at, step, must_turn = first - words, words, row > 0
     while True:
         grew = False
@@ -129,19 +138,19 @@ def flood(bits, base, reach, offset, shape, masks, row, col):
 
 
 def row_masks(config: EnvConfig) -> NDArray[np.uint64]:
-    """Return uint64[words]: the bits of a row that are cells of the grid."""
+    """The bits of a row that are cells of the grid: uint64[words]."""
     words = row_words(config.cols, config.sensor_radius)
     cells = (1 << config.cols) - 1 << config.sensor_radius
     return np.array([cells >> 64 * word & 2**64 - 1 for word in range(words)], np.uint64)
 
 
 def bitmap_words(config: EnvConfig) -> int:
-    """Return how many uint64 words a terrain takes."""
+    """How many uint64 words a terrain takes."""
     return (config.rows + 2 * config.sensor_radius) * row_words(config.cols, config.sensor_radius)
 
 
 def pack(cells: NDArray[np.bool_], config: EnvConfig) -> NDArray[np.uint64]:
-    """Return rows of bits with margins from bool[rows, cols]."""
+    """Pack bool[rows, cols] into rows of bits with margins."""
     radius, words = config.sensor_radius, row_words(config.cols, config.sensor_radius)
     wide = np.zeros((config.rows + 2 * radius, words * 64), np.uint8)
     wide[radius : radius + config.rows, radius : radius + config.cols] = cells
@@ -149,7 +158,7 @@ def pack(cells: NDArray[np.bool_], config: EnvConfig) -> NDArray[np.uint64]:
 
 
 def unpack(bits: NDArray[np.uint64], config: EnvConfig) -> NDArray[np.bool_]:
-    """Return bool[rows, cols] from rows of bits with margins."""
+    """Unpack rows of bits with margins into bool[rows, cols]."""
     radius, words = config.sensor_radius, row_words(config.cols, config.sensor_radius)
     stacked = bits.reshape(config.rows + 2 * radius, words)[radius : radius + config.rows]
     octets = np.ascontiguousarray(stacked).astype("<u8").view(np.uint8)

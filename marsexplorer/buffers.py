@@ -1,4 +1,4 @@
-"""Memory that a caller gives to be written to: NumPy arrays, torch tensors, anything with DLPack or the array interface."""
+"""A caller's own memory as the output: NumPy arrays, torch tensors, DLPack."""
 
 from __future__ import annotations
 
@@ -11,11 +11,16 @@ from marsexplorer.compiled import kernel
 
 
 def shared_array(out: Any, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Return a NumPy array on the very memory of `out`, to be written to.
+    """A NumPy array on the very memory of `out`, to be written to.
 
-    out  of that shape and dtype, in the processor's memory, C-contiguous and writable
+    Args:
+        out: Memory of that shape and dtype: the processor's, C-contiguous and writable.
+        shape: The shape that `out` must have.
+        dtype: The dtype that `out` must have.
 
-    TypeError for what shares no memory or has another dtype, ValueError for another shape or order and for what is read-only.
+    Raises:
+        TypeError: If `out` shares no memory or has another dtype.
+        ValueError: If `out` has another shape or order, or is read-only.
     """
     wanted = f"out must be {np.dtype(dtype)}{list(shape)} in the processor's memory, writable and C-contiguous"
     array = _array_on(out, wanted)
@@ -24,11 +29,13 @@ def shared_array(out: Any, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[
     if array.shape != shape:
         raise ValueError(f"{wanted}; got the shape {list(array.shape)}")
     if not array.flags.c_contiguous:
-        why = "this one is not contiguous"
-        raise ValueError(f"{wanted}; {why}: make it with empty() or contiguous()")
+        raise ValueError(
+            f"{wanted}; this one is not contiguous: make it with empty() or contiguous()"
+        )
     if not array.flags.writeable:
-        why = "as the arrays of JAX are: give a NumPy array or a torch tensor"
-        raise ValueError(f"{wanted}; this one is read-only, {why}")
+        raise ValueError(
+            f"{wanted}; this one is read-only, as the arrays of JAX are: give a NumPy array or a torch tensor"
+        )
     return array
 
 
@@ -48,6 +55,9 @@ def _array_on(out: Any, wanted: str) -> NDArray[Any]:
 def write_values(
     codes: NDArray[np.uint8], values: NDArray[np.float32], out: NDArray[np.float32]
 ) -> None:
-    """Write values[code] of each code to out; codes uint8[num], values float32[4], out float32[num]."""
+    """Write values[code] for every code to out.
+
+    codes uint8[num], values float32[4], out float32[num]
+    """
     for i in range(codes.shape[0]):
         out[i] = values[codes[i]]

@@ -1,6 +1,7 @@
-"""What a stack says of its worlds beside codes and rewards, written while the rules step: coverage, score, who ended.
+"""Coverage, score and which worlds ended, written while the rules step.
 
-Steps cost tens of nanoseconds, so that columns made afterwards in NumPy would cost as much as the rules.
+A step costs tens of nanoseconds a world: computing these columns in NumPy afterwards would cost as
+much as the rules.
 """
 
 from __future__ import annotations
@@ -28,10 +29,11 @@ from marsexplorer.rules import (
 
 @inlined
 def describe_one(state, base, rules, shares, at):
-    """Write what stands in one world's scalars, coverage and score, to shares[at : at + 2]."""
+    """Write one world's coverage and score to shares[at : at + 2]."""
     outcome, cells, bonus = state[base + OUTCOME], float(state[base + CELLS]), float(rules[BONUS])
 
-    # The return so far (eq. 8 summed): cells found by moves, less the cost of valid moves, with bonus or penalty at the end.
+    # The return so far (eq. 8 summed): cells found by moves, less the cost of valid moves, with
+    # bonus or penalty at the end.
     discovered, moves = float(state[base + DISCOVERED]), float(state[base + STEPS])
     total = discovered - float(state[base + AT_START])
     if outcome == np.uint64(COLLIDED) or outcome == np.uint64(OUT_OF_BOUNDS):
@@ -46,22 +48,46 @@ def describe_one(state, base, rules, shares, at):
 
 @kernel
 def describe(state, record, rules, shares):
-    """Write coverage and score (`score.score`) of every world to shares, float64[2 num]."""
+    """Write coverage and score (`score.score`) of every world to shares.
+
+    shares  float64[2 num]
+    """
     for i in range(shares.shape[0] >> 1):
         describe_one(state, i * record, rules, shares, 2 * i)
 
 
 @inlined
 def step_block(
-    actions, rewards, terminated, truncated, state, record, codes, sight, rules, masks, outcomes, listed, last, last_codes,
-    shares, last_shares, ended, which, count, first, end,
-):  # fmt: skip
-    """Do `step_described` for the worlds first..end - 1, and list those that ended from which[count] on.
+    actions,
+    rewards,
+    terminated,
+    truncated,
+    state,
+    record,
+    codes,
+    sight,
+    rules,
+    masks,
+    outcomes,
+    listed,
+    last,
+    last_codes,
+    shares,
+    last_shares,
+    ended,
+    which,
+    count,
+    first,
+    end,
+):
+    """Do `step_described` for the worlds first..end - 1; list those that ended.
 
-    Return where that list ends, or -1 - the index of a world whose next seed has no solvable draw.
+    The list is written from which[count] on. Return where it ends, or -1 - the index of a world
+    whose next seed has no solvable draw.
     """
-    # 1. Move. A world that ended begins anew, on a terrain all of whose cells count, so that all of them run now: hence
-    #    `describe_one` without its cases, and with both divisions in one instruction.
+    # 1. Move. A world that ended begins anew, on a terrain all of whose cells count, so that all of
+    #    them run now: hence `describe_one` without its cases, and with both divisions in one
+    #    instruction.
     move_block(actions, state, record, codes, sight, rules, rewards, listed, first, end)
     bonus, cells = float(rules[BONUS]), float(rules[ROWS] * rules[COLS])
     whole = bonus + bonus + cells
@@ -80,7 +106,8 @@ def step_block(
         shares[at] = np.true_divide(discovered, cells)
         shares[at + ONE] = np.true_divide(total + bonus, whole)
 
-    # 2. The flags by themselves, with places that cannot be negative, so that many worlds take one instruction.
+    # 2. The flags by themselves, with places that cannot be negative, so that many worlds take one
+    #    instruction.
     for i in range(first, end):
         at, outcome = np.uint64(i), outcomes[np.uint64(i)]
         ended[at], truncated[at] = outcome != RUNNING, outcome == TIMED_OUT
@@ -90,7 +117,8 @@ def step_block(
 
 @inlined
 def are_actions(actions):
-    """Return whether every number of int64[:] is an action code, 0..3: whether none has a higher bit."""
+    """Whether every number of int64[:] is an action code, 0..3."""
+    # an action code has no bit above the lowest two, and neither has their union
     bits = np.uint64(0)
     for i in range(actions.shape[0]):
         bits |= np.uint64(actions[i])
@@ -99,17 +127,35 @@ def are_actions(actions):
 
 @kernel
 def step_described(
-    actions, rewards, terminated, truncated, state, record, codes, sight, rules, masks, outcomes, listed, last, last_codes,
-    shares, last_shares, ended, which,
-):  # fmt: skip
-    """Do `rules.step_autoreset` and `describe`, write the last shares of the worlds that ended, and list those.
+    actions,
+    rewards,
+    terminated,
+    truncated,
+    state,
+    record,
+    codes,
+    sight,
+    rules,
+    masks,
+    outcomes,
+    listed,
+    last,
+    last_codes,
+    shares,
+    last_shares,
+    ended,
+    which,
+):
+    """Do `rules.step_autoreset` and `describe`, and list the worlds that ended.
 
-    rewards                       float64[num], written, as are
-    terminated, truncated, ended  bool[num]: how each episode went on
+    rewards                       float64[num], written
+    terminated, truncated, ended  bool[num], written: how each episode went on
+    last_shares                   float64[2 num], written where a world ended: its last coverage and
+                                  score
     which                         int64[num], written from the front: the worlds that ended
 
-    Return how many ended, or -1 - the index of a world whose next seed has no solvable draw, or -1 - num where some number is
-    no action and nothing has moved.
+    Return how many ended, or -1 - the index of a world whose next seed has no solvable draw, or -1
+    - num if some number is not an action; nothing has moved then.
     """
     num = actions.shape[0]
     if not are_actions(actions):
@@ -117,9 +163,28 @@ def step_described(
     count = np.int64(0)
     for first in range(0, num, BLOCK):
         count = step_block(
-            actions, rewards, terminated, truncated, state, record, codes, sight, rules, masks, outcomes, listed, last,
-            last_codes, shares, last_shares, ended, which, count, first, min(first + BLOCK, num),
-        )  # fmt: skip
+            actions,
+            rewards,
+            terminated,
+            truncated,
+            state,
+            record,
+            codes,
+            sight,
+            rules,
+            masks,
+            outcomes,
+            listed,
+            last,
+            last_codes,
+            shares,
+            last_shares,
+            ended,
+            which,
+            count,
+            first,
+            min(first + BLOCK, num),
+        )
         if count < 0:
             return count
     return count

@@ -1,9 +1,11 @@
-"""Compile the kernels: numba without reference counting, cached on disk, releasing the interpreter's lock.
+"""Compile the kernels with numba, cached on disk and releasing Python's lock.
 
-Kernels take whole numpy arrays and plain numbers; what each stands for is said where the kernel is called from. Counting
-references to array views cost more than half of the time of a step, hence `_nrt=False`: a kernel allocates nothing.
+Kernels take whole NumPy arrays and plain numbers; their callers document what these mean. Counting
+references to array views took more than half of a step's time, hence `_nrt=False`: kernels do not
+allocate.
 
-The first run on a machine compiles for some seconds, and one line on stderr says so. Later runs read numba's cache.
+The first run on a machine compiles for some seconds and prints one line to stderr. Later runs read
+numba's cache.
 """
 
 from __future__ import annotations
@@ -43,9 +45,9 @@ NOTICE = "marsexplorer: compiling the rules for this machine, some seconds; the 
 
 
 class KernelCall(NamedTuple):
-    """A kernel as it is called: what to compile.
+    """A kernel and the types of its arguments: one thing to compile.
 
-    types  of the arguments, numba's
+    types  numba types of the arguments
     """
 
     module: str
@@ -58,9 +60,10 @@ class KernelCall(NamedTuple):
 
 
 class Compiling:
-    """Compiling in this process: it is said once, and done while no other process compiles.
+    """Compiling in this process: announced once, and only while no other compiles.
 
-    instead  called with a kernel that the cache lacks, in place of compiling it; it raises. None: this process compiles
+    instead  called, in place of compiling, with a kernel that the cache lacks; it raises. None:
+             this process compiles
     """
 
     def __init__(self) -> None:
@@ -71,11 +74,14 @@ class Compiling:
 
     @property
     def is_locked(self) -> bool:
-        """Whether no other process compiles until this one has."""
+        """Whether other processes wait until this one has compiled."""
         return self._lock is not None
 
     def lock(self) -> None:
-        """Wait until no other process compiles: numba's index of a kernel loses what two processes write at once."""
+        """Wait until no other process compiles.
+
+        numba's index of a kernel loses what two processes write at once.
+        """
         path = Path(FunctionCache(kernel).cache_path) / "compiling.lock"
         self._lock = os.open(path, os.O_RDONLY | os.O_CREAT, 0o644)
         if fcntl is not None:
@@ -89,14 +95,14 @@ class Compiling:
             self._lock = None
 
     def began(self) -> None:
-        """Note that numba compiles a function, and say so the first time."""
+        """Count a compilation that begins; print the notice before the first."""
         self._depth += 1
         if not self._is_said:
             self._is_said = True
             print(NOTICE, file=sys.stderr, flush=True)
 
     def ended(self, is_failed: bool) -> None:
-        """Note that a function is compiled, or could not be."""
+        """Count a compilation that ended, and unlock if it failed."""
         self._depth -= 1
         if is_failed:
             self.unlock()
@@ -106,7 +112,7 @@ compiling = Compiling()
 
 
 class _Listener(event.Listener):
-    """numba calls it on a cache miss alone, and holds its compiler lock then."""
+    """numba calls it only on a cache miss, while it holds its compiler lock."""
 
     def on_start(self, event: Any) -> None:
         compiling.began()
@@ -119,10 +125,10 @@ event.register("numba:compile", _Listener())
 
 
 class KernelCache(FunctionCache):
-    """What was compiled of a kernel, on disk."""
+    """The compiled versions of one kernel, on disk."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what the cache has for these types of arguments; None: numba compiles it next, and saves it."""
+        """Load the version for these argument types; None makes numba compile and save it."""
         overload = super().load_overload(sig, target_context)
         if overload is not None or compiling.is_locked:
             return overload
@@ -136,8 +142,7 @@ class KernelCache(FunctionCache):
             compiling.unlock()
         return overload
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Save what was compiled."""
+    def save_overload(self, sig: Any, data: Any) -> None:  # numba's own parameter names
         try:
             super().save_overload(sig, data)
         finally:
@@ -145,9 +150,9 @@ class KernelCache(FunctionCache):
 
 
 def kernel(function: F) -> F:
-    """Return the function compiled, to be called from Python and from other kernels.
+    """Compile a function to be called from Python and from other kernels.
 
-    What several kernels share is a kernel as well when it is long: compiled once for all of them instead of into each.
+    A long function that several kernels share is a kernel too: it is compiled once for all of them.
     """
     compiled: Any = njit(nogil=True, _nrt=False, no_cfunc_wrapper=True)(function)  # type: ignore[call-overload]
     compiled._cache = KernelCache(function)  # as `cache=True` does with a FunctionCache
@@ -162,9 +167,10 @@ def kernel(function: F) -> F:
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array, as a read-only view where it may be written.
+    """An array as a read-only view, unless it is read-only already.
 
-    A kernel is compiled for arrays that may be written and again for those that may not; where both come, it is given these.
+    A kernel is compiled separately for writable and for read-only arrays. Where both occur, callers
+    pass it read-only ones only.
     """
     if array.flags.writeable:
         array = array.view()
@@ -173,9 +179,9 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def inlined(function: F) -> F:
-    """Return the function for use inside kernels, its body compiled into theirs: for what is short or used once.
+    """Compile a short function's body into every kernel that calls it.
 
-    Python calls it as it is written: compiled by itself it would be in no cache.
+    Python calls it uncompiled: compiled by itself it would be in no cache.
     """
     compiled: Any = njit(inline="always", _nrt=False)(function)  # type: ignore[call-overload]
     compiled._compile_for_args = lambda *args: function
@@ -183,9 +189,10 @@ def inlined(function: F) -> F:
 
 
 def merged(function: F) -> F:
-    """Return the function for use inside kernels, put into theirs by LLVM: for what is long and used once.
+    """Let LLVM merge a long function into the one kernel that calls it.
 
-    `inlined` copies what numba knows of a function once for each of its blocks, which takes a second for the longest.
+    `inlined` copies numba's type information once for each block, which takes a second for the
+    longest.
     """
     compiled: F = njit(
         forceinline=True, _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True
@@ -195,7 +202,7 @@ def merged(function: F) -> F:
 
 @intrinsic
 def popcount(typingctx, word):  # numba's calling convention for intrinsics
-    """Return the number of set bits in a uint64."""
+    """The number of set bits in a uint64."""
     del typingctx, word
 
     def code(context, builder, signature, args):
@@ -207,7 +214,7 @@ def popcount(typingctx, word):  # numba's calling convention for intrinsics
 
 @intrinsic
 def lowest(typingctx, word):  # numba's calling convention for intrinsics
-    """Return the index of the lowest set bit in a nonzero uint64."""
+    """The index of the lowest set bit in a nonzero uint64."""
     del typingctx, word
 
     def code(context, builder, signature, args):
@@ -219,12 +226,12 @@ def lowest(typingctx, word):  # numba's calling convention for intrinsics
 
 @intrinsic
 def prefetch(typingctx, array, index):  # numba's calling convention for intrinsics
-    """Ask for the cache line of array[index], which need not exist, and go on without it."""
+    """Fetch the cache line of array[index], which need not exist, without waiting."""
     del typingctx, index
 
     def code(context, builder, signature, args):
-        data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        place = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer())
+        elements = context.make_array(signature.args[0])(context, builder, args[0]).data
+        place = builder.bitcast(builder.gep(elements, [args[1]]), ir.IntType(8).as_pointer())
         number = ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [place.type, number, number, number])
         function = builder.module.declare_intrinsic("llvm.prefetch", (place.type,), kind)

@@ -1,6 +1,7 @@
-"""What an episode is played on: levels by name, sizes, and the frozen configuration with its canonical hash.
+"""The configuration of an episode: level, sizes, and its canonical hash.
 
-Koutras et al. 2021, section 2 (rules), table 1 (radius, beta) and section 3.3 (the 12 difficulty levels).
+Koutras et al. 2021, section 2 (rules), table 1 (radius, beta) and section 3.3 (the 12 difficulty
+levels).
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from types import MappingProxyType
 from typing import Any
 
 CORE_VERSION = "1"
-"""Rises whenever the same config, terrain and actions would give another trajectory, or a seed another terrain."""
+"""Rises whenever the same config, terrain and actions would give another trajectory, or a seed
+another terrain.
+"""
 
 ACTIONS = ("north", "east", "south", "west")
 """Action codes 0..3 in words: row-1, col+1, row+1, col-1."""
@@ -37,17 +40,22 @@ MIN_SIDE, MAX_SIDE = 5, 1024
 MAX_RADIUS = 31
 
 RECTANGLES, BUILDING, CAVE, GIVEN = range(4)
-"""How the terrains of a level are made: the paper's rectangles, a building or a cave (generators.py), or not at all."""
+"""How the terrains of a level are made: the paper's rectangles, a building or a cave
+(generators.py), or not at all.
+"""
 
 
 @dataclass(frozen=True)
 class Level:
     """A recipe for terrains.
 
-    topology    0 for `random`; else d_t of section 3.3, the largest shift of an obstacle from its lattice point (cells)
+    topology    0 for `random`; else d_t of section 3.3, the largest shift of an obstacle from its
+                lattice point (cells)
     morphology  0 for `random`; else d_m, sides are 1..2 cells for 1 and 1..4 for 2
-    has_bonus   d_b of section 3.3: True (1) with a bonus for completion and a penalty for failure, False (2) with neither
-    generator   RECTANGLES for the levels of the paper; BUILDING, CAVE, or GIVEN for maps that have no seed
+    has_bonus   d_b of section 3.3: True (1) with a bonus for completion and a penalty for failure,
+                False (2) with neither
+    generator   RECTANGLES for the levels of the paper; BUILDING, CAVE, or GIVEN for maps that have
+                no seed
     """
 
     name: str
@@ -83,16 +91,21 @@ _OTHERS = (
 OTHER_LEVELS: MappingProxyType[str, Level] = MappingProxyType(
     {name: Level(name, 0, 0, True, summary, generator) for name, summary, generator in _OTHERS}
 )
-"""Levels unlike those of the paper. Of their terrains, what can be discovered counts (`EnvConfig.discoverable_only`)."""
+"""Levels unlike those of the paper. Of their terrains, what can be discovered counts
+(`EnvConfig.discoverable_only`).
+"""
 
 ALL_LEVELS: MappingProxyType[str, Level] = MappingProxyType({**LEVELS, **OTHER_LEVELS})
 
 
-def _whole(name: str, value: object, low: int, high: int) -> int:
-    """Return a whole number of Python or NumPy as an int; TypeError or ValueError when it is none in low..high."""
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"{name} must be a whole number, got {value!r}")
-    whole = int(value)
+def _whole(name: str, number: object, low: int, high: int) -> int:
+    """Convert a whole number of Python or NumPy, low..high, to an int.
+
+    TypeError if it is not a whole number, ValueError if it is out of range.
+    """
+    if isinstance(number, bool) or not isinstance(number, Integral):
+        raise TypeError(f"{name} must be a whole number, got {number!r}")
+    whole = int(number)
     if not low <= whole <= high:
         bound = f"at least {low}" if whole < low else f"at most {high}"
         raise ValueError(f"{name} must be {bound}, got {whole}")
@@ -100,12 +113,15 @@ def _whole(name: str, value: object, low: int, high: int) -> int:
 
 
 def check_seed(seed: object) -> int:
-    """Return the seed as an int when it is a whole number in 0..2^53-1; TypeError or ValueError otherwise."""
+    """Convert a seed to an int; it must be a whole number in 0..2^53-1.
+
+    TypeError if it is not a whole number, ValueError if it is out of range.
+    """
     return _whole("seed", seed, 0, MAX_SEED)
 
 
 def fewest_cells(cells: int, beta: float) -> int:
-    """Return the fewest discovered cells k with k / cells >= beta, for at least one cell (eq. 8)."""
+    """The fewest discovered cells k with k / cells >= beta, for cells >= 1 (eq. 8)."""
     k = max(0, int(beta * cells) - 2)
     while k / cells < beta:
         k += 1
@@ -121,10 +137,12 @@ class EnvConfig:
     sensor_radius      d of eq. 4, cells, 1..31
     beta               share of the cells that count to discover, in (0, 1] (eq. 8)
     max_steps          moves until truncation, at least 1; None means n = rows * cols
-    discoverable_only  whether only the cells count that the lidar shows from some cell within reach of the start, instead of
-                       all cells; None means what the level has: False for LEVELS, True for OTHER_LEVELS
+    discoverable_only  True: only cells count that the lidar can show from some cell within reach of
+                       the start. False: all cells count. None: False for LEVELS, True for
+                       OTHER_LEVELS
 
-    The cells that count are what beta, coverage and the score refer to. Bonus and penalty are n, the number of all cells.
+    Beta, coverage and the score refer to the cells that count. Bonus and penalty are n, the number
+    of all cells.
     """
 
     level: str = "random"
@@ -150,21 +168,29 @@ class EnvConfig:
         if self.discoverable_only is None:
             self._keep("discoverable_only", self.level in OTHER_LEVELS)
         if not isinstance(self.discoverable_only, bool):
-            given = f"got {self.discoverable_only!r}"
-            raise TypeError(f"discoverable_only must be True, False or None, {given}")
+            raise TypeError(
+                f"discoverable_only must be True, False or None, got {self.discoverable_only!r}"
+            )
         if self.level in OTHER_LEVELS and not self.discoverable_only:
-            what = f"for level {self.level!r}: much of it can never be seen"
-            raise ValueError(f"discoverable_only cannot be False {what}")
+            raise ValueError(
+                f"discoverable_only cannot be False for level {self.level!r}: much of it can never be seen"
+            )
 
-    def _keep(self, name: str, value: object) -> None:
-        """Set a field to a value as a plain number, so that equal configurations have one hash."""
-        object.__setattr__(self, name, value)
+    def _keep(self, name: str, number: object) -> None:
+        """Set a field of the frozen configuration to a plain number.
+
+        Equal configurations have one hash, whatever kind of number they were made from.
+        """
+        object.__setattr__(self, name, number)
 
     @classmethod
     def of(
         cls, level: str = "random", size: int | tuple[int, int] = 21, *more: Any, **rest: Any
     ) -> EnvConfig:
-        """Return the configuration of a level at a size: one side for a square, or (rows, cols); the other fields behind."""
+        """The configuration of a level at a size: one side of a square, or (rows, cols).
+
+        The other fields follow in their order, or by name.
+        """
         if isinstance(size, Integral) and not isinstance(size, bool):
             return cls(level, int(size), int(size), *more, **rest)
         if isinstance(size, (tuple, list)) and len(size) == 2:
@@ -194,7 +220,10 @@ class EnvConfig:
 
     @cached_property
     def r_bonus(self) -> int:
-        """Reward for discovering beta of the cells: n, or 0 on levels without a bonus (section 3.3, d_b = 2)."""
+        """Reward for discovering beta of the cells: n, or 0 on levels without a bonus.
+
+        Section 3.3: d_b = 2 means no bonus.
+        """
         return self.n if ALL_LEVELS[self.level].has_bonus else 0
 
     @cached_property
@@ -203,9 +232,10 @@ class EnvConfig:
         return self.r_bonus
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fields as JSON-ready values; `EnvConfig(**d)` gives an equal configuration.
+        """The fields as JSON-ready values; `EnvConfig(**fields)` restores them.
 
-        `discoverable_only` is left out where it is what the level has, so that the hashes of older configurations stay.
+        `discoverable_only` is left out where it is the level's default, so that no hash depends on
+        it there.
         """
         fields = asdict(self)
         if self.discoverable_only == (self.level in OTHER_LEVELS):

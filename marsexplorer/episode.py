@@ -1,7 +1,7 @@
-"""An episode as it runs, the record it leaves, and the replay of a record.
+"""An episode as it runs, its record, and the replay of a record.
 
-A record is the cause of an episode: configuration, terrain, start and actions. Everything else follows from it by replay;
-its totals and trajectory hash are there to be checked against.
+A record is the cause of an episode: configuration, terrain, start and actions. The rest follows by
+replay; a record's totals and trajectory hash are there to check the replay against.
 """
 
 from __future__ import annotations
@@ -21,30 +21,35 @@ from marsexplorer.world import Worlds, cells_that_count, check_action
 
 
 def score(config: EnvConfig, episode_return: float, cells: int | None = None) -> float:
-    """Return the normalized score: 0 is an invalid first move, 1 the theoretical maximum; never clipped.
+    """The normalized score: 0 for an invalid first move, 1 the maximum; never clipped.
 
-    cells  that count on the terrain (`world.cells_that_count`); None: all n
+    (return + r_invalid) / (r_invalid + r_bonus + cells), Koutras et al. 2021, section 3.2, where
+    cells is n.
 
-    (return + r_invalid) / (r_invalid + r_bonus + cells), Koutras et al. 2021, section 3.2, where cells is n.
+    Args:
+        config: The configuration of the episode.
+        episode_return: The sum of its rewards.
+        cells: Cells that count on the terrain (`world.cells_that_count`); None: all n.
     """
     counted = config.n if cells is None else cells
     return (episode_return + config.r_invalid) / (config.r_invalid + config.r_bonus + counted)
 
 
 def steps_to_target(config: EnvConfig, outcome: str, steps: int) -> int:
-    """Return the moves an explored episode took; any other finished episode counts `max_steps`."""
+    """Moves of an explored episode; any other finished episode counts `max_steps`."""
     return steps if outcome == "explored" else config.limit
 
 
 @dataclass(frozen=True)
 class Record:
-    """The cause of an episode, with what it came to.
+    """The cause of an episode, and its totals.
 
     terrain          bool[rows, cols] packed by numpy.packbits, row-major
     actions          one byte a move, codes 0..3
-    outcome          in words, `running` for an unfinished episode
+    outcome          a name of `config.OUTCOMES`, `running` for an unfinished episode
     total            the return
-    trajectory_hash  SHA-256 (hex) over configuration, terrain, start and each step's position, discovered cells and reward
+    trajectory_hash  SHA-256 (hex) of the configuration, terrain, start, and of each step's
+                     position, discovered cells and reward
     """
 
     config: EnvConfig
@@ -61,7 +66,10 @@ class Record:
 
     @property
     def cells(self) -> int:
-        """Cells that beta, coverage and the score refer to, counted from the terrain: all, or those that can be discovered."""
+        """Cells that beta, coverage and the score refer to.
+
+        Counted from the terrain: all cells, or those that can be discovered.
+        """
         if not self.config.discoverable_only:
             return self.config.n
         return cells_that_count(self.config, self.terrain_map(), self.start)
@@ -72,15 +80,16 @@ class Record:
         return score(self.config, self.total, self.cells)
 
     def terrain_map(self) -> NDArray[np.bool_]:
-        """Return the true map: bool[rows, cols], True where blocked."""
+        """The true map: bool[rows, cols], True where blocked."""
         return unpack_terrain(self.terrain, self.config)
 
 
 def unpack_terrain(packed: bytes, config: EnvConfig) -> NDArray[np.bool_]:
-    """Return bool[rows, cols] from packed bits; ValueError when the length does not fit the configuration."""
+    """Unpack a terrain's bits to bool[rows, cols]; ValueError if they do not fit."""
     if len(packed) != (config.n + 7) // 8:
-        size, wanted = f"{config.rows}x{config.cols}", (config.n + 7) // 8
-        raise ValueError(f"a terrain of {size} takes {wanted} bytes, got {len(packed)}")
+        raise ValueError(
+            f"a terrain of {config.rows}x{config.cols} takes {(config.n + 7) // 8} bytes, got {len(packed)}"
+        )
     bits = np.unpackbits(np.frombuffer(packed, np.uint8), count=config.n)
     return bits.reshape(config.rows, config.cols).astype(np.bool_)
 
@@ -92,7 +101,7 @@ class Episode:
     discoveries  cells discovered after 0, 1, 2, ... moves
     rewards      of each move
 
-    Its moves are kept as arrays of numbers: Python would look through lists for garbage.
+    The moves are arrays of numbers, which Python's garbage collector does not look through.
     """
 
     def __init__(self, worlds: Worlds, start: tuple[int, int]) -> None:
@@ -123,7 +132,10 @@ class Episode:
         terrain: NDArray[np.bool_] | None = None,
         start: tuple[int, int] = (0, 0),
     ) -> Episode:
-        """Return an episode at its start, on the terrain of a seed or on a given terrain (exactly one of them)."""
+        """Begin an episode on the terrain of a seed, or on a given terrain.
+
+        Exactly one of seed and terrain must be given; ValueError otherwise.
+        """
         if (seed is None) == (terrain is None):
             raise ValueError("an episode begins on a seed or on a terrain; give exactly one")
         worlds = Worlds(config)
@@ -136,11 +148,16 @@ class Episode:
 
     @classmethod
     def again(cls, record: Record) -> Episode:
-        """Return an episode at the start of a record, on its terrain."""
+        """Begin the episode of a record once more, on its terrain."""
         return cls.begin(record.config, terrain=record.terrain_map(), start=record.start)
 
     def step(self, action: int) -> float:
-        """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action."""
+        """Make one move and return its reward.
+
+        Raises:
+            RuntimeError: If the episode has ended.
+            ValueError: If `action` is not one of 0..3.
+        """
         if self.ended:
             raise RuntimeError(f"the episode has ended ({self.outcome}); begin another one")
         self._action[0] = check_action(action)
@@ -156,53 +173,61 @@ class Episode:
         return self.reward
 
     def play(self, actions: bytes) -> None:
-        """Make moves until the episode ends, at once, which is faster than step by step.
+        """Make many moves at once, which is faster than step by step.
 
-        ValueError for what is no action, and where there are moves after the end.
+        Raises:
+            ValueError: If a code is not an action, or if moves follow the end of the episode.
         """
         for code in set(actions):
             check_action(code)
         before = self.steps
         cells, discovered, rewards = self._worlds.step_through(actions)
-        made = len(rewards)
+        moves_made = len(rewards)
         self.outcome = OUTCOMES[self._worlds.outcomes[0]]
-        if made < len(actions):
+        if moves_made < len(actions):
             raise ValueError(
-                f"the record goes on after its end: {before + len(actions)} actions, {self.outcome} after {before + made}"
+                f"the record goes on after its end: {before + len(actions)} actions, {self.outcome} after {before + moves_made}"
             )
         self.actions += actions
         self._cells.frombytes(cells.tobytes())
         self.discoveries.frombytes(discovered.tobytes())
         self.rewards.frombytes(rewards.tobytes())
         lines = []
-        for cell, found, reward in zip(
+        for cell, newly, reward in zip(
             cells.tolist(), discovered.tolist(), rewards.tolist(), strict=True
         ):
             self.total += reward
             row, col = divmod(cell, self.config.cols)
-            lines.append(f"{row},{col},{found},{reward!r}|")
+            lines.append(f"{row},{col},{newly},{reward!r}|")
         self._hash.update("".join(lines).encode())
-        if made:
+        if moves_made:
             self.reward = self.rewards[-1]
 
     def abandon(self) -> None:
-        """Give up: the episode ends at its return so far minus r_invalid."""
+        """Give up: the episode ends, and its return so far falls by r_invalid."""
         if self.ended:
-            what = f"the episode has ended ({self.outcome})"
-            raise RuntimeError(f"{what}; there is nothing to abandon")
+            raise RuntimeError(
+                f"the episode has ended ({self.outcome}); there is nothing to abandon"
+            )
         self.reward = -float(self.config.r_invalid)
         self.total += self.reward
         self.outcome = OUTCOMES[ABANDONED]
 
     @property
     def codes(self) -> NDArray[np.uint8]:
-        """The occupancy grid as known, uint8[rows, cols]: a read-only view that may change with the next step."""
+        """The occupancy grid as known: uint8[rows, cols], a read-only view.
+
+        It may change with the next step.
+        """
         view: NDArray[np.uint8] = self._worlds.codes[0].view()
         view.flags.writeable = False
         return view
 
     def observation(self) -> NDArray[np.float32]:
-        """Return the state matrix of eq. 6: float32[rows, cols] of 0 unknown, 0.3 free, 0.6 rover, 1 obstacle."""
+        """The state matrix of eq. 6: float32[rows, cols].
+
+        0 unknown, 0.3 free, 0.6 rover, 1 obstacle.
+        """
         observation: NDArray[np.float32] = STATE_VALUES[self._worlds.codes[0]]
         return observation
 
@@ -218,7 +243,7 @@ class Episode:
         return [divmod(cell, self.config.cols) for cell in self._cells]
 
     def place(self, step: int) -> tuple[int, int]:
-        """Return (row, col) of the rover after so many moves."""
+        """(row, col) of the rover after so many moves."""
         return divmod(self._cells[step], self.config.cols)
 
     @property
@@ -233,7 +258,7 @@ class Episode:
 
     @property
     def cells(self) -> int:
-        """Cells that beta, coverage and the score refer to: all, or those that can be discovered (`EnvConfig`)."""
+        """Cells that beta, coverage and the score refer to (`EnvConfig`)."""
         return self._scalars[CELLS]
 
     @property
@@ -257,14 +282,14 @@ class Episode:
         return self.outcome != OUTCOMES[RUNNING]
 
     def record(self) -> Record:
-        """Return the episode's cause and totals as they stand."""
+        """The episode's cause and its totals so far."""
         cause = (self.config, self.seed, self._packed, self.start, bytes(self.actions))
-        came_to = (self.outcome, self.total, self.steps, self.discovered)
-        return Record(*cause, *came_to, self._hash.hexdigest())
+        totals = (self.outcome, self.total, self.steps, self.discovered)
+        return Record(*cause, *totals, self._hash.hexdigest())
 
 
 def moves_of(record: Record) -> Iterator[tuple[Episode, int]]:
-    """Yield the episode of a record as it stood before each move, with the move; it is the same object each time."""
+    """Yield the same episode before each move of a record, with the move."""
     episode = Episode.again(record)
     for action in record.actions:
         yield episode, action
@@ -272,10 +297,13 @@ def moves_of(record: Record) -> Iterator[tuple[Episode, int]]:
 
 
 def replay(record: Record) -> Episode:
-    """Return the episode that a record's cause gives, move by move; the caller compares what it comes to.
+    """Play a record's actions on its terrain; the caller compares the totals.
 
-    The terrain is taken as recorded, never drawn again. ValueError when the actions go on after the end or the record was
-    made by another core version.
+    The terrain is taken as recorded and never drawn again.
+
+    Raises:
+        ValueError: If actions follow the end of the episode, or another core version made the
+            record.
     """
     if record.core_version != CORE_VERSION:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all: written under another name, then renamed. Cells of CSV files."""
+"""Files and folders that appear whole or not at all; cells of CSV files."""
 
 from __future__ import annotations
 
@@ -11,24 +11,27 @@ from pathlib import Path
 from typing import IO, Any
 
 _FORMULA = re.compile(r"[=@＝＠\t\r\n]|[+＋－-](?![\w.-]*\Z)")
-"""How a text begins that a spreadsheet would run. A number with its sign is none, and neither is an id that begins with "-"."""
+"""How a text begins that a spreadsheet would run. A number with its sign is none, and neither is
+an id that begins with "-".
+"""
 
 
-def to_cell(value: Any) -> Any:
-    """Return a value as a cell of a CSV file: text that a spreadsheet would run as a formula begins with an apostrophe.
+def to_cell(content: Any) -> Any:
+    """Convert content to a cell of a CSV file that no spreadsheet runs as a formula.
 
-    Numbers stay numbers. Spreadsheets hide the apostrophe; a program that wants the text itself reads the JSON Lines, the
-    Parquet or the database beside the CSV, where nothing is changed.
+    Such text gets an apostrophe in front, which spreadsheets hide; numbers stay numbers. A program
+    that wants the text itself reads the JSON Lines, the Parquet or the database beside the CSV,
+    where nothing is changed.
     """
-    return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value
+    return f"'{content}" if isinstance(content, str) and _FORMULA.match(content) else content
 
 
 @contextmanager
 def replace_whole(path: Path) -> Iterator[Path]:
-    """Yield a hidden path beside `path`; what the block writes there takes the name `path` when the block ends well.
+    """Yield a hidden path that is renamed to `path` when the block ends well.
 
-    The block may write a file (a database too) or make a folder. A file replaces the one that was there, a folder only an
-    empty one. Nothing is left when the block raises.
+    The block may write a file there (a database too) or make a folder. A file replaces the one that
+    was there, a folder only an empty one. If the block raises, nothing is left.
     """
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -43,7 +46,10 @@ def replace_whole(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def write_whole(path: Path) -> Iterator[IO[bytes]]:
-    """Yield a binary file that takes the name `path` when the block ends well; IsADirectoryError where `path` is a folder."""
+    """Yield a binary file that is renamed to `path` when the block ends well.
+
+    IsADirectoryError if `path` is a folder.
+    """
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder")
     with replace_whole(path) as unfinished, unfinished.open("wb") as file:

@@ -1,19 +1,23 @@
-"""Buildings and caves: terrains unlike the paper's rubble, drawn from the same numbered streams (`terrain`).
+"""Buildings and caves, drawn from numbered streams like the paper's terrains.
 
-**Building.** Recursive division (Buck 2015, "Mazes for Programmers", with rooms). A region of the grid, at first all of it,
-is cut across its longer side (by rows when both are equal). When both sides are CORRIDOR_SIDE or more, two walls are drawn
-with a corridor of 1 or 3 cells between them, else one wall. A region whose longer side is at most 6 + (0..4) cells is a room.
-A wall has a doorway of one cell, and one of LONG_WALL cells or more has a second in half of the cases. Walls stand on odd
-rows and columns and doorways on even ones, so no wall ends in a doorway and everything is connected. A room of 5 or more
-cells a side has a solid block in two of three cases, with at least one free cell all round; its inside can never be seen. The
-smaller part of a cut is divided first. The edge of the grid is the outer wall, and the rover starts in the north-west.
+**Building.** Recursive division (Buck 2015, "Mazes for Programmers", with rooms). A region of the
+grid, at first all of it, is cut across its longer side (by rows when both are equal). When both
+sides are CORRIDOR_SIDE or more, two walls are drawn with a corridor of 1 or 3 cells between them,
+else one wall. A region whose longer side is at most 6 + (0..4) cells is a room. A wall has a
+doorway of one cell, and one of LONG_WALL cells or more has a second in half of the cases. Walls
+stand on odd rows and columns and doorways on even ones, so no wall ends in a doorway and everything
+is connected. A room of 5 or more cells a side has a solid block in two of three cases, with at
+least one free cell all round; its inside can never be seen. The smaller part of a cut is divided
+first. The edge of the grid is the outer wall, and the rover starts in the north-west.
 
-**Cave.** A cellular automaton (Johnson, Yannakakis and Togelius 2010, "Cellular automata for real-time generation of infinite
-cave levels"). Each cell is rock with probability ROCK_PER_CENT. ROUNDS times, a cell becomes rock when five or more of the nine
-cells of its 3 x 3 square are rock, with rock all round the grid. A mouth is dug from (0, 0), one cell east and one south in
-turn, until it meets open ground. What is not connected to it is filled.
+**Cave.** A cellular automaton (Johnson, Yannakakis and Togelius 2010, "Cellular automata for
+real-time generation of infinite cave levels"). Each cell is rock with probability ROCK_PER_CENT.
+ROUNDS times, a cell becomes rock when five or more of the nine cells of its 3 x 3 square are rock,
+with rock all round the grid. A mouth is dug from (0, 0), one cell east and one south in turn, until
+it meets open ground. What is not connected to it is filled.
 
-Numbers are taken one after the other from the stream of `key`, as `terrain` describes; each `k` below counts them.
+Numbers are taken one after the other from the stream of `key`, as `terrain` describes; each `k`
+below counts them.
 """
 
 from __future__ import annotations
@@ -34,14 +38,14 @@ ROUNDS = 4
 
 
 @kernel
-def mark_rectangle(bits, shape, top, left, height, width, value):
-    """Set (value 1) or clear (value 0) the bits of a rectangle inside the grid."""
+def mark_rectangle(bits, shape, top, left, height, width, is_obstacle):
+    """Set (1) or clear (0) the bits of a rectangle inside the grid."""
     radius, words = shape[RADIUS], shape[WORDS]
     for row in range(top, top + height):
         for col in range(left, left + width):
             at = (row + radius) * words + ((col + radius) >> 6)
             bit = ONE << np.uint64((col + radius) & 63)
-            if value:
+            if is_obstacle:
                 bits[at] |= bit
             else:
                 bits[at] &= ~bit
@@ -49,7 +53,10 @@ def mark_rectangle(bits, shape, top, left, height, width, value):
 
 @kernel
 def draw_wall(bits, shape, key, k, is_row, place, begin, length):
-    """Draw a wall of `length` cells from `begin` on, in the row or column `place`; return the numbers used so far."""
+    """Draw a wall in the row or column `place`; return the numbers used so far.
+
+    The wall has `length` cells, the first of them at `begin`.
+    """
     if is_row:
         mark_rectangle(bits, shape, place, begin, 1, length, 1)
     else:
@@ -90,7 +97,10 @@ def push_region(stack, at, top, left, height, width):
 
 @kernel
 def draw_building(bits, stack, shape, key):
-    """Draw a building into cleared rows of bits; stack is scratch, as large, for the regions that are still to be divided."""
+    """Draw a building into cleared rows of bits.
+
+    stack  scratch as large as the rows of bits, for the regions that are still to be divided
+    """
     push_region(stack, 0, 0, 0, shape[ROWS], shape[COLS])
     waiting, k = 1, 0
     while waiting > 0:
@@ -106,8 +116,8 @@ def draw_building(bits, stack, shape, key):
             k = furnish(bits, shape, key, k, top, left, height, width)
             continue
 
-        # 2. Cut it across its longer side, with at least three cells left on both sides: by a wall, or by two with a
-        #    corridor between them.
+        # 2. Cut it across its longer side, with at least three cells left on both sides: by a wall,
+        #    or by two with a corridor between them.
         is_row = height >= width
         begin, side, across, length = top, height, left, width
         if not is_row:
@@ -136,7 +146,7 @@ def draw_building(bits, stack, shape, key):
 
 @inlined
 def is_set(bits, shape, row, col):
-    """Return the bit of a cell, 0 or 1."""
+    """The bit of a cell, 0 or 1."""
     bit = col + shape[RADIUS]
     word = bits[(row + shape[RADIUS]) * shape[WORDS] + (bit >> 6)]
     return np.int64(word >> np.uint64(bit & 63) & ONE)
@@ -144,7 +154,10 @@ def is_set(bits, shape, row, col):
 
 @kernel
 def count_rock(bits, shape, row, col):
-    """Return how many of a cell and those north and south of it are rock, 0..3; all is rock off the grid."""
+    """How many of a cell and its neighbours north and south are rock, 0..3.
+
+    Off the grid all is rock.
+    """
     if col < 0 or col >= shape[COLS]:
         return np.int64(3)
     count = np.int64(0)
@@ -155,7 +168,7 @@ def count_rock(bits, shape, row, col):
 
 @kernel
 def smooth(bits, before, shape):
-    """Make one round of the automaton on rows of bits; before is scratch of their size."""
+    """Run one round of the automaton; `before` is scratch as large as the bits."""
     for word in range((shape[ROWS] + 2 * shape[RADIUS]) * shape[WORDS]):
         before[word] = bits[word]
     for row in range(shape[ROWS]):
@@ -168,7 +181,7 @@ def smooth(bits, before, shape):
 
 @kernel
 def draw_cave(bits, reach, shape, masks, key):
-    """Draw a cave into cleared rows of bits; reach and masks are as `bitmap.flood` takes them."""
+    """Draw a cave into cleared rows of bits; reach and masks as for `bitmap.flood`."""
     rows, cols, radius, words = shape[ROWS], shape[COLS], shape[RADIUS], shape[WORDS]
 
     # 1. Rock anywhere, then the automaton.

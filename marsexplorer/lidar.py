@@ -1,24 +1,28 @@
-"""Line of sight, exactly: which cells a lidar sees, as bit masks that compiled code can combine.
+"""Exact line of sight of a lidar, as bit masks that compiled code combines.
 
-A cell q is seen from p when the Euclidean distance of their centres is at most the radius and the open segment between
-the centres crosses the interior of no obstacle other than q (Koutras et al. 2021, eq. 4). Touching a corner does not
-block. With p at the origin, q at (dr, dc) and an obstacle at (br, bc), everything scaled to whole numbers, the line through
-the centres crosses the interior of the obstacle's square when its corners lie strictly on both sides,
-2 |dr bc - dc br| < |dr| + |dc|; the chord lies between the centres when the obstacle is in their bounding box. So sight
+A cell q is seen from p when the Euclidean distance of their centres is at most the radius and the
+open segment between the centres crosses the interior of no obstacle other than q (Koutras et al.
+2021, eq. 4). Touching a corner does not block. With p at the origin, q at (dr, dc) and an obstacle
+at (br, bc), everything scaled to whole numbers, the line through the centres crosses the interior
+of the obstacle's square when its corners lie strictly on both sides, 2 |dr bc - dc br| < |dr| +
+|dc|; the chord lies between the centres when the obstacle is in their bounding box. So sight
 between free cells is symmetric.
 
-A window is the square of 2 radius + 1 cells a side round the rover, stored as rows of bits: row i of the window occupies
-`lane` bits (16, 32 or 64) of word i // per_word, lowest bit west; windows of 16-bit lanes have four words at every radius.
-The table of a radius is one uint64 array:
+A window is the square of 2 radius + 1 cells a side round the rover, stored as rows of bits: row i
+of the window occupies `lane` bits (16, 32 or 64) of word i // per_word, lowest bit west; windows of
+16-bit lanes have four words at every radius. The table of a radius is one uint64 array:
 
     [0]                         lane
     [1]                         words in a window
     [2 : 2 + words]             the disc: cells within the radius
-    [2 + words : 2 + 2 words]   scratch for the compiled scan, which has a copy of the table for each stack of worlds
-    [2 + 2 words : ]            for each window cell, row-major, the window of cells it hides when it is an obstacle
+    [2 + words : 2 + 2 words]   scratch for the compiled scan, which has a copy of the table for
+                                each stack of worlds
+    [2 + 2 words : ]            for each window cell, row-major, the window of cells it hides when
+                                it is an obstacle
 
-`find_visible` is the only line of sight of this package: the rules scan with it, and policies estimate with it what a scan
-would show. Its maps are rows of bits with a margin of `radius` cells all round, so that no window needs a bounds test.
+`find_visible` is the only line of sight of this package: the rules scan with it, and policies
+estimate with it what a scan would show. Its maps are rows of bits with a margin of `radius` cells
+all round, so that no window needs a bounds test.
 """
 
 from __future__ import annotations
@@ -40,7 +44,7 @@ ONE = np.uint64(1)
 
 
 def hides(br: int, bc: int, dr: int, dc: int) -> bool:
-    """Return whether an obstacle at (br, bc) blocks the sight from (0, 0) to (dr, dc); offsets in cells."""
+    """Whether an obstacle at (br, bc) blocks the sight from (0, 0) to (dr, dc)."""
     if (br, bc) in ((0, 0), (dr, dc)):
         return False
     if not (min(0, dr) <= br <= max(0, dr) and min(0, dc) <= bc <= max(0, dc)):
@@ -49,7 +53,10 @@ def hides(br: int, bc: int, dr: int, dc: int) -> bool:
 
 
 def window_words(radius: int) -> tuple[int, int]:
-    """Return (lane, words): bits a window row takes and uint64 words a window takes, for a radius of 1..31 cells."""
+    """(lane, words): bits of a window row and uint64 words of a window.
+
+    radius  1..31 cells
+    """
     side = 2 * radius + 1
     if side <= NARROW:
         return NARROW, 4
@@ -59,7 +66,7 @@ def window_words(radius: int) -> tuple[int, int]:
 
 @cache
 def sight_table(radius: int) -> NDArray[np.uint64]:
-    """Return the disc and shadow masks of a radius (1..31 cells), laid out as the module's header says."""
+    """The disc and shadow masks of a radius (1..31 cells), laid out as above."""
     side, (lane, words) = 2 * radius + 1, window_words(radius)
     per_word = 64 // lane
     offsets = range(-radius, radius + 1)
@@ -81,31 +88,52 @@ def sight_table(radius: int) -> NDArray[np.uint64]:
 
 
 def row_words(cols: int, radius: int) -> int:
-    """Return the uint64 words that a row of `cols` bits takes with a margin of `radius` bits on both sides."""
+    """The uint64 words of a row of `cols` bits with a margin at both ends.
+
+    radius  bits of a margin
+    """
     return (cols + 2 * radius + 63) // 64
 
 
 @inlined
 def window_row(bits, base, col, side):  # uint64[:], uint64, uint64, uint64
-    """Return `side` bits of the row of words at bits[base:], starting at bit `col`; higher bits are not cleared."""
+    """`side` bits of a row of words at bits[base:] from bit `col` on.
+
+    Higher bits are not cleared.
+    """
     at = base + (col >> np.uint64(6))
     shift = col & np.uint64(63)
-    found = bits[at] >> shift
+    window = bits[at] >> shift
     if shift + side > np.uint64(64):
-        found |= bits[at + ONE] << (np.uint64(64) - shift)
-    return found
+        window |= bits[at + ONE] << (np.uint64(64) - shift)
+    return window
 
 
 @inlined
 def find_visible(
-    unknown, unknown_at, flip, obstacles, obstacles_at, stride, col, radius, sight, visible, visible_at
-):  # fmt: skip
-    """Write the window of unknown cells that the lidar sees to visible[visible_at:] and return their number (eq. 4).
+    unknown,
+    unknown_at,
+    flip,
+    obstacles,
+    obstacles_at,
+    stride,
+    col,
+    radius,
+    sight,
+    visible,
+    visible_at,
+):
+    """Write the unknown cells that the lidar sees; return their number (eq. 4).
 
-    unknown, unknown_at      uint64[:] and the place of the window's first row in it; bits that differ from `flip` are unknown
+    The window is written from visible[visible_at] on.
+
+    unknown, unknown_at      uint64[:] and the place of the window's first row in it; bits that
+                             differ from `flip` are unknown
     flip                     0 where a set bit means unknown, all ones where it means known
-    obstacles, obstacles_at  uint64[:] and the place of the window's first row: a set bit is an obstacle
-    stride, col              words of a row; the window's first column, counted from the margin: the rover's own column
+    obstacles, obstacles_at  uint64[:] and the place of the window's first row: a set bit is an
+                             obstacle
+    stride, col              words of a row; the window's first column, counted from the margin: the
+                             rover's own column
     sight                    `sight_table(radius)`
     """
     lane, words = np.int64(sight[0]), np.int64(sight[1])
@@ -113,15 +141,16 @@ def find_visible(
     row_mask = (ONE << np.uint64(side)) - ONE
     first, width = np.uint64(col), np.uint64(side)
 
-    # 1. Cut the window out of the map, several of its rows to a word, and keep the unknown cells of the disc: what is
-    #    known already cannot be discovered again, and what is farther than the radius is not seen.
+    # 1. Cut the window out of the map, several of its rows to a word, and keep the unknown cells of
+    #    the disc: what is known already cannot be discovered again, and what is farther than the
+    #    radius is not seen.
     anything = np.uint64(0)
     i = 0
     for k in range(words):
         packed = np.uint64(0)
         for j in range(min(per_word, side - i)):
-            found = window_row(unknown, np.uint64(unknown_at + (i + j) * stride), first, width)
-            packed |= ((found ^ flip) & row_mask) << np.uint64(j * lane)
+            window = window_row(unknown, np.uint64(unknown_at + (i + j) * stride), first, width)
+            packed |= ((window ^ flip) & row_mask) << np.uint64(j * lane)
         i += per_word
         packed &= sight[HEADER + k]
         visible[visible_at + k] = packed
@@ -130,15 +159,15 @@ def find_visible(
     # 2. Where nothing is unknown there is nothing to hide: most scans of a late episode end here.
     count = np.int64(0)
     if anything != np.uint64(0):
-        # 3. Clear the shadow of every obstacle in the window. The shadows were computed exactly, once for the radius, so
-        #    no ray is cast: a few words are combined for each obstacle.
+        # 3. Clear the shadow of every obstacle in the window. The shadows were computed exactly,
+        #    once for the radius, so no ray is cast: a few words are combined for each obstacle.
         shadows = HEADER + 2 * words
         for i in range(side):
-            found = window_row(obstacles, np.uint64(obstacles_at + i * stride), first, width)
-            found &= row_mask
-            while found != np.uint64(0):
-                c = np.int64(lowest(found))
-                found &= found - ONE
+            window = window_row(obstacles, np.uint64(obstacles_at + i * stride), first, width)
+            window &= row_mask
+            while window != np.uint64(0):
+                c = np.int64(lowest(window))
+                window &= window - ONE
                 shadow = shadows + (i * side + c) * words
                 for k in range(words):
                     visible[visible_at + k] &= ~sight[shadow + k]

@@ -34,7 +34,7 @@ def label_regions(free: NDArray[np.bool_]) -> NDArray[np.int32]:
 
 
 def _join(num: int, left: NDArray[np.intp], right: NDArray[np.intp]) -> NDArray[np.intp]:
-    """The smallest member of each member's set, where each pair (left, right) is of one set."""
+    """The smallest member of every member's set; (left, right) are of one set."""
     roots = np.arange(num)
     while True:
         low, high = np.minimum(roots[left], roots[right]), np.maximum(roots[left], roots[right])

@@ -1,10 +1,12 @@
-"""The rules, once, compiled: start and move worlds that stand in one array of words.
+"""The compiled rules: start and move worlds that stand in one array of words.
 
-Koutras et al. 2021, section 2. A rover starts at (0, 0) and scans. Each move goes one cell north (row - 1), east (col + 1),
-south (row + 1) or west (col - 1). A move off the grid or into an obstacle leaves the rover where it was, has the reward
--r_invalid and terminates. Any other move has the newly discovered cells - 0.5 as its reward, plus r_bonus, with termination,
-once discovered / n >= beta (eq. 8). After `max_steps` moves the episode is truncated. The scan at the start gives no reward.
-Where only what can be discovered counts (`EnvConfig.discoverable_only`), the number of those cells stands for n in that test.
+Koutras et al. 2021, section 2. A rover starts at (0, 0) and scans. Each move goes one cell north
+(row - 1), east (col + 1), south (row + 1) or west (col - 1). A move off the grid or into an
+obstacle leaves the rover where it was, has the reward -r_invalid and terminates. Any other move has
+the newly discovered cells - 0.5 as its reward, plus r_bonus, with termination, once discovered / n
+>= beta (eq. 8). After `max_steps` moves the episode is truncated. The scan at the start gives no
+reward. Where only what can be discovered counts (`EnvConfig.discoverable_only`), the number of
+those cells stands for n in that test.
 
 Worlds are records of uint64 words, one after the other:
 
@@ -13,9 +15,10 @@ Worlds are records of uint64 words, one after the other:
     known            the same shape; the margins count as known
     visited          the same shape; cells scanned from, which need no second scan
 
-What a rover knows is also kept as codes, uint8[num * rows * cols], and only the cells that change are written. `rules` is
-the int64 array of `rules_of`, `sight` a copy of `lidar.sight_table`, `masks` the array of `bitmap.row_masks`, `base` and
-`cbase` the places of a world's first word and first code.
+What a rover knows is also kept as codes, uint8[num * rows * cols], and only the cells that change
+are written. `rules` is the int64 array of `rules_of`, `sight` a copy of `lidar.sight_table`,
+`masks` the array of `bitmap.row_masks`, `base` and `cbase` the places of a world's first word and
+first code.
 """
 
 from __future__ import annotations
@@ -40,12 +43,16 @@ from marsexplorer.scan import scan
 from marsexplorer.terrain import draw_solvable, following
 
 POSITION, STEPS, DISCOVERED, AT_START, SEED, OUTCOME, CELLS, ENOUGH, HEAD = range(9)
-"""Scalars of a world: row << 32 | col, moves made, cells discovered, cells the first scan gave, seed (NO_SEED for a given
-terrain), outcome code of `config.OUTCOMES`, cells that count (all, or those that can be discovered), how many are enough."""
+"""Scalars of a world: row << 32 | col, moves made, cells discovered, cells the first scan gave,
+seed (NO_SEED for a given terrain), outcome code of `config.OUTCOMES`, cells that count (all, or
+those that can be discovered), how many are enough.
+"""
 
 NO_SEED = 2**64 - 1
 LIMIT, BONUS = SHAPE, SHAPE + 1
-"""Places in the rules array, after those of bitmap.shape_of: max_steps and r_bonus (= r_invalid)."""
+"""Places in the rules array, after those of bitmap.shape_of: max_steps and r_bonus (=
+r_invalid).
+"""
 
 R_MOVE = 0.5
 """r_move, section 2.4."""
@@ -54,41 +61,43 @@ AHEAD, LINE = 4, 8
 """How many scans ahead the memory is asked for, and the words of a cache line."""
 
 BLOCK, HEADS_AHEAD = 256, 16
-"""Worlds that move together, so that what a step touches of them stays in the nearer caches; how many worlds ahead the memory
-of the scalars is asked for."""
+"""Worlds that move together, so that what a step touches of them stays in the nearer caches; how
+many worlds ahead the memory of the scalars is asked for.
+"""
 
 
 def rules_of(config: EnvConfig) -> NDArray[np.int64]:
-    """Return the numbers that a configuration gives the kernels: bitmap.shape_of, then max_steps and r_bonus."""
+    """The numbers that the kernels take: bitmap.shape_of, then max_steps and r_bonus."""
     return np.concatenate([shape_of(config), [config.limit, config.r_bonus]]).astype(np.int64)
 
 
 @inlined
 def bit_at(row, col, rules):
-    """Return the word (from the first of its rows of bits) and the mask of a cell."""
+    """The word (from the first of its rows of bits) and the mask of a cell."""
     bit = col + rules[RADIUS]
     return (row + rules[RADIUS]) * rules[WORDS] + (bit >> 6), ONE << np.uint64(bit & 63)
 
 
 @inlined
 def forget(state, base, codes, cbase, rules, masks):
-    """Make every cell unknown and unvisited. First everything is known, which the margins stay, and then the grid is not."""
+    """Make every cell unknown and unvisited."""
     words, radius = rules[WORDS], rules[RADIUS]
     size = (rules[ROWS] + 2 * radius) * words
-    known, visited = base + HEAD + size, base + HEAD + 2 * size
+    # everything becomes known first, which the margins stay; then the grid becomes unknown
+    known_rows, visited = base + HEAD + size, base + HEAD + 2 * size
     for at in range(size):
-        state[known + at] = ~np.uint64(0)
+        state[known_rows + at] = ~np.uint64(0)
         state[visited + at] = np.uint64(0)
     for r in range(radius * words, (radius + rules[ROWS]) * words, words):
         for word in range(words):
-            state[known + r + word] = ~masks[word]
+            state[known_rows + r + word] = ~masks[word]
     for at in range(rules[ROWS] * rules[COLS]):
         codes[cbase + at] = np.uint8(0)
 
 
 @kernel
 def begin(state, base, codes, cbase, sight, rules, masks, row, col, cells, enough):
-    """Start the world whose obstacles stand in its record: forget, place the rover, scan (section 2.3).
+    """Start the world whose obstacles stand in its record (section 2.3).
 
     cells, enough  the cells that count, and how many of them end the episode
     """
@@ -113,9 +122,10 @@ def begin(state, base, codes, cbase, sight, rules, masks, row, col, cells, enoug
 
 @inlined
 def start_seed(state, base, codes, cbase, sight, rules, masks, seed):
-    """Start a world on the terrain of a seed; return the draws it took, 0 when none of them can be solved.
+    """Start a world on the terrain of a seed; return its draws, 0 if none is solvable.
 
-    The terrain is drawn into the record itself; the rows of `known` are the scratch of the test whether it can be solved.
+    The terrain is drawn into the record itself; the rows of `known` are the scratch of the test
+    whether it can be solved.
     """
     size = (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
     draws = draw_solvable(state, base + HEAD, state, size, rules, masks, seed)
@@ -128,9 +138,10 @@ def start_seed(state, base, codes, cbase, sight, rules, masks, seed):
 
 @inlined
 def advance(state, record, codes, rules, actions, rewards, listed, first, end):
-    """Make one move in the running worlds first..end - 1, all but the scan; list those that scan and return how many.
+    """Move the running worlds first..end - 1; return how many must scan.
 
-    An ended world stays as it is. Rewards are those of the moves without what scans find and without the bonus.
+    These are listed. A world that ended stays as it is. Rewards are those of the moves, without
+    what scans find and without the bonus.
     """
     rows, cols, radius, words = rules[ROWS], rules[COLS], rules[RADIUS], rules[WORDS]
     cells, count = np.uint64(rows * cols), 0
@@ -141,13 +152,14 @@ def advance(state, record, codes, rules, actions, rewards, listed, first, end):
         prefetch(state, (i + HEADS_AHEAD) * record)
         if state[base + np.uint64(OUTCOME)] != np.uint64(RUNNING):
             continue
-        where, action = state[base + np.uint64(POSITION)], actions[i]
-        row, col = np.int64(where >> np.uint64(32)), np.int64(where & np.uint64(0xFFFFFFFF))
+        position, action = state[base + np.uint64(POSITION)], actions[i]
+        row, col = np.int64(position >> np.uint64(32)), np.int64(position & np.uint64(0xFFFFFFFF))
         to_row = row + np.int64(action == 2) - np.int64(action == 0)
         to_col = col + np.int64(action == 1) - np.int64(action == 3)
         state[base + np.uint64(STEPS)] += ONE
 
-        # 1. An invalid move ends the episode where it stands. The margins are wide enough to look up any cell one move away.
+        # 1. An invalid move ends the episode where it stands. The margins are wide enough to look
+        #    up any cell one move away.
         bit = np.uint64(to_col + radius)
         at = base + np.uint64(HEAD) + np.uint64((to_row + radius) * words) + (bit >> np.uint64(6))
         mask = ONE << (bit & np.uint64(63))
@@ -157,8 +169,9 @@ def advance(state, record, codes, rules, actions, rewards, listed, first, end):
             rewards[i] = -float(rules[BONUS])
             continue
 
-        # 2. Move. A cell that was scanned from before shows nothing new, so only a world on a new one is listed: its number
-        #    is written always and counted then, for nothing foretells which move leads to a new cell.
+        # 2. Move. A cell that was scanned from before shows nothing new, so only a world on a new
+        #    one is listed: its number is written always and counted then, for nothing foretells
+        #    which move leads to a new cell.
         codes[cbase + np.uint64(row * cols + col)] = np.uint8(FREE)
         codes[cbase + np.uint64(to_row * cols + to_col)] = np.uint8(ROVER)
         state[base + np.uint64(POSITION)] = np.uint64(to_row) << np.uint64(32) | np.uint64(to_col)
@@ -171,25 +184,26 @@ def advance(state, record, codes, rules, actions, rewards, listed, first, end):
 
 @inlined
 def scan_listed(state, record, codes, sight, rules, rewards, listed, count):
-    """Scan from the new cells of the listed worlds; what is found is discovered and rewarded."""
+    """Scan from the new cells of the listed worlds; count and reward discoveries."""
     cells, words = rules[ROWS] * rules[COLS], rules[WORDS]
-    known = (rules[ROWS] + 2 * rules[RADIUS]) * words
+    known_rows = (rules[ROWS] + 2 * rules[RADIUS]) * words
     for k in range(count):
         # 1. The rows of a later world's window are on their way while this one is scanned.
         if k + AHEAD < count:
             base = listed[k + AHEAD] * record
-            where = state[base + POSITION]
-            first = base + HEAD + np.int64(where >> np.uint64(32)) * words
-            first += np.int64(where & np.uint64(0xFFFFFFFF)) >> 6
+            position = state[base + POSITION]
+            first = base + HEAD + np.int64(position >> np.uint64(32)) * words
+            first += np.int64(position & np.uint64(0xFFFFFFFF)) >> 6
             for line in range(0, 16 * words, LINE):
                 prefetch(state, first + line)
-                prefetch(state, first + known + line)
+                prefetch(state, first + known_rows + line)
 
-        # 2. Scan. The arguments have the types that they have in `begin`, so that `scan` is compiled once.
+        # 2. Scan. The arguments have the types that they have in `begin`, so that `scan` is
+        #    compiled once.
         i = listed[k]
         base = i * record
-        where = state[base + POSITION]
-        row, col = np.int64(where >> np.uint64(32)), np.int64(where & np.uint64(0xFFFFFFFF))
+        position = state[base + POSITION]
+        row, col = np.int64(position >> np.uint64(32)), np.int64(position & np.uint64(0xFFFFFFFF))
         new = scan(state, base + HEAD, codes, i * cells, sight, rules, row, col)
         state[base + DISCOVERED] += np.uint64(new)
         rewards[i] += float(new)
@@ -197,7 +211,7 @@ def scan_listed(state, record, codes, sight, rules, rewards, listed, count):
 
 @kernel
 def move_block(actions, state, record, codes, sight, rules, rewards, listed, first, end):
-    """Make one move in the running worlds first..end - 1, with their scans; `settle` is to follow for each.
+    """Move the running worlds first..end - 1, with their scans; `settle` must follow.
 
     actions, rewards  int64[num], 0..3, and float64[num], written
     listed            int64[num], scratch
@@ -208,9 +222,10 @@ def move_block(actions, state, record, codes, sight, rules, rewards, listed, fir
 
 @inlined
 def settle(state, base, rules, rewards, i):
-    """Return the outcome of a world that has moved: it discovered enough, with the bonus, or ran out of moves (eq. 8).
+    """The outcome of a world that moved: explored, timed out, or running (eq. 8).
 
-    Success on the last move allowed is success, so it is tested before the limit.
+    The bonus is added to its reward. Success on the last move allowed is success, so it is
+    tested before the limit.
     """
     outcome = state[base + np.uint64(OUTCOME)]
     if outcome == np.uint64(RUNNING):
@@ -227,9 +242,9 @@ def settle(state, base, rules, rewards, i):
 
 @inlined
 def begin_next(state, record, codes, sight, rules, masks, last, last_codes, i):
-    """Keep the scalars and codes of a world that ended and start it on the seed that follows its own.
+    """Start a world that ended on its next seed; return whether that is solvable.
 
-    Return whether that seed has a solvable draw.
+    Its last scalars and codes are copied to `last` and `last_codes` first.
     """
     cells = rules[ROWS] * rules[COLS]
     base, cbase = i * record, i * cells
@@ -243,7 +258,10 @@ def begin_next(state, record, codes, sight, rules, masks, last, last_codes, i):
 
 @kernel
 def start_all(state, record, codes, sight, rules, masks, seeds):
-    """Start every world on its seed; return 0, or 1 + the index of the first whose seed has no solvable draw."""
+    """Start every world on its seed; return 0, or 1 + the first index that fails.
+
+    A start fails if its seed has no solvable draw.
+    """
     cells = rules[ROWS] * rules[COLS]
     for i in range(seeds.shape[0]):
         if not start_seed(state, i * record, codes, i * cells, sight, rules, masks, seeds[i]):
@@ -260,9 +278,10 @@ def start_given(state, base, codes, cbase, sight, rules, masks, row, col, cells,
 
 @kernel
 def count_discoverable(state, base, codes, cbase, sight, rules, masks, row, col):
-    """Return how many cells the lidar shows from the cells within reach of (row, col), and write those cells to `codes`.
+    """How many cells the lidar shows from the cells within reach of (row, col).
 
-    The rows of `visited` then hold what is within reach. The world must be begun afterwards.
+    Those cells are written to `codes`, and the rows of `visited` hold what is within reach. The
+    world must be begun afterwards.
     """
     size = (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
     forget(state, base, codes, cbase, rules, masks)
@@ -278,7 +297,7 @@ def count_discoverable(state, base, codes, cbase, sight, rules, masks, row, col)
 
 @kernel
 def step_all(actions, state, record, codes, sight, rules, masks, rewards, outcomes, listed):
-    """Make one move in every world that is running; an ended one stays as it is and has reward 0.
+    """Make one move in every running world; one that ended stays and has reward 0.
 
     rewards, outcomes  float64[num] and uint8[num], written
     listed             int64[num], scratch
@@ -294,14 +313,26 @@ def step_all(actions, state, record, codes, sight, rules, masks, rewards, outcom
 
 @kernel
 def step_through(
-    moves, cells, discovered, gained, action, state, record, codes, sight, rules, masks, rewards,
-    outcomes, listed,
-):  # fmt: skip
-    """Make moves in the first world, one after the other until it ends; return how many were made.
+    moves,
+    cells,
+    discovered,
+    gained,
+    action,
+    state,
+    record,
+    codes,
+    sight,
+    rules,
+    masks,
+    rewards,
+    outcomes,
+    listed,
+):
+    """Make moves in the first world until it ends; return how many were made.
 
     moves                      uint8[moves], 0..3
-    cells, discovered, gained  int32[moves], int32[moves] and float64[moves], written: the rover's cell, the
-                               cells discovered and the reward after each move
+    cells, discovered, gained  int32[moves], int32[moves] and float64[moves], written: the rover's
+                               cell, the cells discovered and the reward after each move
     action                     int64[1], scratch; the others are those of `step_all`
     """
     for i in range(moves.shape[0]):
@@ -309,8 +340,8 @@ def step_through(
             return i
         action[0] = moves[i]
         step_all(action, state, record, codes, sight, rules, masks, rewards, outcomes, listed)
-        where = state[POSITION]
-        row, col = np.int64(where >> np.uint64(32)), np.int64(where & np.uint64(0xFFFFFFFF))
+        position = state[POSITION]
+        row, col = np.int64(position >> np.uint64(32)), np.int64(position & np.uint64(0xFFFFFFFF))
         cells[i] = row * rules[COLS] + col
         discovered[i] = np.int64(state[DISCOVERED])
         gained[i] = rewards[0]
@@ -323,10 +354,11 @@ def step_autoreset(
 ):
     """Do `step_all`, and start each world that ended on the seed that follows its own.
 
-    last, last_codes  uint64[num * HEAD] and uint8[num * rows * cols], written: the scalars and codes of each ended world
+    last, last_codes  uint64[num * HEAD] and uint8[num * rows * cols], written: the scalars and
+                      codes of each world that ended
 
-    Return 0, or -1 - the index of a world whose next seed has no solvable draw. No world is ended before the step, since each
-    begins anew at once.
+    Return 0, or -1 - the index of a world whose next seed has no solvable draw. All worlds run
+    before the step, since each that ends is started again at once.
     """
     for first in range(0, actions.shape[0], BLOCK):
         end = min(first + BLOCK, actions.shape[0])

@@ -1,20 +1,23 @@
-"""Make a solvable terrain from (configuration, seed): the same on every platform and library version, for ever.
+"""A solvable terrain from (configuration, seed): the same everywhere, for ever.
 
-**Generator.** SplitMix64 as a counter (see `random_numbers`): with mix for `finalize` and G for GAMMA, the key of draw
-d = 0, 1, ... of a seed is mix(mix(seed + G) + d), the k-th number (k = 1, 2, ...) of a draw is mix(key + k G), and a whole
-number below m is the product of its upper 32 bits with m, shifted right by 32. The seed that follows a seed is
-mix(seed + G) >> 11.
+**Generator.** SplitMix64 as a counter (see `random_numbers`): with mix for `finalize` and G for
+GAMMA, the key of draw d = 0, 1, ... of a seed is mix(mix(seed + G) + d), the k-th number (k = 1, 2,
+...) of a draw is mix(key + k G), and a whole number below m is the product of its upper 32 bits
+with m, shifted right by 32. The seed that follows a seed is mix(seed + G) >> 11.
 
-**Draw.** Level `random` (section 3.2): max(1, round(12 n / 441)) rectangles, for each the height (1..3), the width (1..3),
-the top row and the left column, so that it lies wholly inside. Levels t-m-b (section 3.3): for each lattice point, rows and
-columns 3, 10, 17, ..., row by row, the shift of the row and of the column (-t..t), the height and the width (1..2 for m = 1,
-1..4 for m = 2); the rectangle's top is the row - (height - 1) // 2, likewise its left, and what falls outside is cut.
+**Draw.** Level `random` (section 3.2): max(1, round(12 n / 441)) rectangles, for each the height
+(1..3), the width (1..3), the top row and the left column, so that it lies wholly inside. Levels
+t-m-b (section 3.3): for each lattice point, rows and columns 3, 10, 17, ..., row by row, the shift
+of the row and of the column (-t..t), the height and the width (1..2 for m = 1, 1..4 for m = 2); the
+rectangle's top is the row - (height - 1) // 2, likewise its left, and what falls outside is cut.
 
-**Solvable.** A draw counts when the start (0, 0) is free, all free cells are connected and at least beta n cells can be
-discovered; otherwise the next draw is taken, up to 1,000. Every free cell can be discovered then, and an obstacle exactly when
-a free cell shares an edge or, for radii above 1, a corner with it: any longer line of sight to it enters through one of these.
+**Solvable.** A draw counts when the start (0, 0) is free, all free cells are connected and at least
+beta n cells can be discovered; otherwise the next draw is taken, up to 1,000. Every free cell can
+be discovered then, and an obstacle exactly when a free cell shares an edge or, for radii above 1, a
+corner with it: any longer line of sight to it enters through one of these.
 
-**Buildings and caves.** Draws come from `generators` and count in the same way, with another number of cells (`shape_of`).
+**Buildings and caves.** Draws come from `generators` and count in the same way, with another number
+of cells (`shape_of`).
 """
 
 from __future__ import annotations
@@ -48,22 +51,26 @@ MAX_DRAWS = 1000
 
 @inlined
 def following(seed):
-    """Return the seed, uint64, that follows a seed."""
+    """The seed, uint64, that follows a seed."""
     return numbered(np.uint64(seed), 1) >> np.uint64(11)
 
 
 @kernel
 def next_state(seed):
-    """Do `following`, called from Python."""
+    """`following`, callable from Python."""
     return following(seed)
 
 
 @inlined
 def draw_terrain(bits, base, shape, key):
-    """Draw one terrain into cleared rows of bits; key (uint64) names the stream, and its k-th number has one use."""
+    """Draw one terrain into cleared rows of bits.
+
+    key  uint64, names the stream; each of its numbers has one use
+    """
     rows, cols, k = shape[ROWS], shape[COLS], 0
 
-    # 1. Level random (section 3.2): rectangles anywhere, round(12 n / 441) of them in whole numbers.
+    # 1. Level random (section 3.2): rectangles anywhere, round(12 n / 441) of them in whole
+    #    numbers.
     if shape[TOPOLOGY] == 0:
         count = max(1, (24 * rows * cols + 441) // 882)
         for _ in range(count):
@@ -75,7 +82,8 @@ def draw_terrain(bits, base, shape, key):
             k += 4
         return
 
-    # 2. Levels t-m-b (section 3.3): one rectangle for each point of a lattice, shifted by up to d_t.
+    # 2. Levels t-m-b (section 3.3): one rectangle for each point of a lattice, shifted by up to
+    #    d_t.
     shift, sides = shape[TOPOLOGY], 2 if shape[MORPHOLOGY] == 1 else 4
     for at_row in range(3, rows, 7):
         for at_col in range(3, cols, 7):
@@ -91,29 +99,33 @@ def draw_terrain(bits, base, shape, key):
 
 @inlined
 def reached_or_adjacent(reach, at, word, words, corners):
-    """Return the bits of one word of a row that are reached or share an edge (with `corners`, a corner) with a reached cell."""
+    """The bits of one word of a row that are reached or next to a reached cell.
+
+    Next to: sharing an edge, or with `corners` also a corner.
+    """
     here = at + word
     vertical = reach[here - words] | reach[here + words]
     across = reach[here] | vertical if corners else reach[here]
-    found = reach[here] | vertical | (across << np.uint64(1)) | (across >> np.uint64(1))
+    cells = reach[here] | vertical | (across << np.uint64(1)) | (across >> np.uint64(1))
     if word > 0:
         across = reach[here - 1]
         if corners:
             across |= reach[here - 1 - words] | reach[here - 1 + words]
-        found |= across >> np.uint64(63)
+        cells |= across >> np.uint64(63)
     if word + 1 < words:
         across = reach[here + 1]
         if corners:
             across |= reach[here + 1 - words] | reach[here + 1 + words]
-        found |= across << np.uint64(63)
-    return found
+        cells |= across << np.uint64(63)
+    return cells
 
 
 @kernel
 def is_solvable(bits, base, reach, offset, shape, masks):
-    """Return whether all free cells are connected to a free (0, 0) and enough cells can be discovered.
+    """Whether all free cells connect to a free (0, 0) and enough is discoverable.
 
-    reach  scratch as large as the rows of bits, `offset` words after the place that the bits have in theirs
+    reach  scratch as large as the rows of bits, `offset` words after the place that the bits have
+           in theirs
     masks  uint64[words], see `row_masks`
     """
     rows, radius, words = shape[ROWS], shape[RADIUS], shape[WORDS]
@@ -124,22 +136,25 @@ def is_solvable(bits, base, reach, offset, shape, masks):
         return False
     flood(bits, base, reach, offset, shape, masks, 0, 0)
 
-    # 2. Every free cell must be reached. Count what can be discovered: the free cells, and the obstacles next to one (for
-    #    radii above 1 also those at a corner; see the module's header for why no others).
+    # 2. Every free cell must be reached. Count what can be discovered: the free cells, and the
+    #    obstacles next to one (for radii above 1 also those at a corner; see the module's header
+    #    for why no others).
     seen = 0
     for row in range(rows):
         at = first + row * words
         for word in range(words):
             if reach[at + offset + word] != masks[word] & ~bits[at + word]:
                 return False
-            found = reached_or_adjacent(reach, at + offset, word, words, radius > 1)
-            seen += np.int64(popcount(found & masks[word]))
+            cells = reached_or_adjacent(reach, at + offset, word, words, radius > 1)
+            seen += np.int64(popcount(cells & masks[word]))
     return seen >= shape[TARGET]
 
 
 @kernel
 def draw_solvable(bits, base, reach, offset, shape, masks, seed):
-    """Draw terrains into bits[base:] until one is solvable; return how many draws it took, 0 after MAX_DRAWS.
+    """Draw terrains into bits[base:] until one is solvable; return their number.
+
+    0 means that MAX_DRAWS were not enough.
 
     reach, offset  see `is_solvable`; seed: uint64
     """
@@ -156,13 +171,16 @@ def draw_solvable(bits, base, reach, offset, shape, masks, seed):
 
 @kernel
 def draw_solvable_alone(bits, reach, shape, masks, seed):
-    """Do `draw_solvable` for one terrain in arrays of its own."""
+    """`draw_solvable` for one terrain in arrays of its own."""
     return draw_solvable(bits, 0, reach, 0, shape, masks, seed)
 
 
 @kernel
 def draw_other(bits, reach, shape, masks, seed):
-    """Do `draw_solvable_alone` for a building or a cave; by itself, so that it is compiled only where it is needed."""
+    """`draw_solvable_alone` for a building or a cave.
+
+    It is a kernel by itself so that it is compiled only where it is needed.
+    """
     start = numbered(np.uint64(seed), 1)
     for attempt in range(MAX_DRAWS):
         bits[:] = np.uint64(0)
@@ -177,10 +195,14 @@ def draw_other(bits, reach, shape, masks, seed):
 
 
 def draw(config: EnvConfig, seed: int) -> tuple[NDArray[np.uint64], int]:
-    """Return the terrain of a seed as rows of bits and the draws that it took, 0 when MAX_DRAWS were not enough."""
+    """The terrain of a seed as rows of bits and its number of draws, 0 if it has none.
+
+    A seed has none if MAX_DRAWS draws cannot be solved. ValueError for the level of given maps.
+    """
     if config.level == MAP:
-        way_out = 'give one, as reset(options={"map": ...}) does'
-        raise ValueError(f'level "{MAP}" has no terrains of its own: {way_out}')
+        raise ValueError(
+            f'level "{MAP}" has no terrains of its own: give one, as reset(options={{"map": ...}}) does'
+        )
     shape, bits = shape_of(config), np.zeros(bitmap_words(config), np.uint64)
     draw_one = draw_solvable_alone if shape[GENERATOR] == RECTANGLES else draw_other
     reach, number = np.zeros_like(bits), np.uint64(check_seed(seed))
@@ -188,7 +210,7 @@ def draw(config: EnvConfig, seed: int) -> tuple[NDArray[np.uint64], int]:
 
 
 def unsolvable(config: EnvConfig, seed: int) -> ValueError:
-    """Return the error for a seed none of whose draws can be solved."""
+    """The error for a seed none of whose draws can be solved."""
     return ValueError(
         f"no solvable terrain in {MAX_DRAWS:,} draws for level {config.level!r} at {config.rows}x{config.cols} with seed "
         f"{seed}, radius {config.sensor_radius} and beta {config.beta}; choose another seed, a smaller size or a lower beta"
@@ -196,12 +218,15 @@ def unsolvable(config: EnvConfig, seed: int) -> ValueError:
 
 
 def generate(config: EnvConfig, seed: int) -> NDArray[np.bool_]:
-    """Return the terrain of a seed: bool[rows, cols], True where blocked. ValueError when no draw can be solved."""
+    """The terrain of a seed: bool[rows, cols], True where blocked.
+
+    ValueError if no draw can be solved.
+    """
     return unpack(draw_bits(config, seed), config)
 
 
 def draw_bits(config: EnvConfig, seed: int) -> NDArray[np.uint64]:
-    """Return the terrain of a seed as rows of bits (bitmap.py); ValueError when no draw can be solved."""
+    """The terrain of a seed as rows of bits; ValueError if no draw can be solved."""
     bits, attempts = draw(config, seed)
     if not attempts:
         raise unsolvable(config, seed)
@@ -209,10 +234,10 @@ def draw_bits(config: EnvConfig, seed: int) -> NDArray[np.uint64]:
 
 
 def attempts(config: EnvConfig, seed: int) -> int:
-    """Return how many draws the terrain of a seed takes, 0 when 1,000 were not enough."""
+    """How many draws the terrain of a seed takes, 0 if 1,000 were not enough."""
     return draw(config, seed)[1]
 
 
 def next_seed(seed: int) -> int:
-    """Return the seed that follows a seed when an environment is reset without one: 0..2^53-1."""
+    """The seed that follows a seed if an environment is reset without one: 0..2^53-1."""
     return int(next_state(np.uint64(check_seed(seed))))

@@ -1,6 +1,6 @@
-"""Calls of every kernel, in the order in which players need them: what a machine that has compiled none compiles.
+"""Call every kernel once, in the order in which players need them.
 
-`python -m marsexplorer.warmup` makes all of them, so that no later process has anything to compile.
+`python -m marsexplorer.warmup` compiles them all, so that no later process has to.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ def step_once() -> None:
 
 
 def begin(level: str) -> None:
-    """Begin an episode of a level."""
     Episode.begin(EnvConfig.of(level, (6, 8)), seed=1)
 
 
@@ -59,7 +58,7 @@ def step_stacks() -> None:
 
 
 def warmups() -> list[Callable[[], None]]:
-    """Return the calls: the rules, the shipped policy, the other levels, and the rest."""
+    """The calls: the rules, the shipped policy, the other levels, and the rest."""
     best, *others = names()
     levels = (name for name in OTHER_LEVELS if name != MAP)
     return [

@@ -1,4 +1,7 @@
-"""Stacks of worlds: the compiled rules behind a few verbs. One world is a stack of one."""
+"""Stacks of worlds: the compiled rules behind a few verbs.
+
+One world is a stack of one.
+"""
 
 from __future__ import annotations
 
@@ -51,17 +54,21 @@ from marsexplorer.scan import sight_of
 class Worlds:
     """A stack of `num` worlds of one configuration.
 
-    codes     uint8[num, rows, cols], the occupancy grids as known: 0 unknown, 1 free, 2 rover, 3 obstacle
-    rewards   float64[num], of the last step
-    outcomes  uint8[num], codes of `config.OUTCOMES` after the last step
-    shares    float64[2 num], coverage and score of each world, and last_shares of each that ended: see `step_described`
+    codes        uint8[num, rows, cols], the occupancy grids as known: 0 unknown, 1 free, 2 rover,
+                 3 obstacle
+    rewards      float64[num], of the last step
+    outcomes     uint8[num], codes of `config.OUTCOMES` after the last step
+    shares       float64[2 num], coverage and score of each world: see `step_described`
+    last_shares  the same of each world that ended
 
-    The arrays are the same objects for the life of the stack: copy what must outlast a step. Not for
-    two threads at once; several stacks step at once in as many threads, as the rules release the
-    interpreter's lock. `codes` may be given: uint8[num, rows, cols], C-contiguous, which is written to from then on.
+    The arrays are the same objects for the life of the stack: copy what must outlast a step. Do not
+    step one stack from two threads at once; several stacks may step in as many threads, as the
+    rules release the interpreter's lock. `codes` may be given: uint8[num, rows, cols],
+    C-contiguous, to be written to.
 
-    A step raises RuntimeError, and moves nothing, while some world stands on no terrain: one that was never started, or
-    whose start failed. The rules look up cells beyond the grid without a test, in margins that a start writes.
+    A step raises RuntimeError, and moves nothing, while some world stands on no terrain: one that
+    was never started, or whose start failed. The rules look up cells beyond the grid without a
+    test, in margins that a start writes.
     """
 
     def __init__(
@@ -115,22 +122,25 @@ class Worlds:
         return (self._state, self.codes, self.rewards, self.outcomes, self._last, *described)
 
     def start(self, seeds: Iterable[int]) -> None:
-        """Start every world on its seed (0..2^53-1); ValueError when a seed is none, or has no solvable terrain."""
+        """Start every world on its seed (0..2^53-1).
+
+        ValueError if a number is not a seed, or has no solvable terrain.
+        """
         checked = [check_seed(seed) for seed in seeds]
         self._without_terrain.update(range(self.num))
-        given = self._scalars[:, SEED] = np.array(checked, np.uint64)
+        numbers = self._scalars[:, SEED] = np.array(checked, np.uint64)
         if self.config.discoverable_only:
             for index, seed in enumerate(checked):
                 self.start_one(index, seed)
             return
-        failed = start_all(self._state, self._record, self._codes, *self._tables, given)
+        failed = start_all(self._state, self._record, self._codes, *self._tables, numbers)
         if failed:
             raise terrains.unsolvable(self.config, checked[failed - 1])
         self.outcomes[:] = RUNNING
         self._without_terrain.clear()
 
     def start_one(self, index: int, seed: int) -> None:
-        """Start one world of the stack on a seed; as `start`."""
+        """Start one world of the stack on a seed, as `start` does."""
         seed = check_seed(seed)
         self._without_terrain.add(index)
         self._scalars[index, SEED] = seed
@@ -158,53 +168,73 @@ class Worlds:
     def _start_on_bits(
         self, index: int, bits: NDArray[np.uint64], start: tuple[int, int], seed: int
     ) -> None:
-        """Start one world on a terrain given as rows of bits, after counting what can be discovered where only that counts."""
+        """Start one world on rows of bits, counting what is discoverable if need be."""
         base, cells, enough = index * self._record, self.config.n, self.config.target
         self._state[base + HEAD : base + HEAD + self._size] = bits
-        where = (self._state, base, self._codes, index * cells, *self._tables, start[0], start[1])
+        place = (self._state, base, self._codes, index * cells, *self._tables, start[0], start[1])
         if self.config.discoverable_only:
-            cells = int(count_discoverable(*where))
+            cells = int(count_discoverable(*place))
             enough = fewest_cells(cells, self.config.beta)
-        start_given(*where, cells, enough, np.uint64(seed))
+        start_given(*place, cells, enough, np.uint64(seed))
         self.outcomes[index] = RUNNING
         self._without_terrain.discard(index)
 
     def _check_terrains(self) -> None:
-        """Raise RuntimeError when some world stands on no terrain."""
         if self._without_terrain:
             raise RuntimeError("no episode is running: call reset() first")
 
     def step(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Make one move in every running world and return the rewards. actions: int64[num], 0..3."""
+        """Make one move in every running world and return the rewards.
+
+        actions  int64[num], 0..3
+        """
         self._check_terrains()
         step_all(
-            actions, self._state, self._record, self._codes, *self._tables, self.rewards, self.outcomes, self._listed
-        )  # fmt: skip
+            actions,
+            self._state,
+            self._record,
+            self._codes,
+            *self._tables,
+            self.rewards,
+            self.outcomes,
+            self._listed,
+        )
         return self.rewards
 
     def step_through(
         self, moves: bytes
     ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-        """Make moves, codes 0..3, in the only world of the stack, one after the other until it ends.
+        """Make moves, codes 0..3, in the only world of the stack until it ends.
 
         Returns:
-            After each move that was made: the rover's cell, row * cols + col; the cells discovered; the reward.
+            After each move that was made: the rover's cell, row * cols + col; the cells discovered;
+            the reward.
         """
         self._check_terrains()
         codes = np.frombuffer(moves, np.uint8)
         cells, discovered = np.zeros((2, len(moves)), np.int32)
         rewards = np.zeros(len(moves))
-        made = step_through(
-            codes, cells, discovered, rewards, self._which, self._state, self._record, self._codes,
-            *self._tables, self.rewards, self.outcomes, self._listed,
-        )  # fmt: skip
-        return cells[:made], discovered[:made], rewards[:made]
+        moves_made = step_through(
+            codes,
+            cells,
+            discovered,
+            rewards,
+            self._which,
+            self._state,
+            self._record,
+            self._codes,
+            *self._tables,
+            self.rewards,
+            self.outcomes,
+            self._listed,
+        )
+        return cells[:moves_made], discovered[:moves_made], rewards[:moves_made]
 
     def step_autoreset(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
         """Do `step`, and start each world that ended on the seed that follows its own.
 
-        `outcomes` says which ended; `last_scalars` and `last_codes` hold how those stood. ValueError when a world's next
-        seed has no solvable terrain.
+        `outcomes` shows which ended; `last_scalars` and `last_codes` hold their final states.
+        ValueError if a world's next seed has no solvable terrain.
         """
         self._check_terrains()
         if self.config.discoverable_only:
@@ -221,13 +251,15 @@ class Worlds:
         truncated: NDArray[np.bool_],
         values: NDArray[np.float32] | None = None,
     ) -> NDArray[np.int64]:
-        """Do `step_autoreset` and write `shares`, `ended`, and `last_shares` where a world ended; return which ended, int64[:].
+        """Do `step_autoreset` and describe the worlds; return those that ended, int64[:].
+
+        `shares` and `ended` are written, and `last_shares` of the worlds that ended.
 
         rewards                float64[num], written
         terminated, truncated  bool[num], written: how each episode went on
         values                 float32[num * rows * cols], written: eq. 6 of the codes
 
-        ValueError when some action is none, with nothing moved.
+        ValueError if some number is not an action, with nothing moved.
         """
         self._check_terrains()
         if self.config.discoverable_only:
@@ -249,7 +281,7 @@ class Worlds:
         return which
 
     def _listed_after(self, count: int, actions: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return which worlds ended by what a compiled step returned; ValueError where that is negative."""
+        """The worlds that ended, from what a compiled step returned; ValueError if < 0."""
         if count >= 0:
             return self._which[:count]
         failed = -1 - count
@@ -261,7 +293,7 @@ class Worlds:
         raise terrains.unsolvable(self.config, seed)
 
     def _step_and_start(self, actions: NDArray[np.int64]) -> None:
-        """Do `step_autoreset` where a start counts what can be discovered, which takes longer than all else."""
+        """`step_autoreset` where each start counts what can be discovered, which is slow."""
         self.step(actions)
         for index in np.flatnonzero(self.outcomes != RUNNING):
             self.last_scalars[index] = self._scalars[index]
@@ -271,25 +303,25 @@ class Worlds:
             self.outcomes[index] = outcome
 
     def describe(self) -> None:
-        """Write `shares` of the worlds as they stand."""
+        """Write `shares` of the worlds in their present state."""
         describe(self._state, self._record, self._tables[1], self.shares)
 
     @cached_property
     def _arrays(self) -> tuple[Any, ...]:
-        """What the compiled `step_autoreset` takes besides the actions."""
+        """The arguments of the compiled `step_autoreset` after the actions."""
         last_codes = self.last_codes.reshape(-1)
-        own = (self.rewards, self.outcomes, self._listed, self._last, last_codes)
-        return (self._state, self._record, self._codes, *self._tables, *own)
+        outputs = (self.rewards, self.outcomes, self._listed, self._last, last_codes)
+        return (self._state, self._record, self._codes, *self._tables, *outputs)
 
     @cached_property
     def _described_arrays(self) -> tuple[Any, ...]:
-        """What the compiled `step_described` takes besides the actions and what it writes for the caller."""
+        """The arguments of the compiled `step_described` after those of the caller."""
         *worlds, _, outcomes, listed, last, last_codes = self._arrays
         ends = (self.shares, self.last_shares, self.ended, self._which)
         return (*worlds, outcomes, listed, last, last_codes, *ends)
 
     def take(self, which: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
-        """Return copies of the worlds of these indices: all that changes with a step.
+        """Copies of the worlds of these indices, with all that changes in a step.
 
         `put` takes them, on any stack of the same configuration.
         """
@@ -298,50 +330,53 @@ class Worlds:
         return {"records": records[which], "codes": codes[which], "outcomes": self.outcomes[which]}
 
     def put(self, which: NDArray[np.intp], taken: dict[str, NDArray[Any]]) -> None:
-        """Put worlds that `take` returned in the places of the worlds of these indices."""
+        """Put the worlds that `take` returned in the places of these indices."""
         self._state.reshape(self.num, -1)[which] = taken["records"]
         self.codes[which], self.outcomes[which] = taken["codes"], taken["outcomes"]
         self._without_terrain.difference_update(which.tolist())
 
     @property
     def last_codes(self) -> NDArray[np.uint8]:
-        """uint8[num, rows, cols]: the final grid of each world that ended in the last `step_autoreset`."""
+        """The final grids of the worlds that ended last: uint8[num, rows, cols]."""
         if self._last_codes is None:
             self._last_codes = np.zeros_like(self.codes)
         return self._last_codes
 
     @property
     def scalars(self) -> NDArray[np.uint64]:
-        """uint64[num, HEAD]: the scalars of each world, POSITION..ENOUGH of `rules`; read-only by custom."""
+        """The scalars of each world, POSITION..ENOUGH of `rules`: uint64[num, HEAD].
+
+        Read-only by custom.
+        """
         return self._scalars
 
     def head(self, index: int) -> memoryview:
-        """Return the scalars of one world as a live view of plain ints, in the order of POSITION..ENOUGH."""
+        """The scalars of one world as a live view of ints, in the order POSITION..ENOUGH."""
         return memoryview(self._scalars[index])
 
     @property
     def last_scalars(self) -> NDArray[np.uint64]:
-        """uint64[num, HEAD]: the same of each world that ended in the last `step_autoreset`."""
+        """The scalars of each world that ended in the last step: uint64[num, HEAD]."""
         return self._last.reshape(self.num, HEAD)
 
     def terrain(self, index: int) -> NDArray[np.bool_]:
-        """Return the true map of a world: bool[rows, cols], True where blocked."""
+        """The true map of a world: bool[rows, cols], True where blocked."""
         base = index * self._record + HEAD
         return unpack(self._state[base : base + self._size], self.config)
 
 
 def live_positions(scalars: NDArray[np.uint64]) -> NDArray[np.int32]:
-    """Return int32[num, 2], (row, col) of each world, as a view of its scalars: their halves, the lower (the column) first."""
+    """(row, col) of each world as a view of its scalars: int32[num, 2]."""
     return scalars.view(np.int32)[:, 2 * POSITION : 2 * POSITION + 2][:, ::-1]
 
 
 def positions(scalars: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Return int64[num, 2], (row, col) of each world, from its scalars."""
+    """(row, col) of each world from its scalars: int64[num, 2]."""
     return live_positions(scalars).astype(np.int64, "C")
 
 
 def totals(config: EnvConfig, scalars: NDArray[np.uint64]) -> NDArray[np.float64]:
-    """Return float64[num], the return of each world so far, from its scalars (eq. 8 summed)."""
+    """The return of each world so far from its scalars (eq. 8 summed): float64[num]."""
     counts = scalars.astype(np.float64)
     outcome = scalars[:, OUTCOME]
     invalid = (outcome == COLLIDED) | (outcome == OUT_OF_BOUNDS)
@@ -351,11 +386,15 @@ def totals(config: EnvConfig, scalars: NDArray[np.uint64]) -> NDArray[np.float64
 
 
 def cells_that_count(config: EnvConfig, terrain: ArrayLike, start: tuple[int, int] = (0, 0)) -> int:
-    """Return how many cells of a terrain beta, coverage and the score refer to: all, or those that can be discovered.
+    """How many cells of a terrain beta, coverage and the score refer to.
 
-    terrain  bool[rows, cols], True where blocked; start: (row, col) of a free cell
+    These are all cells, or those that can be discovered: that the lidar shows (eq. 4) from some
+    cell that moves north, east, south and west lead to.
 
-    A cell can be discovered when the lidar shows it (eq. 4) from some cell that moves north, east, south and west lead to.
+    Args:
+        config: The configuration of the episode.
+        terrain: bool[rows, cols], True where blocked.
+        start: (row, col) of a free cell.
     """
     if not config.discoverable_only:
         return config.n
@@ -365,37 +404,41 @@ def cells_that_count(config: EnvConfig, terrain: ArrayLike, start: tuple[int, in
 
 
 def not_actions(num: int, actions: Any) -> ValueError:
-    """Return the error for what are no actions of `num` worlds."""
+    """The error for numbers that are not actions of `num` worlds."""
     return ValueError(f"actions must be {num} numbers in 0..3, got {actions!r}")
 
 
 def check_terrain(
     config: EnvConfig, terrain: ArrayLike, start: tuple[int, int]
 ) -> NDArray[np.bool_]:
-    """Return a given terrain as bool[rows, cols] when its type, shape and start are right; TypeError or ValueError else."""
+    """A given terrain as bool[rows, cols]; TypeError or ValueError if it does not fit."""
     cells = np.asarray(terrain)
     if cells.dtype != np.bool_:
-        given = f"got dtype {cells.dtype}"
-        raise TypeError(f"terrain must be an array of bool, True where blocked, {given}")
+        raise TypeError(
+            f"terrain must be an array of bool, True where blocked, got dtype {cells.dtype}"
+        )
     if cells.shape != (config.rows, config.cols):
-        size = f"({config.rows}, {config.cols})"
-        raise ValueError(f"terrain must have shape {size}, got {cells.shape}")
+        raise ValueError(
+            f"terrain must have shape ({config.rows}, {config.cols}), got {cells.shape}"
+        )
     row, col = start
     if not (0 <= row < config.rows and 0 <= col < config.cols):
-        grid = f"the {config.rows}x{config.cols} grid"
-        raise ValueError(f"start must lie on {grid}, got {tuple(start)}")
+        raise ValueError(
+            f"start must lie on the {config.rows}x{config.cols} grid, got {tuple(start)}"
+        )
     if cells[row, col]:
         raise ValueError(f"start must be a free cell, but {tuple(start)} is an obstacle")
     return cells
 
 
 def check_action(action: Any) -> int:
-    """Return an action code when it is one of 0..3; ValueError otherwise."""
+    """Convert an action to its code, one of 0..3; ValueError otherwise."""
     try:
         code = int(action)
     except (TypeError, ValueError):
         code = -1
     if not 0 <= code < len(ACTIONS) or code != action:
-        known = "0 (north), 1 (east), 2 (south) or 3 (west)"
-        raise ValueError(f"action must be {known}, got {action!r}")
+        raise ValueError(
+            f"action must be 0 (north), 1 (east), 2 (south) or 3 (west), got {action!r}"
+        )
     return code

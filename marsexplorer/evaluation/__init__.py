@@ -1,7 +1,6 @@
-"""Evaluation: `evaluate` plays policies on the same terrains and returns an EvaluationTable.
+"""Evaluation: `evaluate` plays policies on the same terrains and returns a table.
 
-docs/evaluation.md defines every figure. `intervals` has the t interval,
-and `plots` the figures.
+docs/evaluation.md defines every measure. `intervals` has the t interval, and `plots` the figures.
 """
 
 from marsexplorer.evaluation.episodes import EpisodeTrace, Result, horizon

@@ -1,4 +1,4 @@
-"""What a policy meets: the boards of real episodes."""
+"""The boards of real episodes, to try policies on."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOVES = 200
 def observations(
     size: tuple[int, int], count: int = MOVES
 ) -> Iterator[tuple[NDArray[np.uint8], bool]]:
-    """The codes of real episodes at random valid moves, and whether each begins one."""
+    """Yield the codes of real episodes at random moves, and whether one begins."""
     walker, seed = RandomPolicy(), 0
     config = EnvConfig.of("random", size, max_steps=60)
     episode = Episode.begin(config, seed=seed)

@@ -1,8 +1,9 @@
-"""What a policy's card says of terrains kept apart, and playing those episodes again.
+"""The results on a policy's card, and playing their episodes again.
 
-A card has results by level and size ("random 21x21"), each of the terrains of consecutive seeds: `terrains`, how many;
-`first_seed`; means and shares; `moves`, how many moves each episode had; and `actions`, the first 12 digits of SHA-256 (hex)
-over its actions, a byte each. The policy is reset with the terrain's seed, so the same file plays the same episodes.
+A card has results by level and size ("random 21x21"), each of the terrains of consecutive seeds
+that were not trained on: `terrains`, how many; `first_seed`; means and shares; `moves`, how many
+moves each episode had; and `actions`, the first 12 digits of SHA-256 (hex) over its actions, a byte
+each. The policy is reset with the terrain's seed, so the same file plays the same episodes.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ DIGITS = 12
 
 
 def digest(actions: Sequence[int]) -> str:
-    """Return what a card keeps of an episode's actions."""
+    """The first DIGITS digits of SHA-256 (hex) over an episode's actions."""
     return hashlib.sha256(bytes(actions)).hexdigest()[:DIGITS]
 
 
@@ -36,21 +37,24 @@ def result_for_card(
     progress: Progress | None = None,
     executor: Executor | None = None,
 ) -> dict[str, Any]:
-    """Return what a card says of a policy (a name or a path) on the terrains of consecutive seeds, beside the better rule."""
+    """A policy's results on the terrains of consecutive seeds, as its card has them.
+
+    policy  a name or a path; the better rule is played beside it
+    """
     names = [str(policy), *RULES]
     table = evaluate(names, config, terrains, first_seed, progress, traces=True, executor=executor)
-    own, *rules = table.rows
-    played = [each for each in table.results if each.policy == own.policy]
+    row, *rules = table.rows
+    episodes = [episode for episode in table.results if episode.policy == row.policy]
     return {
         "terrains": terrains,
         "first_seed": first_seed,
-        "steps": round(own.steps_mean, 2),
-        "completion": own.completion,
-        "collisions": own.collisions,
-        "score": round(own.score_mean, 4),
-        "best_rule_steps": round(min(row.steps_mean for row in rules), 2),
-        "moves": [each.steps for each in played],
-        "actions": [digest(_actions(each)) for each in played],
+        "steps": round(row.steps_mean, 2),
+        "completion": row.completion,
+        "collisions": row.collisions,
+        "score": round(row.score_mean, 4),
+        "best_rule_steps": round(min(rule.steps_mean for rule in rules), 2),
+        "moves": [episode.steps for episode in episodes],
+        "actions": [digest(_actions(episode)) for episode in episodes],
     }
 
 
@@ -61,39 +65,51 @@ def _actions(result: Result) -> Sequence[int]:
 
 @dataclass(frozen=True)
 class Difference:
-    """An episode that does not come out as a card says: the level and size, the seed, and both (moves, digest)."""
+    """An episode that a policy file does not play as its card records it.
 
-    where: str
+    setting   level and size, as the card names them
+    recorded  (moves, digest) on the card
+    played    (moves, digest) now
+    """
+
+    setting: str
     seed: int
-    said: tuple[int, str]
-    came: tuple[int, str]
+    recorded: tuple[int, str]
+    played: tuple[int, str]
 
 
 def replay_card(path: Path, most: int | None = None) -> Iterator[Difference | None]:
-    """Play the episodes of a policy file's card again, and yield None for each that comes out as the card says.
+    """Play the episodes of a policy file's card again; yield None if one agrees.
 
-    most  terrains of each level and size; None: all
+    Args:
+        path: The policy file.
+        most: Terrains of each level and size; None: all.
 
-    ValueError for a card without episodes.
+    Raises:
+        ValueError: If the card lists no episodes.
     """
-    told = read_card(path).get("results", {}).items()
-    results = {where: each for where, each in told if "actions" in each}
+    results = {
+        setting: result
+        for setting, result in read_card(path).get("results", {}).items()
+        if "actions" in result
+    }
     if not results:
-        way_out = f"`marsexplorer policies measure {path}` adds them"
-        raise ValueError(f"the card of {path} lists no episodes; {way_out}")
-    for where, result in results.items():
-        config = config_of(where)
+        raise ValueError(
+            f"the card of {path} lists no episodes; `marsexplorer policies measure {path}` adds them"
+        )
+    for setting, measured in results.items():
+        config = config_of(setting)
         policy = load(path, config.sensor_radius)
-        said = zip(result["moves"][:most], result["actions"][:most], strict=True)
-        for seed, (moves, actions) in enumerate(said, result["first_seed"]):
+        recorded = zip(measured["moves"][:most], measured["actions"][:most], strict=True)
+        for seed, (moves, actions) in enumerate(recorded, measured["first_seed"]):
             episode = play_episode(policy, config, seed)
-            came = len(episode.actions), digest(episode.actions)
-            is_same = came == (moves, actions)
-            yield None if is_same else Difference(where, seed, (moves, actions), came)
+            played = len(episode.actions), digest(episode.actions)
+            is_same = played == (moves, actions)
+            yield None if is_same else Difference(setting, seed, (moves, actions), played)
 
 
-def config_of(where: str) -> EnvConfig:
-    """Return the configuration that a card calls "LEVEL ROWSxCOLS"."""
-    level, size = where.split(" ")
+def config_of(setting: str) -> EnvConfig:
+    """The configuration that a card calls "LEVEL ROWSxCOLS"."""
+    level, size = setting.split(" ")
     rows, cols = map(int, size.split("x"))
     return EnvConfig.of(level, (rows, cols))

@@ -1,15 +1,16 @@
-"""Cost of each move: how much longer it makes the whole episode, if Expert plays on.
+"""Cost of each move: how much longer the episode gets, if Expert plays on.
 
-    V(t)     length of the whole episode if Expert plays on after t moves, on the true terrain; the configuration's limit
-             where Expert does not get there
-    cost(t)  V(t + 1) - V(t), of the move number t from 0; below 0 where the move gained
+    V(t)     length of the whole episode if Expert plays on after t moves, on the true terrain; the
+             configuration's limit if Expert does not get there
+    cost(t)  V(t + 1) - V(t), of move t, counted from 0; below 0 if the move gained
 
-V(0) is Expert's own episode. After the last move V is what the episode counts: its moves if it was explored, else the limit.
-So costs add up to what the episode counts more than Expert's. An episode that ended without a move, such as one given up,
-has one more cost after its last move.
+V(0) is Expert's own episode. After the last move V is what the episode counts: its moves if it was
+explored, else the limit. So costs add up to what the episode counts more than Expert's. An episode
+that ended without a move, such as one given up, has one more cost after its last move.
 
-Expert watches the episode as if it had played it: its loop guard and the cells it remembers stand as the path left them.
-Expert is deterministic, so where the move made is Expert's own, V stays as it is and the cost is 0.
+Expert watches the episode as if it had played it: its loop guard and the cells it remembers are as
+the path left them. Expert is deterministic, so V does not change at a move that Expert would have
+made, and its cost is 0.
 """
 
 from __future__ import annotations
@@ -44,17 +45,19 @@ from marsexplorer.policies.network.batch import ActionScorer
 COST_VERSION = "1"
 """Rises whenever the same episode and policy would have another cost."""
 MAX_CELLS = 42 * 42
-"""Moves on larger boards are not judged: that takes long."""
+"""Moves on larger boards are not judged: that would take too long."""
 MOVES_PER_BLOCK = 128
 """Moves that Expert judges together."""
 
 
 @dataclass(frozen=True, eq=False)
 class Advice:
-    """What Expert would do before each move of an episode, and after the last one if it still runs then.
+    """Expert's choice before each move of an episode, and after the last move.
+
+    After the last one only if the episode goes on.
 
     shares   float32[states, 4], how probable the network finds each action
-    actions  int64[states], what Expert does, loop guard and all
+    actions  int64[states], Expert's actions, with its loop guard
     """
 
     shares: NDArray[np.float32]
@@ -63,7 +66,7 @@ class Advice:
 
 @dataclass(frozen=True, eq=False)
 class EpisodeCosts:
-    """What each move of an episode cost.
+    """The costs of an episode's moves.
 
     actions   int64[moves], made
     advice    what Expert would have done
@@ -82,12 +85,12 @@ class EpisodeCosts:
 
     @cached_property
     def costs(self) -> NDArray[np.int64]:
-        """int64[moves], below 0 where a move gained."""
+        """The cost of each move, int64[moves], below 0 if a move gained."""
         return np.diff(self.lengths)
 
     @property
     def expert_moves(self) -> int:
-        """Moves of Expert's own episode; the limit where it does not get there."""
+        """Moves of Expert's own episode; the limit if it does not get there."""
         return int(self.lengths[0])
 
     @property
@@ -97,7 +100,7 @@ class EpisodeCosts:
 
     @property
     def given_up(self) -> int:
-        """Cost of an end without a move; 0 where a move ended the episode."""
+        """Cost of an end without a move; 0 if a move ended the episode."""
         return self.counts - int(self.lengths[-1])
 
     @property
@@ -115,11 +118,11 @@ class EpisodeCosts:
         return tuple(kinds)
 
     def biggest(self, count: int = 3) -> list[Mistake]:
-        """Return the costliest mistakes, the greatest first; of equal ones the earlier first."""
+        """The costliest mistakes, the greatest first; of equal ones the earlier first."""
         return sorted(self.mistakes, key=lambda mistake: -mistake.cost)[:count]
 
     def by_kind(self) -> dict[MistakeKind, int]:
-        """Return the cost of the mistakes of each kind; an end without a move counts as `ended early`."""
+        """The cost of the mistakes of each kind; an end without a move is `ended early`."""
         costs = dict.fromkeys(MistakeKind, 0)
         for mistake in self.mistakes:
             costs[mistake.kind] += mistake.cost
@@ -127,19 +130,21 @@ class EpisodeCosts:
         return costs
 
     def by_tenth(self) -> NDArray[np.int64]:
-        """Return int64[10], the cost of the moves made while 0-10 %, 10-20 %, ... of the cells were known."""
+        """The cost of the moves made while 0-10 %, 10-20 %, ... was known: int64[10]."""
         tenth = np.minimum((self.coverage * 10).astype(np.int64), 9)
         return np.bincount(tenth, weights=self.costs, minlength=10).astype(np.int64)
 
 
 class CostEstimator:
-    """Works out what moves cost, and keeps what it has worked out in a folder.
+    """Computes the costs of moves, and caches them in a folder.
 
     policy  name or path of the network that is Expert, greedy with the loop guard
-    cache   a folder of files named by SHA-256 over policy file, versions of core and cost, and trajectory hash; each holds V
-            alone, and the folder may be deleted at any time. None keeps nothing
+    cache   a folder of files named by SHA-256 over policy file, versions of core and cost, and
+            trajectory hash; each holds V alone, and the folder may be deleted at any time. None: no
+            cache
 
-    PolicyNotFoundError and PolicyFileError as `policies.load` raises them, PolicyFileError also for other policies.
+    PolicyNotFoundError and PolicyFileError as `policies.load` raises them, PolicyFileError also for
+    other policies.
     """
 
     def __init__(self, policy: str | Path = "ppo", cache: Path | None = None) -> None:
@@ -152,11 +157,11 @@ class CostEstimator:
         self._cache = cache
 
     def costs(self, record: Record) -> EpisodeCosts:
-        """Return what every move of an episode cost; ValueError as `check_judged`."""
+        """The costs of an episode's moves; ValueError as `check_judged` raises it."""
         check_judged(record.config)
         advice = expert_advice(record, self._net)
         moves = len(record.actions)
-        lengths = self._kept(record, moves + 1, lambda: whole_lengths(record, self._net))
+        lengths = self._cached(record, moves + 1, lambda: whole_lengths(record, self._net))
         return episode_costs(record, advice, lengths)
 
     def all_costs(
@@ -168,22 +173,25 @@ class CostEstimator:
             on_progress(done)
 
     def expert_moves(self, record: Record) -> int:
-        """Return the moves of Expert's own episode on a record's terrain, of any size; the limit if it does not get there."""
+        """Moves of Expert's own episode on a record's terrain, of any size.
 
-        def own_length() -> NDArray[np.int64]:
+        The limit if it does not get there.
+        """
+
+        def expert_length() -> NDArray[np.int64]:
             policy = load(self._path, record.config.sensor_radius)
             return np.array([counted_moves(play_terrain(policy, record).record())])
 
-        return int(self._kept(record, 1, own_length)[0])
+        return int(self._cached(record, 1, expert_length)[0])
 
     def missed(self, record: Record, mistakes: Sequence[Mistake]) -> list[Missed]:
-        """Return what Expert's move would soon have shown, for each of some mistakes of the episode."""
+        """What Expert's move would soon have shown, for each of some mistakes."""
         return find_missed(record, mistakes, self._net)
 
-    def _kept(
+    def _cached(
         self, record: Record, size: int, work_out: Callable[[], NDArray[np.int64]]
     ) -> NDArray[np.int64]:
-        """Return int64[size] from the cache, or work it out and keep it there."""
+        """int64[size] from the cache; computed and cached if it is not there."""
         if self._cache is None:
             return work_out()
         cause = f"{COST_VERSION}|{CORE_VERSION}|{self._policy_hash}|{record.trajectory_hash}|{record.outcome}|{size}"
@@ -198,7 +206,7 @@ class CostEstimator:
 
 
 def check_judged(config: EnvConfig) -> None:
-    """Raise ValueError where moves are not judged: the board is too large, or not all of its cells count."""
+    """Raise ValueError if moves are not judged: too large, or not all cells count."""
     if config.discoverable_only:
         raise ValueError(
             f"moves are judged on the levels of the paper, where all cells count; this board is of level {config.level}, "
@@ -212,7 +220,7 @@ def check_judged(config: EnvConfig) -> None:
 
 
 def _read(path: Path, size: int) -> NDArray[np.int64] | None:
-    """Return the lengths in a file of the cache; None where there are none that fit, which are then worked out again."""
+    """The lengths in a cache file; None if there are none that fit."""
     try:
         lengths = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError):
@@ -222,12 +230,13 @@ def _read(path: Path, size: int) -> NDArray[np.int64] | None:
 
 
 def whole_lengths(record: Record, net: ActionScorer) -> NDArray[np.int64]:
-    """Return V after 0, 1, ... moves, int64[moves + 1]."""
+    """V after 0, 1, ... moves: int64[moves + 1]."""
     moves = np.frombuffer(record.actions, np.uint8)
     expected = np.zeros(len(moves) + 1, np.int64)
     lengths = np.full(len(moves) + 1, counted_moves(record))
     for first, rollouts, decisions in _judge(record, net):
-        # 1. Where the move before was Expert's own, V is what it was; else Expert plays on from here.
+        # 1. Where the move before was Expert's own, V is what it was; else Expert plays on from
+        #    here.
         steps = first + np.arange(rollouts.num_worlds)
         expected[steps] = decisions.actions
         is_left = np.append(True, expected[:-1] != moves)[steps]
@@ -241,12 +250,12 @@ def whole_lengths(record: Record, net: ActionScorer) -> NDArray[np.int64]:
 
 
 def counted_moves(record: Record) -> int:
-    """Return what an episode counts: its moves if explored, else the limit."""
+    """The moves that an episode counts: its own if explored, else the limit."""
     return steps_to_target(record.config, record.outcome, record.steps)
 
 
 def expert_advice(record: Record, net: ActionScorer) -> Advice:
-    """Return what Expert, who has watched the episode, would do at each of its states."""
+    """Expert's choice at each state of an episode, as if it had watched it."""
     decisions = [decisions for _, _, decisions in _judge(record, net)]
     logits = np.concatenate([block.logits for block in decisions])
     weights = np.exp(logits - logits.max(1, keepdims=True))
@@ -260,7 +269,7 @@ def _rollouts(record: Record, net: ActionScorer, count: int) -> GreedyRollouts:
 
 
 def _judge(record: Record, net: ActionScorer) -> Iterator[tuple[int, GreedyRollouts, Decisions]]:
-    """Yield blocks of an episode's states as Expert decides there: the first state's number, the worlds, the decisions."""
+    """Yield blocks of an episode's states: the first one's number, worlds, decisions."""
     for first, worlds in _states(record, net):
         rollouts = _rollouts(record, net, len(worlds["steps"]))
         rollouts.restore(np.arange(rollouts.num_worlds), worlds)
@@ -268,7 +277,10 @@ def _judge(record: Record, net: ActionScorer) -> Iterator[tuple[int, GreedyRollo
 
 
 def _states(record: Record, net: ActionScorer) -> Iterator[tuple[int, Snapshot]]:
-    """Yield the worlds after `first`, first + 1, ... moves in blocks, as long as the episode runs."""
+    """Yield the worlds after each move in blocks, as long as the episode runs.
+
+    Each block comes with the number of moves before its first state.
+    """
     rollouts, only = _rollouts(record, net, 1), np.zeros(1, np.intp)
     rollouts.worlds.start_on(0, record.terrain_map(), record.start)
     states: list[Snapshot] = []
@@ -286,7 +298,7 @@ def _states(record: Record, net: ActionScorer) -> Iterator[tuple[int, Snapshot]]
 
 
 def episode_costs(record: Record, advice: Advice, lengths: NDArray[np.int64]) -> EpisodeCosts:
-    """Return what the moves of an episode cost from its `whole_lengths`."""
+    """The costs of an episode's moves, from its `whole_lengths`."""
     actions = np.frombuffer(record.actions, np.uint8).astype(np.int64)
     coverage, mistakes = find_mistakes(record, advice.actions, np.diff(lengths))
     counts = counted_moves(record)

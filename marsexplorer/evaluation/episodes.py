@@ -1,7 +1,8 @@
-"""Episodes of policies, played for measurement in this process or by any executor.
+"""Play episodes of policies for measurement, in this process or by an executor.
 
-An episode is a function of (policy, config, seed): the seed fixes the terrain, and the policy is reset with it. So the results
-do not depend on where, or in how many chunks, the episodes were played.
+An episode is a function of (policy, config, seed): the seed fixes the terrain, and the policy is
+reset with it. So the results do not depend on where, or in how many chunks, the episodes were
+played.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ EPISODES_PER_CHUNK = 5
 """Episodes that a process plays before it reports."""
 
 FEW_CHUNKS = 4
-"""So many chunks are played sooner in this process than others start."""
+"""Chunks that this process plays sooner than others start."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class EpisodeTrace:
     """The course of an episode, cells flat as row * cols + col.
 
     discovered  cells known after 0, 1, 2, ... moves
-    path        the rover's cell after 0, 1, 2, ... moves (it stays where it was after a move off the grid)
+    path        the rover's cell after 0, 1, 2, ... moves (it stays where it was after a move off
+                the grid)
     obstacles   obstacle cells known at the end
     actions     the moves, codes 0..3; with the seed they are the episode's cause
     """
@@ -46,12 +48,13 @@ class EpisodeTrace:
 
 @dataclass(frozen=True)
 class Result:
-    """The figures of one episode of one policy; docs/evaluation.md defines each.
+    """The measures of one episode of one policy; docs/evaluation.md defines each.
 
     seed         of the terrain, and of the policy's own draws
     score        normalized (section 3.2); total is the return
     steps        moves made; steps_to_99 is `max_steps` for any outcome but `explored`
-    cells        that count on the terrain: all, or those that can be discovered (`EnvConfig.discoverable_only`)
+    cells        that count on the terrain: all, or those that can be discovered
+                 (`EnvConfig.discoverable_only`)
     coverage     discovered cells over `cells` at the end, 0..1
     auc          mean coverage after 1, 2, ... `horizon(config)` moves, 0..1
     trace        the course of the episode, None unless it was asked for
@@ -74,13 +77,13 @@ class Result:
     trace: EpisodeTrace | None = None
 
     def figures(self) -> dict[str, object]:
-        """Return everything but the trace, by name."""
-        return {name: value for name, value in vars(self).items() if name != "trace"}
+        """All measures by name, without the trace."""
+        return {name: measure for name, measure in vars(self).items() if name != "trace"}
 
 
 @dataclass(frozen=True)
 class EpisodeChunk:
-    """Episodes to play in one go: of a policy (its name or path), on the terrains of some seeds."""
+    """Episodes to play in one go: of a policy (name or path), on terrains of seeds."""
 
     policy: str
     config: EnvConfig
@@ -89,14 +92,20 @@ class EpisodeChunk:
 
 
 def horizon(config: EnvConfig) -> int:
-    """Return the moves over which the area under the coverage curve is taken: a quarter of the cells."""
+    """The moves over which the area under the coverage curve is taken.
+
+    A quarter of the cells.
+    """
     return max(1, config.n // 4)
 
 
 def area_under_coverage(config: EnvConfig, discovered: Sequence[int], cells: int) -> float:
-    """Return the mean coverage after 1..horizon moves, 0..1; after the last move coverage stays as it is.
+    """The mean coverage after 1..horizon moves, 0..1; it stays as it is after the end.
 
-    discovered  cells known after 0, 1, 2, ... moves; cells: that count, at least one (`Episode.cells`)
+    Args:
+        config: The configuration of the episode.
+        discovered: Cells known after 0, 1, 2, ... moves.
+        cells: Cells that count, at least one (`Episode.cells`).
     """
     moves = horizon(config)
     within = discovered[1 : moves + 1]
@@ -104,19 +113,22 @@ def area_under_coverage(config: EnvConfig, discovered: Sequence[int], cells: int
 
 
 def play_chunk(chunk: EpisodeChunk) -> list[Result]:
-    """Play the episodes of a chunk and return their results in the order of its seeds."""
+    """Play the episodes of a chunk; the results are in the order of its seeds."""
     policy = policy_files.load(chunk.policy, chunk.config.sensor_radius)
-    played = ((seed, play_episode(policy, chunk.config, seed)) for seed in chunk.seeds)
-    return [result_of(chunk.policy, each, seed, chunk.traces) for seed, each in played]
+    episodes = (play_episode(policy, chunk.config, seed) for seed in chunk.seeds)
+    return [
+        result_of(chunk.policy, episode, seed, chunk.traces)
+        for seed, episode in zip(chunk.seeds, episodes, strict=True)
+    ]
 
 
 def play_episode(policy: Policy, config: EnvConfig, seed: int) -> Episode:
-    """Play a policy on the terrain of a seed to the end of the episode; the policy is reset with the same seed."""
+    """Play a policy, reset with the seed, on the terrain of the seed to the end."""
     return play_out(policy, Episode.begin(config, seed=seed), seed)
 
 
 def play_out(policy: Policy, episode: Episode, seed: int) -> Episode:
-    """Return an episode at its start played to its end by a policy, which is reset with `seed`."""
+    """Play an episode from its start to its end by a policy, reset with `seed`."""
     begin(policy, episode.config.level, seed)
     while not episode.ended:
         episode.step(policy.act(episode.codes))
@@ -124,22 +136,22 @@ def play_out(policy: Policy, episode: Episode, seed: int) -> Episode:
 
 
 def play_terrain(policy: Policy, record: Record, seed: int = 0) -> Episode:
-    """Play a policy on the terrain of a recorded episode to the end; the policy is reset with `seed`."""
+    """Play a policy, reset with `seed`, on the terrain of a recorded episode."""
     return play_out(policy, Episode.again(record), seed)
 
 
 def result_of(policy: str, episode: Episode, seed: int, traces: bool = False) -> Result:
-    """Return the figures of an episode that has ended (a `running` one counts as not explored).
+    """The measures of an episode that has ended; a `running` one is not explored.
 
     policy  the name or path to put into the result
     """
     config = episode.config
-    where = (policy, config.level, config.rows, config.cols, config.hash, seed)
-    came_to = (episode.outcome, episode.score, episode.total, episode.steps)
+    cause = (policy, config.level, config.rows, config.cols, config.hash, seed)
+    measures = (episode.outcome, episode.score, episode.total, episode.steps)
     steps_to_99 = steps_to_target(config, episode.outcome, episode.steps)
     area = area_under_coverage(config, episode.discoveries, episode.cells)
     trace = _trace(episode) if traces else None
-    return Result(*where, *came_to, steps_to_99, episode.coverage, area, episode.cells, trace)
+    return Result(*cause, *measures, steps_to_99, episode.coverage, area, episode.cells, trace)
 
 
 def _trace(episode: Episode) -> EpisodeTrace:
@@ -152,17 +164,19 @@ def _trace(episode: Episode) -> EpisodeTrace:
 def make_chunks(
     policies: Sequence[str], configs: Sequence[EnvConfig], seeds: Sequence[int], traces: bool
 ) -> list[EpisodeChunk]:
-    """Return chunks of all episodes to play."""
+    """Divide all episodes to play into chunks."""
     starts = range(0, len(seeds), EPISODES_PER_CHUNK)
     parts = [tuple(seeds[start : start + EPISODES_PER_CHUNK]) for start in starts]
-    each = product(configs, policies, parts)
-    return [EpisodeChunk(name, config, part, traces) for config, name, part in each]
+    return [
+        EpisodeChunk(name, config, part, traces)
+        for config, name, part in product(configs, policies, parts)
+    ]
 
 
 def play_chunks(
     chunks: Sequence[EpisodeChunk], executor: Executor | None
 ) -> Iterator[list[Result]]:
-    """Yield the results chunk by chunk, in any order; without an executor they are played here."""
+    """Yield the results chunk by chunk, in any order; no executor: played here."""
     if executor is None:
         yield from map(play_chunk, chunks)
         return
@@ -179,7 +193,10 @@ def play_chunks(
 
 
 def play_sent_chunk(chunk: EpisodeChunk, content: bytes | None) -> list[Result]:
-    """Play a chunk where its policy's file need not be: `content` is what the file holds, None for a policy without one."""
+    """Play a chunk where its policy's file may be missing.
+
+    content  the file's bytes, None for a policy without a file
+    """
     if content is None:
         return play_chunk(chunk)
     with TemporaryDirectory() as folder:
@@ -206,7 +223,7 @@ class Agreement:
 
 
 def agreement_with(policy: Policy, record: Record, seed: int = 0) -> Agreement:
-    """Return how many moves of an episode agree with a policy that is shown what the rover saw, from the first move on.
+    """How many moves of an episode a policy agrees with, shown what the rover saw.
 
     seed  of what the policy draws, if it draws anything
     """

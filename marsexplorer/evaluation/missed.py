@@ -1,6 +1,6 @@
-"""What Expert's move would soon have shown: the cells, and when the player has seen them after all.
+"""Cells that Expert's move would soon have shown, and when the player saw them.
 
-It puts a cost into a picture. Like the cost it looks at the true terrain of a finished episode.
+It puts a cost into a picture. Like the cost it uses the true terrain of a finished episode.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ class Missed:
 
     codes     uint8[rows, cols], known before the move; discovered: their number
     position  (row, col) of the rover before the move
-    cells     int64[num, 2], (row, col): seen within SOON moves after Expert's action, Expert going on, and neither known
-              before the move nor seen by the player within as many moves
-    seen_at   moves that the player had made when the last of the cells was seen; None where some never was, or there are none
+    cells     int64[num, 2], (row, col): seen within SOON moves after Expert's action, Expert going
+              on, and neither known before the move nor seen by the player within as many moves
+    seen_at   moves that the player had made when the last of the cells was seen; None if some never
+              was, or if there are none
     """
 
     codes: NDArray[np.uint8]
@@ -40,13 +41,13 @@ class Missed:
 
 
 def find_missed(record: Record, mistakes: Sequence[Mistake], net: ActionScorer) -> list[Missed]:
-    """Return what was missed by each of some mistakes of an episode, in their order."""
+    """What was missed by each of some mistakes of an episode, in their order."""
     first_seen = _first_seen(record)
     config = record.config
     player = GreedyRollouts(config, 1, net.rules_that_count(config.rows, config.cols))
     player.worlds.start_on(0, record.terrain_map(), record.start)
     wanted = {mistake.step: mistake for mistake in mistakes}
-    found: dict[int, Missed] = {}
+    missed: dict[int, Missed] = {}
     for step, action in enumerate(record.actions):
         rover = player.watch()
         if step in wanted:
@@ -56,13 +57,13 @@ def find_missed(record: Record, mistakes: Sequence[Mistake], net: ActionScorer) 
             last = int(first_seen[tuple(late.T)].max(initial=0))
             row, col = divmod(int(rover[0]), config.cols)
             seen_at = last if len(late) and last <= len(record.actions) else None
-            found[step] = Missed(codes, int(np.count_nonzero(codes)), (row, col), late, seen_at)
+            missed[step] = Missed(codes, int(np.count_nonzero(codes)), (row, col), late, seen_at)
         player.step(np.array([action]))
-    return [found[mistake.step] for mistake in mistakes]
+    return [missed[mistake.step] for mistake in mistakes]
 
 
 def _first_seen(record: Record) -> NDArray[np.int64]:
-    """Return the moves that had been made when each cell was seen, int64[rows, cols]; more than all moves for never."""
+    """The moves made when each cell was seen, int64[rows, cols]; above all if never."""
     episode = Episode.again(record)
     seen = np.where(episode.codes == UNKNOWN, len(record.actions) + SOON + 1, 0)
     for step, action in enumerate(record.actions, 1):
@@ -72,11 +73,11 @@ def _first_seen(record: Record) -> NDArray[np.int64]:
 
 
 def _seen_soon(player: GreedyRollouts, action: int, net: ActionScorer) -> NDArray[np.bool_]:
-    """Return the cells known SOON moves later, bool[rows, cols], with `action` made first and the policy going on."""
+    """The cells known SOON moves after `action`, the policy going on."""
     branch = player.subset(np.zeros(1, np.intp))
     branch.step(np.array([action]))
     for _ in range(SOON - 1):
         if branch.running[0]:
             branch.step(branch.decide(net).actions)
-    known: NDArray[np.bool_] = branch.worlds.codes[0] != UNKNOWN
-    return known
+    is_known: NDArray[np.bool_] = branch.worlds.codes[0] != UNKNOWN
+    return is_known

@@ -1,16 +1,18 @@
 """Mistakes: stretches of moves that are not Expert's and together cost something.
 
-Expert's own moves cost nothing, so an episode's costs lie in such stretches. One wrong turn may cost at several moves, and the
-next move may take a cost back; so a stretch is one mistake. It begins and ends with a move whose cost is not 0. The first
-definition that fits its costliest move is its kind:
+Expert's own moves cost nothing, so an episode's costs lie in such stretches. One wrong turn may
+cost at several moves, and the next move may take a cost back; so a stretch is one mistake. It
+begins and ends with a move whose cost is not 0. The first definition that fits its costliest move
+is its kind:
 
     ended early    the move was invalid and ended the episode
     last cells     at least LAST_CELLS of all cells were known before it
-    hidden pocket  a pocket, a group of at most POCKET_CELLS unknown cells with a free one among them, lay within the sensor's
-                   radius; Expert's action leads nearer to it and the move made does not
+    hidden pocket  a pocket, a group of at most POCKET_CELLS unknown cells with a free one among
+                   them, lay within the sensor's radius; Expert's action leads nearer to it and the
+                   move made does not
     early detour   everything else
 
-Like the costs they look at the true terrain of a finished episode.
+Like the costs they depend on the true terrain of a finished episode.
 """
 
 from __future__ import annotations
@@ -65,9 +67,12 @@ class Mistake:
 def find_mistakes(
     record: Record, expert_actions: NDArray[np.int64], costs: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], list[Mistake]]:
-    """Return the coverage before each move, float64[moves], and the mistakes in the order of their moves.
+    """The coverage before each move, float64[moves], and the mistakes in their order.
 
-    expert_actions, costs  int64[moves or more], int64[moves]
+    Args:
+        record: The episode.
+        expert_actions: int64[moves or more].
+        costs: int64[moves].
     """
     stretches = {
         first + int(costs[first : last + 1].argmax()): (first, last)
@@ -89,7 +94,7 @@ def find_mistakes(
 def _stretches(
     actions: bytes, expert_actions: NDArray[np.int64], costs: NDArray[np.int64]
 ) -> Iterator[tuple[int, int]]:
-    """Yield the first and the last move of each stretch without Expert's, less the moves at its ends that cost 0."""
+    """Yield the first and the last costly move of each stretch without Expert's moves."""
     is_other = np.frombuffer(actions, np.uint8) != expert_actions[: len(actions)]
     edges = np.flatnonzero(np.diff(np.concatenate(([False], is_other, [False]))))
     for begin, end in edges.reshape(-1, 2).tolist():
@@ -101,7 +106,7 @@ def _stretches(
 def _kind_of(
     episode: Episode, terrain: NDArray[np.bool_], action: int, expert_action: int
 ) -> MistakeKind:
-    """Return the kind of a costly move from the episode as it stood before it."""
+    """The kind of a costly move, from the episode before it."""
     position, radius = episode.position, episode.config.sensor_radius
     towards = [moved(position, action), moved(position, expert_action)]
     if is_blocked(terrain, towards[0]):
@@ -120,28 +125,33 @@ def leaves_pocket(
     towards: list[tuple[int, int]],
     radius: int,
 ) -> bool:
-    """Return whether a pocket within `radius` of the rover is left by the first of two moves and approached by the second.
+    """Whether the first of two moves leaves a pocket that the second approaches.
 
-    codes     uint8[rows, cols], known; terrain bool[rows, cols], True where blocked
-    towards   the cells (row, col) that the two moves lead to; distances are row and column steps, obstacles ignored
+    Args:
+        codes: uint8[rows, cols], as known.
+        terrain: bool[rows, cols], True where blocked.
+        position: (row, col) of the rover.
+        towards: The cells (row, col) that the two moves lead to; distances are row and column
+            steps, obstacles ignored.
+        radius: Only pockets within it count, cells.
     """
     for pocket in _pockets(codes != UNKNOWN, position, radius):
         cells = np.array(pocket)
         if terrain[tuple(cells.T)].all():
             continue
         places = (np.array(cell) for cell in (position, *towards))
-        before, made, better = (int(np.abs(cells - place).sum(1).min()) for place in places)
-        if better < before <= made:
+        before, after, better = (int(np.abs(cells - place).sum(1).min()) for place in places)
+        if better < before <= after:
             return True
     return False
 
 
 def _pockets(
-    known: NDArray[np.bool_], position: tuple[int, int], radius: int
+    is_known: NDArray[np.bool_], position: tuple[int, int], radius: int
 ) -> Iterator[list[tuple[int, int]]]:
-    """Yield the groups of at most POCKET_CELLS unknown cells that reach within `radius` of the rover."""
+    """Yield the groups of at most POCKET_CELLS unknown cells within `radius`."""
     top, left = (max(0, side - radius) for side in position)
-    near = ~known[top : position[0] + radius + 1, left : position[1] + radius + 1]
+    near = ~is_known[top : position[0] + radius + 1, left : position[1] + radius + 1]
     seen = set[tuple[int, int]]()
     for row, col in np.argwhere(near).tolist():
         cell = (top + row, left + col)
@@ -151,7 +161,7 @@ def _pockets(
         seen.add(cell)
         for place in group:  # it grows while it is walked, until it is too large for a pocket
             around = [moved(place, action) for action in range(len(DISPLACEMENTS))]
-            joined = [one for one in around if one not in group and not is_blocked(known, one)]
+            joined = [one for one in around if one not in group and not is_blocked(is_known, one)]
             group += joined
             seen.update(joined)
             if len(group) > POCKET_CELLS:
@@ -161,13 +171,13 @@ def _pockets(
 
 
 def moved(position: tuple[int, int], action: int) -> tuple[int, int]:
-    """Return the cell that an action leads to, perhaps off the grid."""
+    """The cell that an action leads to, perhaps off the grid."""
     down, right = DISPLACEMENTS[action]
     return position[0] + down, position[1] + right
 
 
 def is_blocked(terrain: NDArray[np.bool_], cell: tuple[int, int]) -> bool:
-    """Return whether a cell is an obstacle or off the grid."""
+    """Whether a cell is an obstacle or off the grid."""
     row, col = cell
     is_on_grid = 0 <= row < terrain.shape[0] and 0 <= col < terrain.shape[1]
     return not is_on_grid or bool(terrain[row, col])

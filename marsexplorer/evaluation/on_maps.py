@@ -1,4 +1,7 @@
-"""Policies on given maps: one episode each, for a map has one terrain and one start. So there are no intervals."""
+"""Policies on given maps, one episode each.
+
+A map has one terrain and one start, so there are no intervals.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from marsexplorer.maps import GridMap
 
 @dataclass(frozen=True)
 class MapResults:
-    """What policies did on one map, in the order given; `to_rule` compares them.
+    """The results of policies on one map, in the order given; `to_rule` compares them.
 
     name    of the map
     start   (row, col)
@@ -27,41 +30,49 @@ class MapResults:
     results: tuple[Result, ...]
 
     def to_rule(self, result: Result) -> float | None:
-        """Return the steps to 99 % as a share of those of the better frontier rule, None where neither was played."""
-        rules = [each.steps_to_99 for each in self.results if each.policy in RULES]
+        """Steps to 99 % as a share of the better frontier rule's; None if no rule played."""
+        rules = [rule.steps_to_99 for rule in self.results if rule.policy in RULES]
         return result.steps_to_99 / min(rules) if rules else None
 
 
 def evaluate_on_maps(
     policies: Sequence[str], maps: Mapping[str, GridMap], seed: int = 0
 ) -> list[MapResults]:
-    """Play policies on maps and return what they did, map by map.
+    """Play policies on maps; the results come map by map.
 
-    policies  names or paths
-    maps      by name
-    seed      of what a policy draws
+    Args:
+        policies: Names or paths.
+        maps: By name.
+        seed: Of a policy's draws.
 
-    PolicyNotFoundError and PolicyFileError for policies that cannot be loaded.
+    Raises:
+        PolicyNotFoundError: If there is no such policy.
+        PolicyFileError: If a policy's file cannot be played.
     """
     names = list(dict.fromkeys(policies))
     for name in names:
         policy_files.load(name)
     results = []
-    for title, found in maps.items():
-        played = tuple(result_of(name, _play(name, found, seed), seed) for name in names)
-        results.append(MapResults(title, found.start, played))
+    for title, grid_map in maps.items():
+        played = tuple(result_of(name, _play(name, grid_map, seed), seed) for name in names)
+        results.append(MapResults(title, grid_map.start, played))
     return results
 
 
-def to_json(found: Sequence[MapResults]) -> str:
-    """Return everything as JSON: core_version, and of each map its name, start and results."""
-    results = ([one.figures() for one in each.results] for each in found)
-    pairs = zip(found, results, strict=True)
-    maps = [{"name": each.name, "start": each.start, "results": own} for each, own in pairs]
+def to_json(map_results: Sequence[MapResults]) -> str:
+    """Everything as JSON: core_version, and each map's name, start and results."""
+    maps = [
+        {
+            "name": played.name,
+            "start": played.start,
+            "results": [result.figures() for result in played.results],
+        }
+        for played in map_results
+    ]
     return json.dumps({"core_version": CORE_VERSION, "maps": maps}, indent=1)
 
 
-def _play(name: str, found: GridMap, seed: int) -> Episode:
-    config = found.config()
-    episode = Episode.begin(config, terrain=found.terrain, start=found.start)
+def _play(name: str, grid_map: GridMap, seed: int) -> Episode:
+    config = grid_map.config()
+    episode = Episode.begin(config, terrain=grid_map.terrain, start=grid_map.start)
     return play_out(policy_files.load(name, config.sensor_radius), episode, seed)

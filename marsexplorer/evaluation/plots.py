@@ -1,7 +1,7 @@
-"""Plots of an evaluation: coverage against steps (figure 7 of Koutras et al. 2021) and heat maps (its figure 6).
+"""Plots of an evaluation: coverage against steps, and heat maps.
 
-Figures are made without pyplot, so they share no global state; the same table gives the same bytes. They need results with
-traces.
+These are figures 7 and 6 of Koutras et al. 2021. They are made without pyplot, so they share no
+global state; the same table gives the same bytes. They need results with traces.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ SHOWN_SHARE = 0.99
 
 
 def save_plots(table: EvaluationTable, folder: Path) -> list[Path]:
-    """Write coverage-LEVEL-ROWSxCOLS.png for each configuration and heat-POLICY.png for each policy; return the paths.
+    """Write a coverage plot a configuration and a heat map a policy; return the paths.
 
-    Of configurations that differ in something else, and of policies in files of one name, the names have -2, -3, ... behind.
+    They are coverage-LEVEL-ROWSxCOLS.png and heat-POLICY.png. Configurations that differ in
+    something else, and policies in files of one name, get -2, -3, ... behind their names.
     """
     folder.mkdir(parents=True, exist_ok=True)
     figures = [
@@ -45,13 +46,13 @@ def save_plots(table: EvaluationTable, folder: Path) -> list[Path]:
     paths: list[Path] = []
     for name, figure in figures:
         names = chain([name], (f"{name}-{number}" for number in count(2)))
-        path = next(path for each in names if (path := folder / f"{each}.png") not in paths)
+        path = next(path for free in names if (path := folder / f"{free}.png") not in paths)
         paths.append(_save(figure, path))
     return paths
 
 
 def coverage_figure(table: EvaluationTable, config: EnvConfig) -> Figure:
-    """Plot coverage against moves: each policy's mean over terrains, and the band from the 5th to the 95th percentile."""
+    """Plot coverage against moves, each policy's mean and 5th to 95th percentile."""
     policies = dict.fromkeys(result.policy for result in table.results)
     groups = {policy: _results(table, config, policy) for policy in policies}
     figure = Figure(figsize=(7.2, 4.5), layout="constrained")
@@ -74,7 +75,7 @@ def coverage_figure(table: EvaluationTable, config: EnvConfig) -> Figure:
 
 
 def heat_figure(table: EvaluationTable, policy: str) -> Figure:
-    """Plot a panel for each configuration: blue for visits to each cell, green for obstacles found there."""
+    """Plot visits in blue and obstacles found in green, a panel a configuration."""
     configs = [config for config in table.configs if _results(table, config, policy)]
     columns = min(4, len(configs))
     lines = -(-len(configs) // columns)
@@ -92,19 +93,25 @@ def heat_figure(table: EvaluationTable, policy: str) -> Figure:
 
 
 def _shown_moves(results: Sequence[Result]) -> int:
-    """Return the moves at which the plot ends: episodes that never explore their terrain do not compress the others."""
+    """The moves at which the plot ends.
+
+    Episodes that never explore their terrain do not compress the others.
+    """
     explored = [result.steps for result in results if result.outcome == "explored"]
     ends = sorted(explored or [result.steps for result in results])
     return max(1, ends[min(len(ends) - 1, int(SHOWN_SHARE * len(ends)))])
 
 
 def coverage_curves(results: Sequence[Result], moves: int) -> NDArray[np.float64]:
-    """Return coverage (0..1) after 0..moves moves, float64[episodes, moves + 1]; a curve stays level after its episode."""
+    """Coverage (0..1) after 0..moves moves, float64[episodes, moves + 1].
+
+    A curve stays level after its episode.
+    """
     curves = np.zeros((len(results), moves + 1))
     for curve, result in zip(curves, results, strict=True):
-        own = _trace(result).discovered[: moves + 1]
-        curve[: len(own)] = own
-        curve[len(own) :] = own[-1]
+        discovered = _trace(result).discovered[: moves + 1]
+        curve[: len(discovered)] = discovered
+        curve[len(discovered) :] = discovered[-1]
         curve /= result.cells
     return curves
 
@@ -112,8 +119,11 @@ def coverage_curves(results: Sequence[Result], moves: int) -> NDArray[np.float64
 def heat_maps(
     results: Sequence[Result], config: EnvConfig
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (visits, obstacles), int64[rows, cols] each: moves that ended on a cell (the start counts once an episode), and
-    episodes in which an obstacle was known there at the end."""
+    """(visits, obstacles) of each cell, int64[rows, cols].
+
+    Moves that ended on a cell, where the start counts once an episode; and episodes in which an
+    obstacle was known there at the end.
+    """
     visits, obstacles = np.zeros(config.n, np.int64), np.zeros(config.n, np.int64)
     for result in results:
         trace = _trace(result)
@@ -123,7 +133,7 @@ def heat_maps(
 
 
 def _draw_heat(axes: Axes, visits: NDArray[np.int64], obstacles: NDArray[np.int64]) -> None:
-    """Draw both maps over each other; the square root keeps seldom visited cells visible."""
+    """Draw both maps over each other; the square root keeps rare visits visible."""
     for counts, colour in ((visits, (0.03, 0.19, 0.55)), (obstacles, (0.0, 0.43, 0.17))):
         layer = np.zeros((*counts.shape, 4))
         layer[..., :3] = colour

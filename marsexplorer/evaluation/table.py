@@ -1,6 +1,7 @@
-"""Figures of episodes: a row for each policy and configuration, and paired comparisons on the same terrains.
+"""The table of an evaluation: a row a policy and configuration, and comparisons.
 
-All intervals are 95 % Student's t intervals over terrains. docs/evaluation.md defines every figure.
+All intervals are 95 % Student's t intervals over terrains. docs/evaluation.md defines every
+measure.
 """
 
 from __future__ import annotations
@@ -24,14 +25,16 @@ Progress = Callable[[int, int], None]
 """Called with (done, in all)."""
 
 COMPARED = ("reference", "difference_", "ratio_")
-"""How the names of a comparison's own columns begin."""
+"""The beginnings of the names of a comparison's own columns."""
 RULES = ("frontier-cost", "frontier-utility")
 """The rule policies; the one of the fewest mean steps is the reference of the comparisons."""
 
 
 @dataclass(frozen=True)
 class EvaluationRow:
-    """One policy over all terrains of one configuration; *_low and *_high bound the mean.
+    """One policy over all terrains of one configuration.
+
+    *_low and *_high bound the mean.
 
     completion  share of episodes explored, 0..1
     steps_*     moves to 99 %, an unfinished episode counting `max_steps`
@@ -61,7 +64,7 @@ class EvaluationRow:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Steps to 99 % of a policy against those of a reference on the same terrains, terrain by terrain.
+    """Steps to 99 % of a policy and of a reference, paired by terrain.
 
     reference     the frontier rule of fewest mean steps among those played
     difference_*  mean of policy - reference (moves), with its interval
@@ -85,7 +88,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class EvaluationTable:
-    """The result of `evaluate`: a row for each configuration and policy, in the order given, and every episode."""
+    """The result of `evaluate`: its rows in the order given, and every episode."""
 
     configs: tuple[EnvConfig, ...]
     seeds: tuple[int, ...]
@@ -94,13 +97,18 @@ class EvaluationTable:
     results: tuple[Result, ...]
 
     def compared(self, row: EvaluationRow) -> Comparison | None:
-        """Return the comparison of a row's policy with the better rule, None when there is none."""
-        keys = {(each.policy, each.config_hash): each for each in self.comparisons}
+        """The comparison of a row's policy with the better rule, None if there is none."""
+        keys = {(pair.policy, pair.config_hash): pair for pair in self.comparisons}
         return keys.get((row.policy, row.config_hash))
 
     def to_json(self) -> str:
-        """Return everything but the traces as JSON: core_version, configs, seeds, rows, comparisons, results."""
-        configs = ((each, {"hash": each.hash, "horizon": horizon(each)}) for each in self.configs)
+        """Everything but the traces as JSON.
+
+        core_version, configs, seeds, rows, comparisons, results
+        """
+        configs = (
+            (config, {"hash": config.hash, "horizon": horizon(config)}) for config in self.configs
+        )
         document = {
             "core_version": CORE_VERSION,
             "configs": [config.to_dict() | derived for config, derived in configs],
@@ -112,7 +120,7 @@ class EvaluationTable:
         return json.dumps(document, indent=1)
 
     def to_csv(self) -> str:
-        """Return the rows as CSV, each with its comparison beside it; a cell is empty where there is none."""
+        """The rows as CSV, each with its comparison; a cell is empty if there is none."""
         fields = [name for name in Comparison.__dataclass_fields__ if name.startswith(COMPARED)]
         names = [*EvaluationRow.__dataclass_fields__, *(f"rule_{name}" for name in fields)]
         text = io.StringIO()
@@ -120,8 +128,8 @@ class EvaluationTable:
         writer.writerow(names)
         for row in self.rows:
             cells = list(asdict(row).values())
-            found = self.compared(row)
-            cells += [getattr(found, name) if found else "" for name in fields]
+            comparison = self.compared(row)
+            cells += [getattr(comparison, name) if comparison else "" for name in fields]
             writer.writerow(map(to_cell, cells))
         return text.getvalue()
 
@@ -132,43 +140,43 @@ def tabulate(
     seeds: Sequence[int],
     results: Iterable[Result],
 ) -> EvaluationTable:
-    """Return the table of results that came in any order: by configuration, policy and seed as given."""
+    """The table of results that came in any order: by configuration, policy and seed."""
     config_of = {config.hash: number for number, config in enumerate(configs)}
     policy_of = {name: number for number, name in enumerate(policies)}
     seed_of = {seed: number for number, seed in enumerate(seeds)}
 
-    def place(one: Result) -> tuple[int, int, int]:
-        return config_of[one.config_hash], policy_of[one.policy], seed_of[one.seed]
+    def place(result: Result) -> tuple[int, int, int]:
+        return config_of[result.config_hash], policy_of[result.policy], seed_of[result.seed]
 
     ordered = sorted(results, key=place)
     rows: list[EvaluationRow] = []
     comparisons: list[Comparison] = []
     for config in configs:
         by_policy: dict[str, list[Result]] = {name: [] for name in policies}
-        for one in ordered:
-            if one.config_hash == config.hash:
-                by_policy[one.policy].append(one)
-        rows += [summarize_policy(own) for own in by_policy.values()]
+        for result in ordered:
+            if result.config_hash == config.hash:
+                by_policy[result.policy].append(result)
+        rows += [summarize_policy(episodes) for episodes in by_policy.values()]
         comparisons += compare(by_policy)
     parts = tuple(configs), tuple(seeds), tuple(rows), tuple(comparisons), tuple(ordered)
     return EvaluationTable(*parts)
 
 
 def summarize_policy(results: Sequence[Result]) -> EvaluationRow:
-    """Return the row of one policy's episodes of one configuration (at least two)."""
+    """The row of one policy's episodes of one configuration (at least two)."""
     first, outcomes = results[0], [result.outcome for result in results]
     config = first.level, first.rows, first.cols, first.config_hash
-    where = (first.policy, *config, len(results))
+    cause = (first.policy, *config, len(results))
     columns = (_column(results, name) for name in ("score", "steps_to_99", "auc"))
     score, steps, area = map(mean_interval, columns)
     completion = outcomes.count("explored") / len(results)
     collisions = outcomes.count("collided") + outcomes.count("out_of_bounds")
     coverage = float(_column(results, "coverage").mean())
-    return EvaluationRow(*where, *score, completion, *steps, collisions, coverage, *area)
+    return EvaluationRow(*cause, *score, completion, *steps, collisions, coverage, *area)
 
 
 def compare(by_policy: dict[str, list[Result]]) -> list[Comparison]:
-    """Return the comparisons of every policy with the best rule that was played.
+    """Compare every policy with the best rule that was played.
 
     by_policy   name -> results, all on the same seeds in the same order
     """
@@ -181,23 +189,24 @@ def compare(by_policy: dict[str, list[Result]]) -> list[Comparison]:
     for name, results in by_policy.items():
         if name != reference:
             first = results[0]
-            where = (first.level, first.rows, first.cols, first.config_hash, len(results))
+            setting = (first.level, first.rows, first.cols, first.config_hash, len(results))
             difference = mean_interval(steps[name] - steps[reference])
             ratio = ratio_interval(steps[name], steps[reference])
-            comparisons.append(Comparison(name, reference, *where, *difference, *ratio))
+            comparisons.append(Comparison(name, reference, *setting, *difference, *ratio))
     return comparisons
 
 
 def mean_interval(values: Floats) -> tuple[float, float, float]:
-    """Return the mean of at least two values, and its t interval low and high."""
+    """The mean of at least two values, and its t interval low and high."""
     low, high = t_interval(values)
     return float(values.mean()), float(low), float(high)
 
 
 def ratio_interval(values: Floats, references: Floats) -> tuple[float, float, float]:
-    """Return the ratio of the means of paired values, and its 95 % interval low and high.
+    """The ratio of the means of paired values, and its 95 % interval low and high.
 
-    By linearisation (the delta method): the ratio's error is that of the mean of (value - ratio x reference) / mean reference.
+    By linearisation (the delta method): the ratio's error is that of the mean of (value - ratio x
+    reference) / mean reference.
     """
     ratio = values.mean() / references.mean()
     errors = (values - ratio * references) / references.mean()
@@ -220,17 +229,24 @@ def evaluate(
     traces: bool = False,
     executor: Executor | None = None,
 ) -> EvaluationTable:
-    """Play policies on `episodes` terrains from `seed` on, or on the terrains of `seeds`, and return the table of figures.
+    """Play policies on terrains and tabulate the measures.
 
-    policies  names or paths
-    configs   one configuration or several; every policy plays the terrains of the same seeds in each
-    seeds     in place of episodes and seed: at least two different ones
-    progress  called with (episodes played, episodes in all)
-    traces    keep each episode's path and coverage after every move in `Result.trace`
-    executor  of `concurrent.futures`, such as ProcessPoolExecutor(), that plays; None plays in this process. The table is
-              the same
+    Args:
+        policies: Names or paths.
+        configs: One configuration or several; every policy plays the terrains of the same seeds in
+            each.
+        episodes: How many terrains, of the seeds from `seed` on.
+        seed: The first seed.
+        progress: Called with (episodes played, episodes in all).
+        seeds: In place of episodes and seed: at least two different ones.
+        traces: Keep each episode's path and coverage after every move in `Result.trace`.
+        executor: Of `concurrent.futures`, such as ProcessPoolExecutor(), that plays; None plays in
+            this process. The table is the same.
 
-    ValueError for arguments out of range, PolicyNotFoundError and PolicyFileError for policies that cannot be loaded.
+    Raises:
+        ValueError: If an argument is out of range.
+        PolicyNotFoundError: If there is no such policy.
+        PolicyFileError: If a policy's file cannot be played.
     """
     if not policies:
         raise ValueError("there must be at least one policy to evaluate, got none")
@@ -253,7 +269,7 @@ def evaluate(
 
 
 def _seeds(episodes: int | None, seed: int, seeds: Sequence[int] | None) -> list[int]:
-    """Return the seeds to play; raise ValueError when there are fewer than two or one comes twice."""
+    """The seeds to play; ValueError if there are fewer than two or one comes twice."""
     if (episodes is None) == (seeds is None):
         raise ValueError("give either episodes (and seed) or seeds")
     if seeds is None:
@@ -262,7 +278,7 @@ def _seeds(episodes: int | None, seed: int, seeds: Sequence[int] | None) -> list
             raise ValueError(f"episodes must be at least 2 (an interval needs two), got {episodes}")
         check_seed(check_seed(seed) + episodes - 1)
         return list(range(seed, seed + episodes))
-    chosen = [check_seed(int(each)) for each in seeds]
+    chosen = [check_seed(int(number)) for number in seeds]
     if len(chosen) < 2:
         raise ValueError(f"seeds must be at least 2 (an interval needs two), got {len(chosen)}")
     if len(set(chosen)) != len(chosen):

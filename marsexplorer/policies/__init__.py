@@ -1,7 +1,8 @@
 """Policies: random moves, the frontier rules, and trained networks from files.
 
-`load(name_or_path)` returns a `Policy`, `names()` lists what loads by name with the best default first, and `describe(name)`
-says in a sentence what a policy does. Networks need the extra `play`; the rules do not.
+`load(name_or_path)` returns a `Policy`, `names()` lists what loads by name with the best default
+first, and `describe(name)` describes a policy in a sentence. Networks need the extra `play`; the
+rules do not.
 """
 
 from marsexplorer.policies.base import Policy, PolicyFileError, PolicyNotFoundError, begin, goal_of

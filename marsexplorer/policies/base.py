@@ -1,4 +1,4 @@
-"""What every policy shares: the protocol, the errors, what is remembered of an episode; and random moves."""
+"""What all policies share: protocol, errors, memory of an episode; random moves."""
 
 from __future__ import annotations
 
@@ -26,8 +26,12 @@ INVALID_LOGIT = -1e9
 class Policy(Protocol):
     """Decide from observations alone; one object for each board.
 
-    observation  float32[rows, cols] of eq. 6 (0 unknown, 0.3 free, 0.6 rover, 1 obstacle) or uint8 codes, any size.
-    A policy may remember the episode: after `reset(seed)`, the same observations give the same actions.
+
+    observation  float32[rows, cols] of eq. 6 (0 unknown, 0.3 free, 0.6 rover, 1 obstacle) or uint8
+                 codes, any size
+
+    A policy may remember the episode: after `reset(seed)`, the same observations give the same
+    actions.
     """
 
     name: str
@@ -36,18 +40,18 @@ class Policy(Protocol):
         """Forget the last episode; `seed` fixes whatever the policy draws in the next."""
 
     def act(self, observation: NDArray[Any]) -> int:
-        """Return an action 0..3 (north, east, south, west)."""
+        """Choose an action 0..3 (north, east, south, west)."""
 
 
 def begin(policy: Policy, level: str, seed: int) -> None:
-    """Reset a policy for an episode, and say of which level it is to one that asks: some know how a level is made."""
-    if (tell := getattr(policy, "set_level", None)) is not None:
-        tell(level)
+    """Reset a policy for an episode, and pass the level to a policy that uses it."""
+    if (set_level := getattr(policy, "set_level", None)) is not None:
+        set_level(level)
     policy.reset(seed)
 
 
 def begin_draws(seed: int) -> np.random.Generator:
-    """Return the generator that a policy draws an episode's moves from."""
+    """The generator that a policy draws an episode's moves from."""
     return np.random.Generator(np.random.PCG64(mix(seed)))
 
 
@@ -59,30 +63,31 @@ def draw_action(probabilities: NDArray[np.float32], generator: np.random.Generat
 
 
 def goal_of(policy: Policy) -> tuple[int, int] | None:
-    """Return the known free cell (row, col) that a policy's last action leads towards, None where it has none.
+    """The free cell (row, col) that a policy's last action leads towards, or None.
 
-    Rules have one as long as there is something to see. A network chooses moves and has none, unless its loop guard chose.
+    Rules have one as long as there is something to see. A network chooses moves and has none,
+    unless its loop guard chose.
     """
-    ask = getattr(policy, "goal", None)
-    found: tuple[int, int] | None = ask() if ask is not None else None
-    return found
+    find_goal = getattr(policy, "goal", None)
+    goal: tuple[int, int] | None = find_goal() if find_goal is not None else None
+    return goal
 
 
 def cell_at(flat: int, cols: int) -> tuple[int, int] | None:
-    """Return (row, col) of a cell row * cols + col, None for a negative number."""
+    """(row, col) of a cell row * cols + col, None for a negative number."""
     return divmod(flat, cols) if flat >= 0 else None
 
 
 class PolicyNotFoundError(LookupError):
-    """No policy goes by this name and no file lies at this path."""
+    """No policy has this name, and no file is at this path."""
 
 
 class PolicyFileError(ValueError):
-    """The file is there but is no policy that can be played."""
+    """The file exists but is not a policy that can be played."""
 
 
 def check_onnxruntime() -> None:
-    """Import what plays policy files; PolicyFileError when it is missing, with what to install."""
+    """Import the package that plays policy files; PolicyFileError if it is missing."""
     try:
         import_module("onnxruntime")
     except ModuleNotFoundError as error:
@@ -93,11 +98,12 @@ def check_onnxruntime() -> None:
 
 
 class Memory:
-    """What an episode's observations say beyond the last one: the cells visited and the last move.
+    """An episode as remembered from its observations, with the cells visited.
 
     codes       uint8[rows, cols], the newest observation
     position    (row, col) of the rover
-    visited     uint8[rows, cols], 1 where the rover has stood (those cells have nothing more to show: they were scanned)
+    visited     uint8[rows, cols], 1 where the rover has stood: it scanned there, so nothing new
+                shows
     heading     the last displacement as an action; east before the first, as `Episode.heading`
     steps       observations since `forget`, less one
     """
@@ -114,7 +120,7 @@ class Memory:
         self.steps = -1
 
     def observe(self, observation: NDArray[Any]) -> None:
-        """Add an observation to what is remembered; one of another shape than the last starts a new memory."""
+        """Remember an observation; one of another shape than the last starts a new memory."""
         codes = decode(observation)
         position = rover_position(codes)
         if codes.shape != self.codes.shape:
@@ -130,9 +136,10 @@ class Memory:
 
 
 class RandomPolicy:
-    """The floor that every policy is measured from: draw uniformly from the moves known to be valid; go north without one.
+    """The baseline of all policies: a uniform draw from the moves known to be valid.
 
-    The draws are a pure function of (seed, number of moves made), the same on every platform and library version.
+    It goes north if there is none. The draws depend only on (seed, number of moves made), on
+    every platform and library version.
     """
 
     name = "random"
@@ -145,7 +152,6 @@ class RandomPolicy:
         self._seed, self._steps = seed, 0
 
     def act(self, observation: NDArray[Any]) -> int:
-        """Return an action 0..3."""
         codes = decode(observation)
         actions = valid_actions(codes, *rover_position(codes))
         self._steps += 1

@@ -1,16 +1,17 @@
-"""The two rules of section 3.5 that need no learning: the nearest frontier, and the best yield for the path.
+"""The two rules of section 3.5: the nearest frontier, and the best yield.
 
-A frontier cell is a known free cell sharing an edge or a corner with an unknown one. Candidates are cells that the rover
-has not yet stood on (it has scanned from those: they show nothing more, whatever is expected of them) and from which at
-least one unknown cell is expected to be seen. `frontier-cost` takes frontier cells alone; `frontier-utility` takes every
-candidate, since a good view of a frontier need not be on it.
+A frontier cell is a known free cell sharing an edge or a corner with an unknown one. Candidates are
+cells that the rover has not yet stood on (it scanned from those already) and from which at least
+one unknown cell is expected to be seen. `frontier-cost` takes only frontier cells;
+`frontier-utility` takes every candidate, since a good view of a frontier need not be on it.
 
-Both rules plan anew after every move and still never wander for ever: while nothing new is seen the candidates stay as
-they are, and each move either takes one of them off the list by standing on it, or brings the nearest (the best) one
-nearer. And they end only when all is seen that can be. The frontier cells of `frontier-cost` may come to an end before that:
-where sight passes a corner that the rover cannot, free cells out of reach lie behind it, and what borders on them alone. Then
-it takes every candidate. On solvable terrains of the paper, whose free cells are all within reach, that is never needed from
-radius 2 on.
+Both rules plan again after every move, and yet they end. While nothing new is seen the candidates
+stay the same, and each move either takes one of them off the list by standing on it, or brings the
+nearest (the best) one nearer. They end only when all is seen that can be. `frontier-cost` may run
+out of frontier cells before that: where sight passes a corner that the rover cannot pass, free
+cells out of reach lie behind it, with all that borders on them. Then it takes every candidate. On
+solvable terrains of the paper all free cells are within reach, so this is never needed from radius
+2 on.
 """
 
 from __future__ import annotations
@@ -37,12 +38,13 @@ from marsexplorer.policies.kernels.visibility import VisibilityMap, count_visibl
 
 @kernel
 def toward_nearest(codes, visited, row, col, heading, view, scratch, goal):
-    """Return the first action of a shortest path to the nearest candidate, or -1 when there is none.
+    """The first action of a shortest path to the nearest candidate, or -1 without one.
 
     codes, visited  uint8[rows, cols]; view and scratch as `visibility` and `grid` describe them
-    goal            int64[1], written: the candidate, row * cols + col; -1 when there is none
+    goal            int64[1], written: the candidate, row * cols + col, or -1
 
-    Of several nearest candidates and paths, the one that begins straight on, then north, east, south, west.
+    Of several nearest candidates and paths, the one that begins straight on, then north, east,
+    south, west.
     """
     rows, cols = codes.shape
     is_open, distance, queue = scratch
@@ -50,8 +52,9 @@ def toward_nearest(codes, visited, row, col, heading, view, scratch, goal):
     fill_bitboards(codes, view)
     find_open_cells(codes, is_open)
 
-    # 1. Every candidate becomes a source: an unvisited frontier cell that shows something. One search from all of them gives
-    #    the rover's distance to the nearest; step to a cell that is one move nearer.
+    # 1. Every candidate becomes a source: an unvisited frontier cell that shows something. One
+    #    search from all of them gives the rover's distance to the nearest; step to a cell that is
+    #    one move nearer.
     # 2. Where none is within reach, every unvisited cell that shows something becomes a source.
     for with_others in (False, True):
         sources = 0
@@ -77,10 +80,11 @@ def toward_nearest(codes, visited, row, col, heading, view, scratch, goal):
 
 @kernel
 def toward_best(codes, visited, row, col, heading, view, scratch, goal):
-    """Return the first action of a shortest path to the candidate with the most new cells per squared distance, or -1.
+    """The first action towards the candidate with most new cells per squared distance.
 
-    Ties go to the nearer, then to the northernmost, then to the westernmost candidate; the path begins as in
-    `toward_nearest`, which says what the arguments are.
+    -1 without a candidate. Ties go to the nearer, then to the northernmost, then to the
+    westernmost candidate; the path begins as in `toward_nearest`, which describes the
+    arguments.
     """
     rows, cols = codes.shape
     is_open, distance, queue = scratch
@@ -91,7 +95,8 @@ def toward_best(codes, visited, row, col, heading, view, scratch, goal):
     queue[0] = row * cols + col
     reached = search_breadth_first(is_open, rows, cols, distance, queue, 1)
 
-    # 2. Choose the best candidate. new / distance^2 is compared by cross-multiplication, exactly, in whole numbers.
+    # 2. Choose the best candidate. new / distance^2 is compared by cross-multiplication, exactly,
+    #    in whole numbers.
     best, best_new, best_distance = -1, 0, 1
     for k in range(1, reached):
         cell = queue[k]
@@ -115,7 +120,7 @@ def toward_best(codes, visited, row, col, heading, view, scratch, goal):
 
 
 class Frontier:
-    """A frontier rule with the memory and scratch arrays of its episode; when nothing is left to see it makes valid moves."""
+    """A frontier rule with its memory; with nothing left to see it moves validly."""
 
     name = ""
     rule = staticmethod(toward_nearest)
@@ -133,12 +138,11 @@ class Frontier:
         self._goal[0] = -1
 
     def act(self, observation: NDArray[Any]) -> int:
-        """Return an action 0..3."""
         self.memory.observe(observation)
         return self.decide(self.memory)
 
     def decide(self, memory: Memory) -> int:
-        """Return the action for an episode remembered elsewhere (other policies fall back on a rule)."""
+        """Choose the action for an episode that another policy remembers."""
         codes = memory.codes
         if self._arrays is None or self._arrays[0].shape != codes.shape:
             self._arrays = VisibilityMap(codes.shape, self.sensor_radius), grid_scratch(codes.shape)
@@ -149,7 +153,7 @@ class Frontier:
         return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
 
     def goal(self) -> tuple[int, int] | None:
-        """Return the cell (row, col) that the last action leads towards; None before the first, or where nothing is left."""
+        """The cell (row, col) that the last action leads towards, or None."""
         cols = self._arrays[0].shape[1] if self._arrays else 1
         return cell_at(int(self._goal[0]), cols)
 
@@ -162,7 +166,10 @@ class FrontierCost(Frontier):
 
 
 class FrontierUtility(Frontier):
-    """Utility of section 3.5: expected new cells over squared path length, over all cells within reach."""
+    """Utility of section 3.5: expected new cells over squared path length.
+
+    It considers all cells within reach.
+    """
 
     name = "frontier-utility"
     rule = staticmethod(toward_best)

@@ -1,4 +1,4 @@
-"""Load policies by name or from a file: the built-in rules, the shipped networks, and files that people bring."""
+"""Load policies by name or file: rules, shipped networks, and users' files."""
 
 from __future__ import annotations
 
@@ -38,28 +38,37 @@ BUILT_IN: dict[str, tuple[Callable[[int], Policy], str]] = {
 
 
 def names() -> list[str]:
-    """Return the names of everything that loads by name, the best default first."""
+    """The names of everything that loads by name, the best default first."""
     return [*(name for name in shipped() if name not in BUILT_IN), *BUILT_IN]
 
 
 def describe(name: str) -> str:
-    """Return one sentence about a policy that loads by name or path (a network's stands in its card)."""
+    """One sentence about a policy that loads by name or path.
+
+    A network's sentence comes from its card.
+    """
     if name in BUILT_IN:
         return BUILT_IN[name][1]
     return str(read_card(find_file(name)).get("summary", "A policy from an ONNX file."))[:300]
 
 
 def title(name: str) -> str:
-    """Return what a policy is called where people read of it: its name, but for `lookahead`."""
+    """A policy's name as people read it: its own, except for `lookahead`."""
     return TITLE if name == Lookahead.name else name
 
 
 def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
-    """Return a policy by name, or from an ONNX file by path; networks of one unchanged file are shared.
+    """Load a policy by name, or from an ONNX file by path.
 
-    sensor_radius  of the rover it will drive, 1..31 cells: what the policy expects to see depends on it
+    Networks of one unchanged file are shared.
 
-    PolicyNotFoundError when there is no such policy, PolicyFileError when the file cannot be played.
+    Args:
+        name_or_path: A name of `names()`, or the path of an ONNX file.
+        sensor_radius: Of the rover that it will drive, 1..31 cells; its expectations depend on it.
+
+    Raises:
+        PolicyNotFoundError: If there is no such policy.
+        PolicyFileError: If the file cannot be played.
     """
     if not 1 <= sensor_radius <= MAX_RADIUS:
         raise ValueError(f"sensor_radius must be in 1..{MAX_RADIUS}, got {sensor_radius}")
@@ -74,10 +83,13 @@ def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
 
 
 def try_out(policy: Policy, path: Path) -> None:
-    """Let a policy of a file decide once; PolicyFileError where its probabilities or its value are no finite numbers.
+    """Let a policy of a file decide once, to see that its numbers are finite.
 
-    Weights can be finite and their sums not: a file of such weights would play by chance, and its numbers are no JSON.
-    A value of NaN is that of a policy without one (`has_value`).
+    Weights can be finite and their sums not: a file of such weights would play by chance, and its
+    numbers are not JSON. A value of NaN is that of a policy without one (`has_value`).
+
+    Raises:
+        PolicyFileError: If its probabilities or its value are not finite.
     """
     rows, cols = getattr(policy, "size", None) or (5, 5)
     codes = np.full((rows, cols), UNKNOWN, np.uint8)
@@ -94,7 +106,7 @@ def try_out(policy: Policy, path: Path) -> None:
 
 
 def find_file(name: str) -> Path:
-    """Return the file that a name or path stands for; PolicyNotFoundError when there is none."""
+    """The file of a name or path; PolicyNotFoundError if there is none."""
     by_name = shipped().get(name) or of_paper().get(name)
     if by_name is not None:
         return by_name
@@ -102,26 +114,30 @@ def find_file(name: str) -> Path:
     if path.is_file():
         return path
     if path.suffix == SUFFIX or path.name != name:
-        way_out = f"check the path, or choose one of: {', '.join(names())}"
-        raise PolicyNotFoundError(f"no policy file at {name}; {way_out}")
+        raise PolicyNotFoundError(
+            f"no policy file at {name}; check the path, or choose one of: {', '.join(names())}"
+        )
     raise PolicyNotFoundError(
         f'no policy "{name}" in data/policies; choose one of: {", ".join((*names(), *of_paper()))}, or give a path'
     )
 
 
 def is_rule(name: str) -> bool:
-    """Return whether a name stands for a rule, which is code and has no file."""
+    """Whether a name is that of a rule, which is code and has no file."""
     return name in BUILT_IN
 
 
 def find_shipped(digest: str) -> Path | None:
-    """Return the shipped file of this SHA-256 (hex), whatever its name is now; None when none has it."""
-    found = {**shipped(), **of_paper()}
-    return next((path for name, path in found.items() if policy_hash(name) == digest), None)
+    """The shipped file with this SHA-256 (hex), whatever its name is now, or None."""
+    files = {**shipped(), **of_paper()}
+    return next((path for name, path in files.items() if policy_hash(name) == digest), None)
 
 
 def policy_hash(name: str) -> str | None:
-    """Return SHA-256 (hex) of a policy's file; None for a rule, which is code. PolicyNotFoundError when there is none."""
+    """SHA-256 (hex) of a policy's file; None for a rule, which is code.
+
+    PolicyNotFoundError if there is no such policy.
+    """
     if name in BUILT_IN:
         return None
     with find_file(name).open("rb") as file:
@@ -145,4 +161,6 @@ def _load_file(path: Path, sensor_radius: int) -> Policy:
 
 
 _NETS: WeakValueDictionary[tuple[str, int, int], OnnxNet] = WeakValueDictionary()
-"""The networks in use, by path, time and size of their files: boards that share one can be decided together (see `batch`)."""
+"""The networks in use, by path, time and size of their files: boards that share one can be
+decided together (see `batch`).
+"""

@@ -1,17 +1,23 @@
-"""The policy `lookahead`, "Expert that knows how terrains are made": goals are tried on terrains that agree with what is known.
+"""`lookahead`: compare goals by rollouts on terrains that agree with the map.
 
-Until a share of the cells is known it plays as `ppo` does: earlier, looking ahead gains nothing that could be measured. From
-then on it draws terrains at every move (`kernels.posterior`) and compares candidates on all of them: the move of `ppo`, and
-goals of the highest price that lie apart (`priced`), each by up to two shortest paths. On each terrain the rover walks a
-candidate's path and the priced rule plays on until 99 % of the cells are known. Candidates that fall behind are dropped early,
-and the first move of the one that takes the fewest moves on average is made. It is a rollout algorithm (Tesauro and Galperin
-1996; Bertsekas, Tsitsiklis and Wu 1997) over the posterior.
+People read its name as "Expert that knows how terrains are made".
 
-It knows the generator of level `random`, which people do not: it is no measure of what a person could do. On every other level,
-on grids of more than MOST_CELLS cells and where no terrain agrees with what is known, it plays as `ppo`.
+Until a share of the cells is known it plays as `ppo` does: earlier, looking ahead gains nothing
+that could be measured. From then on it draws terrains at every move (`kernels.posterior`) that
+agree with what is known, and compares candidates on all of them: the move of `ppo`, and goals of
+the highest price that lie apart (`priced`), each by up to two shortest paths. On each terrain the
+rover walks a candidate's path and the priced rule plays on until 99 % of the cells are known.
+Candidates that fall behind are dropped early, and it makes the first move of the one that takes the
+fewest moves on average. It is a rollout algorithm (Tesauro and Galperin 1996; Bertsekas, Tsitsiklis
+and Wu 1997) over the posterior.
 
-Its draws follow from its name and the cells that the rover has stood on, and dropping counts terrains and never time: the same
-observations give the same moves, on a busy machine too, whatever `reset` is given.
+It knows the generator of level `random`, which people do not: it does not measure what a person
+could do. On every other level, on grids of more than MOST_CELLS cells and where no terrain agrees
+with what is known, it plays as `ppo`.
+
+Its draws follow from its name and the cells that the rover has stood on, and dropping counts
+terrains and never time: the same observations give the same moves, on a busy machine too, whatever
+`reset` is given.
 """
 
 from __future__ import annotations
@@ -56,7 +62,7 @@ class Settings:
     sweeps   Gibbs steps of each rectangle before each decision
     goals    candidates besides the move of `ppo` and the last goal
     margin   moves by which another candidate must be better than the last goal or the move of `ppo`
-    drop     a candidate is dropped when it is more standard errors than this behind the best
+    drop     standard errors behind the best at which a candidate is dropped
     """
 
     cells: int
@@ -77,12 +83,18 @@ SETTINGS = (
 
 
 class LookaheadArrays:
-    """What is kept of one board, and scratch arrays; `samples` terrains, or those of the settings."""
+    """One board's state from move to move, and scratch arrays.
+
+    samples  terrains; None: those of the settings
+    """
 
     def __init__(self, shape: tuple[int, int], radius: int, samples: int | None = None) -> None:
         rows, cols = shape
         n = rows * cols
-        self.shape, self.settings = shape, next(each for each in SETTINGS if n <= each.cells)
+        self.shape, self.settings = (
+            shape,
+            next(settings for settings in SETTINGS if n <= settings.cells),
+        )
         self.board, trial = PricedBoard(shape, radius), PricedBoard(shape, radius)
         self.rover: NDArray[np.int64] = np.zeros(3, np.int64)
         self.done: NDArray[np.uint8] = np.zeros(shape, np.uint8)
@@ -94,21 +106,35 @@ class LookaheadArrays:
         path = np.zeros(n, np.int32)
         self.half_sides = half_sides
         self.rule = (
-            tables.prices, tables.highest, tables.limits, tables.weights, search, squares.copy(), path,
-        )  # fmt: skip
+            tables.prices,
+            tables.highest,
+            tables.limits,
+            tables.weights,
+            search,
+            squares.copy(),
+            path,
+        )
         samples = samples or self.settings.samples
         self.chains = posterior_chains(shape, samples)
         self.truths = np.zeros((samples, len(self.board.board[2][0])), np.uint64)
         self.values, self.goals = np.zeros(n), np.zeros(MOST_CANDIDATES, np.int64)
-        self.ways, self.lengths = np.zeros((MOST_CANDIDATES, n), np.int32), np.zeros(MOST_CANDIDATES, np.int64)  # fmt: skip
-        self.costs, self.alive = np.zeros((MOST_CANDIDATES, samples)), np.zeros(MOST_CANDIDATES, np.uint8)  # fmt: skip
+        self.ways, self.lengths = (
+            np.zeros((MOST_CANDIDATES, n), np.int32),
+            np.zeros(MOST_CANDIDATES, np.int64),
+        )
+        self.costs, self.alive = (
+            np.zeros((MOST_CANDIDATES, samples)),
+            np.zeros(MOST_CANDIDATES, np.uint8),
+        )
 
 
 class Lookahead:
-    """`ppo`, which looks ahead once most is known; it remembers its episode, terrains that agree with it included.
+    """`ppo`, which looks ahead once most is known.
+
+    It remembers its episode, with terrains that agree with it.
 
     base      `ppo` for the same sensor radius
-    compared  after `act`: terrains on which the last move was decided, 0 where it is the base's
+    compared  after `act`: terrains on which the last move was decided, 0 if it is the base's
     """
 
     name = "lookahead"
@@ -121,13 +147,19 @@ class Lookahead:
         self.reset(0)
 
     def set_level(self, level: str) -> None:
-        """Say of which level the next episode is: on any but `random` it plays as its base, which is logged once."""
+        """Set the level of the next episode: on all but `random` it plays as its base.
+
+        The log says so once.
+        """
         if level != LEVEL:
             _say_fallback(level, self._base.name)
         self._level = level
 
     def reset(self, seed: int) -> None:
-        """Forget the last episode; what it draws follows from its name, and `seed` is for the base."""
+        """Forget the last episode; `seed` is for the base.
+
+        Its own draws follow from its name.
+        """
         self._base.reset(seed)
         self._memory.forget()
         self._goal, self.compared, self._compared_ways = -1, 0, (0, 0)
@@ -137,25 +169,24 @@ class Lookahead:
             rectangles[:], covers[:] = 0, 0
 
     def act(self, observation: NDArray[Any]) -> int:
-        """Return an action 0..3."""
         memory = self._memory
         memory.observe(observation)
         action, self.compared = self._base.act(observation), 0
         if self._level == LEVEL and memory.codes.size <= MOST_CELLS:
-            found = self._look_ahead(memory, action)
-            action = action if found is None else found
+            better = self._look_ahead(memory, action)
+            action = action if better is None else better
         if not self.compared:
             self._goal = -1
         return action
 
     def goal(self) -> tuple[int, int] | None:
-        """Return the cell (row, col) that the last action leads towards, None where there is none."""
+        """The cell (row, col) that the last action leads towards, or None."""
         if self._goal >= 0:
             return cell_at(self._goal, self._memory.codes.shape[1])
         return None if self.compared else goal_of(self._base)
 
     def _look_ahead(self, memory: Memory, action: int) -> int | None:
-        """Bring the chains up to date; return the action found by looking ahead, None where the base's stands."""
+        """Update the chains; return the better action, or None to keep the base's."""
         rows, cols = memory.codes.shape
         arrays = self._arrays
         if arrays is None or arrays.shape != (rows, cols):
@@ -166,10 +197,10 @@ class Lookahead:
         self._state[0] = self._key
         target = int(completion_target(rows * cols))
         left = update_board(memory.codes, board.board, arrays.half_sides, board.changed_columns)
-        known = rows * cols - int(left)
+        known_count = rows * cols - int(left)
         first = int(neighbour(cell, action, rows, cols))
         is_ahead = (
-            settings.begins * rows * cols <= known < target
+            settings.begins * rows * cols <= known_count < target
             and goal_of(self._base) is None  # else its loop guard chose
             and first >= 0
         )
@@ -182,22 +213,39 @@ class Lookahead:
 
         stride, radius = board.board[2][4:]
         fill_truths(arrays.chains, rows, cols, stride, radius, arrays.truths)
-        arrays.rover[:] = cell, known, 0
+        arrays.rover[:] = cell, known_count, 0
         arrays.done[:] = memory.visited
         ways = (arrays.goals, arrays.ways, arrays.lengths)
         num = list_candidates(
-            board.board, arrays.done, arrays.rover, arrays.rule, first, self._goal,
-            1 + settings.goals, arrays.values, *ways,
-        )  # fmt: skip
+            board.board,
+            arrays.done,
+            arrays.rover,
+            arrays.rule,
+            first,
+            self._goal,
+            1 + settings.goals,
+            arrays.values,
+            *ways,
+        )
         if num < 2:
             return None
         real = (board.board, arrays.done, arrays.rover)
         self.compared = int(
             compare(
-                real, arrays.trial, arrays.truths, count, settings.drop, arrays.rule, target, num,
-                arrays.ways, arrays.lengths, arrays.costs, arrays.alive,
+                real,
+                arrays.trial,
+                arrays.truths,
+                count,
+                settings.drop,
+                arrays.rule,
+                target,
+                num,
+                arrays.ways,
+                arrays.lengths,
+                arrays.costs,
+                arrays.alive,
             )
-        )  # fmt: skip
+        )
         means = arrays.costs[:num, : self.compared].mean(1)
         means[arrays.alive[:num] == 0] = np.inf
         means[0] -= settings.margin
@@ -211,5 +259,9 @@ class Lookahead:
 
 @cache
 def _say_fallback(level: str, base: str) -> None:
-    said = "lookahead knows how terrains of level %s are made; on level %s it plays as %s"
-    logging.getLogger(__name__).warning(said, LEVEL, level, base)
+    logging.getLogger(__name__).warning(
+        "lookahead knows how terrains of level %s are made; on level %s it plays as %s",
+        LEVEL,
+        level,
+        base,
+    )

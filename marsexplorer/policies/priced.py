@@ -1,18 +1,21 @@
-"""The rule `frontier-priced`: like `frontier-utility`, but unknown cells are priced by how closed in they are.
+"""`frontier-priced`: `frontier-utility` with prices for unknown cells.
 
-Exploration is cheap in the open, where a cell will be seen in passing, and dear where something was left behind and the
-rover has to come back. So the rule goes towards the candidate (see `frontier`) of the highest
+Exploration is cheap in the open, where a cell will be seen in passing, and expensive where
+something was left behind and the rover has to come back. So the rule goes towards the candidate
+(see `frontier`) of the highest
 
     min(prices of the unknown cells it is expected to show, limit) / (way + offset)^power
 
-way being the length of a shortest known path in moves, and decides again after every move. `kernels.prices` defines the
-prices. Ties go to the nearer, then to the northernmost, then to the westernmost candidate; of several shortest paths the rover
-takes one that begins straight on, else the first of north, east, south, west.
+where way is the length of a shortest known path in moves, and decides again after every move.
+`kernels.prices` defines the prices. Ties go to the nearer, then to the northernmost, then to the
+westernmost candidate; of several shortest paths the rover takes one that begins straight on, else
+the first of north, east, south, west.
 
-The rule ends. While nothing new is seen the prices stay as they are, so each move towards the best candidate raises its
-value, and the best value rises strictly. There are finitely many values, so after finitely many moves the rover stands on the
-candidate, which is none from then on; and there are finitely many candidates. As the candidates are those of
-`frontier-utility`, the rule ends only when all is seen that can be. The loop guard stands behind it nevertheless.
+The rule ends. While nothing new is seen the prices stay as they are, so each move towards the best
+candidate raises its value, and the best value rises strictly. There are finitely many values, so
+after finitely many moves the rover stands on the candidate, which is none from then on; and there
+are finitely many candidates. As the candidates are those of `frontier-utility`, the rule ends only
+when all is seen that can be. The loop guard stands behind it nevertheless.
 """
 
 from __future__ import annotations
@@ -50,7 +53,8 @@ class PricedRule:
     """The parameters of `frontier-priced`, for a sensor radius of 6 cells.
 
     prices  of unknown cells
-    limit   the most that a view counts, in unknown cells in the open; it bounds how far away a goal can be
+    limit   the most that a view counts, in unknown cells in the open; it bounds how far away a goal
+            can be
     offset  added to a way, moves, 0 or more; power: of the way, above 0
     """
 
@@ -65,15 +69,17 @@ class PricedRule:
 
 
 SIDES = (21, 42, 84)
-"""Sides of the square grids (cells, at a sensor radius of 6) that the rules of a `SizedRule` are for."""
+"""Sides of the square grids (cells, at a sensor radius of 6) that the rules of a `SizedRule` are
+for.
+"""
 
 
 @dataclass(frozen=True)
 class SizedRule:
-    """Parameters for every size: those of `small`, `middle` and `large` are for grids of SIDES.
+    """Parameters for every size; `small`, `middle` and `large` are for grids of SIDES.
 
-    Between them they change with the logarithm of the side, the side of another grid being the root of its cells. Smaller grids
-    have those of `small`, larger ones those of `large`.
+    Between them they change with the logarithm of the side, the side of another grid being the root
+    of its cells. Smaller grids have those of `small`, larger ones those of `large`.
     """
 
     small: PricedRule
@@ -81,7 +87,7 @@ class SizedRule:
     large: PricedRule
 
     def of(self, rows: int, cols: int, radius: int = TUNED_RADIUS) -> PricedRule:
-        """Return the parameters for a grid and a sensor radius; a grid counts as large as it is in units of the radius."""
+        """The parameters for a grid, measured in units of the sensor radius."""
         side = (rows * cols) ** 0.5 * TUNED_RADIUS / radius
         place = float(np.clip(np.log(side / SIDES[0]) / np.log(SIDES[1] / SIDES[0]), 0.0, 2.0))
         if place <= 1:
@@ -90,7 +96,10 @@ class SizedRule:
 
 
 def between(first: PricedRule, last: PricedRule, share: float) -> PricedRule:
-    """Return the rule whose every parameter is (1 - share) of that of the first and `share` of that of the last."""
+    """The rule whose parameters lie between two others', by share.
+
+    share  0 for the first rule, 1 for the last
+    """
 
     def mix(one: Any, other: Any) -> Any:
         if isinstance(one, tuple):
@@ -112,12 +121,13 @@ TUNED = SizedRule(
 
 
 class RuleTables:
-    """What kernels look up of rules on grids of one shape.
+    """The tables of several rules that kernels read, for grids of one shape.
 
     prices   `tables` of `prices`
-    highest  int64[cells of a window + 1, rules]: the highest that a view of so many cells counts
-    limits   int64[rules], the most that any view counts
-    weights  float64[n + 1, rules]: (way + offset)^-power, where a way of 0, which is none, counts as 1
+    highest  int64[cells of a window + 1, rules]: the highest price of a view of so many cells
+    limits   int64[rules], the highest price of any view
+    weights  float64[n + 1, rules]: (way + offset)^-power, where a way of 0, which is none, counts
+             as 1
     """
 
     def __init__(self, rules: Sequence[PricedRule], shape: tuple[int, ...], radius: int) -> None:
@@ -135,16 +145,16 @@ class RuleTables:
 def toward_most_priced(
     codes, visited, row, col, heading, board, tables, search, highest, limits, weights, goal
 ):
-    """Return the first action of a shortest path to the candidate of the highest value, or -1 when there is none.
+    """The first action of a shortest path to the candidate of highest value, or -1.
 
     codes, visited  uint8[rows, cols]; board and tables as in `prices`, the board up to date
     search          (scratch of `prices`; distance int32[n]; first_actions uint8[n]; queue int32[n])
     highest, limits, weights  of `RuleTables`, of one rule
-    goal            int64[1], written: the candidate, row * cols + col; -1 when there is none
+    goal            int64[1], written: the candidate, row * cols + col, or -1
     """
     rows, cols = codes.shape
     scratch, distance, first_actions, queue = search
-    known, counts, view = board
+    known_codes, counts, view = board
     limit, totals = limits[0], scratch[3]
     forget_prices(scratch)
     distance[:] = UNREACHABLE
@@ -159,11 +169,13 @@ def toward_most_priced(
         r = cell // cols
         c = cell - r * cols
 
-        # 1. Cells come nearest first, so when the most that a view counts would not be enough, nothing farther is.
+        # 1. Cells come nearest first, so when the most that a view counts would not be enough,
+        #    nothing farther is.
         if limit * weights[moves, 0] < best_value:
             break
 
-        # 2. Price what the cell is expected to show, unless the number of cells says already that it is not enough.
+        # 2. Price what the cell is expected to show, unless the number of cells says already that
+        #    it is not enough.
         if visited[r, c] == 0 and counts[SCREEN, cell] > 0:
             new = count_visible(view, r, c)
             if new > 0 and highest[new, 0] * weights[moves, 0] >= best_value:
@@ -176,7 +188,7 @@ def toward_most_priced(
         # 3. Go on to its neighbours, and hand on the actions that begin a shortest path.
         for action in range(4):
             near = neighbour(cell, action, rows, cols)
-            if near < 0 or known[near] == UNKNOWN or known[near] == OBSTACLE:
+            if near < 0 or known_codes[near] == UNKNOWN or known_codes[near] == OBSTACLE:
                 continue
             if distance[near] == UNREACHABLE:
                 distance[near], queue[tail] = moves + 1, near
@@ -196,7 +208,7 @@ def toward_most_priced(
 
 
 class FrontierPriced(GuardedRule):
-    """The priced rule with the memory of its episode; when nothing is left to see it makes valid moves.
+    """The priced rule with its memory; with nothing left to see it moves validly.
 
     rules  its parameters by size; TUNED unless others are given
     """
@@ -215,7 +227,6 @@ class FrontierPriced(GuardedRule):
         self._goal[0] = -1
 
     def decide(self, memory: Memory) -> int:
-        """Return the action for an episode remembered elsewhere."""
         codes, (row, col) = memory.codes, memory.position
         if self._board is None or self._board.shape != codes.shape:
             self._begin(codes.shape)
@@ -223,13 +234,23 @@ class FrontierPriced(GuardedRule):
         board, tables = self._board.board, self._tables
         update_board(codes, board, tables.prices[0], self._board.changed_columns)
         action = toward_most_priced(
-            codes, memory.visited, row, col, memory.heading, board, tables.prices, self._search,
-            tables.highest, tables.limits, tables.weights, self._goal,
-        )  # fmt: skip
+            codes,
+            memory.visited,
+            row,
+            col,
+            memory.heading,
+            board,
+            tables.prices,
+            self._search,
+            tables.highest,
+            tables.limits,
+            tables.weights,
+            self._goal,
+        )
         return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
 
     def goal(self) -> tuple[int, int] | None:
-        """Return the cell (row, col) that the last action leads towards; None before the first, or where nothing is left."""
+        """The cell (row, col) that the last action leads towards, or None."""
         cols = self._board.shape[1] if self._board else 1
         return self.guard.goal() or cell_at(int(self._goal[0]), cols)
 

@@ -1,6 +1,7 @@
-"""The network that is trained, written as the ONNX model that plays, and read from there to be trained on.
+"""The trained network, written as the ONNX model that plays, and read from it.
 
-The card stands in the model's metadata. Weights have the names in the file that they have here, so `load_net` finds them.
+The model's metadata holds the card. Weights have the same names in the file as here, so `load_net`
+finds them.
 """
 
 from __future__ import annotations
@@ -28,12 +29,13 @@ from marsexplorer.training.prior import prior_logits, prior_weights
 
 
 class Net(nn.Module):
-    """Give each move a logit by one head shared among them, from a trunk over the pictures and from the move's own features.
+    """Score each move by one head, from a trunk over the pictures and its features.
 
     forward(planes uint8[b, PLANES, PICTURE_CELLS], moves float32[b, 4, MOVE_NUMBERS])
         -> logits float32[b, 4] (INVALID_LOGIT for invalid moves), value float32[b]
 
-    prior  float32[SIDES, MOVE_NUMBERS], the weights that add the logits of priced rules, see `prior`
+    prior  float32[SIDES, MOVE_NUMBERS], the weights that add the logits of priced rules, see
+           `prior`
     """
 
     def __init__(self, wide: int = 384, hidden: int = 128) -> None:
@@ -51,9 +53,9 @@ class Net(nn.Module):
     def forward(self, planes: Tensor, moves: Tensor) -> tuple[Tensor, Tensor]:
         hidden = self.trunk(planes.flatten(1).to(moves.dtype) * (1 / 255))
         batch = planes.shape[0]  # unlike len(), not fixed by the export
-        which = torch.eye(4, dtype=moves.dtype, device=moves.device).expand(batch, 4, 4)
-        each = torch.cat([hidden[:, None].expand(batch, 4, -1), moves, which], dim=2)
-        logits = self.policy_head(each).squeeze(2).float()
+        move_numbers = torch.eye(4, dtype=moves.dtype, device=moves.device).expand(batch, 4, 4)
+        by_move = torch.cat([hidden[:, None].expand(batch, 4, -1), moves, move_numbers], dim=2)
+        logits = self.policy_head(by_move).squeeze(2).float()
         logits = logits + prior_logits(moves, self.prior)
         value = self.value_head(torch.cat([hidden, moves.flatten(1)], dim=1)).squeeze(1).float()
         return logits.masked_fill(moves[:, :, 0] < 0.5, INVALID_LOGIT), value * 5
@@ -72,15 +74,18 @@ TRANSPOSED = _transposed_cells()
 
 
 def mixed_precision(device: str = "cpu") -> torch.autocast:
-    """Return a block that computes networks in bfloat16 where the processor does it itself; elsewhere float32 is no slower."""
+    """A block that computes networks in bfloat16 if the processor does so natively.
+
+    Elsewhere float32 is no slower.
+    """
     capabilities = getattr(torch.cpu, "get_capabilities", dict)  # torch 2.4 does not have it
     able: Mapping[str, Any] = capabilities()
-    has_it = device == "cpu" and any(able.get(each) for each in ("amx_bf16", "avx512_bf16", "bf16"))
+    has_it = device == "cpu" and any(able.get(flag) for flag in ("amx_bf16", "avx512_bf16", "bf16"))
     return torch.autocast(device, torch.bfloat16, enabled=has_it)
 
 
 def initialize_orthogonal(net: nn.Module) -> None:
-    """Draw every layer's weights orthogonal with gain sqrt 2 and set the biases to zero (Saxe et al. 2014)."""
+    """Draw orthogonal weights with gain sqrt 2 and zero biases (Saxe et al. 2014)."""
     for module in net.modules():
         if isinstance(module, (nn.Linear, nn.Conv2d)):
             nn.init.orthogonal_(module.weight, 2**0.5)
@@ -89,13 +94,16 @@ def initialize_orthogonal(net: nn.Module) -> None:
 
 
 def save_network(net: Net, path: Path, card: Mapping[str, Any]) -> None:
-    """Write a policy file, whole or not at all: a network as an ONNX model for any number of boards, and its card."""
+    """Write a network as a policy file for any number of boards, with its card.
+
+    The file is written whole or not at all.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    own = {name: value for name, value in card.items() if name != "format"}
+    fields = {name: content for name, content in card.items() if name != "format"}
     samples, outputs = sample_inputs(MOVE_NUMBERS), ["logits", "value"]
     # The exporter makes equal weights one unless they are trained.
     copy = deepcopy(net).cpu().train()
-    export_onnx(copy, path, samples, outputs, {"format": FORMAT, **own}, any_number=True)
+    export_onnx(copy, path, samples, outputs, {"format": FORMAT, **fields}, any_number=True)
 
 
 def export_onnx(
@@ -106,12 +114,17 @@ def export_onnx(
     card: Mapping[str, Any],
     any_number: bool = False,
 ) -> None:
-    """Write a module, in training or not, as an ONNX model with its card in the metadata, whole or not at all.
+    """Write a module as an ONNX model with its card, whole or not at all.
 
-    samples     an input of each name, for one board
-    any_number  whether the first dimension of all inputs and outputs is left open
+    Args:
+        net: The module, in training or not.
+        path: Of the file.
+        samples: An input of each name, for one board.
+        outputs: Their names.
+        card: For the model's metadata.
+        any_number: Whether the first dimension of all inputs and outputs is left open.
     """
-    arrays = tuple(torch.from_numpy(each) for each in samples.values())
+    arrays = tuple(torch.from_numpy(sample) for sample in samples.values())
     open_axes = {name: {0: "boards"} for name in (*samples, *outputs)} if any_number else None
     with replace_whole(path) as unfinished:
         with warnings.catch_warnings():
@@ -122,7 +135,8 @@ def export_onnx(
                 str(unfinished),
                 training=torch.onnx.TrainingMode.PRESERVE,
                 dynamo=False,  # the successor needs packages of its own
-                do_constant_folding=False,  # it would rename weights; onnxruntime folds them as it loads
+                # folding would rename weights; onnxruntime folds them as it loads
+                do_constant_folding=False,
                 input_names=list(samples),
                 output_names=list(outputs),
                 dynamic_axes=open_axes,
@@ -133,7 +147,10 @@ def export_onnx(
 
 
 def load_net(path: Path) -> Net:
-    """Return the network in a policy file, to be trained on; PolicyFileError when its weights are not those of `Net`."""
+    """The network in a policy file, to be trained on.
+
+    PolicyFileError if its weights are not those of `Net`.
+    """
     model, net = OnnxModel(path), Net()
     weights = model.weights()
     expected = {name: tuple(tensor.shape) for name, tensor in net.state_dict().items()}

@@ -1,12 +1,18 @@
-"""Proximal policy optimization, in reading order (Schulman et al. 2017, "Proximal policy optimization algorithms").
+"""Proximal policy optimization, in reading order.
 
-1. `collect_rollout`: the network plays `num_steps` steps in all environments and samples every action from its policy.
-2. `compute_advantages`: generalised advantage estimation says how much better each action was than expected.
-3. `update`: minibatch gradient steps on the clipped objective raise the probabilities of the better actions. The coefficient
-   of the entropy is adapted so that the policy's entropy follows the target of the configuration, which falls.
+Schulman et al. 2017, "Proximal policy optimization algorithms":
 
-A run begins from a freshly initialised network, without a teacher or demonstrations. The same configuration, levels, sizes,
-seed and steps give the same weights on one CPU, also when the run was interrupted and resumed.
+1. `collect_rollout`: the network plays `num_steps` steps in all environments and samples every
+   action from its policy.
+2. `compute_advantages`: generalised advantage estimation tells how much better each action was than
+   expected.
+3. `update`: minibatch gradient steps on the clipped objective raise the probabilities of the better
+   actions. The coefficient of the entropy is adapted so that the policy's entropy follows the
+   target of the configuration, which falls.
+
+A run begins from a freshly initialised network, without a teacher or demonstrations. The same
+configuration, levels, sizes, seed and steps give the same weights on one CPU, also when the run was
+interrupted and resumed.
 """
 
 from __future__ import annotations
@@ -42,17 +48,19 @@ ENT_COEF_FACTOR = 1.05
 """Factor by which the entropy's coefficient is adapted after an update."""
 MAX_ENT_COEF = 0.5
 MIN_LOG_PROB = -100.0
-"""Log-probabilities are taken to be no lower where entropies and divergences are summed: invalid actions have -1e9."""
+"""The lowest log-probability in sums of entropies and divergences: invalid actions have -1e9."""
 
 
 @dataclass
 class RolloutBuffer:
-    """`num_steps` steps of all environments: tensors [num_steps, num_envs, ...], kept on the CPU.
+    """`num_steps` steps of all environments, on the CPU.
+
+    Tensors [num_steps, num_envs, ...]:
 
     obs        the parts of the observation
     actions    int64[num_steps, num_envs]
     log_probs  float32[num_steps, num_envs, 4], of all actions under the policy that played
-    values     float32[num_steps, num_envs], what the network expected
+    values     float32[num_steps, num_envs], the network's estimates
     rewards    float32[num_steps, num_envs], in the unit of the configuration
     dones      float32[num_steps, num_envs], 1 where the episode ended with the step
     """
@@ -66,7 +74,7 @@ class RolloutBuffer:
 
     @classmethod
     def empty(cls, config: TrainConfig, sample: Observation) -> RolloutBuffer:
-        """Return a buffer of zeros; `sample` is an observation of all environments."""
+        """A buffer of zeros; `sample` is an observation of all environments."""
         shape = (config.num_steps, config.num_envs)
         return cls(
             obs=[torch.zeros((config.num_steps, *part.shape), dtype=part.dtype) for part in sample],
@@ -80,10 +88,11 @@ class RolloutBuffer:
 
 @dataclass
 class TrainingRun:
-    """A run under way; `state_dict` and `load_state_dict` save and restore it between two updates.
+    """A run under way, which can be saved and restored between two updates.
 
     num_updates     updates of the whole run; updates_done: made so far
-    net             the network that learns, on `device`; player: the one that plays, on the CPU, the same where both are there
+    net             the network that learns, on `device`; player: the one that plays, on the CPU,
+                    the same object if the device is the CPU
     ent_coef        coefficient of the entropy in the loss as adapted; kl_coef: of the divergence
     device          where the gradient steps are computed: "cpu" or "cuda"
     is_between_updates  whether the state is whole; it is not while an update is being made
@@ -113,7 +122,7 @@ class TrainingRun:
         seed: int,
         device: str = "cpu",
     ) -> TrainingRun:
-        """Return a run at its beginning; its length is `total_timesteps`, rounded up to whole updates."""
+        """A run at its beginning, of `total_timesteps` rounded up to whole updates."""
         torch.manual_seed(seed)
         torch.set_num_threads(1)
         player = config.make_network(env_configs)
@@ -143,13 +152,13 @@ class TrainingRun:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What must agree for a checkpoint to go on in this run."""
+        """What a checkpoint must share with this run to go on in it."""
         hashes = [config.hash for config in self.env_configs]
-        found = {"config": self.config.to_dict(), "env_configs": hashes, "seed": self.seed}
-        return {**found, "num_updates": self.num_updates}
+        cause = {"config": self.config.to_dict(), "env_configs": hashes, "seed": self.seed}
+        return {**cause, "num_updates": self.num_updates}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return everything that changes, as tensors, numbers and lists."""
+        """Everything that changes, as tensors, numbers and lists."""
         return {
             "updates_done": self.updates_done,
             "ent_coef": self.ent_coef,
@@ -161,13 +170,15 @@ class TrainingRun:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Set everything as `state_dict` returned it, the state of torch's random numbers included."""
+        """Restore what `state_dict` returned, with the state of torch's random numbers."""
         self.updates_done = state["updates_done"]
         self.ent_coef, self.kl_coef = state["ent_coef"], state["kl_coef"]
         self.net.load_state_dict(state["net"])
         self.player.load_state_dict(state["net"])
-        stored, own = state["optimizer"], self.optimizer.param_groups
-        here = [{name: group[name] for name in ("lr", "fused", "capturable")} for group in own]
+        stored, param_groups = state["optimizer"], self.optimizer.param_groups
+        here = [
+            {name: group[name] for name in ("lr", "fused", "capturable")} for group in param_groups
+        ]
         groups = [old | new for old, new in zip(stored["param_groups"], here, strict=True)]
         self.optimizer.load_state_dict({**stored, "param_groups": groups})
         self.graphs = None  # those that there were have the optimiser's numbers before
@@ -178,7 +189,9 @@ class TrainingRun:
 
 @dataclass(frozen=True)
 class UpdateMetrics:
-    """How an update went, and means over the last episodes of the first environments, NaN before the first has ended.
+    """The metrics of an update, and means over the last episodes.
+
+    The episodes are those of the first environments; NaN before the first has ended.
 
     global_step         steps played so far
     episode_steps       moves of an episode
@@ -199,9 +212,10 @@ class UpdateMetrics:
 
 
 def train(run: TrainingRun, on_update: Callable[[UpdateMetrics], None]) -> nn.Module:
-    """Make the rest of the run's updates and return the network; `on_update` is called after each and may raise to stop.
+    """Make the rest of the run's updates and return the network.
 
-    KeyboardInterrupt comes between two updates; only after a second Ctrl-C the run is left in the middle of one.
+    `on_update` is called after each update and may raise to stop. KeyboardInterrupt comes between
+    two updates; only a second Ctrl-C leaves the run in the middle of one.
     """
     buffer = RolloutBuffer.empty(run.config, run.envs.observe())
     while run.updates_done < run.num_updates:
@@ -213,13 +227,13 @@ def train(run: TrainingRun, on_update: Callable[[UpdateMetrics], None]) -> nn.Mo
 
 @contextmanager
 def postponed_interrupt() -> Iterator[None]:
-    """Let a Ctrl-C that comes in the block wait for its end, and raise KeyboardInterrupt there; a second one does not wait.
+    """Let a Ctrl-C in the block wait for its end and raise KeyboardInterrupt there.
 
-    So does SIGTERM where it is handled like Ctrl-C. Where neither is, and outside of the main thread, where they never arrive,
-    the block runs as it is.
+    A second one does not wait. SIGTERM does the same if it is handled like Ctrl-C. If neither is,
+    and outside of the main thread, where they never arrive, the block runs as it is.
     """
     both = (signal.SIGINT, signal.SIGTERM)
-    ours = [each for each in both if signal.getsignal(each) is signal.default_int_handler]
+    ours = [number for number in both if signal.getsignal(number) is signal.default_int_handler]
     if not ours or threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -230,19 +244,22 @@ def postponed_interrupt() -> Iterator[None]:
             signal.default_int_handler(number, frame)
         waiting.append(number)
 
-    for each in ours:
-        signal.signal(each, wait)
+    for number in ours:
+        signal.signal(number, wait)
     try:
         yield
     finally:
-        for each in ours:
-            signal.signal(each, signal.default_int_handler)
+        for number in ours:
+            signal.signal(number, signal.default_int_handler)
     if waiting:
         raise KeyboardInterrupt
 
 
 def make_update(run: TrainingRun, buffer: RolloutBuffer) -> dict[str, float]:
-    """Play one rollout into the buffer and learn from it; return entropy, ratio_change and explained_variance."""
+    """Play one rollout into the buffer and learn from it; return the metrics.
+
+    entropy, ratio_change and explained_variance
+    """
     config = run.config
     run.is_between_updates = False
     progress = run.updates_done / run.num_updates
@@ -265,12 +282,12 @@ def make_update(run: TrainingRun, buffer: RolloutBuffer) -> dict[str, float]:
 
 
 def between(first: float, last: float, share: float) -> float:
-    """Return what lies `share` (0..1) of the way from the first number to the last."""
+    """The number `share` (0..1) of the way from the first to the last."""
     return first + (last - first) * share
 
 
 def forward(run: TrainingRun, obs: Observation) -> tuple[Tensor, Tensor]:
-    """Return (logits float32[num_envs, 4], values float32[num_envs]) of the network that plays."""
+    """(logits float32[num_envs, 4], values float32[num_envs]) of the playing network."""
     with mixed_precision(run.device):
         logits, values = run.player(*obs)
     return logits.float(), values.float()
@@ -278,7 +295,10 @@ def forward(run: TrainingRun, obs: Observation) -> tuple[Tensor, Tensor]:
 
 @torch.inference_mode()
 def collect_rollout(run: TrainingRun, buffer: RolloutBuffer) -> Tensor:
-    """Fill the buffer with sampled steps; return the values float32[num_envs] of the observation that follows them."""
+    """Fill the buffer with sampled steps; return the values of the next observation.
+
+    float32[num_envs]
+    """
     has_critic = run.config.has_critic
     player: Any = run.player
     for t in range(run.config.num_steps):
@@ -302,7 +322,7 @@ def collect_rollout(run: TrainingRun, buffer: RolloutBuffer) -> Tensor:
     if not has_critic:
         return forward(run, last)[1]
     learner: Any = run.net
-    every = [torch.cat([*own, part]) for own, part in zip(buffer.obs, last, strict=True)]
+    every = [torch.cat([*steps, part]) for steps, part in zip(buffer.obs, last, strict=True)]
     with mixed_precision(run.device):
         values: Tensor = learner.value(*(part.to(run.device) for part in every)).float().cpu()
     buffer.values[:] = values[: -run.envs.num_envs].view_as(buffer.values)
@@ -310,10 +330,11 @@ def collect_rollout(run: TrainingRun, buffer: RolloutBuffer) -> Tensor:
 
 
 def compute_rewards(run: TrainingRun, envs: TrainingEnvs, step: StepResult) -> NDArray[np.float32]:
-    """Return rewards float32[num_envs] in the unit of the configuration.
+    """Rewards float32[num_envs] in the unit of the configuration.
 
-    Without the bonus they are those of the levels t-m-2: nothing is paid where an episode ends, by success or by failure.
-    Where an episode was truncated, the discounted value of its last observation is added: a time limit is no terminal state.
+    Without the bonus they are those of the levels t-m-2: nothing is paid where an episode ends, by
+    success or by failure. Where an episode was truncated, the discounted value of its last
+    observation is added: a time limit is no terminal state.
     """
     config = run.config
     if config.reward_per_cell:
@@ -333,7 +354,9 @@ def compute_rewards(run: TrainingRun, envs: TrainingEnvs, step: StepResult) -> N
 def compute_advantages(
     buffer: RolloutBuffer, next_values: Tensor, gamma: float, gae_lambda: float
 ) -> Tensor:
-    """Return generalised advantage estimates, float32[num_steps, num_envs] (Schulman et al. 2016, eq. 16).
+    """Generalised advantage estimates, float32[num_steps, num_envs].
+
+    Schulman et al. 2016, eq. 16
 
     next_values   float32[num_envs], of the observation after the last step
     """
@@ -349,7 +372,10 @@ def compute_advantages(
 
 @dataclass(frozen=True)
 class Minibatch:
-    """Some steps of a rollout: log_probs float32[batch, 4] under the policy that played, the other tensors [batch, ...]."""
+    """Some steps of a rollout: tensors [batch, ...].
+
+    log_probs  float32[batch, 4], under the policy that played
+    """
 
     obs: Observation
     actions: Tensor
@@ -360,19 +386,22 @@ class Minibatch:
 
     @property
     def tensors(self) -> list[Tensor]:
-        """All of them, those of the observation first."""
+        """All tensors, those of the observation first."""
         obs, *columns = vars(self).values()
         return [*obs, *columns]
 
     def map(self, change: Callable[[Tensor], Tensor]) -> Minibatch:
-        """Return the minibatch of what `change` makes of each tensor."""
-        changed = [change(each) for each in self.tensors]
+        """The minibatch with `change` applied to each tensor."""
+        changed = [change(tensor) for tensor in self.tensors]
         count = len(self.obs)
         return Minibatch(tuple(changed[:count]), *changed[count:])
 
 
 def update(run: TrainingRun, buffer: RolloutBuffer, advantages: Tensor) -> dict[str, float]:
-    """Improve the network on a rollout; return entropy, ratio_change and explained_variance."""
+    """Improve the network on a rollout; return the metrics.
+
+    entropy, ratio_change and explained_variance
+    """
     config = run.config
     advantages, values = advantages.flatten(), buffer.values.flatten()
     returns = advantages + values
@@ -391,12 +420,12 @@ def update(run: TrainingRun, buffer: RolloutBuffer, advantages: Tensor) -> dict[
         run.graphs.load(rollout)
         step = run.graphs.step
     orders = (torch.randperm(len(actions)).to(run.device) for _ in range(config.update_epochs))
-    found = [
+    step_metrics = [
         step(indices) for order in orders for indices in torch.split(order, config.minibatch_size)
     ]
     if run.player is not run.net:
         run.player.load_state_dict(run.net.state_dict())
-    passes = torch.stack(found).double().cpu().numpy()
+    passes = torch.stack(step_metrics).double().cpu().numpy()
     entropy, ratio_change, kl = np.mean(passes, axis=0)
     if config.kl_coef:
         if config.kl_of_last_epoch:
@@ -414,7 +443,8 @@ def gradient_step(
 ) -> Tensor:
     """Make one gradient step on a minibatch, in bfloat16 where that is fast.
 
-    Return float32[3]: its entropy, mean absolute change of the ratio and divergence.
+    Returns:
+        float32[3]: its entropy, mean absolute change of the ratio and divergence.
     """
     config, advantages, old_log_probs = run.config, minibatch.advantages, minibatch.log_probs
     with mixed_precision(run.device):
@@ -451,10 +481,11 @@ UNGRAPHED_STEPS = 3
 class Graphed:
     """A function of tensors on a CUDA device, which repeats its work as one graph.
 
-    A gradient step is some hundred kernels of a few microseconds each, and to start them one by one takes far longer than they
-    run. Where the function draws random numbers, each call draws new ones.
+    A gradient step is some hundred kernels of a few microseconds each, and to start them one by one
+    takes far longer than they run. If the function draws random numbers, each call draws new ones.
 
-    function  of tensors of the same shapes in each call; all else that it reads or writes stays where it is, on the device
+    function  of tensors of the same shapes in each call; all else that it reads or writes stays in
+              its place on the device
     """
 
     def __init__(self, function: Callable[..., Tensor]) -> None:
@@ -465,27 +496,27 @@ class Graphed:
         self._graph: tuple[torch.cuda.CUDAGraph, list[Tensor], Tensor] | None = None
 
     def __call__(self, *inputs: Tensor) -> Tensor:
-        """Return what the function gives of these, which may lie on the CPU."""
+        """Apply the function to these tensors, which may be on the CPU."""
         if self._graph is None:
-            places = [each.to("cuda", copy=True) for each in inputs]
+            places = [tensor.to("cuda", copy=True) for tensor in inputs]
             self._calls += 1
             if self._calls <= UNGRAPHED_STEPS:
                 return self._function(*places)
             graph = torch.cuda.CUDAGraph()
             with torch.cuda.graph(graph, stream=torch.cuda.current_stream()):
-                found = self._function(*places)
-            self._graph = graph, places, found
-        graph, places, found = self._graph
-        for place, each in zip(places, inputs, strict=True):
-            place.copy_(each)
+                output = self._function(*places)
+            self._graph = graph, places, output
+        graph, places, output = self._graph
+        for place, tensor in zip(places, inputs, strict=True):
+            place.copy_(tensor)
         graph.replay()
-        return found.clone()
+        return output.clone()
 
 
 class GraphedSteps:
     """Gradient steps of a run on a CUDA device, a graph for each kind of them.
 
-    With `rule_coef` their kernels are started one by one, since the rules are made on the CPU.
+    With `rule_coef` their kernels are started one by one, since the CPU computes the rules.
     """
 
     def __init__(self, run: TrainingRun, rollout: Minibatch) -> None:
@@ -500,7 +531,7 @@ class GraphedSteps:
         self._coefs.copy_(torch.tensor([self._run.ent_coef, self._run.kl_coef]))
 
     def step(self, indices: Tensor) -> Tensor:
-        """Make a gradient step on the moves of these indices of the rollout; return what `gradient_step` does."""
+        """Make the gradient step of `gradient_step` on the moves of these indices."""
         config = self._run.config
         if any(config.rule_coef):
             return self._step(indices)
@@ -516,7 +547,7 @@ class GraphedSteps:
 
 
 def rule_divergence(config: TrainConfig, moves: Tensor, log_probs: Tensor) -> Tensor:
-    """Return the mean cross-entropy of the policy to the rules that its network began as, each weighted by its grid's size.
+    """The policy's mean cross-entropy to its initial rules, weighted by grid size.
 
     moves, log_probs  float32[batch, 4, numbers of a move], float32[batch, 4] of a minibatch
     """
@@ -526,10 +557,10 @@ def rule_divergence(config: TrainConfig, moves: Tensor, log_probs: Tensor) -> Te
 
 
 def value_errors(config: TrainConfig, values: Tensor, minibatch: Minibatch) -> Tensor:
-    """Return the squared errors float32[batch] of values float32[batch] as they count in the loss.
+    """The squared errors of values as the loss counts them, both float32[batch].
 
-    With `vf_change_clip` they are those of RLlib 1.0.1 (ppo_tf_policy.py, PPOLoss): a value that has moved too far since the
-    rollout has no gradient, unless it has moved away from the return.
+    With `vf_change_clip` they are those of RLlib 1.0.1 (ppo_tf_policy.py, PPOLoss): a value that
+    has moved too far since the rollout has no gradient, unless it has moved away from the return.
     """
     errors = (values - minibatch.returns).square()
     if config.vf_change_clip < float("inf"):
@@ -539,8 +570,8 @@ def value_errors(config: TrainConfig, values: Tensor, minibatch: Minibatch) -> T
 
 
 def episode_means(run: TrainingRun) -> dict[str, float]:
-    """Return the means over the episodes that the first environments ended lately, NaN when there are none."""
+    """Means over the last episodes of the first environments, NaN if there are none."""
     recent = run.envs.parts[0].recent
     columns = (recent.steps, recent.explored, recent.returns)
-    means = (float(np.mean(each)) if each else float("nan") for each in columns)
+    means = (float(np.mean(column)) if column else float("nan") for column in columns)
     return dict(zip(("episode_steps", "explored", "episode_return"), means, strict=True))

@@ -1,10 +1,12 @@
-"""The folder of a training run: its log, learning curve, checkpoints and policy file.
+"""The folder of a training run: log, learning curve, checkpoints, policy file.
 
 NAME.onnx          the policy with its card, NAME being the folder's
 checkpoint.pt      what `--resume` goes on from, tensors, numbers and lists without pickled code:
-                   identity (JSON of `TrainingRun.identity`), run (`TrainingRun.state_dict`), seconds
+                   identity (JSON of `TrainingRun.identity`), run (`TrainingRun.state_dict`),
+                   seconds
 log.jsonl          a line for each update
-curve.png          moves of an episode against steps played: as sampled in training, and greedily on validation terrains
+curve.png          moves of an episode against steps played: as sampled in training, and greedily on
+                   validation terrains
 events.out.*       the log for TensorBoard
 """
 
@@ -41,13 +43,17 @@ LOG_COLUMNS = {
     "ratio_change": "moved",
     "explained_variance": "explained",
 }
-"""Field of UpdateMetrics -> its name in log.jsonl, in TensorBoard and in the policy's card, which stays what it was."""
+"""Field of UpdateMetrics -> its name in log.jsonl, in TensorBoard and in the policy's card,
+which stays what it was.
+"""
 
 
 class RunFolder:
-    """Writes the folder as the run goes: pass `on_update` to `train`, and call `save` at the end. Files are replaced whole.
+    """Writes the folder of a run under way; files are replaced whole.
 
-    card       what the policy's card says besides the numbers of the run
+    Pass `on_update` to `train`, and call `save` at the end.
+
+    card       the policy's card besides the numbers of the run
     on_update  called with the metrics of each update and the seconds that the run has taken
     """
 
@@ -73,11 +79,12 @@ class RunFolder:
         return self._seconds_before + time.monotonic() - self._started
 
     def resume(self) -> None:
-        """Set the run to where its checkpoint left it; ValueError when the folder holds no checkpoint of this run."""
+        """Set the run to its checkpoint; ValueError if the folder has none of this run."""
         path = self.folder / "checkpoint.pt"
         if not path.is_file():
-            way_out = "leave --resume out to begin a run there"
-            raise ValueError(f"no checkpoint in {self.folder}; {way_out}")
+            raise ValueError(
+                f"no checkpoint in {self.folder}; leave --resume out to begin a run there"
+            )
         checkpoint = torch.load(path, "cpu", weights_only=True)
         if differing := differing_names(checkpoint["identity"], self._run.identity):
             raise ValueError(
@@ -89,18 +96,20 @@ class RunFolder:
         self._lines = [line for line in lines if line["moves"] <= self._run.global_step]
 
     def on_update(self, metrics: UpdateMetrics) -> None:
-        """Log an update; save everything when the last checkpoint is CHECKPOINT_INTERVAL_S old."""
-        values = {LOG_COLUMNS[name]: value for name, value in asdict(metrics).items()}
-        line = {name: None if value != value else value for name, value in values.items()}
+        """Log an update; save all if the last checkpoint is CHECKPOINT_INTERVAL_S old."""
+        line: dict[str, Any] = {
+            LOG_COLUMNS[name]: None if number != number else number
+            for name, number in asdict(metrics).items()
+        }
         line["seconds"] = round(self.seconds, 1)
         run = self._run
         interval = max(1, run.num_updates // NUM_VALIDATIONS)
         if run.updates_done % interval == 0 or run.updates_done == run.num_updates:
             line["greedy"], line["greedy_explored"] = validate(run)
         self._lines.append(line)
-        for name, value in line.items():
-            if value is not None and name != "moves":
-                self._tensorboard.add_scalar(f"train/{name}", value, metrics.global_step)
+        for name, number in line.items():
+            if number is not None and name != "moves":
+                self._tensorboard.add_scalar(f"train/{name}", number, metrics.global_step)
         if time.monotonic() - self._saved > CHECKPOINT_INTERVAL_S:
             self.save()
         self._on_update(metrics, self.seconds)
@@ -133,7 +142,10 @@ class RunFolder:
 
 
 def steps_of(folder: Path) -> int:
-    """Return the moves that the run in a folder was begun with, from its checkpoint; ValueError when there is none."""
+    """The moves that the run in a folder was begun with, from its checkpoint.
+
+    ValueError if there is none.
+    """
     path = folder / "checkpoint.pt"
     if not path.is_file():
         raise ValueError(f"no checkpoint in {folder}; leave --resume out to begin a run there")
@@ -143,13 +155,15 @@ def steps_of(folder: Path) -> int:
 
 
 def differing_names(stored: str, identity: dict[str, Any]) -> str:
-    """Return where the identity in a checkpoint, as JSON, is not that of this run: the names; "" where they agree."""
-    found, expected = json.loads(stored), json.loads(json.dumps(identity))
-    return ", ".join(name for name in expected | found if found.get(name) != expected.get(name))
+    """The names in which a checkpoint's identity (JSON) differs from this run's."""
+    checkpoint, expected = json.loads(stored), json.loads(json.dumps(identity))
+    return ", ".join(
+        name for name in expected | checkpoint if checkpoint.get(name) != expected.get(name)
+    )
 
 
 def read_log(path: Path) -> list[dict[str, Any]]:
-    """Return the lines of a log, none where there is no such file."""
+    """The lines of a log, none if there is no such file."""
     return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
 
 
@@ -160,24 +174,27 @@ def write_log(path: Path, lines: list[dict[str, Any]]) -> None:
 
 
 def validate(run: TrainingRun) -> tuple[float, float]:
-    """Return (mean moves, share explored) of the greedy policy on 100 terrains; unfinished episodes count max_steps."""
+    """(mean moves, share explored) of the greedy policy on 100 terrains.
+
+    Unfinished episodes count max_steps.
+    """
     config = run.env_configs[0]
     envs = TrainingEnvs(config, VALIDATION_EPISODES, VALIDATION_SEED, run.config.make_encoder)
     steps = np.zeros(VALIDATION_EPISODES, np.int64)
     explored = np.zeros(VALIDATION_EPISODES, np.bool_)
     with torch.no_grad():
         for count in range(1, config.limit + 1):
-            result = envs.step(forward(run, envs.observe())[0].argmax(1).numpy())
-            first_end = result.dones & (steps == 0)
-            explored |= first_end & result.explored
-            steps[first_end] = np.where(result.explored[first_end], count, config.limit)
+            step = envs.step(forward(run, envs.observe())[0].argmax(1).numpy())
+            first_end = step.dones & (steps == 0)
+            explored |= first_end & step.explored
+            steps[first_end] = np.where(step.explored[first_end], count, config.limit)
             if steps.all():
                 break
     return float(np.where(steps == 0, config.limit, steps).mean()), float(explored.mean())
 
 
 def plot_learning_curve(lines: list[dict[str, Any]], path: Path) -> None:
-    """Draw the learning curve from the lines of the log and write it as a PNG."""
+    """Draw the learning curve from the log's lines and write it as a PNG."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7, 4), layout="constrained")

@@ -1,4 +1,4 @@
-"""The command `python -m research.paper`: the experiments of the paper, each figure with one command."""
+"""The command `python -m research.paper`: the paper's experiments, by figure."""
 
 from __future__ import annotations
 
@@ -123,14 +123,17 @@ def paper(
     export: Path | None,
     redraw: Path | None,
 ) -> None:
-    """Make an experiment of the paper again: train, measure on terrains kept apart, draw the figure and print its table.
+    """Repeat an experiment of the paper: train, measure, draw it, print its table.
 
-    Every training is one job on one core with a folder of its own in --out. The jobs run in the order of
-    their seeds, so a run that is stopped leaves a whole with fewer seeds. The same command goes on from
-    there: what is done is not done again, and --seeds 5 adds two trainings of each kind to three.
+    The policies are measured on terrains that were not trained on.
 
-    A training that is stopped by Ctrl-C or SIGTERM goes on exactly where it was, here and, by what --export wrote, on
-    another machine.
+    Every training is one job on one core with a folder of its own in --out. The jobs run in the
+    order of their seeds, so a run that is stopped leaves a whole with fewer seeds. The same command
+    goes on from there: what is done is not done again, and --seeds 5 adds two trainings of each
+    kind to three.
+
+    A training that is stopped by Ctrl-C or SIGTERM goes on exactly where it was, here and, by what
+    --export wrote, on another machine.
 
     Figures 6 and 7 have the policies that were trained in --out too.
 
@@ -167,18 +170,19 @@ def paper(
             show_figures(figures, folder, folder, human_file)
             _complain(failures, folder)
     except OSError as error:
-        sentence = f"cannot use {error.filename or folder}: {error.strerror}; choose another"
-        raise click.ClickException(sentence) from error
+        raise click.ClickException(
+            f"cannot use {error.filename or folder}: {error.strerror}; choose another"
+        ) from error
     except ValueError as error:
         raise click.UsageError(str(error)) from error
 
 
-def _names(given: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(name for each in given for name in each.split(",") if name))
+def _names(options: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for option in options for name in option.split(",") if name))
 
 
 def _plan(request: Request, folder: Path) -> list[Job]:
-    """Return the jobs; raise UsageError when one cannot be done or the folder holds it with other options."""
+    """The jobs; UsageError if one cannot be done, or `folder` has other options."""
     try:
         jobs = plan(request, folder)
     except (PolicyNotFoundError, PolicyFileError) as error:
@@ -189,7 +193,7 @@ def _plan(request: Request, folder: Path) -> list[Job]:
 
 
 def _check_installed(jobs: list[Job], folder: Path) -> None:
-    """Raise UsageError when a training needs tianshou and there is none."""
+    """Raise UsageError if a training needs tianshou and it is not installed."""
     trials = [job for job in jobs if isinstance(job, Trial) and not job.is_done(folder)]
     wanted = sorted({trial.algorithm for trial in trials} - {"ppo"})
     if wanted and find_spec("tianshou") is None:
@@ -202,7 +206,10 @@ def _outlook(jobs: list[Job], folder: Path) -> str:
 
 
 def _run_all(request: Request, folder: Path, workers: int) -> dict[str, str]:
-    """Run the jobs, then those of figures 6 and 7 that the policies just trained bring; return job -> why it failed."""
+    """Run the jobs, then those of the policies just trained; return job -> error.
+
+    Figures 6 and 7 have jobs for these policies.
+    """
     failures: dict[str, str] = {}
     tried: set[str] = set()
     while jobs := [job for job in _plan(request, folder) if job.name not in tried]:
@@ -214,14 +221,16 @@ def _run_all(request: Request, folder: Path, workers: int) -> dict[str, str]:
         except BusyError as error:
             raise click.ClickException(str(error)) from error
         except KeyboardInterrupt:
-            sentence = f"stopped; {folder} keeps what is done and how far trainings are; the same command goes on"
-            click.echo(sentence, err=True)
+            click.echo(
+                f"stopped; {folder} keeps what is done and how far trainings are; the same command goes on",
+                err=True,
+            )
             raise
     return failures
 
 
 def _complain(failures: dict[str, str], folder: Path) -> None:
-    """Raise ClickException in one sentence when jobs failed."""
+    """Raise ClickException in one sentence if jobs failed."""
     if failures:
         name, error = next(iter(failures.items()))
         raise click.ClickException(
@@ -231,17 +240,18 @@ def _complain(failures: dict[str, str], folder: Path) -> None:
 
 
 def check_exported(figures: Sequence[str], source: Path) -> None:
-    """Raise ValueError when a folder has no file of the figures that --export wrote."""
+    """Raise ValueError if a folder has no file of the figures that --export wrote."""
     names = [f"figure{figure}*.jsonl" for figure in figures]
-    if not any(found for name in names for found in source.glob(name)):
-        wanted = ", ".join(names)
-        raise ValueError(f"{source} holds none of: {wanted}; give a folder that --export wrote")
+    if not any(path for name in names for path in source.glob(name)):
+        raise ValueError(
+            f"{source} holds none of: {', '.join(names)}; give a folder that --export wrote"
+        )
 
 
 def show_figures(
     figures: Sequence[str], source: Path, folder: Path, human_file: Path | None
 ) -> None:
-    """Draw the figures from what is finished in `source` into `folder`, and print and write their tables.
+    """Draw the finished figures of `source` into `folder`; print and write tables.
 
     source  the folder of a run, which is drawn into itself, or one that --export wrote
     """
@@ -256,17 +266,26 @@ def show_figures(
 
 
 def _show_trials(
-    figure: str, own: Sequence[Record], source: Path, folder: Path, human: figure4.HumanLevel | None
+    figure: str,
+    records: Sequence[Record],
+    source: Path,
+    folder: Path,
+    human: figure4.HumanLevel | None,
 ) -> None:
-    """Draw figure 4 or 5 into `folder` and print and write its table; `source` has what was measured without training."""
-    if not own:
+    """Draw figure 4 or 5 into `folder`; print and write its table.
+
+    source  has what was measured without training
+    """
+    if not records:
         click.echo(f"figure {figure}: no training is finished in {source}")
         return
-    rows = rows_of(own)
+    rows = rows_of(records)
     title = f"Figure {figure}, {rows[0].terrains} held-out terrains each: mean over seeds ± half of the 95 % t interval"
     print_table(title, TABLE_COLUMNS, [cells_of(row) for row in rows])
     is_4 = figure == "4"
-    pictures = figure4.draw(own, folder, human) if is_4 else figure5.draw(own, source, folder)
+    pictures = (
+        figure4.draw(records, folder, human) if is_4 else figure5.draw(records, source, folder)
+    )
     for path in [*pictures, *write_table(rows, folder / f"figure{figure}")]:
         click.echo(path)
     if is_4 and human is None:
@@ -276,7 +295,7 @@ def _show_trials(
 
 
 def _show_plays(figure: str, source: Path, folder: Path) -> None:
-    """Draw figure 6 or 7 from the results in `source` into `folder`, and print its table."""
+    """Draw figure 6 or 7 of `source` into `folder`; print its table."""
     try:
         paths = (figure6 if figure == "6" else figure7).draw(source, folder)
     except FileNotFoundError:
@@ -287,16 +306,17 @@ def _show_plays(figure: str, source: Path, folder: Path) -> None:
 
 
 def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
-    """Write what is finished in `folder` to `target`: figureN.jsonl of trainings, figureN-POLICY.jsonl of plays.
+    """Write what is finished in `folder` to `target`.
 
-    Trainings of other kinds, and files of other policies, that `target` has from earlier runs stay. Where trainings are that
-    are not finished goes to target/checkpoints.
+    That is figureN.jsonl of trainings and figureN-POLICY.jsonl of plays. Trainings of other kinds,
+    and files of other policies, that `target` has from earlier runs stay. The checkpoints of
+    unfinished trainings go to target/checkpoints.
     """
     for figure in figures:
         paths = []
-        own = records_of_figure(figure, read_records(folder)) if figure in TRAINED else []
-        if own:
-            paths.append(add_records(own, target / f"figure{figure}.jsonl"))
+        records = records_of_figure(figure, read_records(folder)) if figure in TRAINED else []
+        if records:
+            paths.append(add_records(records, target / f"figure{figure}.jsonl"))
         with suppress(FileNotFoundError):  # figure 4 has no plays, and the others may have none yet
             paths += gather(folder, int(figure), target)
         for path in paths:
@@ -308,17 +328,22 @@ def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
 
 
 def read_human_level(path: Path) -> figure4.HumanLevel:
-    """Return the human level in the JSON of a report; ValueError when it is not of a closed study with people on this level."""
+    """The human level in a report's JSON.
+
+    ValueError if it is not of a closed study with people on this level.
+    """
     report = _read_report(path)
     played, config = EnvConfig(**report["protocol"]["config"]), EnvConfig.of(LEVEL, SIZE)
     if played != config:
         was, needed = (
-            f"level {each.level}, {each.rows}x{each.cols} ({each.hash[:8]})"
-            for each in (played, config)
+            f"level {environment.level}, {environment.rows}x{environment.cols} ({environment.hash[:8]})"
+            for environment in (played, config)
         )
         raise ValueError(f"{path} is of a study on {was}; figure 4 needs one on {needed}")
     for group in report["groups"]:
-        figure = next(each for each in group["figures"] if each["name"] == group["primary"])
+        figure = next(
+            estimate for estimate in group["figures"] if estimate["name"] == group["primary"]
+        )
         if group["kind"] == "human" and (score := figure["score"]) is not None:
             low, high = score["interval"] or (None, None)
             return figure4.HumanLevel(report["study"], figure["players"], score["mean"], low, high)
@@ -326,7 +351,7 @@ def read_human_level(path: Path) -> figure4.HumanLevel:
 
 
 def _read_report(path: Path) -> dict[str, Any]:
-    """Return a report; ValueError when the file holds none, or one that may not stand for people."""
+    """A report; ValueError if the file holds none, or one that is not about people."""
     report: Any = None
     with suppress(ValueError):
         report = json.loads(path.read_text())

@@ -1,4 +1,4 @@
-"""The paper's four algorithms: what each has to fulfil to be trained by a trial, and the trainers by name."""
+"""The paper's four algorithms: the protocol of a trainer, and trainers by name."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ ALGORITHMS = {
     "rainbow": "DQN-Rainbow",
     "sac": "discrete SAC",
 }
-"""Name, as `--algorithms` takes it -> what it is."""
+"""Name, as `--algorithms` takes it -> its name in words."""
 
 
 class Trainer(Protocol):
     """An algorithm under way on the environments of one configuration, on one thread.
 
-    settings   every setting that the run has, JSON-ready: the first line of the log has it, and `settings` is checked by it
+    settings   every setting of the run, JSON-ready, for the first line of the log
     envs       the environments; the log reads the episodes that ended there
     moves      moves made so far, over all environments
     """
@@ -39,24 +39,26 @@ class Trainer(Protocol):
     moves: int
 
     def advance(self) -> dict[str, float]:
-        """Play and learn for one round, at most some seconds; return its numbers by name (entropy, losses, ...)."""
+        """Play and learn for one round, at most some seconds; return its metrics by name."""
 
     def save_policy(self, path: Path, card: dict[str, Any]) -> None:
-        """Write the policy as it is now, an ONNX file with a card; `marsexplorer.policies.load` plays it without the training
-        library.
+        """Write the present policy as an ONNX file with a card.
+
+        `marsexplorer.policies.load` plays it without the training library.
         """
 
     def state_dict(self) -> dict[str, Any]:
-        """Return everything that changes between two rounds, as tensors, numbers and lists."""
+        """Everything that changes between two rounds, as tensors, numbers and lists."""
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Set everything as `state_dict` returned it, the process' generators of random numbers included."""
+        """Restore what `state_dict` returned, with the process' random generators."""
 
 
 class FewTerrains:
-    """The stack of environments of a training whose every episode is on one of `count` terrains, of the seeds from `first` on.
+    """The environments of a training with only `count` terrains.
 
-    An environment goes from each to the next, so that what it has to remember is in its own state.
+    Their seeds are those from `first` on. An environment goes from each to the next, so that its
+    own state is all that it has to remember.
     """
 
     def __init__(self, env: MarsExplorerVector, first: int, count: int) -> None:
@@ -74,14 +76,16 @@ class FewTerrains:
     def step(self, actions: NDArray[Any]) -> VectorStep:
         """Make one move in every environment."""
         seeds = self._env._worlds.scalars[:, SEED].astype(np.int64)
-        found = self._env.step(actions)
-        for index in np.flatnonzero(found[2] | found[3]).tolist():
+        transition = self._env.step(actions)
+        for index in np.flatnonzero(transition[2] | transition[3]).tolist():
             self._start(index, int(seeds[index]) - self._first + 1)
-        return found
+        return transition
 
 
 class PPOTrainer:
-    """Train by PPO, our own trainer, on a CUDA device where there is one. A round is an update.
+    """Train by PPO, our own trainer, on a CUDA device if there is one.
+
+    A round is an update.
 
     config      of PPO, such as `ppo_settings` returns
     env_config  of the environments
@@ -108,34 +112,41 @@ class PPOTrainer:
         self.moves = 0
 
     def advance(self) -> dict[str, float]:
-        """Make an update; return the policy's entropy, how far it moved, and how well the values explain the returns."""
+        """Make an update; return its metrics.
+
+        They are the policy's entropy, how far it moved, and how well the values explain the
+        returns.
+        """
         numbers = make_update(self._run, self._buffer)
         self.moves = self._run.global_step
         return {**numbers, "kl_coef": self._run.kl_coef}
 
     def save_policy(self, path: Path, card: dict[str, Any]) -> None:
-        """Write the policy with a card."""
         self._run.config.save_policy(self._run.player, path, card)
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state of the run."""
         return self._run.state_dict()
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Set the state of the run."""
         self._run.load_state_dict(state)
         self.moves = self._run.global_step
 
 
 def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int) -> Trainer:
-    """Return the trainer of an algorithm at its beginning.
+    """The trainer of an algorithm at its beginning.
 
-    variant  "paper" is the letter of the paper, "works" what completes terrains; `trainers.settings` lists the others; PPO's
-             works@100 is trained on a hundred terrains alone
-    moves    of the whole training, which schedules may depend on
+    Args:
+        algorithm: A name in ALGORITHMS.
+        variant: "paper" follows the paper to the letter, "works" completes terrains;
+            `trainers.settings` lists the others; PPO's works@100 is trained on only a hundred
+            terrains.
+        config: Of the environments.
+        seed: Of everything drawn.
+        moves: Of the whole training, which schedules may depend on.
 
-    ValueError when there is no such algorithm or variant; ModuleNotFoundError, saying
-    what to run, when tianshou is not installed.
+    Raises:
+        ValueError: If there is no such algorithm or variant.
+        ModuleNotFoundError: If tianshou is not installed; it names the command to run.
     """
     check_variant(algorithm, variant)
     if algorithm == "ppo":
@@ -154,7 +165,7 @@ def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int
 
 
 def missing_tianshou(algorithms: Iterable[str]) -> str:
-    """Return the sentence that says what to run where tianshou is not installed."""
+    """The sentence that names the command to run if tianshou is not installed."""
     names = ", ".join(ALGORITHMS[name] for name in algorithms)
     return (
         f"what trains {names} is not installed here: run `make paper`, and then "
@@ -163,7 +174,7 @@ def missing_tianshou(algorithms: Iterable[str]) -> str:
 
 
 def check_variant(algorithm: str, variant: str) -> None:
-    """Raise ValueError when there is no such algorithm, or it has no such variant."""
+    """Raise ValueError if there is no such algorithm, or it has no such variant."""
     if algorithm not in ALGORITHMS:
         raise ValueError(f"no algorithm {algorithm!r}; choose of: {', '.join(ALGORITHMS)}")
     name, at, terrains = variant.partition("@")

@@ -1,10 +1,11 @@
-"""The command `python -m research.paper.generalisation`: does what PPO learns as it works hold on terrains of another kind?
+"""`python -m research.paper.generalisation`: does PPO hold on other terrains?
 
     levels    it is trained on one of the paper's 12 levels and plays all twelve
-    terrains  it is trained on 10, 100 or 1,000 terrains of level random (variants `works@N`), or on new ones in every episode,
-              and plays terrains that are kept apart
+    terrains  it is trained on 10, 100 or 1,000 terrains of level random (variants `works@N`), or on
+              new ones in every episode, and plays terrains that it was not trained on
 
-Trainings and plays are jobs as those of the figures are: what is done stays, and what was stopped goes on.
+Trainings and plays are jobs as those of the figures are: what is done stays, and what was stopped
+goes on.
 """
 
 from __future__ import annotations
@@ -39,22 +40,22 @@ class Elsewhere(Play):
     kind: ClassVar[str] = "generalisation"
 
     def measure(self, results: Sequence[Result]) -> Line:
-        """Return the mean moves to 99 %, an unfinished episode counting the limit."""
-        return {"steps_to_99": sum(each.steps_to_99 for each in results) / max(1, len(results))}
+        """The mean moves to 99 %, an unfinished episode counting the limit."""
+        return {"steps_to_99": sum(result.steps_to_99 for result in results) / max(1, len(results))}
 
 
 def trainings(seeds: int) -> list[Trial]:
-    """Return the trainings, seed by seed: on each of the 12 levels, then on few terrains."""
+    """The trainings, seed by seed: on each of the 12 levels, then on few terrains."""
     moves = BUDGETS["full"].levels["works"], BUDGETS["full"].moves["ppo-works"]
-    found = []
+    trials = []
     for seed in range(seeds):
-        found += [Trial("ppo", "works", level, SIZE, seed, moves[0]) for level in DIFFICULTIES]
-        found += [Trial("ppo", f"works@{pool}", LEVEL, SIZE, seed, moves[1]) for pool in POOLS]
-    return found
+        trials += [Trial("ppo", "works", level, SIZE, seed, moves[0]) for level in DIFFICULTIES]
+        trials += [Trial("ppo", f"works@{pool}", LEVEL, SIZE, seed, moves[1]) for pool in POOLS]
+    return trials
 
 
 def plays(folder: Path, seeds: int) -> list[Job]:
-    """Return the plays of the policies of the levels that are trained in a folder: each on all twelve."""
+    """The plays of the policies of levels trained in a folder, each on all twelve."""
     return [
         Elsewhere(str(folder / trial.name / f"{trial.name}.onnx"), level, SIZE)
         for trial in trainings(seeds)
@@ -73,7 +74,7 @@ def plays(folder: Path, seeds: int) -> list[Job]:
     "--export", type=PATH, help="Do nothing: write what is finished in --out to files here."
 )
 def main(seeds: int, out: Path, workers: int | None, export: Path | None) -> None:
-    """Train PPO as it works on each level and on few terrains, and play its policies on other terrains.
+    """Train PPO on each level and on few terrains, and play it on other terrains.
 
     \b
     Examples:
@@ -81,7 +82,7 @@ def main(seeds: int, out: Path, workers: int | None, export: Path | None) -> Non
       python -m research.paper.generalisation --export research/paper/data
     """
     if export is not None:
-        pools = [each for each in read_records(out) if "@" in each.trial.variant]
+        pools = [record for record in read_records(out) if "@" in record.trial.variant]
         if pools:
             click.echo(add_records(pools, export / "figure4.jsonl"))
         files = sorted(out.glob("figure8-*/result.jsonl"))

@@ -1,8 +1,8 @@
-"""Jobs, the units of work of the paper's experiments, each in a process of one thread, as many at a time as there are cores.
+"""Jobs, the units of work of the paper's experiments, in processes of one thread.
 
-A job writes its result at its end, so a run that is stopped or killed loses what was under way and nothing
-else: the same run begun again does what is left. A signal ends a job where it tells its progress, so that a long one can
-save how far it is.
+As many run at a time as there are cores. A job writes its result at its end, so a run that is
+stopped or killed loses only what was under way: the same run begun again does what is left. A
+signal ends a job when it reports its progress, so that a long one can save how far it is.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 )
 ERROR_FILE = "error.txt"
-"""In the folder of a job that failed: where it failed."""
+"""The traceback of a job that failed, in its folder."""
 
 Line = dict[str, Any]
 """A JSON object, a line of a file."""
@@ -41,18 +41,18 @@ OnProgress = Callable[[float], None]
 
 
 def read_lines(path: Path) -> list[Line]:
-    """Return the objects of a file of JSON Lines, none where there is no file."""
+    """The objects of a file of JSON Lines, none if there is no file."""
     return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
 
 
 def write_lines(path: Path, lines: Iterable[Line]) -> Path:
-    """Write a file of JSON Lines whole, without spaces, and its folder where there is none; return its path."""
+    """Write a file of JSON Lines, whole and without spaces; return its path."""
     text = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
     return write_text(path, text)
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write a text whole, and its folder where there is none; return its path."""
+    """Write a whole text, and its folder if need be; return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with write_whole(path) as file:
         file.write(text.encode())
@@ -60,14 +60,17 @@ def write_text(path: Path, text: str) -> Path:
 
 
 class Job(Protocol):
-    """One training or one evaluation, picklable: it writes under `folder / name` alone, and its result last, whole."""
+    """One training or one evaluation, picklable.
+
+    It writes only under `folder / name`, and its whole result last.
+    """
 
     @property
     def name(self) -> str:
-        """Return the name of its folder, unlike any other job's; it tells what the job is of."""
+        """The name of its folder, unlike any other job's; it describes the job."""
 
     def is_done(self, folder: Path) -> bool:
-        """Return whether the whole result lies under `folder / name`."""
+        """Whether the whole result is under `folder / name`."""
 
     def run(self, folder: Path, on_progress: OnProgress) -> None:
         """Do the job; `on_progress` raises KeyboardInterrupt when it has to stop."""
@@ -86,25 +89,34 @@ class _Worker:
 
 @contextmanager
 def lock(folder: Path) -> Iterator[None]:
-    """Hold a folder for one run, whose death frees it; BusyError when another holds it."""
+    """Hold a folder for one run, whose death frees it; BusyError if another holds it."""
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / ".lock").open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            sentence = f"another run is at work in {folder}; wait for it, or give another --out"
-            raise BusyError(sentence) from None
+            raise BusyError(
+                f"another run is at work in {folder}; wait for it, or give another --out"
+            ) from None
         yield
 
 
 def run_jobs(
     jobs: Sequence[Job], folder: Path, workers: int, advance: Callable[[int, int], None]
 ) -> dict[str, str]:
-    """Run what is not done, in order; return job -> why it failed, in a sentence. A failure leaves the others running.
+    """Run what is not done, in order; return job -> error, in a sentence.
 
-    advance  called about twice a second with (per cent done, summed over the jobs; the same in all)
+    A failure leaves the others running.
 
-    BusyError when another run is at work in the folder.
+    Args:
+        jobs: The jobs.
+        folder: Of their results.
+        workers: Jobs at a time.
+        advance: Called about twice a second with (per cent done, summed over the jobs; the same in
+            all).
+
+    Raises:
+        BusyError: If another run is at work in the folder.
     """
     shares = {job.name: float(job.is_done(folder)) for job in jobs}
     waiting = deque(job for job in jobs if not shares[job.name])
@@ -149,12 +161,12 @@ def _begin(job: Job, folder: Path) -> _Worker:
 
 
 def _work(job: Job, folder: Path, share: Any, parent: int) -> None:
-    """Run a job in this process; what it raises is kept in ERROR_FILE."""
+    """Run a job in this process; its error goes to ERROR_FILE."""
     error_file = folder / job.name / ERROR_FILE
     error_file.unlink(missing_ok=True)
     signals: list[int] = []
-    for each in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(each, lambda number, frame: signals.append(number))
+    for stopping in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(stopping, lambda number, frame: signals.append(number))
 
     def on_progress(done: float) -> None:
         share.value = done

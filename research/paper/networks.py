@@ -1,10 +1,14 @@
-"""Networks for the paper's four algorithms: a trunk and a head, built from a `NetworkShape`.
+"""Networks for the paper's four algorithms, built from a `NetworkShape`.
+
+A network is a trunk and a head.
 
     head "policy"       PPO, A2C, and the actor of discrete SAC
     head "q"            the critics of discrete SAC
-    head "categorical"  Rainbow: C51 (Bellemare et al. 2017), dueling (Wang et al. 2016), noisy (Fortunato et al. 2018)
+    head "categorical"  Rainbow: C51 (Bellemare et al. 2017), dueling (Wang et al. 2016), noisy
+                        (Fortunato et al. 2018)
 
-`forward` takes what `training.envs` encodes: codes uint8[b, rows, cols] for the state matrix, or planes and moves.
+`forward` takes what `training.envs` encodes: codes uint8[b, rows, cols] for the state matrix, or
+planes and moves.
 
 The convolutions are those of RLlib 1.0.1's vision network: "same" padding and ReLU. Its last filter
 covers the whole picture, which is a dense layer; here it is one on every size of grid (the authors'
@@ -27,9 +31,11 @@ from marsexplorer.policies.base import INVALID_LOGIT
 from marsexplorer.policies.network.features import ACTION_FEATURES, PICTURE_CELLS, PLANES
 
 FILTERS = {"rllib": ((16, 4), (32, 4)), "authors": ((8, 3), (16, 2))}
-"""Trunk -> (filters, side of their kernels in cells) of the two convolutions, both with stride 2."""
+"""Trunk -> (filters, side of their kernels in cells) of the two convolutions, both with stride
+2.
+"""
 UNITS = {"rllib": 256, "authors": 512, "features": 128}
-"""Trunk -> numbers that it gives the heads."""
+"""Trunk -> numbers that the heads get from it."""
 WIDE = 384
 """Units of the first layer over features."""
 STREAM_UNITS = 256
@@ -46,21 +52,25 @@ MakeLinear = Callable[[int, int], nn.Linear]
 
 @dataclass(frozen=True)
 class NetworkShape:
-    """What fixes a network's layers.
+    """The layers of a network.
 
-    trunk        what reads the observation:
-                 "rllib"     the state matrix by 16 and 32 filters of 4 x 4 and 256 units, RLlib's defaults
-                 "authors"   the state matrix by 8 filters of 3 x 3, 16 of 2 x 2 and 512 units, as in the
-                             authors' repository
+    trunk        reads the observation:
+                 "rllib"     the state matrix by 16 and 32 filters of 4 x 4 and 256 units, RLlib's
+                             defaults
+                 "authors"   the state matrix by 8 filters of 3 x 3, 16 of 2 x 2 and 512 units, as
+                             in the authors' repository
                  "features"  the pictures and numbers of `features`, by 384 and 128 units
-    head         what is said of the four moves:
+    head         the output for the four moves:
                  "policy"       a logit each, and a value of the observation
                  "q"            a value each
-                 "categorical"  a distribution of the return each, over `atoms` numbers within `support`
+                 "categorical"  a distribution of the return each, over `atoms` numbers within
+                                `support`
     rows, cols   size of the grid for the state matrix; None for features, which serve every size
-    critic       of the head "policy": a value from the "shared" trunk, from a "separate" one, or "none"
-    value_scale  what such a value is multiplied by
-    hidden       units of the dense layers between the state matrix's trunk and the heads "policy" and "q"
+    critic       of the head "policy": a value from the "shared" trunk, from a "separate" one, or
+                 "none"
+    value_scale  factor of such a value
+    hidden       units of the dense layers between the state matrix's trunk and the heads "policy"
+                 and "q"
     mask         whether invalid moves have the lowest logit or value
     support      (lowest, highest return) for the head "categorical"
     """
@@ -113,7 +123,8 @@ class StateTrunk(nn.Module):
 class FeatureTrunk(nn.Module):
     """Read the pictures of `features`.
 
-    forward(planes uint8[b, PLANES, PICTURE_CELLS], moves float32[b, 4, ACTION_FEATURES]) -> float32[b, UNITS]
+    forward(planes uint8[b, PLANES, PICTURE_CELLS], moves float32[b, 4, ACTION_FEATURES]) ->
+    float32[b, UNITS]
     """
 
     def __init__(self) -> None:
@@ -127,10 +138,10 @@ class FeatureTrunk(nn.Module):
 
 
 class NoisyLinear(nn.Linear):
-    """A dense layer whose weights are noisy while they learn (Fortunato et al. 2018, factorised Gaussian noise).
+    """A dense layer whose weights are noisy in training (Fortunato et al. 2018).
 
-    In evaluation mode it is the plain layer of its mean weights, `weight` and `bias`. The noise stays
-    the same until `sample_noise`.
+    The noise is factorised and Gaussian. In evaluation mode it is the plain layer of its mean
+    weights, `weight` and `bias`. The noise stays the same until `sample_noise`.
 
     sigma   the standard deviation of every weight at first is sigma / sqrt(inputs)
     """
@@ -150,7 +161,7 @@ class NoisyLinear(nn.Linear):
         self.sample()
 
     def sample(self) -> None:
-        """Draw the noise anew: f(e) = sign(e) sqrt|e| of Gaussian numbers, one for each input and each output."""
+        """Draw new noise: f(e) = sign(e) sqrt|e| of a Gaussian number an input and output."""
         for noise in (self.noise_in, self.noise_out):
             drawn = torch.randn_like(noise)
             noise.copy_(drawn.sign() * drawn.abs().sqrt())
@@ -163,14 +174,14 @@ class NoisyLinear(nn.Linear):
 
 
 def sample_noise(net: nn.Module) -> None:
-    """Draw the noise of every noisy layer anew."""
+    """Draw new noise for every noisy layer."""
     for module in net.modules():
         if isinstance(module, NoisyLinear):
             module.sample()
 
 
 class PaperNetwork(nn.Module):
-    """What the networks share; `shape` is what the network was built from."""
+    """The common part of the networks; `shape` is what the network was built from."""
 
     def __init__(self, shape: NetworkShape) -> None:
         super().__init__()
@@ -178,26 +189,32 @@ class PaperNetwork(nn.Module):
         self.trunk = make_trunk(shape)
 
     def evaluate(self, *observation: Tensor) -> tuple[Tensor, Tensor]:
-        """Return (scores float32[b, 4], value float32[b]): the higher its score, the better a move; NaN when no value."""
+        """(scores float32[b, 4], value float32[b]) of an observation.
+
+        The higher its score, the better a move; the value is NaN if there is none.
+        """
         raise NotImplementedError
 
     def read_moves(
         self, head: nn.Module, hidden: Tensor, observation: Observation, outputs: int = 1
     ) -> Tensor:
-        """Return what a head says of every move, [b, 4, outputs]: all at once, or one after the other over features."""
+        """A head's output for every move, [b, 4, outputs].
+
+        All moves at once, or one after the other over features.
+        """
         inputs = move_inputs(hidden, observation[1]) if len(observation) == 2 else hidden
-        found: Tensor = head(inputs)
-        return found.view(len(hidden), 4, outputs)
+        scores: Tensor = head(inputs)
+        return scores.view(len(hidden), 4, outputs)
 
     def read_board(self, head: nn.Module, hidden: Tensor, observation: Observation) -> Tensor:
-        """Return what a head says of the observation as a whole, [b, outputs]."""
+        """A head's output for the observation as a whole, [b, outputs]."""
         if len(observation) == 2:
             hidden = torch.cat([hidden, observation[1].flatten(1)], dim=1)
-        found: Tensor = head(hidden)
-        return found.float()
+        output: Tensor = head(hidden)
+        return output.float()
 
     def fill_invalid(self, scores: Tensor, observation: Observation) -> Tensor:
-        """Return scores [b, 4] with INVALID_LOGIT for invalid moves, where the network masks."""
+        """Scores [b, 4] with INVALID_LOGIT for invalid moves, if the network masks."""
         if not self.shape.mask:
             return scores
         return scores.masked_fill(invalid_moves(observation), INVALID_LOGIT)
@@ -221,11 +238,10 @@ class PolicyNetwork(PaperNetwork):
             _make_small(self.value_head)
 
     def logits(self, *observation: Tensor) -> Tensor:
-        """Return the logits float32[b, 4]."""
         return self._logits(self.trunk(*observation), observation)
 
     def value(self, *observation: Tensor) -> Tensor:
-        """Return the value float32[b], NaN with the critic "none"."""
+        """The value float32[b], NaN with the critic "none"."""
         trunk = self.trunk if self.value_trunk is None else self.value_trunk
         return self._value(trunk(*observation), observation)
 
@@ -271,7 +287,9 @@ class QNetwork(PaperNetwork):
 
 
 class CategoricalNetwork(PaperNetwork):
-    """The distribution of every move's return, from a stream for the observation and one for the moves (dueling).
+    """The distribution of every move's return, from two streams (dueling).
+
+    One stream is for the observation, one for the moves.
 
     support                float32[atoms], the returns
     forward(*observation)  -> probabilities float32[b, 4, atoms]; where the network masks, those of
@@ -302,7 +320,10 @@ class CategoricalNetwork(PaperNetwork):
         return logits.softmax(2)
 
     def expected(self, *observation: Tensor) -> Tensor:
-        """Return the expected return of every move, float32[b, 4]; INVALID_LOGIT for invalid ones where the network masks."""
+        """The expected return of every move, float32[b, 4].
+
+        INVALID_LOGIT for invalid moves if the network masks.
+        """
         return self.fill_invalid((self(*observation) * self.support).sum(2), observation)
 
     def evaluate(self, *observation: Tensor) -> tuple[Tensor, Tensor]:
@@ -311,9 +332,10 @@ class CategoricalNetwork(PaperNetwork):
 
 
 def make_network(shape: NetworkShape, sigma: float | None = None) -> PaperNetwork:
-    """Return a freshly initialised network: a PolicyNetwork, QNetwork or CategoricalNetwork, by the shape's head.
+    """A freshly initialised network of the class of the shape's head.
 
-    sigma  of the noise in the dense layers of the categorical head (Rainbow has 0.5); None: plain layers
+    sigma  of the noise in the dense layers of the categorical head (Rainbow has 0.5); None: plain
+           layers
     """
     if shape.head == "policy":
         return PolicyNetwork(shape)
@@ -327,14 +349,13 @@ def make_network(shape: NetworkShape, sigma: float | None = None) -> PaperNetwor
 
 
 def make_trunk(shape: NetworkShape) -> nn.Module:
-    """Return a freshly initialised trunk."""
     if shape.size is None:
         return FeatureTrunk()
     return StateTrunk(shape.trunk, *shape.size)
 
 
 def same_padding(side: int, kernel: int) -> tuple[int, int]:
-    """Return the zeros before and after a side so that a convolution gives ceil(side / STRIDE) numbers."""
+    """The zeros before and after a side for a convolution of ceil(side / STRIDE)."""
     total = max(0, (-(-side // STRIDE) - 1) * STRIDE + kernel - side)
     return total // 2, total - total // 2
 
@@ -347,7 +368,7 @@ def initialize_xavier(layer: nn.Conv2d | nn.Linear) -> None:
 
 
 def initialize_orthogonal(net: nn.Module) -> None:
-    """Draw every layer's weights orthogonal with gain sqrt 2 and set the biases to zero (Saxe et al. 2014)."""
+    """Draw orthogonal weights with gain sqrt 2 and zero biases (Saxe et al. 2014)."""
     for module in net.modules():
         if isinstance(module, (nn.Linear, nn.Conv2d)):
             nn.init.orthogonal_(module.weight, 2**0.5)
@@ -356,11 +377,16 @@ def initialize_orthogonal(net: nn.Module) -> None:
 
 
 def centred(logits: Tensor, invalid: Tensor | None) -> Tensor:
-    """Return logits [b, 4] less their mean over the moves that are not `invalid`, bool[b, 4], or over all.
+    """Logits [b, 4] less their mean over the valid moves, or over all moves.
 
-    No probability depends on what a board's logits have in common, so no loss holds it. Where it has grown beyond some 1e7,
-    float32 rounds the differences away, and the gradients of a board's logits, whose sum is 0, sum to about -2: every step
-    of the optimiser then raises all of them, the faster the larger they are. Those of SAC came to 2e10.
+    No probability depends on what a board's logits have in common, so no loss holds it. Where it
+    has grown beyond some 1e7, float32 rounds the differences away, and the gradients of a board's
+    logits, whose sum is 0, sum to about -2: every step of the optimiser then raises all of them,
+    the faster the larger they are. Those of SAC came to 2e10.
+
+    Args:
+        logits: float32[b, 4].
+        invalid: bool[b, 4]; None: all moves are valid.
     """
     if invalid is None:
         return logits - logits.mean(1, keepdim=True)
@@ -370,13 +396,16 @@ def centred(logits: Tensor, invalid: Tensor | None) -> Tensor:
 
 
 def move_inputs(hidden: Tensor, moves: Tensor) -> Tensor:
-    """Return what a head that the moves share is given of each, [b, 4, ...]: the trunk's numbers, its features, which it is."""
-    which = torch.eye(4, dtype=moves.dtype, device=moves.device).expand(len(moves), 4, 4)
-    return torch.cat([hidden[:, None].expand(len(moves), 4, -1), moves, which], dim=2)
+    """The inputs of a head that the moves share, [b, 4, ...].
+
+    For each move the trunk's numbers, its features, and which move it is.
+    """
+    move_numbers = torch.eye(4, dtype=moves.dtype, device=moves.device).expand(len(moves), 4, 4)
+    return torch.cat([hidden[:, None].expand(len(moves), 4, -1), moves, move_numbers], dim=2)
 
 
 def invalid_moves(observation: Observation) -> Tensor:
-    """Return which moves leave the grid or lead into a known obstacle, bool[b, 4], from what a network is given.
+    """Which moves leave the grid or lead into a known obstacle, bool[b, 4].
 
     observation  (codes uint8[b, rows, cols],), or (planes, moves) of the features
     """
@@ -394,20 +423,20 @@ def invalid_moves(observation: Observation) -> Tensor:
 def _feature_head(
     outputs: int, of_moves: bool, make_linear: MakeLinear = nn.Linear
 ) -> nn.Sequential:
-    """Return a perceptron over features: one that the moves share, or one over the whole observation."""
+    """A perceptron over features: shared by the moves, or over the whole observation."""
     hidden = make_linear(MOVE_INPUTS if of_moves else BOARD_INPUTS, HEAD_UNITS)
     return nn.Sequential(hidden, nn.ReLU(), make_linear(HEAD_UNITS, outputs))
 
 
 def _head(shape: NetworkShape, of_moves: bool) -> nn.Module:
-    """Return a head that gives a number for each move, or one for the whole observation."""
+    """A head with a number for each move, or one for the whole observation."""
     if shape.trunk == "features":
         return _feature_head(1, of_moves)
     return _state_head(shape, 4 if of_moves else 1)
 
 
 def _stream(shape: NetworkShape, make_linear: MakeLinear, of_moves: bool) -> nn.Sequential:
-    """Return one of the two streams of a dueling head."""
+    """One of the two streams of a dueling head."""
     if shape.trunk == "features":
         return _feature_head(shape.atoms, of_moves, make_linear)
     outputs = 4 * shape.atoms if of_moves else shape.atoms
@@ -416,16 +445,16 @@ def _stream(shape: NetworkShape, make_linear: MakeLinear, of_moves: bool) -> nn.
 
 
 def _state_head(shape: NetworkShape, outputs: int) -> nn.Module:
-    """Return a head over the state matrix: the hidden layers of the shape, and one of the outputs."""
+    """A head over the state matrix: the shape's hidden layers and the output layer."""
     units = (UNITS[shape.trunk], *shape.hidden, outputs)
     layers = [nn.Linear(before, after) for before, after in pairwise(units)]
     for layer in layers:
         initialize_xavier(layer)
-    hidden = [each for layer in layers[:-1] for each in (layer, nn.ReLU())]
+    hidden = [module for layer in layers[:-1] for module in (layer, nn.ReLU())]
     return nn.Sequential(*hidden, layers[-1]) if hidden else layers[0]
 
 
 def _make_small(head: nn.Module) -> None:
-    """Draw the last layer of a head so that everything it says is near 0 at first."""
+    """Draw the last layer of a head so that its outputs are near 0 at first."""
     last = [module for module in head.modules() if isinstance(module, nn.Linear)][-1]
     nn.init.orthogonal_(last.weight, 0.01)

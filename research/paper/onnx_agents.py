@@ -1,6 +1,6 @@
-"""A trained network as an ONNX file, which the playground plays without any code of the paper's.
+"""A trained network as an ONNX file, which plays without any code of the paper's.
 
-The card stands under "card" in the metadata. Its "acts" says how the moves follow from the logits:
+The card stands under "card" in the metadata. Its "acts" tells how the moves follow from the logits:
 
     "samples"            each is drawn from the probabilities
     "greedy"             the best is made
@@ -26,14 +26,14 @@ from research.paper.networks import PaperNetwork
 
 
 class Agent(nn.Module):
-    """What is exported: logits float32[1, 4] and, where the network has one, a value float32[1].
+    """The exported module: logits float32[1, 4] and perhaps a value float32[1].
 
-    Over features, logits that moves are drawn from are computed in float64, and centred before they become float32: those of
-    `sac-works`, which was trained before they were centred, are about 2e10, where float32 is exact to 2,048, so that 99.5 % of
-    its decisions would be ties.
+    Over features, logits that moves are drawn from are computed in float64, and centred before they
+    become float32: those of `sac-works`, which was trained before they were centred, are about
+    2e10, where float32 is exact to 2,048, so that 99.5 % of its decisions would be ties.
 
-    A network of values takes its best move for certain, so its logits are 0 for that and INVALID_LOGIT
-    for the others.
+    A network of values takes its best move with certainty, so its logits are 0 for that and
+    INVALID_LOGIT for the others.
     """
 
     def __init__(self, net: PaperNetwork, acts: str) -> None:
@@ -57,10 +57,15 @@ class Agent(nn.Module):
 
 
 def save_agent(net: PaperNetwork, path: Path, card: dict[str, Any]) -> None:
-    """Write a network as an ONNX file, whole or not at all; noisy layers have their mean weights.
+    """Write a network as an ONNX file, whole or not at all.
 
-    card  what is told of the policy ("summary", "training", "results", ...); its "acts" is "samples" for
-          networks of logits and "greedy" for those of values unless it says else
+    Noisy layers have their mean weights.
+
+    Args:
+        net: The network.
+        path: Of the file.
+        card: About the policy ("summary", "training", "results", ...); its "acts" is "samples" for
+            networks of logits and "greedy" for those of values unless it has another.
     """
     acts = card.get("acts", "samples" if net.shape.head == "policy" else "greedy")
     agent, size = Agent(net, acts), net.shape.size

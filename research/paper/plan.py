@@ -1,10 +1,11 @@
-"""What `python -m research.paper` does for each figure and budget, as jobs.
+"""The jobs of `python -m research.paper` for each figure and budget.
 
-The order is by seed first, so that a run that is stopped leaves a whole: everything with one seed, then with two, and so on.
-Budgets were planned in CPU seconds, the same for all algorithms and variants, and are laid down in moves, so that a trial is
-the same wherever it runs.
+The order is by seed first, so that a run that is stopped leaves a whole: everything with one seed,
+then with two, and so on. Budgets were planned in CPU seconds, the same for all algorithms and
+variants, and are laid down in moves, so that a trial is the same wherever it runs.
 
-Figures 6 and 7 have the policies that were trained in the same folder too: 6 PPO's of the 12 levels, 7 those of seed 0.
+Figures 6 and 7 have the policies that were trained in the same folder too: 6 PPO's of the 12
+levels, 7 those of seed 0.
 """
 
 from __future__ import annotations
@@ -31,9 +32,10 @@ SEEDS = 3
 
 @dataclass(frozen=True)
 class Budget:
-    """How much is trained.
+    """The length of the trainings.
 
-    moves     algorithm, or algorithm and variant -> moves of a trial of figure 4; works-no-CHANGE as works, tuned likewise
+    moves     algorithm, or algorithm and variant -> moves of a trial of figure 4; works-no-CHANGE
+              as works, tuned likewise
     levels    variant -> moves of a trial of figure 5; any other variant has those of "paper"
     terrains  held-out terrains that each policy is measured on
     """
@@ -51,7 +53,9 @@ PAPER_MOVES = {
     "rainbow": 1000 * ITERATIONS,
     "sac": 100 * ITERATIONS,
 }
-"""Algorithm -> moves of the paper's training of figure 4: iterations of the size of RLlib's default, for A2C as drawn."""
+"""Algorithm -> moves of the paper's training of figure 4: iterations of the size of RLlib's
+default, for A2C as drawn.
+"""
 LEVEL_MOVES = 800_000
 """Of the paper's PPO on each of the 12 levels, figure 5."""
 
@@ -96,14 +100,16 @@ BUDGETS["authors"] = Budget(
     BUDGETS["full"].levels | {"paper": LEVEL_MOVES},
     HELD_OUT_TERRAINS,
 )
-"""small: about 2 CPU minutes a trial; full: about 10; authors: as long as the authors' by the letter, an hour for PPO's."""
+"""small: about 2 CPU minutes a trial; full: about 10; authors: as long as the authors' by the
+letter, an hour for PPO's.
+"""
 VARIANTS = {"4": ("paper", "works"), "5": ("paper",)}
 """Figure -> the variants that it has unless others are asked for."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What was asked for.
+    """The options of a run.
 
     figures     of FIGURES
     budget      a name in BUDGETS
@@ -125,9 +131,14 @@ class Request:
 
 
 def plan(request: Request, folder: Path) -> list[Job]:
-    """Return the jobs in the order in which they begin, with the policies that are trained in `folder` already.
+    """The jobs in the order in which they begin.
 
-    ValueError when an algorithm or variant is unknown, PolicyNotFoundError and PolicyFileError when a policy cannot be loaded.
+    They include the plays of policies that are trained in `folder` already.
+
+    Raises:
+        ValueError: If an algorithm or variant is unknown.
+        PolicyNotFoundError: If there is no such policy.
+        PolicyFileError: If a policy's file cannot be played.
     """
     jobs: dict[str, Job] = {}
     for figure in request.figures:
@@ -154,7 +165,7 @@ def _figure_jobs(figure: str, request: Request, folder: Path) -> Iterable[Job]:
 def _trials(
     request: Request, algorithms: Sequence[str], variants: Sequence[str], levels: Sequence[str]
 ) -> list[Trial]:
-    """Return the trials of some algorithms; () takes those of the four that have a variant, all where none has it."""
+    """The trials of some algorithms; () takes all that have a variant, else all four."""
     budget = BUDGETS[request.budget]
     terrains = request.terrains or budget.terrains
     return [
@@ -168,17 +179,17 @@ def _trials(
 
 
 def algorithms_with(variant: str) -> list[str]:
-    """Return the algorithms that have a variant."""
-    found = []
+    """The algorithms that have a variant."""
+    names = []
     for algorithm in ALGORITHMS:
         with suppress(ValueError):
             check_variant(algorithm, variant)
-            found.append(algorithm)
-    return found
+            names.append(algorithm)
+    return names
 
 
 def _moves_of(budget: Budget, algorithm: str, variant: str, level: str) -> int:
-    """Return the moves of a trial; 0 for an unknown algorithm, which is refused later."""
+    """The moves of a trial; 0 for an unknown algorithm, which is refused later."""
     if level != LEVEL:
         return budget.levels.get(variant, budget.levels["paper"])
     names = (f"{algorithm}-{variant}", f"{algorithm}-{variant.partition('-no-')[0]}", algorithm)
@@ -186,13 +197,16 @@ def _moves_of(budget: Budget, algorithm: str, variant: str, level: str) -> int:
 
 
 def is_full(trial: Trial) -> bool:
-    """Return whether a trial has the moves of the full budget, or the paper's own: shorter ones decide nothing about it."""
+    """Whether a trial has the moves of the full budget, or the paper's own.
+
+    Shorter ones decide nothing about the paper.
+    """
     kind = trial.algorithm, trial.variant, trial.level
     return trial.moves >= min(_moves_of(BUDGETS[budget], *kind) for budget in ("full", "authors"))
 
 
 def records_of_figure(figure: str, records: Sequence[Record]) -> list[Record]:
-    """Return the trials that a figure is drawn from: 4 has those on level random, 5 those of PPO on the 12 levels."""
+    """The trials of a figure: 4 has level random, 5 has PPO on the 12 levels."""
     return [
         record
         for record in records
@@ -202,39 +216,43 @@ def records_of_figure(figure: str, records: Sequence[Record]) -> list[Record]:
 
 
 def trained(folder: Path) -> list[str]:
-    """Return the policy files of the finished trials on level random with seed 0."""
+    """The policy files of the finished trials on level random with seed 0."""
     return [str(path) for path in _finished(folder, f"*-{LEVEL}-{SIZE}-s0")]
 
 
 def trained_by_level(folder: Path) -> list[str]:
-    """Return the paths of PPO's policies of the 12 levels, with "{level}" in them, where all twelve are finished."""
-    found = []
+    """The paths of PPO's policies of the 12 levels, if all twelve are finished.
+
+    A path has "{level}" in place of the level.
+    """
+    patterns = []
     for first in _finished(folder, f"ppo-*-{DIFFICULTIES[0]}-{SIZE}-s0"):
         pattern = str(first).replace(DIFFICULTIES[0], figure6.LEVEL_PLACE)
         paths = [Path(pattern.replace(figure6.LEVEL_PLACE, level)) for level in DIFFICULTIES]
         if all(_finished(folder, path.stem) for path in paths):
-            found.append(pattern)
-    return found
+            patterns.append(pattern)
+    return patterns
 
 
 def _finished(folder: Path, pattern: str) -> list[Path]:
-    """Return the policy files of the finished trials whose names match, by name."""
+    """The policy files of the finished trials whose names match, by name."""
     logs = {path.parent: read_lines(path) for path in sorted(folder.glob(f"{pattern}/log.jsonl"))}
     return [
-        own / f"{own.name}.onnx"
-        for own, lines in logs.items()
+        trial_folder / f"{trial_folder.name}.onnx"
+        for trial_folder, lines in logs.items()
         if lines and lines[-1]["kind"] == "result"
     ]
 
 
 def disagreement(jobs: Sequence[Job], folder: Path) -> str | None:
-    """Return a sentence about the first trial that `folder` holds with other options, None where all agree."""
+    """A sentence about the first trial in `folder` with other options, or None."""
     for job in jobs:
         if not isinstance(job, Trial):
             continue
         head = next(iter(read_lines(folder / job.name / "log.jsonl")), None)
         if head is not None and (begun := Trial(**head["trial"])) != job:
-            was = f"{begun.moves:,} moves and {begun.terrains} terrains"
-            asked = f"{job.moves:,} and {job.terrains} are asked for"
-            return f"{folder / job.name} was begun with {was}, and {asked}; give another --out, or those"
+            return (
+                f"{folder / job.name} was begun with {begun.moves:,} moves and {begun.terrains} terrains, "
+                f"and {job.moves:,} and {job.terrains} are asked for; give another --out, or those"
+            )
     return None

@@ -13,7 +13,7 @@ from marsexplorer.intervals import Floats, t_interval
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean, a ratio or a share with its 95 % interval; NaN for what is not known."""
+    """A mean, a ratio or a share with its 95 % interval; NaN if unknown."""
 
     mean: float
     low: float
@@ -21,7 +21,7 @@ class Estimate:
 
     @classmethod
     def of(cls, values: Sequence[float] | Floats) -> Estimate:
-        """Return the mean of independent values with its t interval, which two values give and one does not."""
+        """The mean of independent values with its t interval, NaN for fewer than two."""
         array = np.array(values, np.float64)
         if len(array) < 2:
             return cls(float(array[0]) if len(array) else nan, nan, nan)
@@ -33,19 +33,19 @@ class Estimate:
         return not isnan(self.mean)
 
     def text(self, digits: int = 3, unit: str = "") -> str:
-        """Return it with half of its interval, such as `0.912 ± 0.020`; "none" without a mean."""
+        """The mean with half of its interval, such as `0.912 ± 0.020`; "none" if unknown."""
         if not self.is_known:
             return "none"
         half = "" if isnan(self.high) else f" ± {self.high - self.mean:.{digits}f}"
         return f"{self.mean:.{digits}f}{half}{unit}"
 
     def percent(self) -> str:
-        """Return a share in per cent with half of its interval, such as `95 ± 2 %`."""
+        """A share in per cent with half of its interval, such as `95 ± 2 %`."""
         return Estimate(100 * self.mean, 100 * self.low, 100 * self.high).text(0, " %")
 
     def span(self, form: str) -> str:
-        """Return it with both ends of its interval, such as `1.02 (1.00 to 1.05)`; nothing without a mean."""
-        mean, low, high = (form.format(each) for each in (self.mean, self.low, self.high))
+        """The mean with its interval, such as `1.02 (1.00 to 1.05)`; "" if unknown."""
+        mean, low, high = (form.format(number) for number in (self.mean, self.low, self.high))
         return (mean if low == high else f"{mean} ({low} to {high})") if self.is_known else ""
 
 
@@ -53,6 +53,6 @@ UNKNOWN = Estimate(nan, nan, nan)
 
 
 def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table in Markdown, without a line break at its end."""
-    first, *others = ("| " + " | ".join(each) + " |" for each in (columns, *rows))
+    """A table in Markdown, without a line break at its end."""
+    first, *others = ("| " + " | ".join(cells) + " |" for cells in (columns, *rows))
     return "\n".join([first, "|---" * len(columns) + "|", *others])

@@ -1,16 +1,19 @@
-"""A trial: the training of one algorithm on one level and size with one seed, and the measurement of what it learnt.
+"""A trial: train one algorithm on one level with one seed, and measure it.
 
 Its folder has
 
-    log.jsonl          "kind": "trial", the trial, its settings and versions; then lines of "kind": "curve"; last "result"
+    log.jsonl          "kind": "trial", the trial, its settings and versions; then lines of "kind":
+                       "curve"; last "result"
     NAME.onnx          the policy with its card
-    checkpoint.pt      of a training that is not finished: where it stands, saved every CHECKPOINT_INTERVAL_S and when it is
-                       stopped. It goes on from there exactly, or from CARRIED, where an earlier machine left it
+    checkpoint.pt      of an unfinished training, saved every CHECKPOINT_INTERVAL_S and when it is
+                       stopped. It goes on from there exactly, or from CARRIED, where an earlier
+                       machine left it
 
-A line of the curve is of the moment: `moves` and `cpu_s` (CPU seconds of this process, None after another kind of machine and
-beside an accelerator, whose time they do not tell) so far, `episodes` ended so far, and
-means over the last EPISODES_PER_LINE episodes as they were played in training: normalized `score`, `coverage`, `steps`,
-and how they ended, as shares (`explored` is completion, then `collided`, `out_of_bounds`, `timed_out`).
+A line of the curve has the `moves`, `cpu_s` and `episodes` so far, and means over the last
+EPISODES_PER_LINE episodes as they were played in training: normalized `score`, `coverage`, `steps`,
+and how they ended, as shares (`explored` is completion, then `collided`, `out_of_bounds`,
+`timed_out`). `cpu_s` are CPU seconds of this process: None after another kind of machine, and
+beside an accelerator, whose time they do not include.
 """
 
 from __future__ import annotations
@@ -43,7 +46,7 @@ LINES = 100
 """Lines of the curve of a whole trial."""
 ENDINGS = ("explored", "collided", "out_of_bounds", "timed_out")
 EPISODES = ("moves", "actions")
-"""What the card says of each episode, and the log does not."""
+"""The fields of the card about each episode, which the log does not have."""
 HELD_OUT_TERRAINS = 200
 """Terrains that the trained policy is measured on."""
 LIBRARIES = ("torch", "numpy", "gymnasium", "tianshou")
@@ -51,9 +54,9 @@ CHECKPOINT_INTERVAL_S = 600.0
 LARGEST_CHECKPOINT = 10_000_000
 """Bytes of a checkpoint that is carried to another machine."""
 CARRIED = Path(__file__).parent / "data" / "checkpoints"
-"""What --export wrote of trainings that are not finished: NAME.pt."""
+"""The checkpoints of unfinished trainings that --export wrote: NAME.pt."""
 TRAINING_SHARE = 0.95
-"""What training counts of a trial's progress; the rest is the measurement."""
+"""Share of training in a trial's progress; the rest is the measurement."""
 
 
 @dataclass(frozen=True)
@@ -86,22 +89,22 @@ class Trial:
         return EnvConfig.of(self.level, self.size)
 
     def is_done(self, folder: Path) -> bool:
-        """Return whether its log ends with a result."""
+        """Whether its log ends with a result."""
         lines = read_lines(folder / self.name / "log.jsonl")
         return bool(lines) and lines[-1]["kind"] == "result" and lines[0]["trial"] == asdict(self)
 
     def run(self, folder: Path, on_progress: OnProgress) -> None:
-        """Train, from a checkpoint where there is one, and measure, and write the policy and the log."""
+        """Train, from a checkpoint if there is one, measure, and write policy and log."""
         torch.set_num_threads(1)
         # The optimisers' means of units that are dead fade to numbers that cost ten times as much.
         torch.set_flush_denormal(True)
-        own, begun = folder / self.name, time.process_time()
-        own.mkdir(parents=True, exist_ok=True)
+        trial_folder, begun = folder / self.name, time.process_time()
+        trial_folder.mkdir(parents=True, exist_ok=True)
         trainer = begin(self.algorithm, self.variant, self.config, self.seed, self.moves)
         interval = max(1, self.moves // LINES)
         lines: list[dict[str, Any]] = []
         machines = [hardware()]
-        checkpoint = own / "checkpoint.pt"
+        checkpoint = trial_folder / "checkpoint.pt"
         if (stored := self._stored(checkpoint)) is not None:
             trainer.load_state_dict(stored["trainer"])
             lines, begun = stored["lines"], begun - stored["cpu_s"]
@@ -130,34 +133,34 @@ class Trial:
             if time.monotonic() - saved > CHECKPOINT_INTERVAL_S:
                 save()
                 saved = time.monotonic()
-        policy = own / f"{self.name}.onnx"
+        policy = trial_folder / f"{self.name}.onnx"
         trainer.save_policy(policy, self._card(trainer, machines))
 
         def on_episode(played: int, episodes: int) -> None:
             on_progress(TRAINING_SHARE + (1.0 - TRAINING_SHARE) * played / episodes)
 
-        result = measure(policy, self, on_episode)
-        results = {f"{self.level} {self.size}x{self.size}": result}
+        measured = measure(policy, self, on_episode)
+        results = {f"{self.level} {self.size}x{self.size}": measured}
         trainer.save_policy(policy, {**self._card(trainer, machines), "results": results})
-        figures = {name: each for name, each in result.items() if name not in EPISODES}
-        last = {"kind": "result", "moves": trainer.moves, "cpu_s": lines[-1]["cpu_s"], **figures}
-        write_lines(own / "log.jsonl", [self._head(trainer, machines), *lines, last])
+        measures = {name: measure for name, measure in measured.items() if name not in EPISODES}
+        last = {"kind": "result", "moves": trainer.moves, "cpu_s": lines[-1]["cpu_s"], **measures}
+        write_lines(trial_folder / "log.jsonl", [self._head(trainer, machines), *lines, last])
         checkpoint.unlink(missing_ok=True)
 
-    def _stored(self, own: Path) -> dict[str, Any] | None:
-        """Return the checkpoint in the trial's own folder, else the one of this trial in CARRIED; None where neither is.
+    def _stored(self, checkpoint: Path) -> dict[str, Any] | None:
+        """The checkpoint of this trial, in its own folder or else in CARRIED, or None.
 
-        ValueError when the own one is of a trial with other options.
+        ValueError if its own folder has the checkpoint of a trial with other options.
         """
-        for path in (own, CARRIED / f"{self.name}.pt"):
+        for path in (checkpoint, CARRIED / f"{self.name}.pt"):
             if not path.is_file():
                 continue
             stored: dict[str, Any] = torch.load(path, "cpu", weights_only=True)
             if stored["trial"] == asdict(self):
                 return stored
-            if path == own:
+            if path == checkpoint:
                 raise ValueError(
-                    f"{own} is of another trial ({stored['trial']}); give another --out"
+                    f"{checkpoint} is of another trial ({stored['trial']}); give another --out"
                 )
         return None
 
@@ -172,9 +175,8 @@ class Trial:
 
     def _card(self, trainer: Trainer, machines: Sequence[str]) -> dict[str, Any]:
         training = {"trial": asdict(self), "settings": trainer.settings, "moves": trainer.moves}
-        what = f"{self.algorithm} ({self.variant}): {trainer.moves:,} moves on {self.level}"
         return {
-            "summary": f"{what}, seed {self.seed}.",
+            "summary": f"{self.algorithm} ({self.variant}): {trainer.moves:,} moves on {self.level}, seed {self.seed}.",
             "hardware": "; then ".join(machines),
             "size": [self.size, self.size],
             "training": training,
@@ -182,8 +184,11 @@ class Trial:
 
 
 def carry(folder: Path, target: Path) -> list[str]:
-    """Copy the checkpoints of the trials in `folder` to `target`, and say each in a sentence; those of finished ones go."""
-    said = []
+    """Copy the checkpoints in `folder` to `target`; return a sentence about each.
+
+    Copies of trials that have finished are deleted.
+    """
+    sentences = []
     for copy in target.glob("*.pt"):
         head = next(iter(read_lines(folder / copy.stem / "log.jsonl")), None)
         if (
@@ -195,66 +200,70 @@ def carry(folder: Path, target: Path) -> list[str]:
         copy = target / f"{checkpoint.parent.name}.pt"
         size = checkpoint.stat().st_size
         if size > LARGEST_CHECKPOINT:
-            said.append(f"{checkpoint} stays: {size / 1e6:.0f} MB are too many to carry")
+            sentences.append(f"{checkpoint} stays: {size / 1e6:.0f} MB are too many to carry")
             continue
         target.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(checkpoint, copy)
-        said.append(f"{copy}: {torch.load(copy, 'cpu', weights_only=True)['moves']:,} moves so far")
-    return said
+        sentences.append(
+            f"{copy}: {torch.load(copy, 'cpu', weights_only=True)['moves']:,} moves so far"
+        )
+    return sentences
 
 
 def read_unfinished(folder: Path = CARRIED) -> list[dict[str, Any]]:
-    """Return how far the carried trials are: `trial`, `moves`, and the last line of the curve as `line`."""
-    found = (torch.load(path, "cpu", weights_only=True) for path in sorted(folder.glob("*.pt")))
+    """The progress of the carried trials: `trial`, `moves`, and last `line`."""
+    checkpoints = (
+        torch.load(path, "cpu", weights_only=True) for path in sorted(folder.glob("*.pt"))
+    )
     return [
         {
-            "trial": Trial(**each["trial"]),
-            "moves": each["moves"],
-            "line": (each["lines"] or [{}])[-1],
+            "trial": Trial(**checkpoint["trial"]),
+            "moves": checkpoint["moves"],
+            "line": (checkpoint["lines"] or [{}])[-1],
         }
-        for each in found
+        for checkpoint in checkpoints
     ]
 
 
 def accelerator() -> str:
-    """Return the name of the CUDA device that PPO and Rainbow compute their gradient steps on, "" where there is none."""
+    """The name of the CUDA device that PPO and Rainbow learn on, "" if there is none."""
     return torch.cuda.get_device_name() if torch.cuda.is_available() else ""
 
 
 def processor(info: Path = Path("/proc/cpuinfo")) -> str:
-    """Return the model of the processor, "" where the system does not say it."""
+    """The model of the processor, "" if the system does not name it."""
     with suppress(OSError):
-        if found := re.search(r"^model name\s*: (.+)$", info.read_text(), re.M):
-            return found[1].strip()
+        if model := re.search(r"^model name\s*: (.+)$", info.read_text(), re.M):
+            return model[1].strip()
     named = platform.processor()
     return "" if named == platform.machine() else named
 
 
 def hardware() -> str:
-    """Return what a trial runs on, in words: the machine, its processor, and what works beside it."""
+    """The hardware of a trial in words: machine, processor, and accelerator."""
     beside = accelerator()
     parts = (platform.machine(), processor(), "one thread", beside and f"beside {beside}")
     return ", ".join(filter(None, parts))
 
 
 def names_processor(logged: str | None) -> bool:
-    """Return whether the hardware that was logged has the model of the processor, which earlier logs do not."""
+    """Whether logged hardware has the model of the processor; earlier logs do not."""
     return ", " in (logged or "").partition(", one thread")[0]
 
 
 def _curve_line(trainer: Trainer, cpu_s: float | None, numbers: dict[str, float]) -> dict[str, Any]:
     rounded = {
-        name: round(value, 6) if np.isfinite(value) else None for name, value in numbers.items()
+        name: round(number, 6) if np.isfinite(number) else None for name, number in numbers.items()
     }
     return {"kind": "curve", "moves": trainer.moves, "cpu_s": cpu_s, **rounded}
 
 
 def recent_means(config: EnvConfig, recent: RecentEpisodes) -> dict[str, float]:
-    """Return the means over the last EPISODES_PER_LINE episodes, NaN before the first has ended."""
+    """The means over the last EPISODES_PER_LINE episodes, NaN before the first."""
     columns: dict[str, list[float]] = {
-        "score": [score(config, each) for each in recent.returns],
+        "score": [score(config, total) for total in recent.returns],
         "coverage": list(recent.coverages),
-        "steps": [float(each) for each in recent.steps],
+        "steps": [float(steps) for steps in recent.steps],
         **{ending: [outcome == ending for outcome in recent.outcomes] for ending in ENDINGS},
     }
     means = {
@@ -265,7 +274,7 @@ def recent_means(config: EnvConfig, recent: RecentEpisodes) -> dict[str, float]:
 
 
 def measure(policy: Path, trial: Trial, on_episode: Callable[[int, int], None]) -> dict[str, Any]:
-    """Return how the policy in a file does on held-out terrains, and the best frontier rule on the same."""
+    """The measures of a policy on held-out terrains, with the best frontier rule's."""
     table = evaluate(
         [str(policy), *RULES],
         trial.config,
@@ -274,27 +283,30 @@ def measure(policy: Path, trial: Trial, on_episode: Callable[[int, int], None]) 
         on_episode,
         traces=True,
     )
-    own, *rules = table.rows
-    played = [result for result in table.results if result.policy == own.policy]
+    row, *rules = table.rows
+    played = [result for result in table.results if result.policy == row.policy]
     outcomes = [result.outcome for result in played]
     return {
         "terrains": trial.terrains,
         "first_seed": EVALUATION_SEEDS.start,
-        "steps": round(own.steps_mean, 2),
-        "completion": own.completion,
-        "collisions": own.collisions,
-        "score": round(own.score_mean, 4),
-        "coverage": round(own.coverage_mean, 4),
+        "steps": round(row.steps_mean, 2),
+        "completion": row.completion,
+        "collisions": row.collisions,
+        "score": round(row.score_mean, 4),
+        "coverage": round(row.coverage_mean, 4),
         **{ending: outcomes.count(ending) / len(outcomes) for ending in ENDINGS},
-        "best_rule_steps": round(min(row.steps_mean for row in rules), 2),
-        "moves": [each.steps for each in played],
-        **habits([each.trace.actions for each in played if each.trace]),
-        "actions": [digest(each.trace.actions) for each in played if each.trace],
+        "best_rule_steps": round(min(rule.steps_mean for rule in rules), 2),
+        "moves": [result.steps for result in played],
+        **habits([result.trace.actions for result in played if result.trace]),
+        "actions": [digest(result.trace.actions) for result in played if result.trace],
     }
 
 
 def habits(episodes: Sequence[Sequence[int]]) -> dict[str, Any]:
-    """Return the commonest action of some episodes, its share of all moves, and the entropy of the moves in nats."""
+    """The commonest action of some episodes, its share, and the moves' entropy.
+
+    entropy  in nats
+    """
     counts = np.bincount([action for episode in episodes for action in episode], minlength=4)
     shares = counts / counts.sum()
     entropy = -sum(share * np.log(share) for share in shares if share)

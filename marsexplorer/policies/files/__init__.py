@@ -1,4 +1,4 @@
-"""Policy files: ONNX models with a card in their metadata, read so that nothing in a file can run.
+"""Policy files: ONNX models with a card in their metadata. Nothing in them runs.
 
-What plays our own networks is in `policies.network`; what is made elsewhere becomes an `ImportedPolicy`.
+`policies.network` plays our own networks; models of other libraries become an `ImportedPolicy`.
 """

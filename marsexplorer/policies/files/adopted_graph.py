@@ -1,7 +1,7 @@
-"""The graph of a policy file of ours around that of another library.
+"""The graph of our policy file around the graph of another library.
 
-Our `observation` becomes the author's input, and the author's output our `logits`. Frames and the states of a recurrent network
-are carried from move to move as states of the file.
+Our `observation` becomes the author's input, and the author's output our `logits`. Frames and the
+states of a recurrent network are carried from move to move as states of the file.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ INVALID = -1e9
 
 
 class _Graph:
-    """The author's graph, and what is put before and behind it."""
+    """The author's graph, with the nodes that go before and behind it."""
 
     def __init__(self, graph: onnx.GraphProto) -> None:
         self.graph = graph
@@ -31,15 +31,15 @@ class _Graph:
         self._count = 0
 
     def before(self, operator: str, inputs: Sequence[str], out: str = "", **more: Any) -> str:
-        """Put a node before the author's; returns its output."""
+        """Put a node before the author's; return its output."""
         return self._put(self._before, operator, inputs, out, more)
 
     def behind(self, operator: str, inputs: Sequence[str], out: str = "", **more: Any) -> str:
-        """Put a node behind the author's; returns its output."""
+        """Put a node behind the author's; return its output."""
         return self._put(self._behind, operator, inputs, out, more)
 
     def constant(self, array: NDArray[Any]) -> str:
-        """Add numbers; returns their name."""
+        """Add numbers; return their name."""
         name = self._name()
         self.graph.initializer.append(numpy_helper.from_array(array, name))
         return name
@@ -114,8 +114,7 @@ def write_graph(
         del ends[:]
         ends.extend(infos)
     del model.graph.value_info[:], model.metadata_props[:]
-    entry = model.metadata_props.add()
-    entry.key, entry.value = "card", json.dumps(card, indent=1)
+    model.metadata_props.add(key="card", value=json.dumps(card, indent=1))
     return bytes(model.SerializeToString())
 
 
@@ -144,13 +143,13 @@ def _stack(
         graph.constant(np.array([number], np.int64))
         for number in (first, first + plan.frames - 1, 0)
     ]
-    kept = graph.before("Slice", [frames, *bounds])
-    graph.before("Cast", [kept], "next_state_frames", to=TensorProto.FLOAT)
+    next_frames = graph.before("Slice", [frames, *bounds])
+    graph.before("Cast", [next_frames], "next_state_frames", to=TensorProto.FLOAT)
     return frames
 
 
 def _score(graph: _Graph, choice: GraphEnd) -> None:
-    """Make our logits of the author's scores or move."""
+    """Turn the author's scores or move into our logits."""
     name, shape = _author(choice.name), graph.constant(np.array([1, 4], np.int64))
     if choice.kind in FLOATS:
         scores = graph.behind("Cast", [name], to=TensorProto.FLOAT)
@@ -169,7 +168,7 @@ def _author(name: str) -> str:
 
 
 def _rename_all(graph: onnx.GraphProto) -> None:
-    """Give all of the author's tensors names that none of ours has."""
+    """Prefix all of the author's tensors, so that no name clashes with ours."""
     for node in graph.node:
         node.input[:] = [_author(name) for name in node.input]
         node.output[:] = [_author(name) for name in node.output]

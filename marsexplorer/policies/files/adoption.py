@@ -1,4 +1,4 @@
-"""What is decided of a foreign ONNX file before it is written as one of ours: answers, the graph's ends, and their use."""
+"""Decisions about a foreign ONNX file before it is written as one of ours."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FLOATS = frozenset({TensorProto.FLOAT, TensorProto.DOUBLE, TensorProto.FLOAT16})
 
 @dataclass(frozen=True)
 class Answers:
-    """What the shapes of a model do not say; None and empty where nothing was answered.
+    """Answers about a model that its shapes do not give; None or empty if unanswered.
 
     values        "eq6" or "codes": what a float input holds
     size          (rows, cols) of a flat input
@@ -43,7 +43,7 @@ class Answers:
 class GraphEnd:
     """An input or output of the author's graph.
 
-    sides  None where open
+    sides  None for an open side
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Whether a file that was read from another library's can decide on the boards of real episodes."""
+"""Try whether an adopted policy file can decide on the boards of real episodes."""
 
 from __future__ import annotations
 
@@ -17,9 +17,15 @@ from marsexplorer.policies.files.onnx import OnnxEvaluation, OnnxModel, load_imp
 def try_on_boards(
     path: Path, content: bytes, boards: Iterable[tuple[NDArray[np.uint8], bool]]
 ) -> None:
-    """Let a policy file decide; PolicyFileError if it cannot, or has numbers that are not finite.
+    """Let a policy file decide on boards of an episode.
 
-    boards  codes, and whether an episode begins with them
+    Args:
+        path: The file's name in messages.
+        content: The file's bytes.
+        boards: Codes, and whether an episode begins with them.
+
+    Raises:
+        PolicyFileError: If it cannot decide, or has numbers that are not finite.
     """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / path.name

@@ -1,4 +1,4 @@
-"""The policy files that are shipped, and the cards in policy files: JSON that says what a policy is and how it was made."""
+"""The shipped policy files, and the cards in policy files: JSON about a policy."""
 
 from __future__ import annotations
 
@@ -11,38 +11,40 @@ from marsexplorer.policies.files.model import Model
 
 SUFFIX = ".onnx"
 FORMAT = "marsexplorer-policy-1"
-"""What every card of ours has under "format"."""
+"""The "format" of every card of ours."""
 
 
 def shipped_folder() -> Path:
-    """Return where the shipped policies lie: data/policies of a checkout, or of the installed package."""
+    """The folder data/policies of a checkout, or of the installed package."""
     package = Path(__file__).resolve().parents[2]
     is_checkout = (package.parent / "pyproject.toml").is_file()
     return (package.parent if is_checkout else package) / "data" / "policies"
 
 
 def shipped() -> dict[str, Path]:
-    """Return the shipped policy files by name (their stem), `ppo` first."""
-    found = {path.stem: path for path in sorted(shipped_folder().glob(f"*{SUFFIX}"))}
-    return dict(sorted(found.items(), key=lambda item: (item[0] != "ppo", item[0])))
+    """The shipped policy files by name (their stem), `ppo` first."""
+    paths = sorted(
+        shipped_folder().glob(f"*{SUFFIX}"), key=lambda path: (path.stem != "ppo", path.stem)
+    )
+    return {path.stem: path for path in paths}
 
 
 def of_paper() -> dict[str, Path]:
-    """Return the files of the policies that the paper's four algorithms trained (docs/paper.md), by name: their stem.
+    """The policies that the paper's four algorithms trained (docs/paper.md), by name.
 
-    They load by name as the shipped ones do, but `names` does not list them: `serve --paper` offers them. The wheel
-    has none.
+    They load by name as the shipped ones do, but `names` does not list them: `serve --paper` offers
+    them. The wheel has none.
     """
     return {path.stem: path for path in sorted((shipped_folder() / "paper").glob(f"*{SUFFIX}"))}
 
 
 def read_card(path: Path) -> dict[str, Any]:
-    """Return the card in a policy file, empty where there is none; PolicyFileError when it is no ONNX model."""
+    """The card in a policy file, empty without one; PolicyFileError if it is not ONNX."""
     return card_in(Model(path))
 
 
 def card_in(model: Model) -> dict[str, Any]:
-    """Return the card in a model's metadata, empty when there is none."""
+    """The card in a model's metadata, empty if there is none."""
     try:
         card = json.loads(model.metadata.get("card", "{}"))
     except (ValueError, RecursionError):
@@ -51,7 +53,10 @@ def card_in(model: Model) -> dict[str, Any]:
 
 
 def write_card(path: Path, card: dict[str, Any]) -> None:
-    """Put another card into a policy file, whole or not at all; PolicyFileError when it is no ONNX model."""
+    """Put another card into a policy file, whole or not at all.
+
+    PolicyFileError if it is not an ONNX model.
+    """
     model = Model(path).with_metadata("card", json.dumps(card, indent=1))
     with replace_whole(path) as unfinished:
         unfinished.write_bytes(model)

@@ -1,6 +1,6 @@
-"""Policies made elsewhere: whatever turns an observation into four logits, played as it would play itself.
+"""Policies of other libraries: models that turn an observation into logits.
 
-They decide without the guard of our own networks, and remember of an episode what their file carries as states.
+They decide without the guard of our own networks, and remember what their file carries as states.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from marsexplorer.policies.base import INVALID_LOGIT, begin_draws, draw_action
 
 
 class Evaluation(Protocol):
-    """What turns observations into logits, and may carry states through an episode."""
+    """Turns observations into logits, and may carry states through an episode."""
 
     def begin(self) -> None:
         """Start an episode: forget the states."""
@@ -23,23 +23,26 @@ class Evaluation(Protocol):
     def evaluate(
         self, observation: NDArray[Any], mask: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float32], float]:
-        """Turn an observation [rows, cols] and an action mask bool[4] into logits float32[4] and a value.
+        """Turn an observation [rows, cols] and an action mask bool[4] into scores.
 
-        The value is NaN when there is none.
+        Returns:
+            Logits float32[4] and a value, NaN if there is none.
         """
 
 
 class ImportedPolicy:
     """Take the move with the highest logit, or draw it.
 
-    evaluation  what turns an observation and an action mask into logits and a value
+    evaluation  turns an observation and an action mask into logits and a value
     size      (rows, cols) it was made for; None for any
     raw       whether it expects uint8 codes instead of the float32 state matrix
-    masked    whether invalid moves are left out, as MaskablePPO does; else it may drive into an obstacle
+    masked    whether invalid moves are left out, as MaskablePPO does; else it may drive into an
+              obstacle
     samples   whether each move is drawn from the probabilities; the seed of `reset` fixes the draws
     has_value  whether it gives a value; else values are NaN
 
-    thought()  after `act`: probabilities float32[4] of the moves, and the value of the last observation
+    thought()  after `act`: probabilities float32[4] of the moves, and the value of the last
+               observation
     """
 
     def __init__(
@@ -63,7 +66,7 @@ class ImportedPolicy:
         self._evaluation.begin()
 
     def act(self, observation: NDArray[Any]) -> int:
-        """Return an action 0..3; ValueError for an observation of another size than it was made for."""
+        """Choose an action 0..3; ValueError if it was made for another size."""
         codes = decode(observation)
         if self.size is not None and codes.shape != self.size:
             raise ValueError(wrong_size(self.name, self.size, codes.shape))
@@ -79,12 +82,12 @@ class ImportedPolicy:
         return int(logits.argmax())
 
     def thought(self) -> tuple[NDArray[np.float32], float]:
-        """Return (probabilities float32[4], value) of the last observation."""
+        """(probabilities float32[4], value) of the last observation."""
         return self._thought
 
 
 def wrong_size(name: str, made_for: tuple[int, ...], came: tuple[int, ...]) -> str:
-    """Return the sentence for a board that a policy was not made for."""
+    """The sentence for a board that a policy was not made for."""
     board = "x".join(map(str, came))
-    own = "x".join(map(str, made_for))
-    return f"the policy {name} was made for {own} and cannot play {board}; choose that size, or another policy"
+    size = "x".join(map(str, made_for))
+    return f"the policy {name} was made for {size} and cannot play {board}; choose that size, or another policy"

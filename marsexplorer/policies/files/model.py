@@ -1,7 +1,8 @@
-"""The bytes of an ONNX model, read field by field: its metadata, its operators and its weights.
+"""An ONNX model's bytes, field by field: its metadata, operators and weights.
 
-Reading a policy needs a few of the format's fields, and the package onnx weighs as much as all else that plays. A field
-that the format does not have is refused, not skipped: what runs the model must not find more in it than was looked at.
+Reading a policy needs a few of the format's fields, and the package onnx is as large as all else
+that plays. A field that the format does not have is refused, not skipped: the runtime must not find
+more in a model than was checked here.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ STORES = {1: "float_data", 11: "double_data"}
 
 
 class MalformedError(ValueError):
-    """Bytes that are no message of the kind that was expected."""
+    """Bytes that are not a message of the expected kind."""
 
 
 class Field(NamedTuple):
@@ -87,17 +88,17 @@ class Field(NamedTuple):
 
 
 def refuse(path: Path, expected: str, came: str) -> PolicyFileError:
-    """Return the error for a file that is no policy: what was expected, what came, and what to give instead."""
+    """The error for a file that is not a policy: expected, came, and what to give."""
     return PolicyFileError(f"{path} is no policy: expected {expected}, got {came}; {ADVICE}")
 
 
 class Model:
-    """An ONNX model in a file, of which nothing is checked but that its outermost fields are whole.
-
-    PolicyFileError when the file is too large, cannot be read or is no model.
+    """An ONNX model in a file; only its outermost fields are checked at first.
 
     data      the bytes of the file
     metadata  its texts by key
+
+    PolicyFileError if the file is too large, cannot be read or is not a model.
     """
 
     def __init__(self, path: Path) -> None:
@@ -119,25 +120,28 @@ class Model:
         if not self._graphs:
             raise refuse(path, "an ONNX model", "bytes without a graph")
 
-    def with_metadata(self, key: str, value: str) -> bytes:
-        """Return the model's bytes with one text of its metadata set."""
+    def with_metadata(self, key: str, text: str) -> bytes:
+        """The model's bytes with one text of its metadata set."""
         others = [
             field.encoded
             for field in self._fields
             if field.name != "metadata_props" or _entry(field)[0] != key
         ]
-        entry = _encoded(1, key.encode()) + _encoded(2, value.encode())
-        return b"".join([*others, _encoded(14, entry)])
+        metadata_field = _encoded(1, key.encode()) + _encoded(2, text.encode())
+        return b"".join([*others, _encoded(14, metadata_field)])
 
     def check(self) -> None:
-        """Refuse a model that is not one graph of standard operators with all its weights inside."""
+        """Refuse a model unless it is one graph of standard operators.
+
+        All weights must be inside the file.
+        """
         try:
             self._check()
         except MalformedError as error:
             raise refuse(self.path, "a model that is whole", str(error)) from error
 
     def weights(self) -> dict[str, NDArray[Any]]:
-        """Return the weights of a checked model by name, less those of types that NumPy does not have."""
+        """The weights of a checked model by name, except types that NumPy does not have."""
         tensors = (
             Tensor(field.content) for field in self._graph_fields() if field.name == "initializer"
         )
@@ -147,8 +151,9 @@ class Model:
         forbidden = {"functions", "training_info"} & {field.name for field in self._fields}
         fields = list(self._graph_fields())
         if forbidden or any(field.name == "sparse_initializer" for field in fields):
-            came = "functions, sparse weights or training of its own"
-            raise refuse(self.path, "one plain graph", came)
+            raise refuse(
+                self.path, "one plain graph", "functions, sparse weights or training of its own"
+            )
         for field in fields:
             if field.name == "node":
                 self._check_operator(list(read_fields(field.content, NODE)))
@@ -182,14 +187,14 @@ class Model:
         return (field for field in self._fields if field.name == name)
 
     def _graph_fields(self) -> Iterator[Field]:
-        """Yield the fields of the graph; one that stands there in parts is all of them."""
+        """Yield the fields of the graph, which may be stored in several parts."""
         return chain.from_iterable(read_fields(part, GRAPH) for part in self._graphs)
 
 
 class Tensor:
     """Numbers in a model.
 
-    is_outside  whether the model says that they are in another file
+    is_outside  whether the model claims that they are in another file
     """
 
     def __init__(self, message: memoryview) -> None:
@@ -208,21 +213,25 @@ class Tensor:
             self._stored = [last["raw_data"].content]
 
     def array(self) -> NDArray[Any] | None:
-        """Return the numbers, None where they are stored in a way that no network of ours is.
+        """The numbers, or None if their type or storage is not supported.
 
-        MalformedError when they are not as many as the shape says.
+        MalformedError if their count does not fit the shape.
         """
         kind = TYPES.get(self._type)
         if kind is None or not self._stored:
             return None
-        data = b"".join(self._stored)
-        if len(data) != math.prod(self._shape) * np.dtype(kind).itemsize:
-            raise MalformedError(f"{len(data)} bytes as {self.name} {self._shape}"[:90])
-        return np.frombuffer(data, kind).reshape(self._shape)
+        content = b"".join(self._stored)
+        if len(content) != math.prod(self._shape) * np.dtype(kind).itemsize:
+            raise MalformedError(f"{len(content)} bytes as {self.name} {self._shape}"[:90])
+        return np.frombuffer(content, kind).reshape(self._shape)
 
 
 def read_fields(message: memoryview, names: Mapping[int, str]) -> Iterator[Field]:
-    """Yield the fields of a protobuf message; MalformedError for bytes that are none, or have others than those named."""
+    """Yield the fields of a protobuf message.
+
+    Raises:
+        MalformedError: If the bytes are not a message, or have fields beyond those named.
+    """
     at = 0
     for _ in range(MOST_FIELDS):
         if at == len(message):
@@ -232,23 +241,23 @@ def read_fields(message: memoryview, names: Mapping[int, str]) -> Iterator[Field
         number, wire = tag >> 3, tag & 7
         if number not in names or wire not in (VARINT, FIXED64, BYTES, FIXED32):
             raise MalformedError(f"an unknown field, {number}")
-        value: int | memoryview
+        content: int | memoryview
         if wire == VARINT:
-            value, at = _varint(message, at)
+            content, at = _varint(message, at)
         else:
             length, at = (
                 _varint(message, at) if wire == BYTES else ({FIXED64: 8, FIXED32: 4}[wire], at)
             )
-            value = message[at : at + length]
+            content = message[at : at + length]
             at += length
             if at > len(message):
                 raise MalformedError(f"half of the field {names[number]}")
-        yield Field(names[number], value, message[begin:at])
+        yield Field(names[number], content, message[begin:at])
     raise MalformedError(f"more than {MOST_FIELDS} fields")
 
 
 def _varint(message: memoryview, at: int) -> tuple[int, int]:
-    """Return the number at a place, and where the next field begins."""
+    """The number at a place, and where the next field begins."""
     number = 0
     for shift in range(0, 70, 7):
         if at >= len(message):
@@ -273,13 +282,13 @@ def _whole_numbers(field: Field) -> Iterator[int]:
 
 
 def _entry(field: Field) -> tuple[str, str]:
-    """Return the key and the text of an entry of the metadata."""
+    """The key and the text of one metadata field."""
     texts = {part.name: part.text for part in read_fields(field.content, ENTRY)}
     return texts.get("key", ""), texts.get("value", "")
 
 
 def _encoded(number: int, content: bytes) -> bytes:
-    """Return a field of bytes as it stands in a message."""
+    """A field of bytes as it stands in a message."""
     header, length = [number << 3 | BYTES], len(content)
     while length > 0x7F:
         header.append(length & 0x7F | 0x80)

@@ -1,7 +1,8 @@
-"""Distances on a known map: breadth-first search over free cells, and which step to take when several are as good.
+"""Distances on a known map by breadth-first search, and ties between steps.
 
-Cells are flat, row * cols + col. Distances are int32, in moves, UNREACHABLE where no path is known. Kernels that search take a
-`scratch` tuple (is_open uint8[n], distance int32[n], queue int32[n + 1]), see `grid_scratch`.
+Cells are flat, row * cols + col. Distances are int32, in moves, UNREACHABLE where no path is known.
+Kernels that search take a `scratch` tuple (is_open uint8[n], distance int32[n], queue int32[n +
+1]), see `grid_scratch`.
 """
 
 from __future__ import annotations
@@ -18,33 +19,39 @@ UNREACHABLE = 2**30
 
 @inlined
 def completion_target(cells):
-    """Return how many of so many cells count as all: 99 %, the default beta, which a policy is not given."""
+    """How many of so many cells count as all: 99 %, the default beta.
+
+    A policy is not given the environment's own beta.
+    """
     return (99 * cells + 99) // 100
 
 
 @inlined
 def neighbour(cell, action, rows, cols):
-    """Return the cell one move away, or -1 off the grid. action: 0 north, 1 east, 2 south, 3 west."""
+    """The cell one move away, or -1 off the grid.
+
+    action  0 north, 1 east, 2 south, 3 west
+    """
     row = cell // cols
     col = cell - row * cols
-    found = -1
+    near = -1
     if action == 0:
         if row > 0:
-            found = cell - cols
+            near = cell - cols
     elif action == 1:
         if col < cols - 1:
-            found = cell + 1
+            near = cell + 1
     elif action == 2:
         if row < rows - 1:
-            found = cell + cols
+            near = cell + cols
     elif col > 0:
-        found = cell - 1
-    return found
+        near = cell - 1
+    return near
 
 
 @kernel
 def find_open_cells(codes, is_open):
-    """Write uint8[n]: 1 where the rover may plan to go, free cells and its own."""
+    """Write where the rover may plan to go, free cells and its own, as uint8[n]."""
     cols = codes.shape[1]
     for row in range(codes.shape[0]):
         for col in range(cols):
@@ -54,10 +61,12 @@ def find_open_cells(codes, is_open):
 
 @kernel
 def search_breadth_first(is_open, rows, cols, distance, queue, sources):
-    """Return how many cells are reached from the first `sources` cells of the queue, whose distances are 0.
+    """Search from the first `sources` cells of the queue; return how many are reached.
 
-    distance  int32[n], rewritten: moves from the nearest source over open cells, UNREACHABLE elsewhere
-    queue     int32[n], afterwards the reached cells, nearest first; ties in the order north, east, south, west of expansion
+    distance  int32[n], rewritten: moves from the nearest source over open cells, UNREACHABLE
+              elsewhere
+    queue     int32[n], afterwards the reached cells, nearest first; ties in the order north, east,
+              south, west of expansion
     """
     distance[:] = UNREACHABLE
     for k in range(sources):
@@ -77,14 +86,17 @@ def search_breadth_first(is_open, rows, cols, distance, queue, sources):
 
 @kernel
 def search_first_actions(is_open, rows, cols, start, distance, first_actions, queue):
-    """Search from one cell and find the moves that begin the shortest paths; return how many cells are reached.
+    """Search from one cell for the first moves of paths; return the cells reached.
 
-    distance       int32[n], rewritten: moves from `start`, UNREACHABLE where there is no path, -1 where a cell is not open
-    first_actions  uint8[n], rewritten: the actions that begin a shortest path, bit 1 << action each; 0 where there is none
+    distance       int32[n], rewritten: moves from `start`, UNREACHABLE where there is no path, -1
+                   where a cell is not open
+    first_actions  uint8[n], rewritten: the actions that begin a shortest path, bit 1 << action
+                   each; 0 where there is none
     queue          int32[n + 1], as `search_breadth_first` leaves it
 
-    A neighbour of the source is one move nearer to a cell than the source is when its bit is set, and one move farther when
-    not: on a grid every cycle has an even number of moves. So one search gives the distances from all four neighbours.
+    A neighbour of the source is one move nearer to a cell than the source is when its bit is set,
+    and one move farther when not: on a grid every cycle has an even number of moves. So one search
+    gives the distances from all four neighbours.
     """
     for cell in range(rows * cols):
         distance[cell] = UNREACHABLE if is_open[cell] else -1
@@ -95,9 +107,10 @@ def search_first_actions(is_open, rows, cols, start, distance, first_actions, qu
         cell = queue[head]
         head += 1
         col = cell % cols
-        moves, found = distance[cell] + 1, first_actions[cell]
+        moves, first = distance[cell] + 1, first_actions[cell]
         for action in range(4):
-            # 1. The four cells are those of `neighbour`, off the grid the cell itself, to which nothing is done.
+            # 1. The four cells are those of `neighbour`, off the grid the cell itself, to which
+            #    nothing is done.
             near = cell
             if action == 0:
                 near = cell - cols if cell >= cols else cell
@@ -108,23 +121,25 @@ def search_first_actions(is_open, rows, cols, start, distance, first_actions, qu
             else:
                 near = cell - 1 if col > 0 else cell
 
-            # 2. Cells come nearest first, so what begins the paths to this one is complete and is handed on. There is no
-            #    branch here: which cells are new cannot be foreseen, and wrong guesses would take most of the time.
+            # 2. Cells come nearest first, so what begins the paths to this one is complete and is
+            #    handed on. There is no branch here: which cells are new cannot be foreseen, and
+            #    wrong guesses would take most of the time.
             was = distance[near]
             is_new = was == UNREACHABLE
             distance[near] = moves if is_new else was
             queue[reached] = near
             reached += np.int64(is_new)
-            begins = np.uint8(1 << action) if moves == 1 else found
+            begins = np.uint8(1 << action) if moves == 1 else first
             first_actions[near] |= begins if is_new or was == moves else np.uint8(0)
     return reached
 
 
 @kernel
 def step_nearer(distance, cell, heading, rows, cols):
-    """Return the action that goes one move nearer to the sources of `distance`; -1 at a source or where there is no path.
+    """The action that goes one move nearer to the sources of `distance`.
 
-    Straight on if that goes nearer, else the first of north, east, south, west that does.
+    -1 at a source, and where there is no path. Straight on if that goes nearer, else the first
+    of north, east, south, west that does.
     """
     here = distance[cell]
     if here == 0 or here == UNREACHABLE:
@@ -139,7 +154,7 @@ def step_nearer(distance, cell, heading, rows, cols):
 
 @kernel
 def is_frontier(codes, row, col):
-    """Return whether a cell shares an edge or a corner with an unknown one."""
+    """Whether a cell shares an edge or a corner with an unknown one."""
     for r in range(max(0, row - 1), min(codes.shape[0], row + 2)):
         for c in range(max(0, col - 1), min(codes.shape[1], col + 2)):
             if codes[r, c] == UNKNOWN:
@@ -152,6 +167,6 @@ Scratch = tuple[NDArray[np.uint8], NDArray[np.int32], NDArray[np.int32]]
 
 
 def grid_scratch(shape: tuple[int, ...]) -> Scratch:
-    """Return scratch arrays for searches on one grid shape."""
+    """Scratch arrays for searches on one grid shape."""
     cells = shape[0] * shape[1]
     return np.zeros(cells, np.uint8), np.zeros(cells, np.int32), np.zeros(cells + 1, np.int32)

@@ -1,18 +1,22 @@
-"""Draw terrains of level `random` that agree with everything seen so far: the posterior of the generator's rectangles.
+"""Draw terrains of level `random` from the posterior given the known cells.
 
-The generator (`terrain`) lays max(1, round(12 n / 441)) rectangles, draws the height and the width of each from 1..LONGEST and
-its place from those wholly inside, and draws anew until the terrain can be solved. A chain holds the rectangles of one terrain.
-A Gibbs step (Geman and Geman 1984) takes one out and draws it again from its conditional distribution: by its prior among the
-rectangles that hold no cell known to be free and all the known obstacles that no other rectangle covers. Chains are kept from
-move to move; where something new has been seen that a chain does not agree with, it is repaired, which is a draw near the
-posterior but not of it, and the steps that follow bring it back. Terrains that the generator would refuse are passed over.
+The generator (`terrain`) lays max(1, round(12 n / 441)) rectangles, draws the height and the width
+of each from 1..LONGEST and its place from those wholly inside, and draws again until the terrain
+can be solved. A chain holds the rectangles of one terrain. A Gibbs step (Geman and Geman 1984)
+takes one out and draws it again from its conditional distribution: by its prior among the
+rectangles that hold no cell known to be free and all the known obstacles that no other rectangle
+covers. Chains are kept from move to move; where something new has been seen that a chain does not
+agree with, it is repaired, which is a draw near the posterior but not of it, and the steps that
+follow bring it back. Terrains that the generator would refuse are passed over.
 
 Kernels take, of S chains of N rectangles on boards of n cells, the tuple
 
     chains   rectangles  int64[S, N, 4], (height, width, top, left); a height of 0: not drawn yet
              covers      int16[S, n], how many rectangles lie on each cell
-             usable      uint8[S], written: whether the terrain can be solved and agrees with what is known
-             scratch     (sums, fits, listed, cumulative, missing, best, reach, queue), see `posterior_chains`
+             usable      uint8[S], written: whether the terrain can be solved and agrees with what
+                         is known
+             scratch     (sums, fits, listed, cumulative, missing, best, reach, queue), see
+                         `posterior_chains`
 """
 
 from __future__ import annotations
@@ -29,51 +33,63 @@ from marsexplorer.random_numbers import uniform
 LONGEST = 3
 """Cells of the longest side of a rectangle."""
 BEGINNINGS = 10
-"""So often a chain that cannot be repaired is begun anew, then it is not usable."""
+"""Times that a chain is begun again if it cannot be repaired, before it is not usable."""
 MORE_SWEEPS = 20
-"""Sweeps after which a terrain that cannot be solved is given up."""
+"""Additional sweeps in search of a terrain that can be solved."""
 
 
 def rectangles_of(cells: int) -> int:
-    """Return how many rectangles the generator lays on so many cells."""
+    """How many rectangles the generator lays on so many cells."""
     return max(1, (24 * cells + 441) // 882)
 
 
 def posterior_chains(shape: tuple[int, int], samples: int) -> tuple[Any, ...]:
-    """Return `chains` of the module's header, not begun yet."""
+    """`chains` as described above, not begun yet."""
     rows, cols = shape
     n, count, kinds = rows * cols, rectangles_of(rows * cols), LONGEST * LONGEST
     scratch = (
-        np.zeros((rows + 1, cols + 1), np.int32), np.zeros((kinds, n), np.uint8), np.zeros((kinds * n, 4), np.int32),
-        np.zeros(kinds * n), np.zeros(count, np.uint8), np.zeros(4, np.int64), np.zeros(n, np.uint8), np.zeros(n, np.int32),
-    )  # fmt: skip
+        np.zeros((rows + 1, cols + 1), np.int32),
+        np.zeros((kinds, n), np.uint8),
+        np.zeros((kinds * n, 4), np.int32),
+        np.zeros(kinds * n),
+        np.zeros(count, np.uint8),
+        np.zeros(4, np.int64),
+        np.zeros(n, np.uint8),
+        np.zeros(n, np.int32),
+    )
     rectangles = np.zeros((samples, count, 4), np.int64)
     return rectangles, np.zeros((samples, n), np.int16), np.zeros(samples, np.uint8), scratch
 
 
 @inlined
 def copy_to(target, source):
-    """Copy an array of one dimension, element by element: a slice would be copied through memory that kernels do not have."""
+    """Copy an array of one dimension, element by element.
+
+    A slice would be copied through memory that kernels do not have.
+    """
     for k in range(source.shape[0]):
         target[k] = source[k]
 
 
 @inlined
 def prior(height, width, rows, cols):
-    """Return the weight of a rectangle among all: its place is uniform, given its size."""
+    """The weight of a rectangle among all: its place is uniform, given its size."""
     return 1.0 / ((rows - height + 1) * (cols - width + 1))
 
 
 @kernel
-def list_rectangles(known, rows, cols, scratch):
-    """List the rectangles without a known free cell, with the sums of their priors; return how many there are.
+def list_rectangles(known_codes, rows, cols, scratch):
+    """List the rectangles without a known free cell and the sums of their priors.
 
-    fits  uint8[kinds, n], written: whether such a rectangle of a size has its north-west corner in a cell
+    Return how many there are.
+
+    fits  uint8[kinds, n], written: whether such a rectangle of a size has its north-west corner in
+          a cell
     """
     sums, fits, listed, cumulative = scratch[:4]
     for r in range(rows):
         for c in range(cols):
-            code = known[r * cols + c]
+            code = known_codes[r * cols + c]
             is_free = code != UNKNOWN and code != OBSTACLE
             sums[r + 1, c + 1] = sums[r, c + 1] + sums[r + 1, c] - sums[r, c] + is_free
     count, total = 0, 0.0
@@ -96,7 +112,7 @@ def list_rectangles(known, rows, cols, scratch):
 
 @inlined
 def lay(rectangle, cover, cols, change):
-    """Add `change` to the cover of a rectangle's cells; nothing for one that is not drawn yet."""
+    """Add `change` to the cover of a rectangle's cells; none for one not drawn yet."""
     height, width, top, left = rectangle
     for r in range(top, top + height):
         for cell in range(r * cols + left, r * cols + left + width):
@@ -121,7 +137,11 @@ def draw_any(rectangle, count, scratch, state):
 
 @kernel
 def draw_over(rectangle, top, left, bottom, right, rows, cols, fits, state):
-    """Draw a rectangle that fits and holds a box (bottom and right inclusive) by its prior; return whether there is one."""
+    """Draw a rectangle that holds a box by its prior; return whether one fits.
+
+    bottom, right  inclusive
+    """
+    # reservoir sampling: each rectangle replaces the last one by its share of the weights so far
     total, is_drawn = 0.0, False
     for h in range(bottom - top + 1, min(LONGEST, rows) + 1):
         for w in range(right - left + 1, min(LONGEST, cols) + 1):
@@ -137,7 +157,7 @@ def draw_over(rectangle, top, left, bottom, right, rows, cols, fits, state):
 
 
 @kernel
-def draw_again(rectangle, cover, known, rows, cols, count, scratch, state):
+def draw_again(rectangle, cover, known_codes, rows, cols, count, scratch, state):
     """Make one Gibbs step: take a rectangle out and draw it again, given all others."""
     lay(rectangle, cover, cols, -1)
 
@@ -146,10 +166,11 @@ def draw_again(rectangle, cover, known, rows, cols, count, scratch, state):
     height, width = rectangle[0], rectangle[1]
     for r in range(rectangle[2], rectangle[2] + height):
         for c in range(rectangle[3], rectangle[3] + width):
-            if known[r * cols + c] == OBSTACLE and cover[r * cols + c] == 0:
+            if known_codes[r * cols + c] == OBSTACLE and cover[r * cols + c] == 0:
                 top, bottom, left, right = min(top, r), max(bottom, r), min(left, c), max(right, c)
 
-    # 2. Draw it over the box, or anywhere. It fitted before, so over the box there is at least the one that it was.
+    # 2. Draw it over the box, or anywhere. It fitted before, so over the box there is at least the
+    #    one that it was.
     if bottom < 0:
         draw_any(rectangle, count, scratch, state)
     else:
@@ -158,18 +179,18 @@ def draw_again(rectangle, cover, known, rows, cols, count, scratch, state):
 
 
 @kernel
-def is_spare(rectangle, cover, known, cols):
-    """Return whether a rectangle covers no known obstacle alone."""
+def is_spare(rectangle, cover, known_codes, cols):
+    """Whether a rectangle covers no known obstacle alone."""
     for r in range(rectangle[2], rectangle[2] + rectangle[0]):
         for c in range(rectangle[3], rectangle[3] + rectangle[1]):
-            if known[r * cols + c] == OBSTACLE and cover[r * cols + c] == 1:
+            if known_codes[r * cols + c] == OBSTACLE and cover[r * cols + c] == 1:
                 return False
     return True
 
 
 @kernel
-def repair(rectangles, cover, known, rows, cols, count, scratch, state):
-    """Make a chain agree with what is known; return whether it could be."""
+def repair(rectangles, cover, known_codes, rows, cols, count, scratch, state):
+    """Make a chain agree with what is known; return whether that succeeded."""
     fits, missing, best = scratch[1], scratch[4], scratch[5]
     num = rectangles.shape[0]
 
@@ -181,10 +202,11 @@ def repair(rectangles, cover, known, rows, cols, count, scratch, state):
             lay(rectangles[i], cover, cols, -1)
             rectangles[i, 0] = 0
 
-    # 2. Cover each known obstacle that is bare: with one that was taken out, else with one that covers no known obstacle alone.
-    #    Of some draws the one that covers most of what is bare is taken, or there might not be rectangles enough.
+    # 2. Cover each known obstacle that is bare: with one that was taken out, else with one that
+    #    covers no known obstacle alone. Of some draws the one that covers most of what is bare is
+    #    taken, or there might not be rectangles enough.
     for cell in range(rows * cols):
-        if known[cell] != OBSTACLE or cover[cell] > 0:
+        if known_codes[cell] != OBSTACLE or cover[cell] > 0:
             continue
         chosen, seen = -1, 0
         for i in range(num):
@@ -193,7 +215,7 @@ def repair(rectangles, cover, known, rows, cols, count, scratch, state):
                 break
         if chosen < 0:
             for i in range(num):
-                if is_spare(rectangles[i], cover, known, cols):
+                if is_spare(rectangles[i], cover, known_codes, cols):
                     seen += 1
                     if uniform(state) * seen < 1.0:
                         chosen = i
@@ -209,7 +231,7 @@ def repair(rectangles, cover, known, rows, cols, count, scratch, state):
             bare = 0
             for r in range(rectangle[2], rectangle[2] + rectangle[0]):
                 for c in range(rectangle[3], rectangle[3] + rectangle[1]):
-                    bare += known[r * cols + c] == OBSTACLE and cover[r * cols + c] == 0
+                    bare += known_codes[r * cols + c] == OBSTACLE and cover[r * cols + c] == 0
             if bare > most:
                 copy_to(best, rectangle)
                 most = bare
@@ -227,9 +249,10 @@ def repair(rectangles, cover, known, rows, cols, count, scratch, state):
 
 @kernel
 def can_be_solved(cover, rows, cols, target, scratch):
-    """Return whether the generator would keep a terrain: all free cells connected to (0, 0), and `target` cells to discover.
+    """Whether all free cells connect to (0, 0) and `target` cells can be discovered.
 
-    An obstacle can be discovered where it shares an edge or a corner with a free cell, see `terrain`.
+    The generator keeps such a terrain. An obstacle can be discovered if it shares an edge or a
+    corner with a free cell, see `terrain`.
     """
     reach, queue = scratch[6], scratch[7]
     if cover[0] > 0:
@@ -261,43 +284,45 @@ def can_be_solved(cover, rows, cols, target, scratch):
 
 
 @kernel
-def move_chains(chains, known, rows, cols, target, sweeps, is_checked, state):
-    """Make all chains agree with what is known and take `sweeps` Gibbs steps of each rectangle; return how many are usable.
+def move_chains(chains, known_codes, rows, cols, target, sweeps, is_checked, state):
+    """Repair all chains and take Gibbs steps; return how many are usable.
 
-    known       uint8[n], the codes as known; target: cells that can be discovered at least on a terrain that is kept
-    is_checked  whether terrains must be solvable, for which more sweeps are made
-    state       uint64[1], of `random_numbers`
+    known_codes  uint8[n], the codes as known
+    target       fewest cells that can be discovered on a terrain that the generator keeps
+    sweeps       Gibbs steps of each rectangle
+    is_checked   whether terrains must be solvable, for which more sweeps are made
+    state        uint64[1], of `random_numbers`
     """
     rectangles, covers, usable, scratch = chains
-    count = list_rectangles(known, rows, cols, scratch)
-    found = 0
+    count = list_rectangles(known_codes, rows, cols, scratch)
+    usable_count = 0
     for s in range(rectangles.shape[0]):
-        own, cover = rectangles[s], covers[s]
+        chain, cover = rectangles[s], covers[s]
         usable[s] = 0
 
         # 1. A chain that cannot be repaired goes on from another one, or from nothing.
-        is_good = count > 0 and repair(own, cover, known, rows, cols, count, scratch, state)
+        is_good = count > 0 and repair(chain, cover, known_codes, rows, cols, count, scratch, state)
         for beginning in range(BEGINNINGS if count > 0 else 0):
             if is_good:
                 break
             if s > 0 and usable[s - 1] and beginning < BEGINNINGS // 2:
-                for i in range(own.shape[0]):
-                    copy_to(own[i], rectangles[s - 1, i])
+                for i in range(chain.shape[0]):
+                    copy_to(chain[i], rectangles[s - 1, i])
                 copy_to(cover, covers[s - 1])
             else:
-                own[:] = 0
+                chain[:] = 0
                 cover[:] = 0
-            is_good = repair(own, cover, known, rows, cols, count, scratch, state)
+            is_good = repair(chain, cover, known_codes, rows, cols, count, scratch, state)
         if not is_good:
-            own[:] = 0
+            chain[:] = 0
             cover[:] = 0
             continue
 
         # 2. Move it on, to a terrain that the generator would keep.
         usable[s] = not is_checked
         for sweep in range(sweeps + MORE_SWEEPS * is_checked):
-            for i in range(own.shape[0]):
-                draw_again(own[i], cover, known, rows, cols, count, scratch, state)
+            for i in range(chain.shape[0]):
+                draw_again(chain[i], cover, known_codes, rows, cols, count, scratch, state)
             if (
                 is_checked
                 and sweep >= sweeps - 1
@@ -305,5 +330,5 @@ def move_chains(chains, known, rows, cols, target, sweeps, is_checked, state):
             ):
                 usable[s] = 1
                 break
-        found += usable[s]
-    return found
+        usable_count += usable[s]
+    return usable_count

@@ -1,30 +1,33 @@
-"""Prices of unknown cells: a cell counts more the more closed in it is, since the rover would have to come back for it.
+"""Prices of unknown cells: the more closed in a cell is, the more it counts.
 
-The price of an unknown cell u, in whole units of 1 / PRICE_UNIT, each term rounded by itself:
+The rover would have to come back for such a cell. The price of an unknown cell u, in whole units of
+1 / PRICE_UNIT, each term rounded by itself:
 
     1 + sum over k of weight_k closed_k(u)^power_k + pocket e^(-s(u) / pocket_cells)
 
-closed_k(u) is the share of the square of half side h_k round u that is known or off the grid, and s(u) the number of cells of
-the unknown region of u, cells joined by edges and corners. A view is priced as the sum of the prices of the unknown cells
-that the lidar is expected to show (`visibility.count_visible`), each times e^(-fade (|u - v| - 1)) in units of 1 / FADE_UNIT.
-All sums are of whole numbers, so they depend neither on the order of the cells nor on how the terrain is mirrored.
+closed_k(u) is the share of the square of half side h_k round u that is known or off the grid, and
+s(u) the number of cells of the unknown region of u, cells joined by edges and corners. A view is
+priced as the sum of the prices of the unknown cells that the lidar is expected to show
+(`visibility.count_visible`), each times e^(-fade (|u - v| - 1)) in units of 1 / FADE_UNIT. All sums
+are of whole numbers, so they depend neither on the order of the cells nor on how the terrain is
+mirrored.
 
 Kernels take, of one board, the tuples
 
-    board    known     uint8[n], the codes as they were kept, NO_CODE before the first
-             counts    int16[SQUARES, n], the unknown cells in each square round each cell
-             view      of `visibility`, with the bitboards as they were kept
-    tables   half_sides  int64[SQUARES], cells
-             closed      int32[SQUARES, most + 1, rules], what a square adds to a price, by its number of unknown cells
-             pockets     int32[cells, rules], what a region adds by its number of cells; larger regions add nothing
-             fade        int32[2 radius + 1, 2 radius + 1, rules], by the window cell
-             rules       tuple of the numbers 0, 1, ... of the rules: its length is known when a kernel is compiled
+    board    known_codes  uint8[n], the codes at the last update, NO_CODE before the first counts
+             int16[SQUARES, n], the unknown cells in each square round each cell view         of
+             `visibility`, with the bitboards at the last update
+    tables   half_sides  int64[SQUARES], cells closed      int32[SQUARES, most + 1, rules], what a
+             square adds to a price, by its number of unknown cells pockets     int32[cells, rules],
+             what a region adds by its number of cells; larger regions add nothing fade
+             int32[2 radius + 1, 2 radius + 1, rules], by the window cell rules       tuple of the
+             numbers 0, 1, ... of the rules: its length is known when a kernel is compiled
     scratch  price     int32[n, rules], 0 where a cell has not been priced since `forget_prices`
-             region    int32[n], 0 where a region has not been measured since then
-             queue     int32[n]
-             totals    int64[rules], see `sum_prices`
+             region    int32[n], 0 where a region has not been measured since then queue
+             int32[n] totals    int64[rules], see `sum_prices`
 
-Several rules, each with parameters of its own, price a view together: what is looked up of a cell is looked up once.
+Several rules, each with parameters of its own, price a view together: each cell is looked up once
+for all of them.
 """
 
 from __future__ import annotations
@@ -40,7 +43,9 @@ from marsexplorer.config import OBSTACLE, UNKNOWN
 from marsexplorer.policies.kernels.visibility import VisibilityMap, word_and_bit
 
 SCREEN = 1
-"""The square whose half side is the sensor radius: where it has no unknown cell, nothing new can be seen."""
+"""The square whose half side is the sensor radius: where it has no unknown cell, nothing new can
+be seen.
+"""
 
 PRICE_UNIT = 1024
 """The price of an unknown cell in the open."""
@@ -49,9 +54,11 @@ FADE_UNIT = 64
 SQUARES = 3
 """Squares of which the unknown cells are counted."""
 NO_CODE = 255
-"""What is kept of a cell before the first board."""
+"""The code of a cell before the first board."""
 TUNED_RADIUS = 6
-"""The sensor radius (cells) for which parameters are given; those in cells are scaled for other radii."""
+"""The sensor radius (cells) for which parameters are given; those in cells are scaled for other
+radii.
+"""
 
 
 Triple = tuple[float, float, float]
@@ -60,7 +67,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class PriceParameters:
-    """What unknown cells are priced by, for a sensor radius of TUNED_RADIUS; the module's header has the formula.
+    """The parameters of the formula above, for a sensor radius of TUNED_RADIUS.
 
     weights, powers   of the squares of half sides 2, 6 and 12 cells; powers above 0
     pocket            0 or more: what the smallest unknown region adds
@@ -77,35 +84,36 @@ class PriceParameters:
     def __post_init__(self) -> None:
         is_negative = min(*self.weights, self.pocket, self.fade) < 0
         if is_negative or min(*self.powers, self.pocket_cells) <= 0:
-            wanted = "weights, pocket and fade must be 0 or more, powers and pocket_cells above 0"
-            raise ValueError(f"{wanted}, got {self}")
+            raise ValueError(
+                f"weights, pocket and fade must be 0 or more, powers and pocket_cells above 0, got {self}"
+            )
 
 
 class PriceTables:
-    """What kernels look up of prices, for rules that price together.
+    """The tables of prices that kernels read, for rules that price together.
 
-    arrays    `tables` of the module's header
-    highest   int64[cells of a window + 1, rules]: the highest that a view of so many cells can be priced
+    arrays    `tables` as described above
+    highest   int64[cells of a window + 1, rules]: the highest price of a view of so many cells
     """
 
     def __init__(self, parameters: Sequence[PriceParameters], radius: int) -> None:
         scale, rules = radius / TUNED_RADIUS, len(parameters)
         half_sides = np.array([max(1, round(scale * half)) for half in (2, 6, 12)])
         closed = np.zeros((SQUARES, int(2 * half_sides[-1] + 1) ** 2 + 1, rules), np.int32)
-        longest = max(longest_pocket(each, scale) for each in parameters)
+        longest = max(longest_pocket(rule, scale) for rule in parameters)
         pockets = np.zeros((longest + 2, rules), np.int32)
         fade = np.zeros((2 * radius + 1, 2 * radius + 1, rules), np.int32)
         away = np.hypot(*np.mgrid[-radius : radius + 1, -radius : radius + 1])
         self.highest: NDArray[np.int64] = np.zeros((fade[:, :, 0].size + 1, rules), np.int64)
-        for rule, own in enumerate(parameters):
+        for rule, numbers in enumerate(parameters):
             for k, half in enumerate(half_sides):
-                area, weight, power = int(2 * half + 1) ** 2, own.weights[k], own.powers[k]
+                area, weight, power = int(2 * half + 1) ** 2, numbers.weights[k], numbers.powers[k]
                 shares = 1 - np.arange(area + 1) / area
                 closed[k, : area + 1, rule] = np.rint(PRICE_UNIT * weight * shares**power)
-            sizes = np.arange(longest_pocket(own, scale) + 2)
-            smaller = np.exp(-sizes / (own.pocket_cells * scale**2))
-            pockets[: len(sizes), rule] = np.rint(PRICE_UNIT * own.pocket * smaller)
-            fainter = np.exp(-own.fade / scale * np.maximum(away - 1, 0))
+            sizes = np.arange(longest_pocket(numbers, scale) + 2)
+            smaller = np.exp(-sizes / (numbers.pocket_cells * scale**2))
+            pockets[: len(sizes), rule] = np.rint(PRICE_UNIT * numbers.pocket * smaller)
+            fainter = np.exp(-numbers.fade / scale * np.maximum(away - 1, 0))
             fade[:, :, rule] = np.rint(FADE_UNIT * fainter)
             # A view of so many cells is at most the nearest ones, each of the highest price.
             price = PRICE_UNIT + int(closed[:, :, rule].max(axis=1).sum() + pockets[:, rule].max())
@@ -115,7 +123,9 @@ class PriceTables:
 
 
 def longest_pocket(parameters: PriceParameters, scale: float) -> int:
-    """Return the cells of the largest unknown region that still adds to a price; the term of larger ones rounds to 0.
+    """The cells of the largest unknown region that still adds to a price.
+
+    The term of larger regions rounds to 0.
 
     scale  the sensor radius, in units of TUNED_RADIUS
     """
@@ -124,18 +134,18 @@ def longest_pocket(parameters: PriceParameters, scale: float) -> int:
 
 
 class PricedBoard:
-    """What is kept of one board of a shape from move to move, and scratch arrays.
+    """One board from move to move, and scratch arrays.
 
-    board, scratch   of the module's header
+    board, scratch   as described above
     changed_columns  int64[rows, 2], see `update_board`
     """
 
     def __init__(self, shape: tuple[int, ...], radius: int) -> None:
         rows, cols = shape
         self.shape, self.changed_columns = (rows, cols), np.zeros((rows, 2), np.int64)
-        known = np.full(rows * cols, NO_CODE, np.uint8)
+        known_codes = np.full(rows * cols, NO_CODE, np.uint8)
         counts = np.zeros((SQUARES, rows * cols), np.int16)
-        self.board = (known, counts, VisibilityMap(shape, radius).view)
+        self.board = (known_codes, counts, VisibilityMap(shape, radius).view)
         self.scratch = price_scratch(rows * cols)
 
 
@@ -144,7 +154,7 @@ PriceScratch = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], ND
 
 
 def price_scratch(cells: int, rules: int = 1) -> PriceScratch:
-    """Return `scratch` of the module's header for boards of so many cells and so many rules."""
+    """`scratch` as described above, for boards of so many cells and so many rules."""
     price = np.zeros((cells, rules), np.int32)
     region = np.zeros(cells, np.int32)
     queue = np.zeros(cells, np.int32)
@@ -164,32 +174,35 @@ def count_in_squares(counts, half_sides, row, col, rows, cols, change):
 
 @kernel
 def update_board(codes, board, half_sides, changed_columns):
-    """Bring what is kept of a board up to date with codes uint8[rows, cols]; return how many cells are unknown.
+    """Update a board with codes uint8[rows, cols]; return how many cells are unknown.
 
     half_sides       int64[k], of the k squares that are counted; none for a board without counts
-    changed_columns  int64[rows, 2], written: the first and the last column of each row in which a cell became known, became
-                     unknown, or became an obstacle; (cols, -1) where none did
+    changed_columns  int64[rows, 2], written: the first and the last column of each row in which a
+                     cell became known, became unknown, or became an obstacle; (cols, -1) where none
+                     did
     """
-    known, counts, view = board
+    known_codes, counts, view = board
     unknown, blocked, _, _, stride, radius = view
     rows, cols = codes.shape
     left = 0
     for row in range(rows):
-        # 1. Most rows are as they were; this loop has no branch, so that it takes a few instructions for many cells.
+        # 1. Most rows are as they were; this loop has no branch, so that it takes a few
+        #    instructions for many cells.
         first, differs = row * cols, np.uint8(0)
         for col in range(cols):
             left += codes[row, col] == UNKNOWN
-            differs |= codes[row, col] ^ known[first + col]
+            differs |= codes[row, col] ^ known_codes[first + col]
         changed_columns[row, 0], changed_columns[row, 1] = cols, -1
         if differs == 0:
             continue
 
-        # 2. Correct the bitboards and the counts. From rover to free, or the other way round, changes none of them.
+        # 2. Correct the bitboards and the counts. From rover to free, or the other way round,
+        #    changes none of them.
         for col in range(cols):
             code = codes[row, col]
-            if known[first + col] == code:
+            if known_codes[first + col] == code:
                 continue
-            known[first + col] = code
+            known_codes[first + col] = code
             word, bit = word_and_bit(row, col, stride, radius)
             was_unknown, was_blocked = unknown[word] & bit != 0, blocked[word] & bit != 0
             if was_unknown != (code == UNKNOWN):
@@ -206,16 +219,17 @@ def update_board(codes, board, half_sides, changed_columns):
 
 @inlined
 def forget_prices(scratch):
-    """Begin with the prices of a changed board."""
+    """Forget the prices and regions of a board that has changed."""
     price, region = scratch[0], scratch[1]
     price[:] = 0
     region[:] = 0
 
 
 @kernel
-def measure_region(start, known, rows, cols, most, region, queue):
-    """Return the number of cells of an unknown cell's region, at most `most`, and keep it for the cells that were met."""
-    # 1. Flood from the cell, until the region has ended, or is large, or turns out to be one that was found large before.
+def measure_region(start, known_codes, rows, cols, most, region, queue):
+    """The cells of an unknown cell's region, at most `most`; `region` gets them too."""
+    # 1. Flood from the cell, until the region has ended, or is large, or turns out to be one that
+    #    was found large before.
     queue[0] = start
     region[start] = -1
     head, tail, is_large = 0, 1, False
@@ -225,7 +239,7 @@ def measure_region(start, known, rows, cols, most, region, queue):
         head += 1
         for r in range(max(0, row - 1), min(rows, row + 2)):
             for cell in range(r * cols + max(0, col - 1), r * cols + min(cols, col + 2)):
-                if known[cell] == UNKNOWN:
+                if known_codes[cell] == UNKNOWN:
                     if region[cell] == 0:
                         region[cell] = -1
                         queue[tail] = cell
@@ -242,11 +256,13 @@ def measure_region(start, known, rows, cols, most, region, queue):
 
 @kernel
 def sum_prices(row, col, rows, cols, board, tables, scratch):
-    """Write totals: by each rule the sum of faded prices of the cells that `count_visible` has just left in `visible`.
+    """Write totals: by each rule the sum of the faded prices of the cells just seen.
 
-    row, col  where the look was made from
+    `count_visible` has left these cells in `visible`.
+
+    row, col  the cell that they are seen from
     """
-    known, counts, view = board
+    known_codes, counts, view = board
     _, closed, pockets, fade, rules = tables
     price, region, queue, totals = scratch
     _, _, sight, visible, _, radius = view
@@ -267,7 +283,7 @@ def sum_prices(row, col, rows, cols, board, tables, scratch):
             if price[cell, 0] == 0:
                 size = region[cell]
                 if size == 0:
-                    size = measure_region(cell, known, rows, cols, most, region, queue)
+                    size = measure_region(cell, known_codes, rows, cols, most, region, queue)
                 near, middle, far = counts[0, cell], counts[1, cell], counts[2, cell]
                 for rule in range(len(rules)):
                     shut_in = closed[0, near, rule] + closed[1, middle, rule] + closed[2, far, rule]

@@ -1,7 +1,7 @@
-"""Several boards decided together: a network that they share is asked once for all, other policies one after the other.
+"""Decide several boards together: a network that they share is asked once for all.
 
-The moves are those of single decisions: where rounding in a batch could exchange the two best moves, the board is decided
-alone.
+The moves are those of single decisions: where rounding in a batch could exchange the two best
+moves, the board is decided alone.
 """
 
 from __future__ import annotations
@@ -15,35 +15,45 @@ from numpy.typing import NDArray
 from marsexplorer.policies.base import Policy
 
 CLOSE = 1e-3
-"""Where the scores of the two best moves differ by less, the board is decided alone; a batch moves them by some millionths."""
+"""Where the scores of the two best moves differ by less, the board is decided alone; a batch
+moves them by some millionths.
+"""
 CLOSE_SHARE = 1e-5
 """The same as a share of the best score: values of moves may be hundreds."""
 
 
 class ActionScorer(Protocol):
-    """A network that scores the moves of boards: `policy.OnnxNet`, or one with the same methods."""
+    """A network that scores moves: `policy.OnnxNet`, or one with its methods."""
 
     def rules_that_count(self, rows: int, cols: int) -> Sequence[int] | None:
-        """Return the `rules` of `FeatureExtractor` that it needs on boards of this size; None: all."""
+        """The `rules` of `FeatureExtractor` that it needs at this size; None: all."""
 
     def infer(
         self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return (logits float32[num, 4], values float32[num]) of what `FeatureExtractor` gives."""
+        """(logits float32[num, 4], values float32[num]) of a `FeatureExtractor`'s arrays."""
 
 
 @runtime_checkable
 class BatchablePolicy(Policy, Protocol):
-    """A policy whose `act` is `choose(*net.infer(*extract_features(observation)))`: one call can serve several boards."""
+    """A policy of a network, so that one call can serve several boards.
+
+    Its `act` is `choose(*net.infer(*extract_features(observation)))`.
+    """
 
     net: Any
-    """Has `infer(*arrays) -> (logits float32[num, 4], values float32[num])` for stacks of what `extract_features` returns."""
+    """Has `infer(*arrays) -> (logits float32[num, 4], values float32[num])` for stacks of what
+    `extract_features` returns.
+    """
 
     def extract_features(self, observation: NDArray[Any]) -> tuple[NDArray[Any], ...]:
-        """Remember an observation and return the network's input, arrays [1, ...] that the next call may overwrite."""
+        """Remember an observation; return the network's input, arrays [1, ...].
+
+        The next call may overwrite them.
+        """
 
     def choose(self, logits: NDArray[np.float32], value: float) -> int:
-        """Return the action for the last observation, from its logits float32[4] and value."""
+        """Choose the action for the last observation, from logits float32[4] and value."""
 
 
 Waiting = tuple[int, BatchablePolicy, tuple[NDArray[Any], ...]]
@@ -51,17 +61,19 @@ Waiting = tuple[int, BatchablePolicy, tuple[NDArray[Any], ...]]
 
 
 def shared_net(policy: Policy) -> object | None:
-    """Return the network that decides for the policy when it can decide for several at once, else None."""
+    """The policy's network if it can decide several boards at once, else None."""
     return policy.net if isinstance(policy, BatchablePolicy) else None
 
 
 def act_many(
     policies: Sequence[Policy], observations: Sequence[NDArray[Any]]
 ) -> list[int | Exception]:
-    """Return every board's action, or what its policy raised: the others are decided all the same.
+    """Decide all boards; an element is an action, or the error that its policy raised.
 
-    policies      different objects, each with its own memory; networks shared by several are asked once
-    observations  one for each, of any sizes
+    Args:
+        policies: Different objects, each with its own memory; networks shared by several are asked
+            once.
+        observations: One for each policy, of any sizes.
     """
     answers: list[int | Exception] = [RuntimeError("not decided")] * len(policies)
     groups: dict[int, list[Waiting]] = {}
@@ -81,22 +93,22 @@ def act_many(
 
 
 def _act_with_shared_net(group: Sequence[Waiting]) -> list[int | Exception]:
-    """Return the actions of boards that share a network."""
+    """Decide boards that share a network."""
     net = group[0][1].net
     try:
-        inputs = [own for _, _, own in group]
-        stacked = (np.concatenate(arrays) for arrays in zip(*inputs, strict=True))
+        inputs = [arrays for _, _, arrays in group]
+        stacked = (np.concatenate(parts) for parts in zip(*inputs, strict=True))
         logits, values = net.infer(*(stacked if len(inputs) > 1 else inputs[0]))
-        for at, own in enumerate(inputs):
+        for at, arrays in enumerate(inputs):
             best, second = np.sort(logits[at])[:-3:-1]
             if len(inputs) > 1 and best - second < max(CLOSE, CLOSE_SHARE * abs(best)):
-                logits[at : at + 1], values[at : at + 1] = net.infer(*own)
+                logits[at : at + 1], values[at : at + 1] = net.infer(*arrays)
     except Exception as error:
         return [error] * len(group)
     answers: list[int | Exception] = []
-    for (_, policy, _), own_logits, value in zip(group, logits, values, strict=True):
+    for (_, policy, _), scores, value in zip(group, logits, values, strict=True):
         try:
-            answers.append(policy.choose(own_logits, float(value)))
+            answers.append(policy.choose(scores, float(value)))
         except Exception as error:
             answers.append(error)
     return answers

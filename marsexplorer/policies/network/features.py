@@ -1,20 +1,23 @@
-"""The features of a board for the network: three pictures centred on the rover and a few numbers for each move. Compiled.
+"""A board's features: pictures centred on the rover, and numbers for each move.
 
-Everything follows from the observation and the cells visited so far, never from the true map. The pictures are of one size
-whatever the size of the grid, fine near the rover and coarse far from it, so one network serves every size. "New" is the number
-of unknown cells that a scan from a cell is expected to discover (`kernels.visibility`).
+Everything follows from the observation and the cells visited so far, never from the true map. The
+pictures are of one size whatever the size of the grid, fine near the rover and coarse far from it,
+so one network serves every size. "New" is the number of unknown cells that a scan from a cell is
+expected to discover (`kernels.visibility`).
 
-    SCALES   11 x 11 single cells, 11 x 11 blocks of 3 x 3 cells, 9 x 9 blocks of 7 x 7 cells (31 cells to each side)
-    planes   uint8[num, PLANES, PICTURE_CELLS], the pictures row by row, one after the other: share of the block that is
-             unknown; share blocked or off the grid; its greatest number of new cells (x 5, at most 255); its nearness,
-             255 exp(-0.12 distance), 0 where there is no known path
-    moves    float32[num, 4, MOVE_NUMBERS], for north, east, south, west: whether the move is valid; the
-             new cells of the cell it leads to; whether that was visited; distance to the nearest new cells from there; the best
-             discounted number of new cells from there at three rates; whether each of three frontier rules would go there
-
-             (new / distance^2, new / distance, nearest); whether it is straight on or back; the share of cells unknown and
-             the logarithm of their number; the logarithm of the cells still to discover to 99 %; the logarithm of the
-             number of candidates; and the numbers of `priced_features`
+    SCALES   11 x 11 single cells, 11 x 11 blocks of 3 x 3 cells, 9 x 9 blocks of 7 x 7 cells (31
+             cells to each side)
+    planes   uint8[num, PLANES, PICTURE_CELLS], the pictures row by row, one after the other: share
+             of the block that is unknown; share blocked or off the grid; its greatest number of new
+             cells (x 5, at most 255); its nearness, 255 exp(-0.12 distance), 0 where there is no
+             known path
+    moves    float32[num, 4, MOVE_NUMBERS], for north, east, south, west: whether the move is valid;
+             the new cells of the cell it leads to; whether that was visited; distance to the
+             nearest new cells from there; the best discounted number of new cells from there at
+             three rates; whether each of three frontier rules would go there (new / distance^2, new
+             / distance, nearest); whether it is straight on or back; the share of cells unknown and
+             the logarithm of their number; the logarithm of the cells still to discover to 99 %;
+             the logarithm of the number of candidates; and the numbers of `priced_features`
 """
 
 from __future__ import annotations
@@ -63,19 +66,21 @@ FARTHEST = 127
 
 @kernel
 def update_new_cells(codes, board, half_sides, new_cells, changed_columns):
-    """Bring what is kept of one board up to date with codes uint8[rows, cols]; return how many cells are unknown.
+    """Update one board with codes uint8[rows, cols]; return its unknown cells.
 
     board, half_sides, changed_columns  see `prices.update_board`
-    new_cells        int32[rows * cols], cells that a scan from each known free cell is expected to discover
+    new_cells        int32[rows * cols], cells that a scan from each known free cell is expected to
+                     discover
     """
     view = board[2]
     radius = view[5]
     rows, cols = codes.shape
 
-    # 1. Correct what is kept, and note the changed part of each row.
+    # 1. Update the board, and note the changed part of each row.
     left = update_board(codes, board, half_sides, changed_columns)
 
-    # 2. Count again where the count can have changed: within `radius` of a changed cell, for sight is local.
+    # 2. Count again where the count can have changed: within `radius` of a changed cell, for sight
+    #    is local.
     for row in range(rows):
         low, high = cols, -1
         for near in range(max(0, row - radius), min(rows, row + radius + 1)):
@@ -89,11 +94,15 @@ def update_new_cells(codes, board, half_sides, new_cells, changed_columns):
 
 @kernel
 def draw_pictures(codes, row, col, new_cells, visited, distance, nearness, planes):
-    """Fill one board's pictures round the rover at (row, col): planes uint8[PLANES, PICTURE_CELLS]."""
+    """Fill one board's pictures round the rover at (row, col).
+
+    planes  uint8[PLANES, PICTURE_CELLS], written
+    """
     rows, cols = codes.shape
     start = 0
     for side, size in SCALES:
-        # 1. Begin as if everything were off the grid: blocked, nothing unknown, nothing new, nothing near.
+        # 1. Begin as if everything were off the grid: blocked, nothing unknown, nothing new,
+        #    nothing near.
         share = 255 // (size * size)
         top, left = row - side * size // 2, col - side * size // 2
         for k in range(side * side):
@@ -117,7 +126,9 @@ def draw_pictures(codes, row, col, new_cells, visited, distance, nearness, plane
 
 @kernel
 def find_rule_goals(candidates, count, distance, new_cells, goals):
-    """Write the cells that the three rules would go for into goals[3]: new / distance^2, new / distance, nearest; -1 none.
+    """Write the goals of the three rules, -1 for none, to goals[3].
+
+    The rules are new / distance^2, new / distance, and nearest.
 
     candidates  int32, its first `count` are the reachable cells with something new, nearest first
     """
@@ -140,11 +151,15 @@ def find_rule_goals(candidates, count, distance, new_cells, goals):
 
 @kernel
 def look_ahead(candidates, count, distance, first_actions, action, new_cells, discounts, features):
-    """Write distance to the nearest new cells and the best discounted number of them, from the cell that a move leads to.
+    """Write how much is new near the cell that a move leads to.
 
-    distance, first_actions  from the rover, see `grid.search_first_actions`: a candidate is one move nearer from there when the
-                             action begins a shortest path to it, else one farther
-    discounts                float64[3, n + 1], what a new cell is worth by distance, at the three rates of DISCOUNTS
+    That is the distance to the nearest new cells, and the best discounted number of them.
+
+    distance, first_actions  from the rover, see `grid.search_first_actions`: a candidate is one
+                             move nearer from there when the action begins a shortest path to it,
+                             else one farther
+    discounts                float64[3, n + 1], what a new cell is worth by distance, at the three
+                             rates of DISCOUNTS
     """
     nearest, short, middle, long = 60.0, 0.0, 0.0, 0.0
     for k in range(count):
@@ -162,34 +177,40 @@ def look_ahead(candidates, count, distance, first_actions, action, new_cells, di
 
 
 @kernel
-def extract_features(codes, cells, visited, headings, lidar, kept, scratch, priced, planes, moves):
+def extract_features(
+    codes, cells, visited, headings, lidar, boards, scratch, priced, planes, moves
+):
     """Fill planes and moves for a stack of boards.
 
     codes     uint8[num, rows, cols]; cells int64[num], row * cols + col of each rover
-    visited   uint8[num, rows * cols], 1 where the rover has stood; headings int64[num], the last action
+    visited   uint8[num, rows * cols], 1 where the rover has stood; headings int64[num], the last
+              action
     lidar     (sight, stride, radius) of a `visibility` view
-    kept      of each board, from call to call: known, unknown, blocked, new_cells (see `update_new_cells`), and the counts of
-              the squares of `prices`
-    scratch   visible, changed_columns, is_open, distance, first_actions, queue, candidates, goals, rule_actions; and the tables
-              nearness and discounts
-    priced    half_sides of the squares that are counted, none where nothing is priced; rules, found and columns of its tables
+    boards    from call to call: known_codes, unknown, blocked, new_cells (see `update_new_cells`),
+              and the counts of the squares of `prices`
+    scratch   visible, changed_columns, is_open, distance, first_actions, queue, candidates, goals,
+              rule_actions; and the tables nearness and discounts
+    priced    half_sides of the squares that are counted, none where nothing is priced; rules,
+              values and columns of its tables
     """
     rows, cols = codes.shape[1], codes.shape[2]
     sight, stride, radius = lidar
-    all_known, all_unknown, all_blocked, all_new_cells, all_counts = kept
-    half_sides, rules, found, columns = priced
+    all_known, all_unknown, all_blocked, all_new_cells, all_counts = boards
+    half_sides, rules, values, columns = priced
     visible, changed_columns, is_open, distance, first_actions, queue, candidates = scratch[:7]
     goals, rule_actions, nearness, discounts = scratch[7:]
     slack = rows * cols - completion_target(rows * cols)
     for i in range(codes.shape[0]):
         board, cell, new_cells = codes[i], cells[i], all_new_cells[i]
 
-        # 1. What would a scan discover, from every cell? Only what changed since the last board is counted again.
+        # 1. What would a scan discover, from every cell? Only what changed since the last board is
+        #    counted again.
         view = (all_unknown[i], all_blocked[i], sight, visible, stride, radius)
-        kept_board = (all_known[i], all_counts[i], view)
-        left = update_new_cells(board, kept_board, half_sides, new_cells, changed_columns)
+        board_tuple = (all_known[i], all_counts[i], view)
+        left = update_new_cells(board, board_tuple, half_sides, new_cells, changed_columns)
 
-        # 2. How far is every cell, and which moves begin a shortest path to it? One search from the rover answers both.
+        # 2. How far is every cell, and which moves begin a shortest path to it? One search from the
+        #    rover answers both.
         find_open_cells(board, is_open)
         reached = search_first_actions(is_open, rows, cols, cell, distance, first_actions, queue)
         # a literal would have what it is handed on to compiled for itself as well
@@ -236,17 +257,27 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
         size = (rows, cols)
         if half_sides.shape[0] > 0:
             value_actions(
-                candidates, count, distance, first_actions, new_cells, size, kept_board, rules, found
-            )  # fmt: skip
-        write_priced_features(size, found, columns, moves[i])
+                candidates,
+                count,
+                distance,
+                first_actions,
+                new_cells,
+                size,
+                board_tuple,
+                rules,
+                values,
+            )
+        write_priced_features(size, values, columns, moves[i])
 
 
 class FeatureExtractor:
-    """Extracts the features of `num` boards of one size; the arrays `planes` and `moves` are the same from call to call.
+    """Extracts the features of `num` boards of one size.
 
-    rules  the rules of `priced_features` whose numbers are written; those of the others stay 0. None: all
+    The arrays `planes` and `moves` are the same from call to call. What it remembers of each board
+    only saves time: boards may be given in any order, and others than before.
 
-    What it keeps of each board only saves time: boards may be given in any order, and others than before.
+    rules  the rules of `priced_features` whose numbers are written; those of the others stay 0.
+           None: all
     """
 
     def __init__(
@@ -256,12 +287,12 @@ class FeatureExtractor:
         tables = PricedRuleTables(rows, cols, radius, ACTION_FEATURES, rules or range(len(RULES)))
         are_some_priced = rules is None or len(rules) > 0
         half_sides = tables.half_sides if are_some_priced else tables.half_sides[:0]
-        priced = (half_sides, tables.arrays, tables.found, tables.columns)
+        priced = (half_sides, tables.arrays, tables.values, tables.columns)
         self.planes: NDArray[np.uint8] = np.zeros((num, PLANES, PICTURE_CELLS), np.uint8)
         self.moves: NDArray[np.float32] = np.zeros((num, 4, MOVE_NUMBERS), np.float32)
         sight, cells, words = sight_table(radius), rows * cols, bitboard_words(rows, cols, radius)
         lidar = sight, row_words(cols, radius), radius
-        kept = (
+        boards = (
             np.full((num, cells), NO_CODE, np.uint8),
             np.zeros((num, words), np.uint64),
             np.zeros((num, words), np.uint64),
@@ -281,12 +312,12 @@ class FeatureExtractor:
             (255 * np.exp(-0.12 * np.arange(FARTHEST + 1))).astype(np.uint8),
             np.cumprod([[1.0] + [rate] * cells for rate in DISCOUNTS], axis=1),
         )
-        self._arrays = (lidar, kept, scratch, priced)
+        self._arrays = (lidar, boards, scratch, priced)
 
     def __call__(
         self, codes: Codes, cells: Numbers, visited: Codes, headings: Numbers
     ) -> tuple[Codes, NDArray[np.float32]]:
-        """Return (planes, moves) of a stack of boards; see `extract_features` for what they take."""
+        """(planes, moves) of a stack of boards, from the arrays of `extract_features`."""
         num = len(codes)
         planes, moves = self.planes[:num], self.moves[:num]
         codes, cells = read_only(codes), np.asarray(cells, np.int64)
@@ -295,9 +326,10 @@ class FeatureExtractor:
 
 
 class RememberedFeatures:
-    """The features of one board from what is remembered of its episode, for a rover with this sensor radius (cells).
+    """The features of one board from the memory of its episode.
 
-    find_rules  (rows, cols) -> `rules` of `FeatureExtractor` for boards of that size; by default all
+    find_rules  (rows, cols) -> `rules` of `FeatureExtractor` for boards of that size; by default
+                all
     """
 
     def __init__(
@@ -309,7 +341,7 @@ class RememberedFeatures:
         self._extractor: FeatureExtractor | None = None
 
     def __call__(self, memory: Memory) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Return (planes, moves) of the newest observation, [1, ...]; the arrays change with the next call."""
+        """(planes, moves) of the newest observation, [1, ...]; the next call changes them."""
         rows, cols = memory.codes.shape
         if self._extractor is None or self._extractor.size != (rows, cols):
             rules = self._find_rules(rows, cols)

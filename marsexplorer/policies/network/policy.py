@@ -1,4 +1,4 @@
-"""Networks over our features: the ONNX model that scores the moves, and the policy that makes them."""
+"""The policy of a network over our features, and its ONNX model."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from marsexplorer.policies.network.features import (
 from marsexplorer.policies.network.priced_features import NUMBERS_PER_RULE, RULES, SIDES
 
 ACTS = ("greedy with guard", "greedy", "samples")
-"""How a network's policy chooses its moves."""
+"""The ways in which a network's policy chooses its moves."""
 NEGLIGIBLE_SHARE = 1e-5
 """Weights of the prior that count less than this at a size only count by rounding."""
 WEIGHTS = {
@@ -32,7 +32,9 @@ WEIGHTS = {
     "policy_head.0.weight": (64, 128 + MOVE_NUMBERS + 4),
     "value_head.0.weight": (64, 128 + 4 * MOVE_NUMBERS),
 }
-"""Name -> shape of the weights of `training.network.Net` that the numbers of moves are multiplied with."""
+"""Name -> shape of the weights of `training.network.Net` that the numbers of moves are
+multiplied with.
+"""
 
 
 class OnnxNet:
@@ -41,7 +43,7 @@ class OnnxNet:
     acts       one of ACTS, by its card
     has_value  whether it gives a value; else values are NaN
 
-    PolicyFileError when the inputs are not our features or the outputs not those of a policy.
+    PolicyFileError if the inputs are not our features or the outputs not those of a policy.
     """
 
     def __init__(self, model: OnnxModel) -> None:
@@ -60,39 +62,49 @@ class OnnxNet:
         self._model, self._weights = model, model.weights() if self._is_priced else {}
 
     def rules_that_count(self, rows: int, cols: int) -> tuple[int, ...] | None:
-        """Return the rules of `priced_features` that it weighs at this size, as indices into RULES; None: all."""
+        """The rules of `priced_features` that matter at this size, by index; None: all."""
         return rules_that_count(self._weights, rows, cols) if self._is_priced else ()
 
     def infer(
         self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return (logits float32[num, 4], values float32[num]); one board after the other where the model takes one."""
+        """(logits float32[num, 4], values float32[num]) of several boards.
+
+        A model that takes one board is run once for each.
+        """
         moves = moves[:, :, : self._numbers]
         count = 1 if self._takes_many else len(planes)
         stacks = zip(np.split(planes, count), np.split(moves, count), strict=True)
-        outputs = [self._model.run({"planes": own, "moves": its}) for own, its in stacks]
-        logits = np.concatenate([each["logits"].reshape(-1, 4) for each in outputs])
+        outputs = [
+            self._model.run({"planes": some_planes, "moves": some_moves})
+            for some_planes, some_moves in stacks
+        ]
+        logits = np.concatenate([output["logits"].reshape(-1, 4) for output in outputs])
         if not self.has_value:
             return logits, np.full(len(planes), np.nan, np.float32)
-        return logits, np.concatenate([each["value"].reshape(-1) for each in outputs])
+        return logits, np.concatenate([output["value"].reshape(-1) for output in outputs])
 
 
 def rules_that_count(
     weights: Mapping[str, NDArray[np.float32]], rows: int, cols: int
 ) -> tuple[int, ...] | None:
-    """Return the rules whose numbers a network of `training.network` weighs at this size, as indices into RULES.
+    """The rules whose numbers a network of `training.network` weighs at this size.
 
-    weights  by name; None is returned where they are not such a network's
+    These are indices into RULES, or None if the weights are not such a network's. Where every
+    weight of a rule's numbers is 0 the network gives the same bits without them. At 84 x 84
+    rounding leaves the weights for 42 x 42 a share of 1e-7, which is left out too. While a network
+    learns, its weights change: what is recorded to learn from has the numbers of all rules.
 
-    Where every weight of a rule's numbers is 0 the network gives the same bits without them. At 84 x 84 rounding leaves
-    the weights for 42 x 42 a share of 1e-7, which is left out too. While a network learns, its weights change: what is
-    recorded to learn from has the numbers of all rules.
+    Args:
+        weights: By name.
+        rows: Of the board.
+        cols: Of the board.
     """
     if {name: weights[name].shape for name in WEIGHTS if name in weights} != WEIGHTS:
         return None
     prior, policy, value = (weights[name] for name in WEIGHTS)
     sides = np.log(np.square(SIDES))
-    nearness = [np.interp(math.log(rows * cols), sides, own) for own in np.eye(len(SIDES))]
+    nearness = [np.interp(math.log(rows * cols), sides, unit) for unit in np.eye(len(SIDES))]
     of_moves = [
         policy[:, -MOVE_NUMBERS - 4 : -4],
         value[:, -4 * MOVE_NUMBERS :].reshape(-1, MOVE_NUMBERS),
@@ -103,11 +115,12 @@ def rules_that_count(
 
 
 class NetworkPolicy:
-    """Take the move with the network's highest logit, or draw it; remember the cells visited.
+    """Take the move with the network's highest logit, or draw it.
 
     net        the network, which several policies may share
     acts       one of ACTS; the seed of `reset` fixes what "samples" draws
-    thought()  after `act`: probabilities float32[4] of the moves, and the value, as the network judged the last observation
+    thought()  after `act`: probabilities float32[4] of the moves, and the value, as the network
+               judged the last observation
     """
 
     def __init__(
@@ -130,19 +143,18 @@ class NetworkPolicy:
             self._guard.reset()
 
     def act(self, observation: NDArray[Any]) -> int:
-        """Return an action 0..3."""
         logits, values = self.net.infer(*self.extract_features(observation))
         return self.choose(logits[0], float(values[0]))
 
     def extract_features(
         self, observation: NDArray[Any]
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Remember an observation and return (planes, moves) of one board; the arrays change with the next."""
+        """Remember an observation; return (planes, moves), which the next call changes."""
         self._memory.observe(observation)
         return self._features(self._memory)
 
     def choose(self, logits: NDArray[np.float32], value: float) -> int:
-        """Return the action for the last observation: the one of the highest logit, unless the guard takes over.
+        """Choose the action of the highest logit, unless the guard takes over.
 
         logits  float32[4]; value is kept for `thought`
         """
@@ -160,16 +172,19 @@ class NetworkPolicy:
         return next(iter(valid_actions(memory.codes, *memory.position)), 0)
 
     def goal(self) -> tuple[int, int] | None:
-        """Return the cell (row, col) that the loop guard goes to; None where the network chose the last action."""
+        """The cell (row, col) that the loop guard goes to, if it chose the last action."""
         return None if self._guard is None else self._guard.goal()
 
     def thought(self) -> tuple[NDArray[np.float32], float]:
-        """Return (probabilities float32[4], value) of the last observation."""
+        """(probabilities float32[4], value) of the last observation."""
         return self._thought
 
 
 def sample_inputs(numbers: int, boards: int = 1) -> dict[str, NDArray[Any]]:
-    """Return the inputs for boards of the smallest size: planes uint8[boards, ...] and moves float32[boards, 4, numbers]."""
+    """The inputs for boards of the smallest size, planes and moves.
+
+    uint8[boards, ...] and float32[boards, 4, numbers]
+    """
     codes = np.ones((1, 5, 5), np.uint8)
     codes[0, 0, 0] = ROVER
     cells, visited = np.zeros(1, np.int64), np.zeros((1, 25), np.uint8)

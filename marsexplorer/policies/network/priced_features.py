@@ -1,15 +1,18 @@
-"""The numbers of each move that follow from the prices of unknown cells (`kernels.prices`).
+"""The numbers of each move that follow from the prices of unknown cells.
 
-Three rules like `policies.priced.FrontierPriced` value the reachable cells that show something new. Their parameters are fixed
-here and not those of the policy `frontier-priced`, which may be tuned again: a network must see what it was trained on. They
-were tuned on 21 x 21, on 42 x 42 and 84 x 84, and on 42 x 42 with large obstacles. Of each rule a valid move has
+Three rules like `policies.priced.FrontierPriced` value the reachable cells that show something new.
+Their parameters are fixed here and not those of the policy `frontier-priced`, which may be tuned
+again: a network must see what it was trained on. They were tuned on 21 x 21, on 42 x 42 and 84 x
+84, and on 42 x 42 with large obstacles. For each rule a valid move has
 
-    0   the highest value of a cell that a shortest path leads to by this move, as a share of the highest value of all cells;
-        shares from LEAST_SHARE to 1 are mapped to 0..1, and lower ones are 0
+    0   the highest value of a cell that a shortest path leads to by this move, as a share of the
+        highest value of all cells; shares from LEAST_SHARE to 1 are mapped to 0..1, and lower ones
+        are 0
     1   1 where that share is 1: the rule would make this move
     2   0.3 ln(1 + way) to that cell, way in moves; 0 where number 0 is
 
-and the last number, the same for all moves, is 0.2 ln(cells of the grid), by which a network knows the size.
+and the last number, the same for all moves, is 0.2 ln(cells of the grid), by which a network knows
+the size.
 """
 
 from __future__ import annotations
@@ -36,7 +39,9 @@ RULES = (
 )  # fmt: skip
 """Tuned on 21 x 21; on 42 x 42 and 84 x 84; on 42 x 42 with large obstacles."""
 SIDES = (21, 42, 84)
-"""Sides of the square grids for which a network has weights of its own; each has four times the cells of the one before."""
+"""Sides of the square grids for which a network has weights of its own; each has four times the
+cells of the one before.
+"""
 NUMBERS_PER_RULE = 3
 PRICED_FEATURES = NUMBERS_PER_RULE * len(RULES) + 1
 LEAST_SHARE = 0.75
@@ -44,29 +49,38 @@ LOG_CELLS_SCALE = 0.2
 
 
 class PricedRuleTables:
-    """What the kernels need of some of RULES on boards of one shape, for a sensor radius in cells.
+    """The kernels' tables of some of RULES on boards of one shape.
 
     columns     int64[rules], the first of the numbers of a move that each rule writes
     half_sides  int64[squares] of `prices`, the same for all rules
     arrays      tables and scratch of `prices`; highest, limits and weights of `RuleTables`
-    found       float64[rules]: the highest value by each rule; float64[rules, 4], int64[rules, 4]: by each action the highest
-                value, and the way to its cell
+    values      written by `value_actions`: float64[rules], the highest value by each rule;
+                float64[rules, 4] and int64[rules, 4], by each action the highest value and the way
+                to its cell
     """
 
     def __init__(self, rows: int, cols: int, radius: int, first: int, rules: Sequence[int]) -> None:
-        """first: the column of the numbers of RULES[0]; rules: indices into RULES, at least one."""
+        """Build the tables.
+
+        Args:
+            rows: Of the board.
+            cols: Of the board.
+            radius: Of the sensor, cells.
+            first: The column of the numbers of RULES[0].
+            rules: Indices into RULES, at least one.
+        """
         tables = RuleTables([RULES[rule] for rule in rules], (rows, cols), radius)
         count = len(rules)
         self.columns: NDArray[np.int64] = first + NUMBERS_PER_RULE * np.asarray(rules, np.int64)
         self.half_sides: NDArray[np.int64] = tables.prices[0]
         scratch = price_scratch(rows * cols, count)
         self.arrays = (tables.prices, scratch, tables.highest, tables.limits, tables.weights)
-        self.found = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4), np.int64)
+        self.values = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4), np.int64)
 
 
 @inlined
 def look_and_price(cell, board, rows, cols, tables, scratch):
-    """Write what a look from a cell is worth by each rule to the totals of scratch, see `prices.sum_prices`."""
+    """Write the price of a look from a cell by each rule to the totals of scratch."""
     row = cell // cols
     col = cell - row * cols
     count_visible(board[2], row, col)
@@ -75,23 +89,26 @@ def look_and_price(cell, board, rows, cols, tables, scratch):
 
 @kernel
 def value_actions(
-    candidates, count, distance, first_actions, new_cells, shape, board, rules, found
+    candidates, count, distance, first_actions, new_cells, shape, board, rules, rule_values
 ):
-    """Write what `found` is to hold, see `PricedRuleTables`: exact where it is at least LEAST_SHARE of the highest value.
+    """Write the values of all actions by each rule, see `PricedRuleTables`.
+
+    They are exact if at least LEAST_SHARE of the highest value.
 
     candidates, count, distance, first_actions, new_cells  see `features`
     shape                                                  (rows, cols)
     board                                                  of `prices`, up to date
     """
-    best, values, ways = found
+    best, values, ways = rule_values
     tables, scratch, highest, limits, weights = rules
     totals = scratch[3]
     rows, cols = shape
     best[:], values[:], ways[:] = 0.0, 0.0, 0
     forget_prices(scratch)
 
-    # 1. Price by each rule the candidate that could be worth most, so that most others need not be priced: candidates come
-    #    nearest first, and where no view, however rich, could be worth more, nothing farther can.
+    # 1. Price by each rule the candidate that could be worth most, so that most others need not be
+    #    priced: candidates come nearest first, and where no view, however rich, could be worth
+    #    more, nothing farther can.
     for k in range(len(best)):
         most, richest = 0.0, -1
         for i in range(count):
@@ -136,12 +153,13 @@ def value_actions(
 
 
 @kernel
-def write_priced_features(shape, found, columns, moves):
-    """Write the numbers of the module's header into moves float32[4, ...] for each valid move.
+def write_priced_features(shape, rule_values, columns, moves):
+    """Write the numbers above into moves float32[4, ...] for each valid move.
 
-    columns  int64[rules], where the numbers of each rule begin; what `found` does not hold, all of it 0, is left as it is
+    columns  int64[rules], where the numbers of each rule begin; the numbers of rules without values
+             stay as they are, 0
     """
-    best, values, ways = found
+    best, values, ways = rule_values
     for action in range(4):
         if moves[action, 0] == 0.0:
             continue

@@ -1,1 +1,1 @@
-"""The statements of the paper, each with a verdict from shipped results, and the page that shows them."""
+"""The paper's statements, each with a verdict from shipped results; their page."""

@@ -1,7 +1,8 @@
-"""What the paper says of its environment (sections 2, 3.2, 3.3, 3.5, table 1), tested without training.
+"""The paper's statements about its environment, tested without training.
 
-`python -m research.paper.claims.checks [NAME ...]` plays episodes that seeds fix, and draws terrains. `--out FILE` writes the
-lines of all checks, as they are shipped in `data/environment.jsonl`.
+They are in sections 2, 3.2, 3.3, 3.5 and table 1. `python -m research.paper.claims.checks [NAME
+...]` plays episodes that seeds fix, and draws terrains. `--out FILE` writes the lines of all
+checks, as they are shipped in `data/environment.jsonl`.
 """
 
 from __future__ import annotations
@@ -33,21 +34,24 @@ MOST_NEW_CELLS = 13
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found: whether the paper's statement holds, and the sentence that says what was measured."""
+    """The result of a check: whether the statement holds, and what was measured."""
 
     holds: bool
     measured: str
 
 
 def played(config: EnvConfig, policy: str, count: int = EPISODES) -> Iterator[Episode]:
-    """Yield ended episodes of a policy by name on the terrains of seeds 0, 1, ...; "blind" draws any of the four moves."""
-    driver = None if policy == "blind" else policies.load(policy)
+    """Yield ended episodes of a policy by name on the terrains of seeds 0, 1, ...
+
+    policy  "blind" draws any of the four moves
+    """
+    player = None if policy == "blind" else policies.load(policy)
     for seed in range(count):
         episode, rng = Episode.begin(config, seed=seed), np.random.default_rng(seed)
-        if driver is not None:
-            driver.reset(seed)
+        if player is not None:
+            player.reset(seed)
         while not episode.ended:
-            episode.step(driver.act(episode.codes) if driver is not None else int(rng.integers(4)))
+            episode.step(player.act(episode.codes) if player is not None else int(rng.integers(4)))
         yield episode
 
 
@@ -64,8 +68,8 @@ def actions() -> Finding:
 
 
 def state() -> Finding:
-    """The state matrix holds 0, 0.3, 0.6 and 1, and 0.6 where the rover stands (eq. 6)."""
-    found: set[float] = set()
+    """The state matrix holds 0, 0.3, 0.6 and 1, and 0.6 in the rover's cell (eq. 6)."""
+    seen_values: set[float] = set()
     moves, rule, is_rover_alone = 0, policies.load("frontier-cost"), True
     for seed in range(EPISODES):
         episode = Episode.begin(EnvConfig(), seed=seed)
@@ -73,18 +77,18 @@ def state() -> Finding:
         while not episode.ended:
             episode.step(rule.act(episode.codes))
             matrix = episode.observation()
-            found.update(np.unique(matrix.round(6)).tolist())
+            seen_values.update(np.unique(matrix.round(6)).tolist())
             rovers = np.argwhere(matrix == np.float32(0.6)).tolist()
             is_rover_alone &= rovers == [[*episode.position]]
             moves += 1
-    values = sorted(round(value, 1) for value in found)
+    values = sorted(round(number, 1) for number in seen_values)
     holds = values == [0.0, 0.3, 0.6, 1.0] and is_rover_alone
     measured = f"values {values} in {moves:,} observations, 0.6 in the rover's cell alone"
     return Finding(holds, measured)
 
 
 def partial_observability() -> Finding:
-    """What the lidar has not reached leaves no trace in any observation (2.5)."""
+    """The cells beyond the lidar's reach leave no trace in any observation (2.5)."""
     config, same, moves = EnvConfig(), 0, 0
     cells = np.argwhere(np.ones((config.rows, config.cols)))
     for seed in range(EPISODES):
@@ -112,7 +116,7 @@ def partial_observability() -> Finding:
 
 
 def reward() -> Finding:
-    """A valid move earns the newly discovered cells less 0.5 (eq. 7 and 8), and the scan at the start nothing."""
+    """A valid move earns its new cells less 0.5, the first scan nothing (eq. 7, 8)."""
     right, moves = 0, 0
     for episode in played(EnvConfig(), "blind", 20 * EPISODES):
         new = np.diff(episode.discoveries)
@@ -124,7 +128,7 @@ def reward() -> Finding:
 
 
 def invalid() -> Finding:
-    """An invalid move costs n and ends the episode; nothing else of its reward remains (eq. 8)."""
+    """An invalid move costs n, ends the episode, and earns nothing else (eq. 8)."""
     config = EnvConfig()
     ended = [
         (episode.outcome, episode.rewards[-1])
@@ -137,7 +141,7 @@ def invalid() -> Finding:
 
 
 def bonus() -> Finding:
-    """The move that brings the discovered share to beta earns n on top, and ends the episode (eq. 8)."""
+    """The move that brings the share to beta earns n more and ends it (eq. 8)."""
     config, right = EnvConfig(), []
     for episode in played(config, "frontier-cost"):
         *_, before, after = episode.discoveries
@@ -153,26 +157,29 @@ def score_zero() -> Finding:
     config = EnvConfig()
     episode = Episode.begin(config, seed=0)
     episode.step(0)
-    value = score(config, episode.total)
-    return Finding(value == 0.0, f"north at the start, off the grid: score {value:g}")
+    zero = score(config, episode.total)
+    return Finding(zero == 0.0, f"north at the start, off the grid: score {zero:g}")
 
 
 def score_one() -> Finding:
-    """The normalized score is 1 for the bonus plus the number of cells (section 3.2), which no episode can reach."""
+    """The normalized score is 1 for the bonus plus all cells (section 3.2).
+
+    No episode can reach it.
+    """
     config = EnvConfig()
-    value = score(config, config.r_bonus + config.n)
+    one = score(config, config.r_bonus + config.n)
     bounds = []
     for seed in range(500):
         first = Episode.begin(config, seed=seed).discovered
         moves = -(-(config.target - first) // MOST_NEW_CELLS)
         bounds.append(score(config, config.r_bonus + config.n - first - R_MOVE * moves))
-    measured = f"a return of {config.r_bonus + config.n} scores {value:g}; but the first scan earns nothing and moves cost, so "
+    measured = f"a return of {config.r_bonus + config.n} scores {one:g}; but the first scan earns nothing and moves cost, so "
     measured += f"no episode can score more than {max(bounds):.3f} (mean bound of 500 terrains {np.mean(bounds):.3f})"
-    return Finding(value == 1.0, measured)
+    return Finding(one == 1.0, measured)
 
 
 def shares() -> Finding:
-    """The three shares printed in section 3.2 follow from one another: 85.8 %, 50.04 % and 42.73 %."""
+    """The shares of section 3.2 follow from one another: 85.8, 50.04, 42.73 %."""
     low, high = 0.8575 * 0.50035, 0.8585 * 0.50045
     measured = f"85.8 % times 50.04 % is {0.858 * 0.5004:.2%} ({low:.2%} to {high:.2%} with rounding), and 42.73 % is printed"
     return Finding(low <= 0.4273 <= high, measured)
@@ -186,16 +193,19 @@ LARGEST_SIDE = {1: 2, 2: 4}
 
 @cache
 def drawn(level: str, size: int = 21) -> NDArray[np.bool_]:
-    """Return the terrains of seeds 0..DRAWS-1: bool[DRAWS, size, size]."""
+    """The terrains of seeds 0..DRAWS-1: bool[DRAWS, size, size]."""
     config = EnvConfig.of(level, size)
     return np.stack([generate(config, seed) for seed in range(DRAWS)])
 
 
 def obstacles(terrains: NDArray[np.bool_]) -> Iterator[NDArray[np.bool_]]:
-    """Yield the separate obstacles of terrains, each in the smallest box that holds it: bool[rows, cols]."""
-    for each in terrains:
-        for box in ndimage.find_objects(ndimage.label(each)[0]):
-            yield each[box]
+    """Yield the separate obstacles of terrains, each in its smallest box.
+
+    bool[rows, cols]
+    """
+    for terrain in terrains:
+        for box in ndimage.find_objects(ndimage.label(terrain)[0]):
+            yield terrain[box]
 
 
 def table_1() -> Finding:
@@ -212,7 +222,7 @@ def table_1() -> Finding:
 def diversity() -> Finding:
     """Each episode has a terrain of its own, and a seed gives it again."""
     config, terrains = EnvConfig(), drawn("random")
-    distinct = len({each.tobytes() for each in terrains})
+    distinct = len({terrain.tobytes() for terrain in terrains})
     again = all((generate(config, k) == terrains[k]).all() for k in range(0, DRAWS, 50))
     measured = f"{distinct:,} distinct terrains in {DRAWS:,} seeds, each the same again"
     return Finding(distinct == DRAWS and again, measured)
@@ -221,7 +231,7 @@ def diversity() -> Finding:
 def random_obstacles() -> Finding:
     """On `random` the position and the shape of obstacles are random (section 3.2)."""
     terrains = drawn("random")
-    shapes = {each.shape for each in obstacles(terrains[:300]) if each.all()}
+    shapes = {obstacle.shape for obstacle in obstacles(terrains[:300]) if obstacle.all()}
     inner = terrains[:, 3:-3, 3:-3].mean(0)
     every = {(height, width) for height in (1, 2, 3) for width in (1, 2, 3)}
     measured = f"all {len(every)} shapes of 1 to 3 cells a side occur; away from the edge each cell is blocked in "
@@ -232,7 +242,7 @@ def random_obstacles() -> Finding:
 def lattice() -> Finding:
     """The fundamental positions stand in 3 rows and 3 columns, equally far apart."""
     terrains = (*drawn("1-1-1"), *drawn("1-2-1"))
-    counts = {int(ndimage.label(each)[1]) for each in terrains}
+    counts = {int(ndimage.label(terrain)[1]) for terrain in terrains}
     measured = f"rows and columns {', '.join(map(str, LATTICE))}; {', '.join(map(str, sorted(counts)))} separate obstacles in "
     measured += f"each of {len(terrains):,} terrains of 1-1-1 and 1-2-1"
     return Finding(counts == {9} and len({*np.diff(LATTICE)}) == 1, measured)
@@ -240,26 +250,26 @@ def lattice() -> Finding:
 
 def topology() -> Finding:
     """d_t is the radius of deviation around the fundamental positions."""
-    found, wanted, longest = {}, {}, LARGEST_SIDE[1]
+    blocked, wanted, longest = {}, {}, LARGEST_SIDE[1]
     for t in (1, 2, 3):
         rows = np.flatnonzero(drawn(f"{t}-1-1").any((0, 2)))
-        found[f"{t}-1-1"] = (int(rows.min()), int(rows.max()))
+        blocked[f"{t}-1-1"] = (int(rows.min()), int(rows.max()))
         wanted[f"{t}-1-1"] = (LATTICE[0] - t, min(LATTICE[-1] + t + longest - 1, 20))
-    text = ", ".join(f"{first} to {last} on {level}" for level, (first, last) in found.items())
+    text = ", ".join(f"{first} to {last} on {level}" for level, (first, last) in blocked.items())
     measured = f"obstacles of at most {longest} cells a side on rows {LATTICE[0]} to {LATTICE[-1]}, moved by at most d_t, "
-    return Finding(found == wanted, f"{measured}block rows {text} ({DRAWS:,} terrains each)")
+    return Finding(blocked == wanted, f"{measured}block rows {text} ({DRAWS:,} terrains each)")
 
 
 def morphology() -> Finding:
     """d_m decides how large obstacles become."""
     sides, areas = {}, {}
     for level in ("1-1-1", "1-2-1"):
-        shapes = np.array([each.shape for each in obstacles(drawn(level))])
+        shapes = np.array([obstacle.shape for obstacle in obstacles(drawn(level))])
         sides[level], areas[level] = int(shapes.max()), float(shapes.prod(1).mean())
     holds = areas["1-2-1"] > areas["1-1-1"] and [*sides.values()] == [*LARGEST_SIDE.values()]
     text = ", ".join(
-        f"sides of 1 to {sides[each]} and {areas[each]:.2f} cells in the mean on {each}"
-        for each in sides
+        f"sides of 1 to {sides[level]} and {areas[level]:.2f} cells in the mean on {level}"
+        for level in sides
     )
     return Finding(holds, f"{text} ({DRAWS:,} terrains each)")
 
@@ -284,7 +294,10 @@ def combinations() -> Finding:
 
 
 def entropy(terrains: NDArray[np.bool_]) -> float:
-    """Return the entropy of the cells of terrains bool[count, rows, cols], each cell by itself, in bits."""
+    """The entropy of the cells of terrains, each cell by itself, in bits.
+
+    terrains  bool[count, rows, cols]
+    """
     share = terrains.mean(0).clip(1e-12, 1 - 1e-12)
     return float(-(share * np.log2(share) + (1 - share) * np.log2(1 - share)).sum())
 
@@ -294,7 +307,7 @@ def structure() -> Finding:
     bits = {level: entropy(drawn(level)) for level in TERRAINS.values()}
     by_topology = all(bits[f"{t}-{m}-1"] < bits[f"{t + 1}-{m}-1"] for t in (1, 2) for m in (1, 2))
     by_morphology = all(bits[f"{t}-1-1"] < bits[f"{t}-2-1"] for t in (1, 2, 3))
-    text = ", ".join(f"{level} {value:.0f}" for level, value in bits.items())
+    text = ", ".join(f"{level} {count:.0f}" for level, count in bits.items())
     measured = f"bits of entropy of the cells, each by itself: {text}; `random` {entropy(drawn('random')):.0f}"
     return Finding(by_topology and by_morphology, measured + "; d_b changes no terrain")
 
@@ -308,17 +321,17 @@ def sizes() -> Finding:
 
 
 def discovered_obstacles(count: int = 100) -> Finding:
-    """The obstacles that are discovered are distributed as they were drawn (section 3.4), here with a rule."""
+    """The discovered obstacles are distributed as drawn (section 3.4), with a rule."""
     seen, there, worst, lowest = 0, 0, 1.0, 1.0
     for level in TERRAINS.values():
-        found, drawn_there = np.zeros((21, 21)), np.zeros((21, 21))
+        discovered, drawn_there = np.zeros((21, 21)), np.zeros((21, 21))
         for episode in played(EnvConfig.of(level), "frontier-cost", count):
-            found += episode.codes == OBSTACLE
+            discovered += episode.codes == OBSTACLE
             drawn_there += episode.terrain
-        seen, there = seen + int(found.sum()), there + int(drawn_there.sum())
+        seen, there = seen + int(discovered.sum()), there + int(drawn_there.sum())
         often = drawn_there >= count // 10
-        worst = min(worst, float(np.corrcoef(found.ravel(), drawn_there.ravel())[0, 1]))
-        lowest = min(lowest, float((found[often] / drawn_there[often]).min()))
+        worst = min(worst, float(np.corrcoef(discovered.ravel(), drawn_there.ravel())[0, 1]))
+        lowest = min(lowest, float((discovered[often] / drawn_there[often]).min()))
     measured = f"not with their policy: the rule `frontier-cost` on 6 levels, {count} episodes each, discovered "
     measured += f"{seen / there:.1%} of the obstacle cells, and the cell that it saw least often {lowest:.0%} of the times; "
     measured += f"correlation over the cells of found and drawn at least {worst:.3f}"
@@ -351,11 +364,11 @@ CHECKS: dict[str, Callable[[], Finding]] = {
 
 
 def run(names: Iterable[str] = CHECKS) -> list[Line]:
-    """Return a line for each check named: `kind` "check", `claim`, `holds` and the sentence `measured`."""
-    found = ((name, CHECKS[name]()) for name in names)
+    """A line for each check: `kind` "check", `claim`, `holds` and `measured`."""
+    findings = ((name, CHECKS[name]()) for name in names)
     return [
-        {"kind": "check", "claim": name, "holds": bool(each.holds), "measured": each.measured}
-        for name, each in found
+        {"kind": "check", "claim": name, "holds": bool(finding.holds), "measured": finding.measured}
+        for name, finding in findings
     ]
 
 

@@ -1,7 +1,8 @@
-"""The paper's claims and their verdicts: each row of the tables of `docs/paper.md` is one claim, judged from shipped results.
+"""The paper's claims and their verdicts: the table rows of `docs/paper.md`.
 
-A claim that no result is there for is "not yet measured" by itself. What the paper says and what the authors' repository does
-stand in the document; here is what was measured, with which command, and what follows from it.
+Each row is one claim, judged from shipped results. A claim without a result is "not yet measured"
+by itself. The document has what the paper says and what the authors' repository does; here is what
+was measured, with which command, and what follows from it.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ from research.paper.claims.results import (
 class Claim:
     """One statement of the paper.
 
-    command  what measures it, None for checks, which have one command, and where nothing does
-    decide    results -> what was measured, and the verdict
+    command  measures it; None for checks, which have one command, and if nothing measures it
+    decide   results -> what was measured, and the verdict
     """
 
     command: str | None
@@ -37,7 +38,7 @@ class Claim:
 
 
 def checked(name: str) -> Claim:
-    """Return the claim that a check of the environment decides."""
+    """The claim that a check of the environment decides."""
 
     def decide(results: Results) -> Judgement:
         line = results.checks.get(name)
@@ -49,20 +50,23 @@ def checked(name: str) -> Claim:
 
 
 def slip(name: str) -> Claim:
-    """Return the claim of a check that computes with the paper's own numbers: where it does not hold, the paper slipped."""
-    found = checked(name)
+    """The claim of a check of the paper's own numbers: if it fails, the paper slipped."""
+    claim = checked(name)
 
     def decide(results: Results) -> Judgement:
-        judgement = found.decide(results)
+        judgement = claim.decide(results)
         is_slip = judgement.verdict == verdict(False)
         return Judgement(judgement.measured, SLIP) if is_slip else judgement
 
     return Claim(None, decide)
 
 
-def settled(measured: str, said: str, command: str | None = None) -> Claim:
-    """Return a claim whose verdict depends on no number: a test holds it, we chose otherwise, or it needs people."""
-    return Claim(command, lambda results: Judgement(measured, said))
+def settled(measured: str, verdict_text: str, command: str | None = None) -> Claim:
+    """A claim whose verdict depends on no number.
+
+    A test covers it, ours differs by choice, or it needs people.
+    """
+    return Claim(command, lambda results: Judgement(measured, verdict_text))
 
 
 PLAYERS = settled(
@@ -132,7 +136,7 @@ CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
     "no-knee": Claim(f"{FIGURE} 7", played.no_knee),
     "scales": Claim(f"{FIGURE} 7", played.scales),
 }
-"""Name of the claim, as the first column of its row has it -> how it is judged."""
+"""Name of the claim, as in the first column of its row -> the claim."""
 
 FINDINGS = frozenset(
     {
@@ -160,11 +164,14 @@ FINDINGS = frozenset(
         "scales",
     }
 )
-"""The claims about what was found; the others say how something is defined or made."""
+"""The claims about findings; the others are about definitions and methods."""
 
 
 def cells(name: str, results: Results) -> tuple[str, str]:
-    """Return the last two cells of a claim's row, as Markdown: what was measured with its command, and the verdict."""
+    """The last two cells of a claim's row, as Markdown.
+
+    What was measured with its command, and the verdict.
+    """
     claim = CLAIMS[name]
     judgement = claim.decide(results)
     parts = [judgement.measured] if judgement.measured else []

@@ -1,7 +1,8 @@
-"""`python -m research.paper.claims.page`: draw `docs/paper.md` and its pictures again from the results that are shipped.
+"""`python -m research.paper.claims.page`: draw `docs/paper.md` and its pictures.
 
-The document keeps its prose. What is drawn is the last two cells of every row that begins with the name of a claim in
-backticks, and what stands between marks: the summary, the pictures and the tables of settings.
+They are drawn from the shipped results; the document keeps its prose. What is drawn is the last two
+cells of every row that begins with the name of a claim in backticks, and the blocks between marks:
+the summary, the pictures and the tables of settings.
 """
 
 from __future__ import annotations
@@ -58,11 +59,14 @@ SHOWN = {
         "figure7-shares": "moves to 50, 75, 90, 95 and 99 % of the cells, over those of the rule frontier-cost",
     },
 }
-"""Figure -> name of a picture that the page shows -> what it shows."""
+"""Figure -> name of a picture on the page -> its description."""
 
 
 def draw_pictures(target: Path, source: Path = FOLDER) -> list[Path]:
-    """Draw the pictures for which there are results into the folder `target`; return their paths."""
+    """Draw the pictures that have results into the folder `target`.
+
+    Return their paths.
+    """
     records = read(source).records
     target.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as folder:
@@ -84,7 +88,7 @@ def draw_pictures(target: Path, source: Path = FOLDER) -> list[Path]:
 
 
 def pictures_as_markdown(figure: str, folder: Path) -> str:
-    """Return the pictures of a figure that lie in the folder, as the document shows them, or that there are none yet."""
+    """The pictures of a figure in the folder as Markdown, or that there are none yet."""
     lines = [
         f"![{text}](pictures/{folder.name}/{name}.svg)"
         for name, text in SHOWN[figure].items()
@@ -95,21 +99,24 @@ def pictures_as_markdown(figure: str, folder: Path) -> str:
 
 
 def names_of(text: str) -> list[str]:
-    """Return the claims that have a row in the document, in their order."""
+    """The claims that have a row in the document, in their order."""
     return [match["name"] for match in ROW.finditer(text)]
 
 
 def redraw(text: str, results: Results) -> str:
-    """Return the document with its drawn parts as the results have them; KeyError for a row or a block that nobody draws."""
+    """The document with its drawn parts as the results have them.
 
-    said = set[str]()
+    KeyError for a row or a block that is unknown.
+    """
+
+    shown_lengths = set[str]()
 
     def row(match: re.Match[str]) -> str:
         measured, verdict = cells(match["name"], results)
         if lengths := LENGTHS.search(measured):
-            if lengths[0] in said:
+            if lengths[0] in shown_lengths:
                 measured = measured.replace(lengths[0], "Trainings as long as above")
-            said.add(lengths[0])
+            shown_lengths.add(lengths[0])
         return f"|`{match['name']}`|{match['says']}|{match['does']}|{measured}|{verdict}|"
 
     def block(match: re.Match[str]) -> str:
@@ -121,13 +128,16 @@ def redraw(text: str, results: Results) -> str:
 
 
 def draw_block(name: str, text: str, results: Results) -> str:
-    """Return what stands between `<!-- drawn: NAME -->` and `<!-- end -->` in the document; KeyError for an unknown name."""
-    kind, _, what = name.partition(" ")
+    """The content of a block `<!-- drawn: NAME -->` ... `<!-- end -->`.
+
+    KeyError for an unknown name.
+    """
+    kind, _, figure = name.partition(" ")
     if kind == "summary":
         return summary(text, results)
     if kind == "settings":
         return as_table(results)
-    return pictures_as_markdown(what, PICTURES) if kind == "pictures" else BLOCKS[name](results)
+    return pictures_as_markdown(figure, PICTURES) if kind == "pictures" else BLOCKS[name](results)
 
 
 IMPLEMENTED = "what is implemented"
@@ -135,7 +145,7 @@ FOUND = "what was found"
 
 
 def summary(text: str, results: Results) -> str:
-    """Return how many definitions and how many findings of the paper have which verdict, as a table in Markdown."""
+    """How many definitions and findings of the paper have which verdict, as Markdown."""
     counts = {IMPLEMENTED: Counter[str](), FOUND: Counter[str]()}
     for name in names_of(text):
         kind = FOUND if name in FINDINGS else IMPLEMENTED
@@ -143,14 +153,14 @@ def summary(text: str, results: Results) -> str:
     return markdown_table(
         ("", *VERDICTS),
         [
-            [kind, *(str(own[verdict] or "") for verdict in VERDICTS)]
-            for kind, own in counts.items()
+            [kind, *(str(count[verdict] or "") for verdict in VERDICTS)]
+            for kind, count in counts.items()
         ],
     )
 
 
 def main(page: Path = PAGE) -> None:
-    """Draw the pictures and the document again where they lie."""
+    """Draw the pictures and the document again in their places."""
     drawn = draw_pictures(PICTURES)
     text = redraw(page.read_text(), read())
     write_text(page, text)

@@ -1,10 +1,11 @@
-"""What the paper says of the trained policy (figures 6 and 7), measured from the episodes that policies played.
+"""The paper's claims about the trained policy (figures 6, 7), from episodes.
 
-The paper speaks of the policy that PPO learnt. Policies whose name begins with LETTER were trained by the letter of the paper,
-for as many moves. All others whose name begins with LEARNT were trained by PPO with other settings, or for less, as the shipped
-`ppo-paper` was. A claim is reproduced when it holds everywhere for a policy of the first kind. It is reproduced in part when it
-holds somewhere for any, and each is named with its numbers. Where it holds for none it is undecided: those by the letter made a
-twentieth of the paper's gradient steps.
+The paper's policy is what PPO learnt. Policies whose name begins with LETTER were trained by the
+letter of the paper, for as many moves. All others whose name begins with LEARNT were trained by PPO
+with other settings, or for less, as the shipped `ppo-paper` was. A claim is reproduced when it
+holds everywhere for a policy of the first kind. It is reproduced in part when it holds somewhere
+for any, and each is named with its numbers. Where it holds for none it is undecided: those by the
+letter made a twentieth of the paper's gradient steps.
 """
 
 from __future__ import annotations
@@ -47,46 +48,60 @@ DENSEST = ("3-2-1", "3-2-2")
 LEARNT, LETTER = "ppo", "ppo-paper-"
 SIZES = (42, 84)
 LEVEL = "2-2-1"
-Own = TypeVar("Own")
-Judge = Callable[[Own], tuple[str, list[bool]]]
-"""What there is of a policy -> its numbers in words, and where the claim holds."""
+Played = TypeVar("Played")
+Judge = Callable[[Played], tuple[str, list[bool]]]
+"""The results of a policy -> its numbers in words, and where the claim holds."""
 
 
 def learners(lines: Sequence[Line]) -> dict[str, dict[str, Line]]:
-    """Return policy -> level -> result of figure 6, for those that stand for the paper's and played all of its 12 levels."""
-    found: dict[str, dict[str, Line]] = {}
+    """Policy -> level -> result of figure 6, of PPO's policies.
+
+    Only policies that played all of the paper's 12 levels.
+    """
+    by_policy: dict[str, dict[str, Line]] = {}
     for line in lines:
         if line["policy"].startswith(LEARNT) and line["level"] in DIFFICULTIES:
-            found.setdefault(line["policy"], {})[line["level"]] = line
-    return {policy: own for policy, own in found.items() if len(own) == len(DIFFICULTIES)}
+            by_policy.setdefault(line["policy"], {})[line["level"]] = line
+    return {
+        policy: by_level
+        for policy, by_level in by_policy.items()
+        if len(by_level) == len(DIFFICULTIES)
+    }
 
 
 def span(shares: Sequence[float]) -> str:
-    """Return the range of shares in words."""
+    """The range of shares in words."""
     low, high = f"{min(shares):.2f}", f"{max(shares):.2f}"
     return low if low == high else f"{low} to {high}"
 
 
 def decided(
-    what: str, own: Mapping[str, Own], judge: Judge[Own], others: Sequence[str] = ()
+    measure: str, results: Mapping[str, Played], judge: Judge[Played], others: Sequence[str] = ()
 ) -> Judgement:
-    """Return the judgement on a claim about policies, NOTHING without one; `others` is said after what is measured of them."""
-    if not own:
+    """The judgement on a claim about policies, NOTHING without one.
+
+    Args:
+        measure: What is measured, in words.
+        results: By policy.
+        judge: Judges the results of one policy.
+        others: Sentences that follow the policies' numbers.
+    """
+    if not results:
         return NOTHING
-    found = {policy: judge(each) for policy, each in own.items()}
-    somewhere = PARTLY if any(any(held) for _, held in found.values()) else UNDECIDED
-    whole = any(all(held) for policy, (_, held) in found.items() if policy.startswith(LETTER))
-    words = [*(f"`{policy}` {text}" for policy, (text, _) in found.items()), *others]
-    return Judgement(f"{what}: {'; '.join(words)}", REPRODUCED if whole else somewhere)
+    judged = {policy: judge(played) for policy, played in results.items()}
+    somewhere = PARTLY if any(any(held) for _, held in judged.values()) else UNDECIDED
+    whole = any(all(held) for policy, (_, held) in judged.items() if policy.startswith(LETTER))
+    words = [*(f"`{policy}` {text}" for policy, (text, _) in judged.items()), *others]
+    return Judgement(f"{measure}: {'; '.join(words)}", REPRODUCED if whole else somewhere)
 
 
-def of_learners(what: str) -> Callable[[Judge[dict[str, Line]]], Decide]:
-    """Return what makes a claim about figure 6 of `judge`, which is given a policy's results by level."""
-    return lambda judge: lambda results: decided(what, learners(results.plays[6]), judge)
+def of_learners(measure: str) -> Callable[[Judge[dict[str, Line]]], Decide]:
+    """A decorator that makes a claim about figure 6 of a `Judge` of results by level."""
+    return lambda judge: lambda results: decided(measure, learners(results.plays[6]), judge)
 
 
 def never_back(line: Line) -> Rate:
-    """Return how often a policy or a walk visits the quadrants in a U and never goes back."""
+    """How often a policy or a walk visits the quadrants in a U and never goes back."""
     return course_rates(line)[1]
 
 
@@ -101,41 +116,46 @@ def hilbert(results: Results) -> Judgement:
         for rule in RULES
     }
 
-    def judge(own: dict[str, Line]) -> tuple[str, list[bool]]:
-        rates = {level: never_back(line) for level, line in own.items()}
+    def judge(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
+        rates = {level: never_back(line) for level, line in by_level.items()}
         held = [
-            rate.low > max([0.5, *(of[level].high for of in rules.values() if level in of)])
+            rate.low
+            > max([0.5, *(by_rule[level].high for by_rule in rules.values() if level in by_rule)])
             for level, rate in rates.items()
         ]
         shares = span([rate.mean for rate in rates.values()])
         return f"{shares}, a majority and above both rules on {sum(held)}", held
 
     others = [
-        f"`{rule}` {span([rate.mean for rate in of.values()] or [nan])}"
-        for rule, of in rules.items()
+        f"`{rule}` {span([rate.mean for rate in by_rule.values()] or [nan])}"
+        for rule, by_rule in rules.items()
     ]
     others += [f"walks by `{walk['null']}` {never_back(walk).mean:.2f}" for walk in results.walks]
-    what = "share of a U without going back on a level"
-    return decided(what, learners(results.plays[6]), judge, others)
+    measure = "share of a U without going back on a level"
+    return decided(measure, learners(results.plays[6]), judge, others)
 
 
 @of_learners("share of a level's episodes in the commonest order of quadrants")
-def same_family(own: dict[str, Line]) -> tuple[str, list[bool]]:
-    """The same family of trajectories was generated in all cases and with great confidence."""
+def same_family(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
+    """The same family of trajectories was generated in all cases, with confidence."""
     orders = [
-        [QuadrantCourse.of_code(code).entered for code in line["courses"]] for line in own.values()
+        [QuadrantCourse.of_code(code).entered for code in line["courses"]]
+        for line in by_level.values()
     ]
-    every = [order for each in orders for order in each]
+    every = [order for level_orders in orders for order in level_orders]
     common = max(set(every), key=every.count)
-    shares = [each.count(common) / len(each) for each in orders]
+    shares = [level_orders.count(common) / len(level_orders) for level_orders in orders]
     return span(shares), [share > 0.9 for share in shares]
 
 
 @of_learners("shares of the episodes there that collided and were completed")
-def dexterous(own: dict[str, Line]) -> tuple[str, list[bool]]:
+def dexterous(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
     """The policy adapts to obstacles and avoids encounters, also on 3-2-1 and 3-2-2."""
     crashed, explored = (
-        [own[level]["outcomes"].get(outcome, 0) / own[level]["played"] for level in DENSEST]
+        [
+            by_level[level]["outcomes"].get(outcome, 0) / by_level[level]["played"]
+            for level in DENSEST
+        ]
         for outcome in ("collided", "explored")
     )
     pairs = zip(crashed, explored, strict=True)
@@ -143,65 +163,67 @@ def dexterous(own: dict[str, Line]) -> tuple[str, list[bool]]:
 
 
 @of_learners("correlation, and levels of 12 without blind spots")
-def no_blind_spots(own: dict[str, Line]) -> tuple[str, list[bool]]:
-    """The arrangement of the obstacles that a policy discovers matches the drawn distribution."""
-    found = [obstacles_of(line) for line in own.values()]
-    held = [not each.blind_spots for each in found]
-    return f"{span([each.correlation for each in found])} and {sum(held)}", held
+def no_blind_spots(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
+    """The obstacles that a policy discovers match the drawn distribution."""
+    matches = [obstacles_of(line) for line in by_level.values()]
+    held = [not match.blind_spots for match in matches]
+    return f"{span([match.correlation for match in matches])} and {sum(held)}", held
 
 
 def discovered(results: Results) -> Judgement:
-    """The same, with what the check of a rule found in front."""
+    """The same, after the finding of a rule's check."""
     policies, check = no_blind_spots(results), results.checks.get("discovered-obstacles")
     parts = [check["measured"] if check else "", policies.measured]
     return Judgement("; ".join(filter(None, parts)), policies.verdict)
 
 
 def scaled(results: Results) -> tuple[dict[str, list[ScaleRow]], dict[str, list[ScaleRow]]]:
-    """Return (learners, rules): policy -> its rows at 42 and 84 on 2-2-1, those with both sizes alone.
+    """(learners, rules): policy -> its rows at 42 and 84 on 2-2-1.
 
-    Both are empty unless both rules are there.
+    Only policies with both sizes. Both are empty unless both rules are there.
     """
     rows: dict[str, list[ScaleRow]] = {}
-    for row in sorted(scale_rows(results.plays[7]), key=lambda each: each.size):
+    for row in sorted(scale_rows(results.plays[7]), key=lambda row: row.size):
         if row.level == LEVEL and row.size in SIZES:
             rows.setdefault(row.policy, []).append(row)
-    whole = {policy: each for policy, each in rows.items() if len(each) == len(SIZES)}
+    whole = {policy: sizes for policy, sizes in rows.items() if len(sizes) == len(SIZES)}
     if not whole.keys() >= {*RULES}:
         return {}, {}
     return (
-        {policy: each for policy, each in whole.items() if policy.startswith(LEARNT)},
-        {policy: each for policy, each in whole.items() if policy in RULES},
+        {policy: sizes for policy, sizes in whole.items() if policy.startswith(LEARNT)},
+        {policy: sizes for policy, sizes in whole.items() if policy in RULES},
     )
 
 
 def less_distance(results: Results) -> Judgement:
-    """PPO travels less distance than the rules to explore the same share of the terrain."""
+    """PPO travels less distance than the rules to explore the same share of terrain."""
     places = group_by_place(results.plays[7])
     groups = [places.get((LEVEL, size), {}) for size in SIZES]
 
     def judge(policy: str) -> tuple[str, list[bool]]:
         ratios = [[to_better_rule(group, policy, share) for share in PER_CENT] for group in groups]
-        held = [ratio.high < 1 for each in ratios for ratio in each]
+        held = [ratio.high < 1 for group_ratios in ratios for ratio in group_ratios]
         texts = (
-            " ".join(f"{ratio.mean:.2f}" if ratio.is_known else "none" for ratio in each)
-            for each in ratios
+            " ".join(f"{ratio.mean:.2f}" if ratio.is_known else "none" for ratio in group_ratios)
+            for group_ratios in ratios
         )
         return f"{' and '.join(texts)}, less with certainty at {sum(held)} of 10", held
 
-    what = f"moves over the better rule's to {', '.join(map(str, PER_CENT))} % at 42x42 and 84x84"
-    return decided(what, {policy: policy for policy in scaled(results)[0]}, judge)
+    measure = (
+        f"moves over the better rule's to {', '.join(map(str, PER_CENT))} % at 42x42 and 84x84"
+    )
+    return decided(measure, {policy: policy for policy in scaled(results)[0]}, judge)
 
 
 def to_better_rule(group: Mapping[str, Line], policy: str, per_cent: int) -> Estimate:
-    """Return the ratio of a policy's moves to a share of the cells to those of the rule that is better at that share."""
+    """A policy's moves to a share of the cells over those of the better rule there."""
     rules = (group[rule] for rule in RULES)
     better = min(rules, key=lambda line: float(steps_of(line, per_cent).mean()))
     return compare(group[policy], better, per_cent)
 
 
 def last_shares(rows: Sequence[ScaleRow]) -> str:
-    """Return the share of the moves that the last per cents take, in words."""
+    """The share of the moves that the last per cents take, in words."""
     return " and ".join(row.last_share.text(2) for row in rows)
 
 
@@ -211,25 +233,28 @@ def knee(results: Results) -> Judgement:
     if not rules:
         return NOTHING
     held = [row.last_share.low > CONSTANT_PACE for rows in rules.values() for row in rows]
-    what = f"share of the moves from 90 to 99 % of coverage ({CONSTANT_PACE:.2f} at a constant pace), 42x42 and 84x84"
+    measure = f"share of the moves from 90 to 99 % of coverage ({CONSTANT_PACE:.2f} at a constant pace), 42x42 and 84x84"
     words = (f"`{policy}` {last_shares(rows)}" for policy, rows in rules.items())
-    return Judgement(f"{what}: {'; '.join(words)}", partly(held))
+    return Judgement(f"{measure}: {'; '.join(words)}", partly(held))
 
 
 def no_knee(results: Results) -> Judgement:
     """PPO has no such knee."""
-    own, rules = scaled(results)
+    learnt, rules = scaled(results)
 
     def judge(rows: list[ScaleRow]) -> tuple[str, list[bool]]:
         pairs = zip(rows, *rules.values(), strict=True)
-        held = [all(row.last_share.high < rule.last_share.low for rule in of) for row, *of in pairs]
+        held = [
+            all(row.last_share.high < rule.last_share.low for rule in rules_there)
+            for row, *rules_there in pairs
+        ]
         return last_shares(rows), held
 
-    return decided("the same share", own, judge)
+    return decided("the same share", learnt, judge)
 
 
 def scales(results: Results) -> Judgement:
-    """Learning extends to larger terrains: it completes them, and keeps up with the rules."""
+    """Learning extends to larger terrains: it completes them as fast as the rules."""
 
     def judge(rows: list[ScaleRow]) -> tuple[str, list[bool]]:
         ratios = (f"{row.to_rule.mean:.2f}" if row.to_rule.is_known else "no" for row in rows)
@@ -239,5 +264,5 @@ def scales(results: Results) -> Judgement:
         completes = [row.completion > 0.9 for row in rows]
         return " and ".join(texts), completes + [row.to_rule.low < 1 for row in rows]
 
-    what = "terrains completed, in how many of the better rule's moves, at 42x42 and 84x84"
-    return decided(what, scaled(results)[0], judge)
+    measure = "terrains completed, in how many of the better rule's moves, at 42x42 and 84x84"
+    return decided(measure, scaled(results)[0], judge)

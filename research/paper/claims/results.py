@@ -1,12 +1,14 @@
-"""The results that are shipped, in `data/*.jsonl`, as the claims of the paper are decided from them.
+"""The shipped results, in `data/*.jsonl`, and the verdicts on claims.
 
-environment.jsonl               what `checks` found
+environment.jsonl               the findings of `checks`
 figure5-*.jsonl                 how hard the levels are, see `play`
-generalisation.jsonl            policies on levels that they were not trained on, see `generalisation`
-figure6-*.jsonl, figure7-*.jsonl  episodes of policies and walks of the null, see `quadrants`, `walks` and `scale`
+generalisation.jsonl            policies on levels that they were not trained on, see
+                                `generalisation`
+figure6-*.jsonl, figure7-*.jsonl  episodes of policies and walks of the null, see `quadrants`,
+                                  `walks` and `scale`
 every other file                finished trials, see `curves`
 
-And what a claim can turn out to be, with the statistics that decide it.
+The statistics that decide a claim are here too.
 """
 
 from __future__ import annotations
@@ -36,8 +38,8 @@ class Results:
     checks     claim -> the line of its check
     records    finished trials
     plays      figure (5, 6 or 7; 8: generalisation) -> results of policies
-    walks      results of the walks of figure 6 that nobody trained
-    unfinished  how far trainings are, see `trial.read_unfinished`
+    walks      results of the untrained walks of figure 6
+    unfinished  the progress of trainings, see `trial.read_unfinished`
     """
 
     checks: dict[str, Line] = field(default_factory=dict)
@@ -47,20 +49,20 @@ class Results:
     unfinished: list[Line] = field(default_factory=list)
 
     def trials(self, **wanted: Any) -> list[Record]:
-        """Return the `longest` finished trials with these values (algorithm, variant, level, size)."""
+        """The `longest` finished trials with these values (algorithm, variant, ...)."""
         return longest(chosen(self.records, **wanted))
 
 
 def read(folder: Path = FOLDER) -> Results:
-    """Return what lies in the folder, the shipped one by default; ValueError for a file that holds no such results."""
+    """The results in a folder; ValueError for a file that holds no such results."""
     results = Results(unfinished=read_unfinished(folder / "checkpoints"))
     for path in sorted(folder.glob("*.jsonl")):
         if path.name == CHECKS_FILE:
             results.checks.update({line["claim"]: line for line in read_lines(path)})
         elif path.name.startswith(("figure5-", "figure6-", "figure7-", "generalisation")):
             for line in read_lines(path):
-                kept = results.plays[line["figure"]] if "policy" in line else results.walks
-                kept.append(line)
+                group = results.plays[line["figure"]] if "policy" in line else results.walks
+                group.append(line)
         else:
             results.records.extend(read_exported(path))
     return results
@@ -74,7 +76,7 @@ VERDICTS = (REPRODUCED, PARTLY, NOT_REPRODUCED, UNDECIDED, SLIP, DIFFERENT, PEOP
 
 @dataclass(frozen=True)
 class Judgement:
-    """What was measured, as Markdown for a cell of a table, and the verdict, one of VERDICTS."""
+    """What was measured, as Markdown for a table's cell, and one of VERDICTS."""
 
     measured: str
     verdict: str
@@ -89,41 +91,50 @@ Holds = bool | None
 
 
 def verdict(holds: Holds) -> str:
-    """Return the verdict on a statement that was measured."""
+    """The verdict on a statement that was measured."""
     if holds is None:
         return UNDECIDED
     return REPRODUCED if holds else NOT_REPRODUCED
 
 
 def all_of(parts: Iterable[Holds]) -> Holds:
-    """Return whether every part of a statement holds: one that does not decides it, one that is open leaves it open."""
-    found = {*parts}
-    if False in found:
+    """Whether every part of a statement holds.
+
+    One that does not decides it, one that is open leaves it open.
+    """
+    distinct = {*parts}
+    if False in distinct:
         return False
-    return None if None in found else True
+    return None if None in distinct else True
 
 
 def partly(held: Sequence[bool]) -> str:
-    """Return the verdict on a statement that was measured in several places."""
+    """The verdict on a statement that was measured in several places."""
     return PARTLY if any(held) and not all(held) else verdict(all(held))
 
 
 def is_above(ours: Floats, theirs: Floats) -> bool:
-    """Return whether the 95 % interval of the difference of means (Welch's t; a point where nothing varies) lies above 0."""
+    """Whether the 95 % interval of the difference of means lies above 0.
+
+    By Welch's t; a point if nothing varies.
+    """
     if np.ptp(ours) == np.ptp(theirs) == 0:
         return bool(ours[0] > theirs[0])
     return bool(stats.ttest_ind(ours, theirs, equal_var=False).confidence_interval(0.95).low > 0)
 
 
 def certainly_above(ours: Floats, theirs: Floats) -> Holds:
-    """Return whether the mean of independent values is above another, None where neither `is_above` the other."""
+    """Whether one mean is above another, None if neither `is_above` the other."""
     if is_above(ours, theirs):
         return True
     return False if is_above(theirs, ours) else None
 
 
 def above_by_seed(ours: Floats, theirs: Floats, least: float = 0.0) -> Holds:
-    """Return whether the mean of ours less theirs is above `least`, by its 95 % t interval over seeds, which they share."""
+    """Whether the mean of ours less theirs is above `least`, paired by seed.
+
+    By its 95 % t interval over seeds; None if that contains `least`.
+    """
     low, high = t_interval(ours - theirs)
     if low > least:
         return True
@@ -131,14 +142,15 @@ def above_by_seed(ours: Floats, theirs: Floats, least: float = 0.0) -> Holds:
 
 
 def ratio_of_means(ours: Floats, theirs: Floats) -> Estimate:
-    """Return the ratio of the means of independent values with Fieller's 95 % interval, at least two of each.
+    """The ratio of the means of independent values with Fieller's 95 % interval.
 
-    The variances may differ: the degrees of freedom are Satterthwaite's at the ratio (Tamhane and Logan 2004). The interval is
-    from -inf to inf where that of the mean of theirs contains 0, since then no ratio is excluded on both sides.
+    The variances may differ: the degrees of freedom are Satterthwaite's at the ratio (Tamhane and
+    Logan 2004). The interval is from -inf to inf if that of the mean of theirs contains 0, since
+    then no ratio is excluded on both sides. At least two values of each.
     """
     top, bottom = float(ours.mean()), float(theirs.mean())
     ratio = top / bottom if bottom else np.nan
-    of_top, of_bottom = (float(each.var(ddof=1)) / len(each) for each in (ours, theirs))
+    of_top, of_bottom = (float(values.var(ddof=1)) / len(values) for values in (ours, theirs))
     of_both = of_top + ratio**2 * of_bottom
     if of_both == 0:
         return Estimate(ratio, ratio, ratio)

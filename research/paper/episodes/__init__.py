@@ -1,1 +1,1 @@
-"""Episodes of policies and walks that nobody trained, and what is measured on them: visits, quadrants, moves to each share."""
+"""Episodes of policies and untrained walks, and their measures for the figures."""

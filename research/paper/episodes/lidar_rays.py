@@ -1,14 +1,17 @@
-"""The lidar of the authors' repository, to measure how it differs from the sight that the paper defines; it is not offered.
+"""The lidar of the authors' repository, compared with the paper's line of sight.
 
-`python -m research.paper.episodes.lidar_rays` prints the numbers that docs/paper.md has about it.
+It is not offered for play. `python -m research.paper.episodes.lidar_rays` prints the numbers about
+it in docs/paper.md.
 
-`Sensors/lidarSensor.py` of dimikout3/MarsExplorer sends 32 rays from the rover at equal angles. A ray is sampled at 200 points
-up to the radius; a point stands for the cell that its coordinates round to, drawn back onto the grid where it lies outside. The
-ray ends half a cell beyond the nearest obstacle cell on it, and at most at the radius. Every cell on it is seen. The distance
-to the obstacle is kept in an array of the radius' type: with the whole number 6 of `settings.py` it is cut to whole cells.
+`Sensors/lidarSensor.py` of dimikout3/MarsExplorer sends 32 rays from the rover at equal angles. A
+ray is sampled at 200 points up to the radius; a point stands for the cell that its coordinates
+round to, drawn back onto the grid where it lies outside. The ray ends half a cell beyond the
+nearest obstacle cell on it, and at most at the radius. Every cell on it is seen. The distance to
+the obstacle is kept in an array of the radius' type: with the whole number 6 of `settings.py` it is
+cut to whole cells.
 
-So rays show cells round the corner of an obstacle that no line of centres reaches, they miss some cells between each other, and
-rounding shows cells whose centres lie farther away than the radius.
+So rays show cells round the corner of an obstacle that no line of centres reaches, they miss some
+cells between each other, and rounding shows cells whose centres lie farther away than the radius.
 """
 
 from __future__ import annotations
@@ -37,11 +40,13 @@ Cells = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Scans:
-    """Scans by rays compared with exact ones, over scans from every free cell of some terrains; means, cells a scan.
+    """Scans by rays compared with exact ones; means, cells a scan.
+
+    The scans are from every free cell of some terrains.
 
     exact    seen exactly (eq. 4)
     rays     seen by rays
-    added    seen by rays alone
+    added    seen only by rays
     beyond   of these, farther away than the radius
     missed   seen exactly and by no ray
     scans    how many scans were compared
@@ -65,10 +70,15 @@ class Scans:
 def ray_cells(
     terrain: Cells, row: int, col: int, radius: int, cuts_distances: bool = True
 ) -> Cells:
-    """Return bool[rows, cols]: what the rays see from a free cell.
+    """The cells that the rays see from a free cell: bool[rows, cols].
 
-    terrain         bool[rows, cols], True where blocked
-    cuts_distances  whether the distance to an obstacle is cut to whole cells, as it is with a radius that is a whole number
+    Args:
+        terrain: bool[rows, cols], True where blocked.
+        row: Of the free cell.
+        col: Of the free cell.
+        radius: Of the lidar, cells.
+        cuts_distances: Whether the distance to an obstacle is cut to whole cells, as it is with a
+            radius that is a whole number.
     """
     rows, cols = ray_points(terrain.shape, row, col, np.full(RAYS, float(radius)))
     distances = np.where(terrain[rows, cols], np.hypot(rows - row, cols - col), np.inf).min(axis=0)
@@ -81,7 +91,10 @@ def ray_cells(
 def ray_points(
     shape: tuple[int, ...], row: int, col: int, lengths: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows and columns, int64[POINTS, RAYS] each, of the cells on rays of these lengths, float64[RAYS]."""
+    """The rows and columns, int64[POINTS, RAYS] each, of the cells on rays.
+
+    lengths  float64[RAYS], cells
+    """
     angles = np.linspace(0, 2 * np.pi, RAYS, endpoint=False)
     rows = np.round(np.linspace(row, row + lengths * np.cos(angles), POINTS)).astype(np.int64)
     cols = np.round(np.linspace(col, col + lengths * np.sin(angles), POINTS)).astype(np.int64)
@@ -89,14 +102,17 @@ def ray_points(
 
 
 def exact_cells(config: EnvConfig, terrain: Cells) -> Cells:
-    """Return bool[n, rows, cols]: what the environment's lidar shows from each cell, nothing from an obstacle."""
+    """The cells that the lidar shows from each cell, none from an obstacle.
+
+    bool[n, rows, cols]
+    """
     views = KnownTerrain(config, terrain).views.astype("<u8").view(np.uint8)
     bits = np.unpackbits(views, axis=1, bitorder="little")[:, : config.n]
     return bits.reshape(config.n, config.rows, config.cols).astype(np.bool_)
 
 
 def compare_scans(config: EnvConfig, seeds: Sequence[int], cuts_distances: bool = True) -> Scans:
-    """Return how rays differ from exact sight, over every free cell of the terrains of some seeds."""
+    """How rays differ from exact sight, over every free cell of some terrains."""
     row_of, col_of = np.indices((config.rows, config.cols))
     counts = []
     for seed in seeds:

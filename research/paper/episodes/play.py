@@ -1,12 +1,14 @@
-"""Episodes of one policy on one level and size, as a job: what figures 6 and 7 are measured on.
+"""Episodes of one policy on one level and size, as a job, for figures 6 and 7.
 
-Every policy plays the terrains of the same seeds. The folder of the job has result.jsonl with one line: what was played, how it
-ended, and what the figure measures; see `quadrants` and `scale`. In `data/`, `ppo-earlier` is the earlier `ppo`, without
-prices, which is no longer shipped. `ppo-paper-21-s2` there are seed 2's policies by the letter, each of the level that it
-plays; that of 1-1-2 is of a second training with the same settings and seed, since the first, which figure 5 has, was not kept.
+Every policy plays the terrains of the same seeds. The job's folder has result.jsonl with one line:
+what was played, how it ended, and the figure's measures; see `quadrants` and `scale`. In `data/`,
+`ppo-earlier` is the earlier `ppo`, without prices, which is no longer shipped. `ppo-paper-21-s2`
+there are seed 2's policies by the letter, each of the level that it plays; that of 1-1-2 is of a
+second training with the same settings and seed, since the first, which figure 5 has, was not kept.
 
-How hard a level's terrains are is measured without training: the moves of an informed search, which is shown the map, say how
-much there is to do, and those of the better rule how much it costs to find that out on the way.
+How hard a level's terrains are is measured without training: the moves of an informed search, which
+is shown the map, tell how much there is to do, and those of the better rule how much it costs to
+find that out on the way.
 """
 
 from __future__ import annotations
@@ -36,7 +38,9 @@ EPISODES = 100
 """Terrains of each level and size, as in the paper."""
 
 LARGEST_INFORMED = 42
-"""Side up to which the informed search is asked: at 84 its budget finds no walk that reaches 99 %."""
+"""Side up to which the informed search is asked: at 84 its budget finds no walk that reaches 99
+%.
+"""
 
 INFORMED_TRIES = 4
 """Searches with other random numbers, until one finds a walk."""
@@ -51,13 +55,13 @@ DIFFICULTY_EPISODES = {"small": 20, "full": 100, "authors": 100}
 
 @dataclass(frozen=True)
 class Play:
-    """The episodes of one policy as a job; a figure's own job adds what it measures.
+    """The episodes of one policy as a job; a figure's own job adds its measures.
 
     policy      its name or path, or INFORMED
     level       a name in LEVELS
     size        side of the square grid, cells
     episodes    how many, on the terrains of first_seed, first_seed + 1, ...
-    label       what the policy is called in results; empty takes the name, or the file's without its ending
+    label       the policy's name in results; empty takes its name, or the file's without its ending
     """
 
     policy: str
@@ -72,7 +76,7 @@ class Play:
 
     @property
     def called(self) -> str:
-        """What the policy is called in results."""
+        """The policy's name in results."""
         return self.label or Path(self.policy).stem
 
     @property
@@ -87,7 +91,7 @@ class Play:
 
     @property
     def identity(self) -> Line:
-        """What is played, JSON-ready; results of another identity are not of this job."""
+        """The played episodes, JSON-ready; results of another identity are another job's."""
         digest = None if self.policy == INFORMED else policy_files.policy_hash(self.policy)
         return {
             "kind": self.kind,
@@ -103,16 +107,15 @@ class Play:
         }
 
     def measure(self, results: Sequence[Result]) -> Line:
-        """Return what the figure measures on the episodes, JSON-ready."""
+        """The figure's measures of the episodes, JSON-ready."""
         raise NotImplementedError
 
     def is_done(self, folder: Path) -> bool:
-        """Return whether the result of these episodes lies under `folder / name`."""
+        """Whether the result of these episodes is under `folder / name`."""
         lines = read_lines(folder / self.name / "result.jsonl")
         return len(lines) == 1 and self.identity.items() <= lines[0].items()
 
     def run(self, folder: Path, on_progress: OnProgress) -> None:
-        """Play and measure."""
         play, results, begun = self._player(), [], time.process_time()
         for number in range(self.episodes):
             seed = self.first_seed + number
@@ -124,7 +127,7 @@ class Play:
         write_lines(folder / self.name / "result.jsonl", [line])
 
     def _player(self) -> Callable[[int], Episode | None]:
-        """Return what plays the episode of a seed; None when the search finds no walk."""
+        """A function that plays the episode of a seed; None if the search finds no walk."""
         config = self.config
         if self.policy == INFORMED:
             return partial(informed_episode, config)
@@ -133,7 +136,7 @@ class Play:
 
 
 def informed_episode(config: EnvConfig, seed: int) -> Episode | None:
-    """Return the shortest walk found by the informed search on the terrain of a seed, None when it finds none."""
+    """The shortest walk of the informed search on a seed's terrain, or None."""
     episode = Episode.begin(config, seed=seed)
     for number in range(INFORMED_TRIES):
         searched = mix(seed ^ mix(number)) if number else seed
@@ -148,9 +151,10 @@ def informed_episode(config: EnvConfig, seed: int) -> Episode | None:
 
 
 def can_play(policy: str, config: EnvConfig) -> bool:
-    """Return whether a policy can play a configuration: some networks take one size, and the informed search small grids.
+    """Whether a policy can play a configuration.
 
-    PolicyNotFoundError and PolicyFileError when there is no such policy.
+    Some networks take one size, and the informed search small grids. PolicyNotFoundError and
+    PolicyFileError if there is no such policy.
     """
     if policy == INFORMED:
         return max(config.rows, config.cols) <= LARGEST_INFORMED
@@ -159,13 +163,13 @@ def can_play(policy: str, config: EnvConfig) -> bool:
 
 @lru_cache(maxsize=64)
 def size_of(policy: str) -> tuple[int, int] | None:
-    """Return (rows, cols) of the only size that a policy plays, None for any."""
+    """(rows, cols) of the only size that a policy plays, None for any."""
     size = getattr(policy_files.load(policy), "size", None)
     return None if size is None else (int(size[0]), int(size[1]))
 
 
 def endings(results: Sequence[Result]) -> Line:
-    """Return how episodes ended, JSON-ready: `played` of them, `outcomes` by name, and the mean `steps` and `coverage`."""
+    """How episodes ended: `played`, `outcomes` by name, mean `steps` and `coverage`."""
     count = max(1, len(results))
     return {
         "played": len(results),
@@ -183,12 +187,12 @@ class Difficulty(Play):
     kind: ClassVar[str] = "difficulty"
 
     def measure(self, results: Sequence[Result]) -> Line:
-        """Return the moves to 99 %, JSON-ready."""
+        """The moves to 99 %, JSON-ready."""
         return {"steps_to_99": asdict(Estimate.of([result.steps_to_99 for result in results]))}
 
 
 def with_own_names(plays: Sequence[Play]) -> Sequence[Play]:
-    """Return plays as they came; ValueError when two have the same name."""
+    """The plays themselves; ValueError if two have the same name."""
     if len({play.name for play in plays}) < len(plays):
         policies = ", ".join(dict.fromkeys(play.policy for play in plays))
         raise ValueError(f"each policy needs a name of its own, got {policies}")
@@ -196,7 +200,7 @@ def with_own_names(plays: Sequence[Play]) -> Sequence[Play]:
 
 
 def difficulty_jobs(budget: str, size: int) -> list[Job]:
-    """Return the jobs that measure the six kinds of terrain."""
+    """The jobs that measure the six kinds of terrain."""
     return [
         Difficulty(policy, level, size, DIFFICULTY_EPISODES[budget])
         for level in TERRAINS.values()
@@ -205,9 +209,10 @@ def difficulty_jobs(budget: str, size: int) -> list[Job]:
 
 
 def read_results(folder: Path, figure: int) -> list[Line]:
-    """Return the results of a figure in a folder, of jobs (NAME/result.jsonl) or gathered (NAME.jsonl), in order of name.
+    """The results of a figure in a folder, in order of name.
 
-    Where a folder has both of the same policy, level and size, the job's counts. FileNotFoundError when there is none.
+    They are of jobs (NAME/result.jsonl) or gathered (NAME.jsonl). If a folder has both of the same
+    policy, level and size, the job's counts. FileNotFoundError if there is none.
     """
     gathered = sorted(folder.glob(f"figure{figure}-*.jsonl"))
     files = [*gathered, *sorted(folder.glob(f"figure{figure}-*/result.jsonl"))]
@@ -221,12 +226,15 @@ def read_results(folder: Path, figure: int) -> list[Line]:
 
 
 def _place_of(line: Line) -> tuple[object, ...]:
-    """Return what two results may not share: the policy or the walks, the level and the size."""
+    """The key of a result: the policy or the walks, the level and the size."""
     return line.get("policy"), line.get("null"), line.get("level"), line["rows"]
 
 
 def gather(folder: Path, figure: int, target: Path) -> list[Path]:
-    """Write the results of a figure into one file a policy, figureN-POLICY.jsonl, and one for the null; return the paths."""
+    """Write the results of a figure into a file a policy; return the paths.
+
+    The files are figureN-POLICY.jsonl; the null walks have one too.
+    """
     groups: dict[str, list[Line]] = {}
     for line in read_results(folder, figure):
         groups.setdefault(line.get("policy", "null"), []).append(line)

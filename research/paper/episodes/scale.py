@@ -1,16 +1,20 @@
-"""How coverage grows with the moves, at several sizes: the measures of figure 7 (section 3.5).
+"""How coverage grows with the moves, at several sizes: figure 7 (section 3.5).
 
 A result has over its episodes
 
     stride        moves from one point of the curves to the next
-    mean, sd      of the coverage after 0, stride, 2 stride, ... moves, 0..1; an episode keeps what it had when it ended
-    reached       "50", "75", "90", "95", "99" -> for each terrain, the moves until so many per cent were known, null for never
+    mean, sd      of the coverage after 0, stride, 2 stride, ... moves, 0..1; an episode keeps what
+                  it had when it ended
+    reached       "50", "75", "90", "95", "99" -> for each terrain, the moves until so many per cent
+                  were known, null for never
 
-The lists of `reached` have one entry for each terrain, in the order of the seeds, so policies are compared terrain by terrain.
+The lists of `reached` have one number for each terrain, in the order of the seeds, so policies are
+compared terrain by terrain.
 
-Claims: "the learning-based approach requires the robot to travel less distance to explore the same percentage of terrain", and
-the "knee": rules leave distant parts that take extra effort at the end. Its measure is the **share of the last per cents**, the
-moves from 90 % to 99 % over all moves to 99 %, which is 9 / 99 = 0.09 where coverage grows at a constant pace.
+Claims: "the learning-based approach requires the robot to travel less distance to explore the same
+percentage of terrain", and the "knee": rules leave distant parts that take extra effort at the end.
+Its measure is the **share of the last per cents**, the moves from 90 % to 99 % over all moves to 99
+%, which is 9 / 99 = 0.09 where coverage grows at a constant pace.
 """
 
 from __future__ import annotations
@@ -46,7 +50,7 @@ class Coverage(Play):
     kind: ClassVar[str] = "coverage"
 
     def measure(self, results: Sequence[Result]) -> Line:
-        """Return the curve and what was reached when, JSON-ready."""
+        """The curve, and the moves to each share, JSON-ready."""
         config, stride = self.config, max(1, self.size // 21)
         moves = stride * -(-max((result.steps for result in results), default=0) // stride)
         curves = coverage_curves(results, moves)[:, ::stride]
@@ -58,7 +62,7 @@ class Coverage(Play):
             "sd": _rounded(curves.std(axis=0, ddof=1)) if len(results) > 1 else [],
             "reached": {
                 str(share): [
-                    moves_until(by_seed.get(each), share * config.n / 100) for each in seeds
+                    moves_until(by_seed.get(seed), share * config.n / 100) for seed in seeds
                 ]
                 for share in PER_CENT
             },
@@ -72,9 +76,10 @@ class ScaleRow:
     terrains     that it played
     completion   share of them that it explored, 0..1
     steps        moves to 99 %, an episode that ended otherwise counting the limit
-    to_rule      mean steps over those of the better frontier rule, on the terrains that both played; UNKNOWN without a rule
+    to_rule      mean steps over those of the better frontier rule, on the terrains that both
+                 played; UNKNOWN without a rule
     to_informed  the same over those of the informed search
-    last_share   share of the last per cents (see the module), over the episodes that reached 99 %
+    last_share   share of the last per cents (see above), over the episodes that reached 99 %
     """
 
     policy: str
@@ -89,7 +94,10 @@ class ScaleRow:
 
 
 def moves_until(result: Result | None, cells: float) -> int | None:
-    """Return the moves after which so many cells were known, None where they never were or nothing was played."""
+    """The moves after which so many cells were known, or None.
+
+    None if they never were, or if nothing was played.
+    """
     if result is None:
         return None
     assert result.trace is not None
@@ -98,7 +106,10 @@ def moves_until(result: Result | None, cells: float) -> int | None:
 
 
 def steps_of(line: Line, per_cent: int = 99) -> Floats:
-    """Return float64[episodes], the moves to a share of PER_CENT by terrain: the limit where missed, NaN where not played."""
+    """The moves to a share of PER_CENT by terrain: float64[episodes].
+
+    The limit if it was missed, NaN if it was not played.
+    """
     steps = np.array(line["reached"][str(per_cent)], np.float64)  # None becomes NaN
     if line["policy"] != INFORMED:  # which reaches 99 % or finds no walk at all
         steps[np.isnan(steps)] = line["rows"] * line["cols"]
@@ -106,14 +117,17 @@ def steps_of(line: Line, per_cent: int = 99) -> Floats:
 
 
 def last_shares(line: Line) -> Floats:
-    """Return float64[...], for each episode that reached 99 % the share of its moves that it made from 90 % on."""
-    before, whole = (np.array(line["reached"][str(each)], np.float64) for each in (KNEE, 99))
-    made = whole > 0  # not so where NaN stands for never
-    return np.asarray((whole - before)[made] / whole[made])
+    """The share of an episode's moves from 90 % on, for each that reached 99 %."""
+    before, whole = (np.array(line["reached"][str(share)], np.float64) for share in (KNEE, 99))
+    is_reached = whole > 0  # not so where NaN stands for never
+    return np.asarray((whole - before)[is_reached] / whole[is_reached])
 
 
 def compare(line: Line, reference: Line | None, per_cent: int = 99) -> Estimate:
-    """Return the ratio of the mean moves to a share to those of a reference, paired; UNKNOWN without two common terrains."""
+    """The ratio of the mean moves to a share to a reference's, paired by terrain.
+
+    UNKNOWN without two common terrains.
+    """
     if reference is None:
         return UNKNOWN
     pair = np.stack([steps_of(line, per_cent), steps_of(reference, per_cent)])
@@ -122,7 +136,7 @@ def compare(line: Line, reference: Line | None, per_cent: int = 99) -> Estimate:
 
 
 def group_by_place(lines: Sequence[Line]) -> dict[tuple[str, int], dict[str, Line]]:
-    """Return level and size -> policy -> result."""
+    """Group results: level and size -> policy -> result."""
     groups: dict[tuple[str, int], dict[str, Line]] = {}
     for line in lines:
         groups.setdefault((line["level"], line["rows"]), {})[line["policy"]] = line
@@ -130,7 +144,7 @@ def group_by_place(lines: Sequence[Line]) -> dict[tuple[str, int], dict[str, Lin
 
 
 def scale_rows(lines: Sequence[Line]) -> list[ScaleRow]:
-    """Return a row for each result, compared with the better rule and with the informed search on the same terrains."""
+    """A row a result, compared with the better rule and with the informed search."""
     rows = []
     for group in group_by_place(lines).values():
         rules = [group[rule] for rule in RULES if rule in group]
@@ -157,4 +171,4 @@ def _row(line: Line, better: Line | None, informed: Line | None) -> ScaleRow:
 
 
 def _rounded(values: NDArray[np.float64]) -> list[float]:
-    return [round(float(value), 5) for value in values]
+    return [round(float(number), 5) for number in values]

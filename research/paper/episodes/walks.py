@@ -1,20 +1,24 @@
-"""Walks over an empty grid that nobody trained: the null that the courses of policies are compared with.
+"""Untrained walks over an empty grid, to compare the courses of policies with.
 
-All begin in the north-west corner and end when the grid is swept; `quadrants` then tells whether they make a U.
+All begin in the north-west corner and end when the grid is swept; `quadrants` then tells whether
+they make a U.
 
     cells    Hamiltonian paths: every cell once, drawn at random among all of them
-    blocks   the same on BLOCKS x BLOCKS blocks of cells, every one of these paths once. The lidar shows more than a block from
-             its middle, so this is a sweep at the scale at which a rover with a radius of 6 has to drive
+    blocks   the same on BLOCKS x BLOCKS blocks of cells, every one of these paths once. The lidar
+             shows more than a block from its middle, so this is a sweep at the scale at which a
+             rover with a radius of 6 has to drive
     nearest  a walk to the nearest cell where it has not been, ties broken at random
-    lidar    a walk to the nearest cell that it has not seen with a radius of 6 on a grid without obstacles, ties broken at
-             random, until 99 % are seen
+    lidar    a walk to the nearest cell that it has not seen with a radius of 6 on a grid without
+             obstacles, ties broken at random, until 99 % are seen
 
-Random Hamiltonian paths are made by backbite moves (Mansfield 1982; Oberdorf, Ferguson, Jacobsen and Kondev 2006, "Secondary
-structures in long compact polymers"): an end of the path is joined to a random neighbour of it, and the edge that closes a
-loop is taken out, which gives another Hamiltonian path. A move and the one that undoes it are equally likely, so all paths
-that can be reached from each other come up equally often. Both ends have to move: with one of them held in the corner, only
-20 of the 52 paths on 4 x 4 can be reached. So paths are drawn until one begins in a corner, and that one is mirrored to the
-north-west. Tests list all paths on small grids: each can be reached, and they come up equally often.
+Random Hamiltonian paths are made by backbite moves (Mansfield 1982; Oberdorf, Ferguson, Jacobsen
+and Kondev 2006, "Secondary structures in long compact polymers"): an end of the path is joined to a
+random neighbour of it, and the edge that closes a loop is taken out, which gives another
+Hamiltonian path. A move and the one that undoes it are equally likely, so all paths that can be
+reached from each other come up equally often. Both ends have to move: with one of them held in the
+corner, only 20 of the 52 paths on 4 x 4 can be reached. So paths are drawn until one begins in a
+corner, and that one is mirrored to the north-west. Tests list all paths on small grids: each can be
+reached, and they come up equally often.
 """
 
 from __future__ import annotations
@@ -44,14 +48,19 @@ SEEN_SHARE = 0.99
 """Share of the cells at which the null `lidar` ends."""
 
 MIXING = 10
-"""Backbite moves before a path is looked at for the first time: MIXING n ln(n)^2 for n cells, 163,500 for 21 x 21."""
+"""Backbite moves before a path is looked at for the first time: MIXING n ln(n)^2 for n cells,
+163,500 for 21 x 21.
+"""
 
 MIXING_BETWEEN = 1
 """The same from one look at the path to the next."""
 
 
 def boustrophedon(rows: int, cols: int) -> NDArray[np.int32]:
-    """Return int32[rows * cols], the Hamiltonian path that goes east along the first row, west along the second, and so on."""
+    """The Hamiltonian path east along the first row, west along the second, and so on.
+
+    int32[rows * cols]
+    """
     cells = np.arange(rows * cols, dtype=np.int32).reshape(rows, cols)
     cells[1::2] = cells[1::2, ::-1].copy()
     return cells.reshape(-1)
@@ -67,15 +76,17 @@ def backbite(path, place, rows, cols, moves, state):
     """
     last = path.shape[0] - 1
     for _ in range(moves):
-        # 1. Draw an end and a neighbour of it. Off the grid nothing is done, so that each of the eight draws is as likely from
-        #    every path: this is what makes a move and its reverse equally likely.
+        # 1. Draw an end and a neighbour of it. Off the grid nothing is done, so that each of the
+        #    eight draws is as likely from every path: this is what makes a move and its reverse
+        #    equally likely.
         draw = below(state, 8)
         is_last = draw >= 4
         there = neighbour(path[last if is_last else 0], draw & 3, rows, cols)
         if there < 0:
             continue
-        # 2. Join them. The loop is opened at the neighbour: what lies between it and the end is walked the other way round.
-        #    Where the neighbour is the cell next to the end on the path, this changes nothing.
+        # 2. Join them. The loop is opened at the neighbour: what lies between it and the end is
+        #    walked the other way round. Where the neighbour is the cell next to the end on the
+        #    path, this changes nothing.
         low, high = (place[there] + 1, last) if is_last else (0, place[there] - 1)
         while low < high:
             path[low], path[high] = path[high], path[low]
@@ -84,7 +95,7 @@ def backbite(path, place, rows, cols, moves, state):
 
 
 def random_hamiltonian_path(rows: int, cols: int, seed: int) -> NDArray[np.int32]:
-    """Return int32[rows * cols], a random Hamiltonian path from (0, 0), cells flat as row * cols + col.
+    """A random Hamiltonian path from (0, 0), cells flat: int32[rows * cols].
 
     Of the paths between two corners, either direction is as likely. rows, cols: at least 2 each.
     """
@@ -104,12 +115,12 @@ def random_hamiltonian_path(rows: int, cols: int, seed: int) -> NDArray[np.int32
 
 @kernel
 def next_bit(state):
-    """Return 0 or 1, the next of the stream whose running key is state, uint64[1]."""
+    """0 or 1, the next of the stream whose running key is state, uint64[1]."""
     return below(state, 2)
 
 
 def from_corner(path: NDArray[np.int32], rows: int, cols: int) -> NDArray[np.int32] | None:
-    """Return the path mirrored so that it begins in (0, 0), or None where it begins in no corner."""
+    """The path mirrored so that it begins in (0, 0), None if it begins in no corner."""
     row, col = np.divmod(path, cols)
     if row[0] not in (0, rows - 1) or col[0] not in (0, cols - 1):
         return None
@@ -121,7 +132,10 @@ def from_corner(path: NDArray[np.int32], rows: int, cols: int) -> NDArray[np.int
 
 
 def hamiltonian_paths(rows: int, cols: int) -> Iterator[list[int]]:
-    """Yield every Hamiltonian path from (0, 0), cells flat; there are 52 on 4 x 4, 824 on 5 x 5 and 22,144 on 6 x 6."""
+    """Yield every Hamiltonian path from (0, 0), cells flat.
+
+    There are 52 on 4 x 4, 824 on 5 x 5 and 22,144 on 6 x 6.
+    """
     cells = rows * cols
     neighbours = [
         [int(there) for a in range(4) if (there := neighbour(cell, a, rows, cols)) >= 0]
@@ -144,13 +158,15 @@ def hamiltonian_paths(rows: int, cols: int) -> Iterator[list[int]]:
 
 
 def nearest_walk(rows: int, cols: int, reach: int, share: float, seed: int) -> list[int]:
-    """Return the cells, flat, of a walk from (0, 0) that always goes to the nearest cell that it has not seen.
+    """A walk from (0, 0) that always goes to the nearest unseen cell, as flat cells.
 
-    reach  cells that are seen from a cell are those at a distance of at most `reach` between the centres; 0: itself alone
+    reach  cells that are seen from a cell are those at a distance of at most `reach` between the
+           centres; 0: itself alone
     share  of all cells, 0..1: the walk ends when so many are seen
 
-    Distances to go are those of a grid without obstacles, |rows| + |cols|. After each move a goal is drawn among the nearest
-    cells, and one of the two ways to begin with when both bring it nearer.
+    Distances to go are those of a grid without obstacles, |rows| + |cols|. After each move a goal
+    is drawn among the nearest cells, and one of the two ways to begin with when both bring it
+    nearer.
     """
     row_of, col_of = np.divmod(np.arange(rows * cols), cols)
     seen = np.zeros(rows * cols, np.bool_)
@@ -201,7 +217,7 @@ class NullWalks:
 
     @property
     def identity(self) -> Line:
-        """What is walked, JSON-ready."""
+        """The walks, JSON-ready."""
         is_complete = self.kind == "blocks"
         return {
             "kind": "null",
@@ -215,12 +231,12 @@ class NullWalks:
         }
 
     def is_done(self, folder: Path) -> bool:
-        """Return whether the result of these walks lies under `folder / name`."""
+        """Whether the result of these walks is under `folder / name`."""
         lines = read_lines(folder / self.name / "result.jsonl")
         return len(lines) == 1 and self.identity.items() <= lines[0].items()
 
     def run(self, folder: Path, on_progress: OnProgress) -> None:
-        """Walk; `moves` of the result is the mean length of a walk, in moves between cells."""
+        """Walk; the result's `moves` is the mean length of a walk, in moves."""
         is_blocks, side = self.kind == "blocks", self.size
         paths: Iterable[list[int]] = map(self._walk, range(self.walks))
         if is_blocks:
@@ -235,7 +251,6 @@ class NullWalks:
         write_lines(folder / self.name / "result.jsonl", [line])
 
     def _walk(self, seed: int) -> list[int]:
-        """Return the cells of the walk of a seed."""
         if self.kind == "cells":
             path: list[int] = random_hamiltonian_path(self.size, self.size, seed).tolist()
             return path

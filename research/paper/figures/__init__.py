@@ -1,1 +1,1 @@
-"""The figures of the paper, drawn and tabulated from result files alone."""
+"""The figures of the paper, drawn and tabulated only from result files."""

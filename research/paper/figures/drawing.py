@@ -1,4 +1,4 @@
-"""What the pictures of the paper's figures share: colours, type, and files that come out the same each time."""
+"""Shared by the pictures of the paper's figures: colours, type, equal files."""
 
 from __future__ import annotations
 
@@ -30,16 +30,18 @@ FIXED_COLOURS = {
     "frontier-cost": "#D55E00",
     INFORMED: "#4D4D4D",
 }
-"""Policies that are always drawn in this order and in the same colours, which colour-blind people can tell apart."""
+"""Policies in the order of drawing, in colours that colour-blind people can tell apart."""
 
 ALGORITHM_COLOURS = {"ppo": "#0072B2", "a2c": "#56B4E9", "rainbow": "#009E73", "sac": "#882255"}
-"""Of the four algorithms' learning curves, and of the policies that `python -m research.paper` trained, in every figure."""
+"""Of the four algorithms' learning curves, and of policies trained by them, in every figure."""
 
 SPARE_COLOURS = ("#332288", "#999933", "#661100", "#AA4499")
 """Of any other policies, one after the other."""
 
 NESTED_WIDTHS = (3.6, 2.7, 1.8, 0.9)
-"""Of lines, points, in the order in which they are drawn: where they lie upon each other all can be seen."""
+"""Of lines, points, in the order in which they are drawn: where they lie upon each other all can
+be seen.
+"""
 
 PLACES = re.compile(r' (?:d|x|y)="[^"]*"')
 DIGITS = re.compile(r"(\.\d\d)\d+")
@@ -49,15 +51,15 @@ INK, SOFT_INK, LINE_COLOUR, SAND = "#1f2328", "#59636e", "#d8dde3", "#f6f1ea"
 
 
 def in_order(names: Iterable[str]) -> list[str]:
-    """Return the different names: those of FIXED_COLOURS first, then the others as they came."""
-    known = dict.fromkeys(names)
-    return [name for name in FIXED_COLOURS if name in known] + [
-        name for name in known if name not in FIXED_COLOURS
+    """The different names: those of FIXED_COLOURS first, then the others as they came."""
+    distinct = dict.fromkeys(names)
+    return [name for name in FIXED_COLOURS if name in distinct] + [
+        name for name in distinct if name not in FIXED_COLOURS
     ]
 
 
 def colours_of(names: Iterable[str]) -> dict[str, str]:
-    """Return a colour for each policy; what was trained by A2C, Rainbow or SAC has its algorithm's, as in figure 4."""
+    """A colour for each policy; one of A2C, Rainbow or SAC has its algorithm's."""
     colours, spare = dict(FIXED_COLOURS), cycle(SPARE_COLOURS)
     for name in in_order(names):
         algorithm = name.split("-")[0]
@@ -68,7 +70,7 @@ def colours_of(names: Iterable[str]) -> dict[str, str]:
 
 
 def sorted_lines(lines: Sequence[Line]) -> list[Line]:
-    """Return results of policies by size, then by level in the order of LEVELS, then by policy `in_order`."""
+    """Results of policies by size, level in the order of LEVELS, policy `in_order`."""
     levels, policies = list(LEVELS), in_order(line["policy"] for line in lines)
     return sorted(
         lines,
@@ -81,7 +83,7 @@ def sorted_lines(lines: Sequence[Line]) -> list[Line]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty white figure, inches; it is laid out by itself and shares no state with others."""
+    """An empty white figure, inches, with its own layout and no shared state."""
     return Figure(figsize=(width, height), layout="constrained", facecolor="white")
 
 
@@ -99,7 +101,7 @@ def plain(axes: Axes, title: str = "") -> None:
 
 
 def line_of(label: str, colour: str, **style: Any) -> Line2D:
-    """Return a line for a legend; `style` is matplotlib's."""
+    """A line for a legend; `style` is matplotlib's."""
     return Line2D([], [], color=colour, label=label, **style)
 
 
@@ -112,26 +114,33 @@ def legend(figure: Figure, handles: Sequence[Artist], columns: int, place: str =
 
 
 def draw_interval(
-    axes: Axes, found: Estimate, at: float, marker: str, colour: str, sizes: Sequence[float]
+    axes: Axes, estimate: Estimate, at: float, marker: str, colour: str, sizes: Sequence[float]
 ) -> None:
-    """Draw a mean and its interval along the x axis; sizes: of its line, of the marker and of the marker's edge, points."""
+    """Draw a mean and its interval along the x axis.
+
+    sizes  of its line, of the marker and of the marker's edge, points
+    """
     line, size, edge = sizes
     axes.plot(
-        [found.low, found.high], [at, at], color=colour, linewidth=line, solid_capstyle="round"
+        [estimate.low, estimate.high],
+        [at, at],
+        color=colour,
+        linewidth=line,
+        solid_capstyle="round",
     )
     border: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": edge}
-    axes.plot(found.mean, at, marker, color=colour, markersize=size, **border)
+    axes.plot(estimate.mean, at, marker, color=colour, markersize=size, **border)
 
 
 def shade_rows(axes: Axes, rows: int) -> None:
-    """Shade every other row of axes whose rows stand at 0, 1, ..., and take the grid lines between them away."""
+    """Shade every other row of axes with rows at 0, 1, ..., without grid lines."""
     axes.grid(visible=False, axis="y")
     for number in range(0, rows, 2):
         axes.axhspan(number - 0.5, number + 0.5, color=SAND, zorder=0, linewidth=0)
 
 
 def heading(figure: Figure, title: str, text: str) -> None:
-    """Put a title above everything, and below it what the picture shows; lines that are too long for it are broken."""
+    """Put a title above everything, and a text below it; long lines are broken."""
     width, height = figure.get_size_inches()
     title, text = (
         "\n".join(part for line in words.splitlines() for part in wrap(line, int(width / size)))
@@ -148,18 +157,18 @@ def heading(figure: Figure, title: str, text: str) -> None:
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a picture whole, and its folder where there is none; the same figure gives the same bytes.
+    """Write a whole picture, and its folder; the same figure gives the same bytes.
 
     Places are rounded to a hundredth of a point, which halves the file.
     """
     drawn = io.StringIO()
     with rc_context({"svg.hashsalt": "marsexplorer"}):
         figure.savefig(drawn, format="svg", metadata={"Date": None, "Creator": None})
-    return write_text(path, PLACES.sub(lambda found: DIGITS.sub(r"\1", found[0]), drawn.getvalue()))
+    return write_text(path, PLACES.sub(lambda place: DIGITS.sub(r"\1", place[0]), drawn.getvalue()))
 
 
 def per_cent(share: float) -> str:
-    """Return a share in whole per cent; what is not quite 0 or 1 does not become 0 or 100."""
+    """A share in whole per cent; only exactly 0 and 1 become 0 and 100."""
     rounded = round(100 * share)
     if rounded == 100 and share < 1:
         return ">99 %"

@@ -1,7 +1,9 @@
-"""Figure 4 of Koutras et al. 2021: learning curves of the four algorithms, with what a score alone does not tell.
+"""Figure 4 of Koutras et al. 2021: learning curves of the four algorithms.
 
-figure4-moves.svg    score, coverage and completion in training against moves, and how the last episodes ended
-figure4-cpu.svg      the same against CPU time, of the trainings whose time is known; it says whether they can be compared
+figure4-moves.svg    score, coverage and completion in training against moves, and how the last
+                     episodes ended
+figure4-cpu.svg      the same against CPU time, of the trainings whose time is known; it tells
+                     whether they can be compared
 figure4-endings.svg  how episodes ended, all along
 """
 
@@ -51,7 +53,7 @@ from research.paper.figures.drawing import (
 ROWS = {"score": "normalized score", "coverage": "coverage", "explored": "completion"}
 AXES = {"moves": "moves made in training (logarithmic)", "cpu_s": "CPU minutes of training"}
 UNALIKE = "Trainings ran on machines, and beside other work, that are not known to be the same."
-"""What is said of CPU times that are not `is_timed_alike`."""
+"""The sentence about CPU times that are not `is_timed_alike`."""
 ENDINGS = {
     "explored": "explored",
     "timed_out": "out of time",
@@ -73,7 +75,7 @@ LEAST_LABELLED = 0.12
 
 @dataclass(frozen=True)
 class HumanLevel:
-    """The mean normalized score of the people of a closed study, with its interval where there is one."""
+    """The mean score of the people of a closed study, with its interval if it has one."""
 
     study: str
     players: int
@@ -83,7 +85,7 @@ class HumanLevel:
 
 
 def draw(records: Sequence[Record], folder: Path, human: HumanLevel | None = None) -> list[Path]:
-    """Draw the pictures of trials, at least one, into a folder and return their paths."""
+    """Draw the pictures of trials, at least one, into a folder; return their paths."""
     pictures = {
         "moves": curves_figure(records, "moves", human),
         "endings": endings_figure(records),
@@ -94,40 +96,40 @@ def draw(records: Sequence[Record], folder: Path, human: HumanLevel | None = Non
 
 
 def shown_variants(records: Sequence[Record]) -> list[str]:
-    """Return the variants that have a column: "paper" and "works" where they are, otherwise the first two by name."""
-    found = {record.trial.variant for record in records}
-    return ([name for name in TITLES if name in found] or sorted(found))[:MAX_COLUMNS]
+    """The variants with a column: "paper" and "works", or the first two by name."""
+    variants = {record.trial.variant for record in records}
+    return ([name for name in TITLES if name in variants] or sorted(variants))[:MAX_COLUMNS]
 
 
 def shown_algorithms(records: Sequence[Record]) -> list[str]:
-    """Return the algorithms of some trials in the order in which they are drawn."""
-    found = {record.trial.algorithm for record in records}
-    return [name for name in NAMES if name in found]
+    """The algorithms of some trials in the order in which they are drawn."""
+    algorithms = {record.trial.algorithm for record in records}
+    return [name for name in NAMES if name in algorithms]
 
 
 def curves_figure(
     records: Sequence[Record], against: str, human: HumanLevel | None = None
 ) -> Figure:
-    """Plot score, coverage and completion in training against "moves" or "cpu_s", a column for each variant."""
+    """Plot the measures in training against "moves" or "cpu_s", a column a variant."""
     variants, algorithms = shown_variants(records), shown_algorithms(records)
     last_row, heights = len(ROWS) - 1, [*(1 for _ in ROWS), 0.1 + 0.13 * len(algorithms)]
     figure = new_figure(4.6 * len(variants) + 0.4, 8.6 + 0.26 * len(algorithms))
     grid = figure.add_gridspec(len(heights), len(variants), height_ratios=heights)
     shared: dict[str, Axes] = {}
     for column, variant in enumerate(variants):
-        own, is_first = chosen(records, variant=variant), column == 0
+        variant_records, is_first = chosen(records, variant=variant), column == 0
         for row, name in enumerate(ROWS):
             of_row = {"sharex": shared.get("x"), "sharey": shared.get(name)}
             axes = figure.add_subplot(grid[row, column], **of_row)
             shared.setdefault("x", axes)
             shared.setdefault(name, axes)
-            _draw_panel(axes, own, name, against, human)
+            _draw_panel(axes, variant_records, name, against, human)
             axes.set_xlabel(AXES[against] if row == last_row else "")
             axes.set_ylabel(ROWS[name] if is_first else "")
             plain(axes, TITLES.get(variant, variant) if row == 0 else "")
             axes.tick_params(labelbottom=row == last_row, labelleft=is_first)
         below = figure.add_subplot(grid[len(ROWS), column])
-        _draw_last_endings(below, own, algorithms, is_labelled=is_first)
+        _draw_last_endings(below, variant_records, algorithms, is_labelled=is_first)
     if against == "cpu_s":
         shared["x"].set_xlim(left=0)  # last: it ends the automatic choice of the other end
     _add_legend(figure, algorithms, human)
@@ -143,7 +145,7 @@ def curves_figure(
 
 
 def place_of(records: Sequence[Record]) -> str:
-    """Return the level and size of some trials in words."""
+    """The level and size of some trials in words."""
     trial = records[0].trial
     return f"level {trial.level}, {trial.size}x{trial.size}"
 
@@ -167,14 +169,14 @@ def _draw_panel(
 def _draw_last_endings(
     axes: Axes, records: Sequence[Record], algorithms: Sequence[str], is_labelled: bool
 ) -> None:
-    """Draw a bar for each algorithm: how the episodes at the end of training ended, means over seeds."""
+    """Draw a bar for each algorithm: how the last episodes ended, means over seeds."""
     style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7.5, "color": INK}
     for place, algorithm in enumerate(algorithms):
-        left, own = 0.0, longest(chosen(records, algorithm=algorithm))
+        left, trials = 0.0, longest(chosen(records, algorithm=algorithm))
         for name in ENDINGS:
-            ends = (record.curve[name][-1] for record in own)
-            known = [end for end in ends if end is not None]
-            share = float(np.mean(known)) if known else 0.0
+            ends = (record.curve[name][-1] for record in trials)
+            shares = [end for end in ends if end is not None]
+            share = float(np.mean(shares)) if shares else 0.0
             axes.barh(place, share, left=left, color=ENDING_COLOURS[name], height=0.72)
             if share >= LEAST_LABELLED:
                 axes.text(left + share / 2, place, per_cent(share), **style)
@@ -191,9 +193,9 @@ def _draw_last_endings(
 def _add_legend(figure: Figure, algorithms: Sequence[str], human: HumanLevel | None) -> None:
     """Add a row for the lines and one for the endings."""
     lines: list[Line2D | Patch] = [
-        line_of(NAMES[each], ALGORITHM_COLOURS[each], linewidth=width)
-        for each, width in zip(NAMES, NESTED_WIDTHS, strict=True)
-        if each in algorithms
+        line_of(NAMES[algorithm], ALGORITHM_COLOURS[algorithm], linewidth=width)
+        for algorithm, width in zip(NAMES, NESTED_WIDTHS, strict=True)
+        if algorithm in algorithms
     ]
     if human is not None:
         label = f"{human.players} people (study {human.study})"
@@ -205,14 +207,14 @@ def _add_legend(figure: Figure, algorithms: Sequence[str], human: HumanLevel | N
 
 
 def ending_patches() -> list[Patch]:
-    """Return the colours of the endings for a legend."""
+    """The colours of the endings for a legend."""
     return [Patch(color=ENDING_COLOURS[name], label=label) for name, label in ENDINGS.items()]
 
 
 def seeds_text(records: Sequence[Record]) -> str:
-    """Return what lines, surfaces and points are, in words, by how many seeds there are."""
+    """A sentence about lines, surfaces and points, by how many seeds there are."""
     counts = sorted(len(group) for group in grouped(records).values())
-    enough, words = [each for each in counts if each >= SEEDS], []
+    enough, words = [count for count in counts if count >= SEEDS], []
     if enough:
         seeds = f"{enough[0]}" if enough[0] == enough[-1] else f"{enough[0]} to {enough[-1]}"
         words.append(f"means of {seeds} seeds with their 95 % t intervals")
@@ -223,7 +225,10 @@ def seeds_text(records: Sequence[Record]) -> str:
 
 
 def endings_figure(records: Sequence[Record]) -> Figure:
-    """Plot how episodes ended in training, as stacked shares against moves: a row for each variant, a column an algorithm."""
+    """Plot how episodes ended in training, as stacked shares against moves.
+
+    A row for each variant, a column for each algorithm.
+    """
     variants, algorithms = shown_variants(records), shown_algorithms(records)
     figure = new_figure(2.3 * len(algorithms) + 0.7, 2.2 * len(variants) + 1.3)
     panels = figure.subplots(len(variants), len(algorithms), squeeze=False, sharey=True)
@@ -242,13 +247,17 @@ def endings_figure(records: Sequence[Record]) -> Figure:
 
 
 def _draw_endings(axes: Axes, records: Sequence[Record]) -> None:
-    bands = {name: found for name in ENDINGS if (found := band(records, name, "moves")) is not None}
+    bands = {
+        name: shares for name in ENDINGS if (shares := band(records, name, "moves")) is not None
+    }
     axes.set_ylim(0, 1)
     if not bands:
         return
     x = next(iter(bands.values())).x
     axes.stackplot(
-        x, [found.mean for found in bands.values()], colors=[ENDING_COLOURS[name] for name in bands]
+        x,
+        [shares.mean for shares in bands.values()],
+        colors=[ENDING_COLOURS[name] for name in bands],
     )
     set_moves_axis(axes)
     axes.set_xlim(x[0], x[-1])

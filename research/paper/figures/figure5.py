@@ -1,8 +1,9 @@
-"""Figure 5 of Koutras et al. 2021: how PPO learns on each of the 12 levels, and how hard the levels are without learning.
+"""Figure 5 of Koutras et al. 2021: PPO on the 12 levels, and their difficulty.
 
-figure5-VARIANT.svg             score, coverage and completion in training against moves: a column for each d_t
-figure5-difficulty-VARIANT.svg  what the trained policies reach on held-out terrains, and the moves that the rules and the
-                                informed search need there
+figure5-VARIANT.svg             score, coverage and completion in training against moves: a column
+                                for each d_t
+figure5-difficulty-VARIANT.svg  the trained policies on held-out terrains, and the moves that the
+                                rules and the informed search need there
 """
 
 from __future__ import annotations
@@ -43,29 +44,37 @@ COLOURS = {(1, 1): "#0072B2", (1, 2): "#56B4E9", (2, 1): "#D55E00", (2, 2): "#E6
 """(d_m, d_b) -> colour by morphology, lighter where no bonus is paid."""
 BONUS_NAMES = {1: "with bonus", 2: "without bonus"}
 MEASURED = {"score": "normalized score", "completion": "completion", "steps": "moves to 99 %"}
-"""What the picture of the difficulty has on held-out terrains."""
+"""The measures of the picture of the difficulty, on held-out terrains."""
 OFFSETS = {1: -0.12, 2: 0.12}
 """d_b -> where its points stand beside the middle of their level."""
 
 
 def draw(records: Sequence[Record], source: Path, folder: Path) -> list[Path]:
-    """Draw the pictures for each variant of trials, at least one, into a folder and return their paths.
+    """Draw the pictures for each variant of trials, at least one; return their paths.
 
-    source  where what the rules and the informed search reached on the levels lies, as far as it was measured
+    Args:
+        records: The trials.
+        source: Folder of the results of the rules and the informed search, if there are any.
+        folder: Of the pictures.
     """
     paths, difficulty = [], []
     with suppress(FileNotFoundError):
         difficulty = read_results(source, 5)
     for variant in sorted({record.trial.variant for record in records}):
-        own = chosen(records, variant=variant)
-        pictures = {"": levels_figure(own), "difficulty-": difficulty_figure(own, difficulty)}
+        variant_records = chosen(records, variant=variant)
+        pictures = {
+            "": levels_figure(variant_records),
+            "difficulty-": difficulty_figure(variant_records, difficulty),
+        }
         for name, figure in pictures.items():
             paths.append(save(figure, folder / f"figure5-{name}{variant}.svg"))
     return paths
 
 
 def levels_figure(records: Sequence[Record]) -> Figure:
-    """Plot score, coverage and completion in training against moves: a column for each d_t, a line for each d_m and d_b.
+    """Plot the measures in training against moves, a column for each d_t.
+
+    A line for each d_m and d_b.
 
     records  of one variant
     """
@@ -75,8 +84,8 @@ def levels_figure(records: Sequence[Record]) -> Figure:
         for row, name in enumerate(ROWS):
             axes = panels[row, column]
             for ((m, b), colour), width in zip(COLOURS.items(), NESTED_WIDTHS, strict=True):
-                own = chosen(records, level=f"{topology}-{m}-{b}")
-                draw_curves(axes, own, name, "moves", color=colour, linewidth=width)
+                level_records = chosen(records, level=f"{topology}-{m}-{b}")
+                draw_curves(axes, level_records, name, "moves", color=colour, linewidth=width)
             axes.set_ylabel(ROWS[name] if column == 0 else "")
             axes.set_xlabel("moves made in training (logarithmic)" if row == len(ROWS) - 1 else "")
             plain(axes, f"topology d_t = {topology}" if row == 0 else "")
@@ -93,13 +102,13 @@ def levels_figure(records: Sequence[Record]) -> Figure:
 
 
 def title_of(records: Sequence[Record]) -> str:
-    """Return what the variant of some trials is called."""
+    """The title of some trials' variant."""
     variant = records[0].trial.variant
     return TITLES.get(variant, variant)
 
 
 def difficulty_figure(records: Sequence[Record], difficulty: Sequence[Line]) -> Figure:
-    """Plot what the trained policies reach on held-out terrains of each kind, and the moves that others need there.
+    """Plot the trained policies on each kind of terrain, and the moves of others.
 
     records  of one variant
     """
@@ -120,7 +129,7 @@ def difficulty_figure(records: Sequence[Record], difficulty: Sequence[Line]) -> 
     names = [name for name in (*RULES, INFORMED) if name in {line["policy"] for line in difficulty}]
     widths = dict(zip(names, NESTED_WIDTHS, strict=False))
     for line in sorted(
-        difficulty, key=lambda each: -widths[each["policy"]]
+        difficulty, key=lambda result: -widths[result["policy"]]
     ):  # a bar for each kind of terrain
         at, mean = kinds.index(line["level"][:-2]), line["steps_to_99"]["mean"]
         ends, colour = [at - 0.34, at + 0.34], colours[line["policy"]]
@@ -134,7 +143,7 @@ def difficulty_figure(records: Sequence[Record], difficulty: Sequence[Line]) -> 
         line_of(f"PPO, d_m = {m}, {BONUS_NAMES[b]}", colour, **_point(colour, b))
         for (m, b), colour in COLOURS.items()
     ]
-    bars = [line_of(each, colours[each], linewidth=widths[each]) for each in names]
+    bars = [line_of(name, colours[name], linewidth=widths[name]) for name in names]
     legend(figure, handles + bars, 3)
     text = (
         f"{seeds_text(records)}, on held-out terrains; an unfinished episode counts {limit} moves.\n"
@@ -145,5 +154,5 @@ def difficulty_figure(records: Sequence[Record], difficulty: Sequence[Line]) -> 
 
 
 def _point(colour: str, bonus: int) -> dict[str, Any]:
-    """Return the style of a level's points: hollow where no bonus is paid."""
+    """The style of a level's points: hollow if no bonus is paid."""
     return {"linestyle": "", "marker": "o", "markerfacecolor": colour if bonus == 1 else "white"}

@@ -1,9 +1,11 @@
-"""Figure 6 of the paper: where policies go on the 12 levels, which obstacles they find, and whether they sweep in a U.
+"""Figure 6 of the paper: where policies go on the 12 levels, and whether in a U.
 
-`jobs` says what is played, `draw` makes the pictures from the results alone:
+`jobs` lists what is played, `draw` makes the pictures from the results:
 
-    figure6-POLICY.svg     a map for each level: blue cells for visits, green squares for obstacles found
-    figure6-quadrants.svg  how often each policy makes a U, and never goes back, beside the walks that nobody trained
+    figure6-POLICY.svg     a map for each level: blue cells for visits, green squares for obstacles
+                           found
+    figure6-quadrants.svg  how often each policy makes a U, and never goes back, beside the
+                           untrained walks
     figure6.md             the same numbers as a table
 """
 
@@ -61,10 +63,10 @@ from research.paper.tables import markdown_table
 
 FIGURE = 6
 POLICIES = ("ppo", *RULES)
-"""What is drawn unless others are named."""
+"""The policies that are drawn unless others are named."""
 
 LEVEL_PLACE = "{level}"
-"""What stands for the level in the path of policies that were trained on one level each."""
+"""The place of the level in the path of policies that were trained on one level each."""
 
 BLUE, GREEN, RED = "#08306b", "#00692c", "#c1121f"
 """Of visits, obstacles, and blind spots; cells without anything are SAND."""
@@ -79,12 +81,19 @@ def jobs(
     episodes: int = EPISODES,
     size: int = 21,
 ) -> list[Job]:
-    """Return the jobs of the figure: each policy on each level, and the walks of the null.
+    """The jobs of the figure: each policy on each level, and the walks of the null.
 
-    policies  names or paths; "{level}" in a path stands for the level, for policies that were trained on one each
+    Args:
+        policies: Names or paths; "{level}" in a path stands for the level, for policies that were
+            trained on one each.
+        levels: Names in LEVELS.
+        episodes: Of each policy on each level.
+        size: Side of the square grid, cells.
 
-    PolicyNotFoundError and PolicyFileError for policies that cannot be loaded, ValueError when two have the same name or one
-    does not take the size.
+    Raises:
+        PolicyNotFoundError: If there is no such policy.
+        PolicyFileError: If a policy's file cannot be played.
+        ValueError: If two policies have the same name or one does not take the size.
     """
     plays = []
     for policy in policies:
@@ -101,7 +110,7 @@ def jobs(
 
 
 def draw(results: Path, pictures: Path) -> list[Path]:
-    """Draw the pictures and write the table from the results in a folder, into another or the same; return their paths.
+    """Draw the pictures and write the table from a folder's results; return the paths.
 
     FileNotFoundError when the folder has no results of the figure.
     """
@@ -109,22 +118,25 @@ def draw(results: Path, pictures: Path) -> list[Path]:
     plays = sorted_lines([line for line in lines if "policy" in line])
     nulls = [line for kind in NULLS for line in lines if line.get("null") == kind]
     text = write_text(pictures / "figure6.md", f"{table(plays, nulls)}\n")
-    drawn = {policy: heat_figure(own) for policy, own in by_policy(plays).items()}
+    drawn = {policy: heat_figure(results) for policy, results in by_policy(plays).items()}
     if plays:
         drawn["quadrants"] = quadrants_figure(plays, nulls)
-    return [*(save(each, pictures / f"figure6-{name}.svg") for name, each in drawn.items()), text]
+    return [
+        *(save(figure, pictures / f"figure6-{name}.svg") for name, figure in drawn.items()),
+        text,
+    ]
 
 
 def by_policy(plays: Sequence[Line]) -> dict[str, list[Line]]:
-    """Return policy -> its results, in the order in which policies are drawn."""
+    """Policy -> its results, in the order in which policies are drawn."""
     policies = in_order(line["policy"] for line in plays)
     return {policy: [line for line in plays if line["policy"] == policy] for policy in policies}
 
 
 def heat_figure(lines: Sequence[Line]) -> Figure:
-    """Draw the maps of one policy, all on the same scales; levels on which it did the same share a panel."""
+    """Draw the maps of one policy on the same scales; equal levels share a panel."""
     groups = merge_levels(lines)
-    own = {line["level"]: line for line in lines}
+    by_level = {line["level"]: line for line in lines}
     columns = 4 if len(groups) > 6 else min(3, len(groups))
     if columns == 3:  # a row for each size of the obstacles
         groups.sort(key=lambda levels: (levels[0][2], levels[0]))
@@ -135,7 +147,7 @@ def heat_figure(lines: Sequence[Line]) -> Figure:
     visits = PowerNorm(0.6, 0, _most(lines, "visits"))  # keeps seldom visited cells visible
     square = _most(lines, "found"), HALF_CELL * 2 * 72 * panel / (lines[0]["cols"] + 1.5)
     for axes, levels in zip(panels, groups, strict=False):
-        _draw_maps(axes, own[levels[0]], levels, visits, square)
+        _draw_maps(axes, by_level[levels[0]], levels, visits, square)
     for axes in panels[len(groups) :]:
         axes.set_axis_off()
     _key_to_maps(figure, panels.tolist(), visits, square)
@@ -150,7 +162,7 @@ def heat_figure(lines: Sequence[Line]) -> Figure:
 
 
 def merge_levels(lines: Sequence[Line]) -> list[tuple[str, ...]]:
-    """Return the levels of some results in groups: levels on the same terrains on which every policy did the same.
+    """Group levels on the same terrains on which every policy did the same.
 
     That is so for every policy that is not trained for the level: the bonus changes no terrain.
     """
@@ -162,7 +174,7 @@ def merge_levels(lines: Sequence[Line]) -> list[tuple[str, ...]]:
 
 
 def quadrants_figure(plays: Sequence[Line], nulls: Sequence[Line]) -> Figure:
-    """Draw the rates of both measures for each level and policy, with the null in rows of its own below."""
+    """Draw the rates of both measures for each level and policy, the null below."""
     groups, policies = merge_levels(plays), list(by_policy(plays))
     row_of = {levels[0]: number for number, levels in enumerate(groups)}
     colours = colours_of(policies)
@@ -170,20 +182,20 @@ def quadrants_figure(plays: Sequence[Line], nulls: Sequence[Line]) -> Figure:
     panels = figure.subplots(1, 2, sharey=True)
     null_rows = [len(groups) - 0.1 + 0.5 * number for number in range(len(nulls))]
     titles = ("Visits the quadrants in a U", "A U, and never goes back")
-    for which, (axes, title) in enumerate(zip(panels, titles, strict=True)):
-        for line in (each for each in plays if each["level"] in row_of):
+    for measure, (axes, title) in enumerate(zip(panels, titles, strict=True)):
+        for line in (play for play in plays if play["level"] in row_of):
             policy = line["policy"]
             aside = (policies.index(policy) + 0.5) / (len(policies) + 1) - 0.5
-            rate, at = course_rates(line)[which], row_of[line["level"]] + aside
+            rate, at = course_rates(line)[measure], row_of[line["level"]] + aside
             draw_interval(axes, rate, at, "o", colours[policy], INTERVAL)
         for at, line in zip(null_rows, nulls, strict=True):
-            draw_interval(axes, course_rates(line)[which], at, "D", INK, INTERVAL)
+            draw_interval(axes, course_rates(line)[measure], at, "D", INK, INTERVAL)
         if nulls:
             axes.axhline(len(groups) - 0.5, color=SOFT_INK, linewidth=0.8)
         plain(axes, title)
         shade_rows(axes, len(groups))
         axes.set(xlim=(-0.03, 1.03), xlabel="share of episodes, with its 95 % interval")
-        axes.xaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f} %")
+        axes.xaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
     names = [*map(_level_words, groups), *(NULLS[line["null"]] for line in nulls)]
     panels[0].set_yticks([*range(len(groups)), *null_rows], names)
     panels[0].set_ylim((null_rows or [len(groups) - 0.8])[-1] + 0.4, -0.6)
@@ -204,14 +216,17 @@ def quadrants_figure(plays: Sequence[Line], nulls: Sequence[Line]) -> Figure:
 
 
 def table(plays: Sequence[Line], nulls: Sequence[Line]) -> str:
-    """Return the numbers as a table in Markdown."""
+    """The numbers as a table in Markdown."""
     rows = []
-    for line in (each for own in by_policy(plays).values() for each in own):
-        found, explored = obstacles_of(line), line["outcomes"].get("explored", 0) / line["played"]
+    for line in (play for results in by_policy(plays).values() for play in results):
+        obstacles, explored = (
+            obstacles_of(line),
+            line["outcomes"].get("explored", 0) / line["played"],
+        )
         first = (line["policy"], line["level"], per_cent(explored), f"{line['steps']:.1f}")
-        last = (f"{100 * found.found_share:.1f} %", f"{found.distance:.3f}")
+        last = (f"{100 * obstacles.found_share:.1f} %", f"{obstacles.distance:.3f}")
         rows.append(
-            [*first, *map(_rate_text, course_rates(line)), *last, str(len(found.blind_spots))]
+            [*first, *map(_rate_text, course_rates(line)), *last, str(len(obstacles.blind_spots))]
         )
     for line in nulls:
         moves = "" if line["moves"] is None else f"{line['moves']:.1f}"
@@ -226,35 +241,38 @@ def _level_words(levels: Sequence[str]) -> str:
 
 
 def _rate_text(rate: Rate) -> str:
-    share, low, high = (f"{100 * each:.1f}" for each in (rate.mean, rate.low, rate.high))
+    share, low, high = (f"{100 * number:.1f}" for number in (rate.mean, rate.low, rate.high))
     return f"{share} % (all {rate.total})" if low == high else f"{share} % ({low} to {high})"
 
 
 def _most(lines: Sequence[Line], name: str) -> float:
-    """Return the largest count of a map, per episode; a little above 0 where there is none."""
+    """The largest count of a map, per episode; a little above 0 if there is none."""
     most = max(map_of(line, name).max() / max(1, line["played"]) for line in lines)
     return max(float(most), 1e-9)
 
 
 def _fading() -> Colormap:
-    """Return the colours of visits, from those of a cell without any."""
+    """The colours of visits, from those of a cell without any."""
     return LinearSegmentedColormap.from_list("visits", [SAND, "#9db8d9", "#3f6fb0", BLUE])
 
 
 def _draw_maps(
     axes: Axes, line: Line, levels: Sequence[str], visits: Normalize, square: tuple[float, float]
 ) -> None:
-    """Draw visits as cells, obstacles found as squares on them, the borders of the quadrants, and a cross on a blind spot.
+    """Draw visits as cells and the obstacles found as squares on them.
 
-    square  the most obstacles found on a cell, per episode, and the side of their square in points: areas are in proportion
+    The borders of the quadrants are dashed lines, and a blind spot has a cross.
+
+    square  the most obstacles found on a cell, per episode, and the side of their square in points:
+            areas are in proportion
     """
     rows, cols, played = line["rows"], line["cols"], max(1, line["played"])
     obstacles, (most, side) = obstacles_of(line), square
     shown = map_of(line, "visits") / played
     axes.imshow(shown, cmap=_fading(), norm=visits, interpolation="nearest")
-    found = map_of(line, "found") / played
-    row, col = np.nonzero(found)
-    half = HALF_CELL * np.sqrt(found[row, col] / most)
+    discovered = map_of(line, "found") / played
+    row, col = np.nonzero(discovered)
+    half = HALF_CELL * np.sqrt(discovered[row, col] / most)
     x, y = np.stack([col - half, col + half]), np.stack([row - half, row + half])
     corners = np.stack([x[[0, 1, 1, 0, 0]].T, y[[0, 0, 1, 1, 0]].T], axis=2).reshape(-1, 2)
     codes = np.tile([Outline.MOVETO, *3 * [Outline.LINETO], Outline.CLOSEPOLY], len(half))
@@ -281,9 +299,9 @@ def _key_to_maps(
     figure: Figure, panels: Sequence[Axes], visits: Normalize, square: tuple[float, float]
 ) -> None:
     """Put the colours of visits and the squares of obstacles below the panels."""
-    where: dict[str, Any] = {"location": "bottom", "anchor": (0.0, 0.0), "pad": 0.02}
-    where |= {"shrink": 0.45, "aspect": 36}
-    bar = figure.colorbar(ScalarMappable(visits, _fading()), ax=panels, **where)
+    style: dict[str, Any] = {"location": "bottom", "anchor": (0.0, 0.0), "pad": 0.02}
+    style |= {"shrink": 0.45, "aspect": 36}
+    bar = figure.colorbar(ScalarMappable(visits, _fading()), ax=panels, **style)
     bar.set_label("visits of a cell, per episode", fontsize=8, color=SOFT_INK)
     bar.ax.tick_params(labelsize=7.5, colors=SOFT_INK, length=0)
     bar.outline.set_visible(False)
@@ -293,7 +311,15 @@ def _key_to_maps(
             panels[0].scatter([], [], area, marker="s", color=GREEN, label=label)
     panels[0].scatter([], [], 30, marker="x", color=RED, label="most obstacles here are missed")
     legend = figure.legend(
-        loc="lower right", ncols=4, frameon=False, fontsize=8, labelcolor=SOFT_INK, title_fontsize=8, columnspacing=1.2,
-        title="an obstacle found on the cell, share of the episodes", alignment="left", borderaxespad=0.8,
-    )  # fmt: skip
+        loc="lower right",
+        ncols=4,
+        frameon=False,
+        fontsize=8,
+        labelcolor=SOFT_INK,
+        title_fontsize=8,
+        columnspacing=1.2,
+        title="an obstacle found on the cell, share of the episodes",
+        alignment="left",
+        borderaxespad=0.8,
+    )
     legend.get_title().set_color(SOFT_INK)

@@ -1,10 +1,12 @@
-"""Figure 7 of the paper: coverage against moves on larger grids, and the moves to 99 %, for all policies on the same terrains.
+"""Figure 7 of the paper: coverage against moves on larger grids, moves to 99 %.
 
-`jobs` says what is played, `draw` makes the pictures from the results alone:
+All policies play the same terrains. `jobs` lists what is played, `draw` makes the pictures from the
+results:
 
     figure7-coverage.svg  coverage against moves: a panel for each level and size
     figure7-steps.svg     moves to 99 %, and the share of them that the last per cents take
-    figure7-shares.svg    moves to 50, 75, 90, 95 and 99 %, relative to a rule; without that rule there is no such picture
+    figure7-shares.svg    moves to 50, 75, 90, 95 and 99 %, relative to a rule; only if that rule
+                          played
     figure7.md            the same numbers as tables
 """
 
@@ -55,7 +57,7 @@ FIGURE = 7
 WIDTH = 9.6
 """Of every picture, inches."""
 POLICIES = ("ppo", *RULES, INFORMED)
-"""What is drawn unless others are named."""
+"""The policies that are drawn unless others are named."""
 
 PLACES = ("random", "2-2-1")
 """Levels: ours, and the paper's."""
@@ -81,11 +83,18 @@ def jobs(
     sizes: Sequence[int] = SIZES,
     episodes: int = EPISODES,
 ) -> list[Job]:
-    """Return the jobs of the figure: each policy on each level and size that it can play.
+    """The jobs of the figure: each policy on each level and size that it can play.
 
-    policies  names or paths; "informed" stands for the search that is shown the true map
+    Args:
+        policies: Names or paths; "informed" stands for the search that is shown the true map.
+        levels: Names in LEVELS.
+        sizes: Sides of square grids, cells.
+        episodes: Of each policy on each level and size.
 
-    PolicyNotFoundError and PolicyFileError for policies that cannot be loaded, ValueError when two have the same name.
+    Raises:
+        PolicyNotFoundError: If there is no such policy.
+        PolicyFileError: If a policy's file cannot be played.
+        ValueError: If two policies have the same name.
     """
     plays = [
         Coverage(policy, level, size, episodes)
@@ -98,7 +107,7 @@ def jobs(
 
 
 def draw(results: Path, pictures: Path) -> list[Path]:
-    """Draw the pictures and write the table from the results in a folder, into another or the same; return their paths.
+    """Draw the pictures and write the table from a folder's results; return the paths.
 
     FileNotFoundError when the folder has no results of the figure.
     """
@@ -107,11 +116,14 @@ def draw(results: Path, pictures: Path) -> list[Path]:
     drawn = {"coverage": coverage_figure(lines), "steps": steps_figure(lines)}
     if any(line["policy"] == REFERENCE for line in lines):
         drawn["shares"] = shares_figure(lines)
-    return [*(save(each, pictures / f"figure7-{name}.svg") for name, each in drawn.items()), text]
+    return [
+        *(save(figure, pictures / f"figure7-{name}.svg") for name, figure in drawn.items()),
+        text,
+    ]
 
 
 def coverage_figure(lines: Sequence[Line]) -> Figure:
-    """Draw each policy's mean coverage and its 95 % interval, a panel for each level and size."""
+    """Draw each policy's mean coverage with its interval, a panel a level and size."""
     figure, panels = _panels(lines, 2.6, 1.3, "moves")
     colours = colours_of(line["policy"] for line in lines)
     for axes, group in panels:
@@ -122,7 +134,7 @@ def coverage_figure(lines: Sequence[Line]) -> Figure:
             _draw_curve(axes, line, colours[policy], float(width), edge)
         axes.axhline(99, color=SOFT_INK, linewidth=0.8, linestyle=DOTTED)
         axes.set(xlim=(0, edge), ylim=(0, 102))
-        axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0f} %")
+        axes.yaxis.set_major_formatter(lambda share, _: f"{share:.0f} %")
     _legend(figure, in_order(line["policy"] for line in lines))
     heading(
         figure,
@@ -134,18 +146,18 @@ def coverage_figure(lines: Sequence[Line]) -> Figure:
 
 
 def steps_figure(lines: Sequence[Line]) -> Figure:
-    """Draw the moves to 99 % and the share of the last per cents, a column for each size."""
+    """Draw the moves to 99 % and the share of the last per cents, a column a size."""
     levels, sizes = _places(lines)
     policies = in_order(line["policy"] for line in lines)
     colours = colours_of(policies)
     figure = new_figure(WIDTH, 0.2 * len(levels) * (len(policies) + 1) * 2 + 2.2)
     panels = figure.subplots(2, len(sizes), squeeze=False, sharey=True)
     for size, steps, shares in zip(sizes, *panels, strict=True):
-        for row in (each for each in scale_rows(lines) if each.size == size):
+        for row in (row for row in scale_rows(lines) if row.size == size):
             aside = policies.index(row.policy) - (len(policies) - 1) / 2
             at = levels.index(row.level) + aside * 0.8 / len(policies)
-            for axes, found in ((steps, row.steps), (shares, row.last_share)):
-                draw_interval(axes, found, at, "o", colours[row.policy], INTERVAL)
+            for axes, estimate in ((steps, row.steps), (shares, row.last_share)):
+                draw_interval(axes, estimate, at, "o", colours[row.policy], INTERVAL)
         shares.axvline(CONSTANT_PACE, color=SOFT_INK, linewidth=0.8, linestyle=DOTTED)
         plain(steps, f"{size} x {size}: moves to 99 % (logarithmic)")
         plain(shares, f"{size} x {size}: share from {KNEE} % on")
@@ -153,10 +165,10 @@ def steps_figure(lines: Sequence[Line]) -> Figure:
             shade_rows(axes, len(levels))
         steps.set_xscale("log")
         steps.xaxis.set_major_locator(LogLocator(10, (1, 1.5, 2, 3, 5, 7)))
-        steps.xaxis.set_major_formatter(lambda value, _: f"{value:,.0f}")
+        steps.xaxis.set_major_formatter(lambda moves, _: f"{moves:,.0f}")
         steps.xaxis.set_minor_locator(NullLocator())
         shares.set(xlim=(0, 0.62))
-        shares.xaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f} %")
+        shares.xaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
         steps.set_yticks(range(len(levels)), [f"level {level}" for level in levels])
     panels[0][0].set_ylim(len(levels) - 0.5, -0.5)
     _legend(figure, policies)
@@ -171,23 +183,26 @@ def steps_figure(lines: Sequence[Line]) -> Figure:
 
 
 def shares_figure(lines: Sequence[Line]) -> Figure:
-    """Draw the moves to each share of PER_CENT over those of REFERENCE, a panel for each level and size."""
+    """Draw the moves to each share of PER_CENT over those of REFERENCE.
+
+    A panel for each level and size.
+    """
     figure, panels = _panels(lines, 2.4, 1.5, "coverage")
     names = in_order(line["policy"] for line in lines)
     policies = [name for name in names if name != REFERENCE]
     colours = colours_of(names)
     for axes, group in panels:
-        for policy in (each for each in group if each != REFERENCE):
+        for policy in (name for name in group if name != REFERENCE):
             # intervals do not cover each other
             aside = 0.08 * (policies.index(policy) - (len(policies) - 1) / 2)
-            ratios = [compare(group[policy], group.get(REFERENCE), each) for each in PER_CENT]
-            known = {at + aside: ratio for at, ratio in enumerate(ratios) if ratio.is_known}
-            _draw_ratios(axes, known, policy, colours[policy])
+            ratios = [compare(group[policy], group.get(REFERENCE), share) for share in PER_CENT]
+            by_place = {at + aside: ratio for at, ratio in enumerate(ratios) if ratio.is_known}
+            _draw_ratios(axes, by_place, policy, colours[policy])
         axes.axhline(1, color=colours[REFERENCE], linewidth=1.5)
         axes.set_xticks(range(len(PER_CENT)), [f"{share} %" for share in PER_CENT])
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(LogLocator(10, (0.5, 0.7, 1, 1.5, 2, 3, 4)))
-        axes.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
+        axes.yaxis.set_major_formatter(lambda ratio, _: f"{ratio:.3g}")
         axes.yaxis.set_minor_locator(NullLocator())
     _legend(figure, [*policies, REFERENCE])
     heading(
@@ -199,7 +214,7 @@ def shares_figure(lines: Sequence[Line]) -> Figure:
 
 
 def table(lines: Sequence[Line]) -> str:
-    """Return the numbers as a table in Markdown."""
+    """The numbers as a table in Markdown."""
     rows = [
         [
             *(row.policy, row.level, str(row.size), str(row.terrains), per_cent(row.completion)),
@@ -213,13 +228,13 @@ def table(lines: Sequence[Line]) -> str:
 
 
 def shares_table(lines: Sequence[Line]) -> str:
-    """Return the mean moves to each share of PER_CENT, and their ratio to those of REFERENCE, as a table in Markdown."""
+    """The mean moves to each share, and their ratio to REFERENCE's, as Markdown."""
     rows = []
     for (level, size), group in group_by_place(lines).items():
         for policy, line in group.items():
             cells = [_share_text(line, group.get(REFERENCE), share) for share in PER_CENT]
             rows.append([policy, level, str(size), *cells])
-    return markdown_table(("policy", "level", "size", *(f"{each} %" for each in PER_CENT)), rows)
+    return markdown_table(("policy", "level", "size", *(f"{share} %" for share in PER_CENT)), rows)
 
 
 def _share_text(line: Line, reference: Line | None, share: int) -> str:
@@ -230,36 +245,36 @@ def _share_text(line: Line, reference: Line | None, share: int) -> str:
 
 
 def _places(lines: Sequence[Line]) -> tuple[list[str], list[int]]:
-    """Return the levels of some results in the order of LEVELS, and the sizes."""
-    found = {line["level"] for line in lines}
-    return [level for level in LEVELS if level in found], sorted({line["rows"] for line in lines})
+    """The levels of some results in the order of LEVELS, and the sizes."""
+    levels = {line["level"] for line in lines}
+    return [level for level in LEVELS if level in levels], sorted({line["rows"] for line in lines})
 
 
 def _panels(
     lines: Sequence[Line], height: float, rest: float, xlabel: str
 ) -> tuple[Figure, list[tuple[Axes, dict[str, Line]]]]:
-    """Return a figure with a panel for each level and size, and the panels that have results with these, by policy.
+    """A figure with a panel a level and size, and the panels with results, by policy.
 
-    height  of a row of panels, and rest: of what stands above and below, inches
+    height  of a row of panels, and rest: of what is above and below, inches
     """
     levels, sizes = _places(lines)
-    places, found = group_by_place(lines), []
+    places, filled = group_by_place(lines), []
     figure = new_figure(WIDTH, height * len(levels) + rest)
     panels = figure.subplots(len(levels), len(sizes), squeeze=False, sharey=True)
     for level, row in zip(levels, panels, strict=True):
         for size, axes in zip(sizes, row, strict=True):
             plain(axes, f"level {level}, {size} x {size}")
             if (level, size) in places:
-                found.append((axes, places[level, size]))
+                filled.append((axes, places[level, size]))
             else:
                 _leave_empty(axes)
     for axes in panels[-1]:
         axes.set_xlabel(xlabel)
-    return figure, found
+    return figure, filled
 
 
 def _leave_empty(axes: Axes) -> None:
-    """Say in a panel that there are no results for it."""
+    """Write in a panel that there are no results for it."""
     style: dict[str, Any] = {"ha": "center", "fontsize": 8.5, "color": SOFT_INK}
     axes.text(0.5, 0.5, "no results here", transform=axes.transAxes, **style)
     axes.set_xticks([])
@@ -282,7 +297,7 @@ def _draw_curve(axes: Axes, line: Line, colour: str, width: float, edge: float) 
 
 def _draw_ratios(axes: Axes, ratios: dict[float, Estimate], policy: str, colour: str) -> None:
     """Draw a line through the ratios, each at its place, with their intervals."""
-    lows, highs = ([getattr(each, end) for each in ratios.values()] for end in ("low", "high"))
+    lows, highs = ([getattr(ratio, end) for ratio in ratios.values()] for end in ("low", "high"))
     axes.vlines([*ratios], lows, highs, color=colour, linewidth=2)
     means = [ratio.mean for ratio in ratios.values()]
     axes.plot([*ratios], means, f"{_style(policy)}o", color=colour, markersize=4, linewidth=1.3)
@@ -293,21 +308,21 @@ def _style(policy: str) -> str:
 
 
 def _right_edge(lines: Sequence[Line]) -> float:
-    """Return the moves at the right edge of a panel, of the policies that explore nearly all of their terrains."""
+    """The moves at a panel's right edge, of policies that explore nearly all terrains."""
     steps = [
         steps_of(line)
         for line in lines
         if line["outcomes"].get("explored", 0) >= 0.9 * line["played"]
     ]
-    found = np.concatenate(steps) if steps else np.array([1.0])
-    return float(np.nanquantile(found, SHOWN_SHARE))
+    all_steps = np.concatenate(steps) if steps else np.array([1.0])
+    return float(np.nanquantile(all_steps, SHOWN_SHARE))
 
 
 def _legend(figure: Figure, policies: Sequence[str]) -> None:
     colours = colours_of(policies)
     names = {INFORMED: "informed search (shown the true map)"}
     handles = [
-        line_of(names.get(each, each), colours[each], linestyle=_style(each), linewidth=2)
-        for each in policies
+        line_of(names.get(policy, policy), colours[policy], linestyle=_style(policy), linewidth=2)
+        for policy in policies
     ]
     legend(figure, handles, min(6, len(policies)), "left")

@@ -1,1 +1,1 @@
-"""The algorithms under way: PPO by our own trainer, A2C, Rainbow and discrete SAC through tianshou, and their settings."""
+"""The algorithms and their settings: our PPO, and three through tianshou."""

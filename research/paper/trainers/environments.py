@@ -1,11 +1,14 @@
-"""The training environments as tianshou's algorithms need them: rewards of the variant, observations as bytes, what follows a
-move.
+"""The training environments for tianshou's algorithms.
 
-Environments reset themselves, so what follows the last move of an episode is not what they show next. Where an episode was
-truncated the last observation of it is returned: a time limit is no terminal state, and its value counts. Where it terminated
-nothing follows, and the first observation of the next episode stands in its place, which no algorithm looks at.
+They have the rewards of the variant and give observations as bytes, with what follows a move.
 
-Observations are rows of bytes, since tianshou's buffers keep one array, whatever a network is given:
+Environments reset themselves, so what follows the last move of an episode is not what they show
+next. If an episode was truncated its last observation is returned: a time limit is no terminal
+state, and its value counts. If it terminated nothing follows, and the first observation of the next
+episode stands in its place, which no algorithm looks at.
+
+Observations are rows of bytes, since tianshou's buffers keep one array, whatever a network is
+given:
 
     state matrix  the codes, rows * cols bytes
     features      the pictures, then the bytes of the numbers of each move
@@ -33,7 +36,10 @@ MOVES_BYTES = 4 * ACTION_FEATURES * 4
 
 @dataclass(frozen=True)
 class ObservationBytes:
-    """How the observations of boards of rows x cols become bytes and are read again; features are of one size for all."""
+    """How observations of rows x cols become bytes and are read again.
+
+    Features are of one size for all boards.
+    """
 
     features: bool
     rows: int
@@ -41,7 +47,7 @@ class ObservationBytes:
 
     @classmethod
     def of(cls, config: EnvConfig, features: bool) -> ObservationBytes:
-        """Return what fits the boards of a configuration."""
+        """The form for the boards of a configuration."""
         return cls(features, config.rows, config.cols)
 
     @property
@@ -51,16 +57,16 @@ class ObservationBytes:
 
     @property
     def make_encoder(self) -> EncoderFactory:
-        """What makes the observations of the environments."""
+        """Makes the encoder of the environments' observations."""
         return feature_encoder if self.features else state_matrix_encoder
 
     def pack(self, observation: tuple[Tensor, ...]) -> NDArray[np.uint8]:
-        """Return uint8[num, width] of what an encoder gave; the array is new."""
+        """Pack an encoder's observations: uint8[num, width], a new array."""
         parts = [part.numpy().reshape(len(part), -1).view(np.uint8) for part in observation]
         return np.concatenate(parts, axis=1)
 
     def unpack(self, packed: NDArray[np.uint8] | Tensor) -> tuple[Tensor, ...]:
-        """Return what a network is given: codes uint8[num, rows, cols], or planes and moves as `features` has them."""
+        """Unpack to a network's input: codes uint8[num, rows, cols], or planes and moves."""
         tensor = torch.as_tensor(packed)
         if not self.features:
             return (tensor.view(-1, self.rows, self.cols),)
@@ -72,7 +78,7 @@ class ObservationBytes:
 
 @dataclass(frozen=True)
 class Rewards:
-    """What a move is paid.
+    """The payment of a move.
 
     reward_per_cell  rewards in units of moves, a new cell being worth so many; 0: eq. 8 as it is
     has_bonus        whether +-n is paid where an episode ends, on the levels that have it
@@ -82,7 +88,7 @@ class Rewards:
     has_bonus: bool = True
 
     def of(self, config: EnvConfig, step: StepResult) -> NDArray[np.float64]:
-        """Return the rewards float64[num_envs] of a step."""
+        """The rewards float64[num_envs] of a step."""
         if self.reward_per_cell:
             rewards = rewards_in_moves(config, step, self.reward_per_cell)
             if self.has_bonus:
@@ -95,7 +101,10 @@ class Rewards:
 
 @dataclass(frozen=True)
 class Transitions:
-    """One move of every environment: arrays [num_envs, ...], `next_obs` and `obs` as bytes."""
+    """One move of every environment: arrays [num_envs, ...].
+
+    `next_obs` and `obs` are bytes.
+    """
 
     obs: NDArray[np.uint8]
     actions: NDArray[np.int64]
@@ -106,7 +115,10 @@ class Transitions:
 
 
 class Environments:
-    """Environments of one configuration; `obs` uint8[num_envs, width] is what they show now."""
+    """Environments of one configuration.
+
+    obs  uint8[num_envs, width], what they show now
+    """
 
     def __init__(
         self, config: EnvConfig, num_envs: int, seed: int, form: ObservationBytes, rewards: Rewards
@@ -116,7 +128,7 @@ class Environments:
         self.obs = form.pack(self.envs.observe())
 
     def step(self, actions: NDArray[np.int64]) -> Transitions:
-        """Make the moves int64[num_envs]; return what came of them."""
+        """Make the moves int64[num_envs]; return the transitions."""
         obs, step = self.obs, self.envs.step(actions)
         self.obs = next_obs = self.form.pack(self.envs.observe())
         truncated = np.zeros(len(actions), np.bool_)
@@ -131,14 +143,17 @@ class Environments:
 def make_replay(
     capacity: int, num_envs: int, width: int, alpha: float = 0.6, beta: float = 0.4
 ) -> PrioritizedVectorReplayBuffer:
-    """Return tianshou's empty buffer of `capacity` moves, with priorities, in equal parts for the environments.
+    """An empty tianshou buffer of `capacity` moves, with priorities.
 
-    The observation that follows a move is stored with it. tianshou can look it up in the next row instead
-    (`ignore_obs_next`), but then what follows a truncated episode, and the newest move of each
-    environment, is taken to be the observation before it.
+    It has equal parts for the environments.
+
+    The observation that follows a move is stored with it. tianshou can look it up in the next row
+    instead (`ignore_obs_next`), but then what follows a truncated episode, and the newest move of
+    each environment, is taken to be the observation before it.
 
     width        bytes of an observation
-    alpha, beta  exponents of the priorities and of the weights that correct for them (Schaul et al. 2016)
+    alpha, beta  exponents of the priorities and of the weights that correct for them (Schaul et al.
+                 2016)
     """
     buffer = PrioritizedVectorReplayBuffer(capacity, num_envs, alpha=alpha, beta=beta)
     rows = buffer.maxsize
@@ -154,7 +169,7 @@ def make_replay(
 
 
 def add(buffer: PrioritizedVectorReplayBuffer, moves: Transitions) -> None:
-    """Add one move of every environment."""
+    """Add one move of every environment to a buffer."""
     batch = Batch()
     batch.__dict__.update(  # tianshou's constructor would copy and inspect every array
         obs=moves.obs,

@@ -1,18 +1,22 @@
-"""The algorithms that learn from a replay buffer: they play, keep what came of it, and learn from samples of it.
+"""The algorithms that learn from a replay buffer, by samples of what they played.
 
-DQN-Rainbow (Hessel et al. 2018) with all of its six parts.
+DQN-Rainbow (Hessel et al. 2018) with all of its six parts:
 
-    1. double Q                 the network chooses the move whose value the target network gives (`_target_dist` of tianshou)
+    1. double Q                 the network chooses the move whose value the target network gives
+                                (`_target_dist` of tianshou)
     2. dueling network          a stream for the board and one for the moves (`CategoricalNetwork`)
     3. prioritized replay       by the loss of a move (`make_replay`)
     4. n-step returns           `n_step`
     5. distribution of returns  `num_atoms` over `support` (C51)
-    6. noisy network            in place of epsilon; its noise is drawn anew for every gradient step and for every move too
+    6. noisy network            in place of epsilon; its noise is new for every gradient step and
+                                for every move too
 
-The paper's appendix names 1, 2, 3 and 6, and lets an epsilon fall besides. RLlib 1.0.1 has one step and one atom by default,
-which is DQN without the parts 4 and 5; a Rainbow has them, so these are Hessel's: three steps and 51 atoms.
+The paper's appendix names 1, 2, 3 and 6, and lets an epsilon fall besides. RLlib 1.0.1 has one step
+and one atom by default, which is DQN without the parts 4 and 5; a Rainbow has them, so these are
+Hessel's: three steps and 51 atoms.
 
-Discrete soft actor-critic is Haarnoja et al. 2018's, for discrete actions Christodoulou 2019's, with two critics.
+Discrete soft actor-critic is Haarnoja et al. 2018's, for discrete actions Christodoulou 2019's,
+with two critics.
 """
 
 from __future__ import annotations
@@ -63,40 +67,49 @@ STEPS_OF_ROUND = 16
 
 
 class OffPolicyTrainer(TianshouTrainer, ABC):
-    """The trainer of an algorithm that learns from a replay buffer; a round is some moves of every environment."""
+    """The trainer of an algorithm with a replay buffer.
+
+    A round is some moves of every environment.
+    """
 
     def __init__(
-        self, settings: dict[str, Any], own: OffPolicy, config: EnvConfig, seed: int, moves: int
+        self, settings: dict[str, Any], options: OffPolicy, config: EnvConfig, seed: int, moves: int
     ) -> None:
-        super().__init__(settings, own, config, seed)
-        self._off_policy = own
+        super().__init__(settings, options, config, seed)
+        self._off_policy = options
         capacity = min(
-            own.buffer_size, -(-moves // own.num_envs) * own.num_envs
+            options.buffer_size, -(-moves // options.num_envs) * options.num_envs
         )  # a longer one would never be full
         self._buffer = make_replay(
-            capacity, own.num_envs, self.form.width, own.priority_alpha, own.priority_beta
+            capacity,
+            options.num_envs,
+            self.form.width,
+            options.priority_alpha,
+            options.priority_beta,
         )
         self._actions: list[NDArray[np.int64]] = []
 
     @abstractmethod
     def act(self) -> NDArray[np.int64]:
-        """Return the moves int64[num_envs] that are tried now."""
+        """The moves int64[num_envs] that are tried now."""
 
     @abstractmethod
     def numbers(self, stats: Any) -> dict[str, float]:
-        """Return what is logged of a gradient step."""
+        """The logged metrics of a gradient step."""
 
     def advance(self) -> dict[str, float]:
-        """Play and learn for a round; return the means of its gradient steps' numbers."""
-        own, steps = self._off_policy, []
+        """Play and learn for a round; return the means of its gradient steps' metrics."""
+        options, steps = self._off_policy, []
         for _ in range(STEPS_OF_ROUND):
             self._play(self.act())
-            before, self.moves = self.moves, self.moves + own.num_envs
-            if self.moves > own.learning_starts:
-                for _ in range(self.moves // own.moves_per_update - before // own.moves_per_update):
+            before, self.moves = self.moves, self.moves + options.num_envs
+            if self.moves > options.learning_starts:
+                for _ in range(
+                    self.moves // options.moves_per_update - before // options.moves_per_update
+                ):
                     steps.append(
                         self.numbers(
-                            self.algorithm.update(self._buffer, sample_size=own.batch_size)
+                            self.algorithm.update(self._buffer, sample_size=options.batch_size)
                         )
                     )
         names = steps[0] if steps else {}
@@ -107,7 +120,7 @@ class OffPolicyTrainer(TianshouTrainer, ABC):
         add(self._buffer, self.environments.step(actions))
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state with all actions, of which the buffer is made again, and its priorities."""
+        """The state with its priorities, and all actions, which make the buffer again."""
         buffer = self._buffer
         return super().state_dict() | {
             "actions": torch.from_numpy(np.array(self._actions, np.uint8)),
@@ -116,7 +129,10 @@ class OffPolicyTrainer(TianshouTrainer, ABC):
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Play the actions, which fills the buffer, and set the rest; the trainer must be at its beginning."""
+        """Fill the buffer by playing the actions, and restore the rest.
+
+        The trainer must be at its beginning.
+        """
         for actions in state["actions"].numpy().astype(np.int64):
             self._play(actions)
         buffer = self._buffer
@@ -127,28 +143,30 @@ class OffPolicyTrainer(TianshouTrainer, ABC):
 
 
 class RainbowTrainer(OffPolicyTrainer):
-    """Train by Rainbow, on a CUDA device where there is one."""
+    """Train by Rainbow, on a CUDA device if there is one."""
 
     net: CategoricalNetwork
 
     def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
-        own = RainbowSettings(**VARIANTS["rainbow"].settings_for(variant))
-        support = own.support or (-config.n - 20.0, config.n + 20.0)
-        super().__init__({**asdict(own), "support": list(support)}, own, config, seed, moves)
-        self._own = own
-        shape = own.shape(config, "categorical", atoms=own.num_atoms, support=support)
-        net = make_network(shape, own.noisy_sigma)
+        options = RainbowSettings(**VARIANTS["rainbow"].settings_for(variant))
+        support = options.support or (-config.n - 20.0, config.n + 20.0)
+        super().__init__(
+            {**asdict(options), "support": list(support)}, options, config, seed, moves
+        )
+        self._options = options
+        shape = options.shape(config, "categorical", atoms=options.num_atoms, support=support)
+        net = make_network(shape, options.noisy_sigma)
         assert isinstance(net, CategoricalNetwork)
         self._is_on_cuda = torch.cuda.is_available()
         device = "cuda" if self._is_on_cuda else "cpu"
         policy = C51Policy(
             model=Actor(net, self.form),
             action_space=MOVES,
-            num_atoms=own.num_atoms,
+            num_atoms=options.num_atoms,
             v_min=support[0],
             v_max=support[1],
         ).to(device)
-        self.begin(NStepRainbow(policy, own), net)
+        self.begin(NStepRainbow(policy, options), net)
         self._choose = graphed(self._best_moves, device)
 
     def _best_moves(self, obs: Tensor) -> Tensor:
@@ -158,16 +176,16 @@ class RainbowTrainer(OffPolicyTrainer):
         return expected.argmax(1)
 
     def act(self) -> NDArray[np.int64]:
-        """Return the best moves by the network with new noise, and some at random."""
-        first, last = self._own.epsilon
+        """The best moves by the network with new noise, and some at random."""
+        first, last = self._options.epsilon
         policy, obs = self.algorithm.policy, torch.from_numpy(self.environments.obs)
         policy.set_eps_training(
-            first + (last - first) * min(1.0, self.moves / self._own.epsilon_moves)
+            first + (last - first) * min(1.0, self.moves / self._options.epsilon_moves)
         )
         actions = self._choose(obs).cpu().numpy()
         is_valid = (
             ~invalid_moves(self.form.unpack(obs)).numpy()
-            if self._own.mask
+            if self._options.mask
             else np.ones((len(obs), 4))
         )
         tried: NDArray[np.int64] = policy.add_exploration_noise(
@@ -176,18 +194,18 @@ class RainbowTrainer(OffPolicyTrainer):
         return tried
 
     def numbers(self, stats: Any) -> dict[str, float]:
-        """Return the loss of a gradient step."""
         return {"loss": stats.loss}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state, the CUDA device's generator, and how many gradient steps there were, by which the target network is
-        copied.
+        """The state, the CUDA device's generator, and the number of gradient steps.
+
+        The target network is copied by that number.
         """
-        found = super().state_dict() | {"gradient_steps": self.algorithm._iter}
-        return found | ({"cuda": torch.cuda.get_rng_state()} if self._is_on_cuda else {})
+        state = super().state_dict() | {"gradient_steps": self.algorithm._iter}
+        return state | ({"cuda": torch.cuda.get_rng_state()} if self._is_on_cuda else {})
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Set them; a state of another device goes on with other noise."""
+        """Restore the state; one of another device goes on with other noise."""
         super().load_state_dict(state)
         self.algorithm._iter = state["gradient_steps"]
         if self._is_on_cuda and "cuda" in state:
@@ -195,21 +213,21 @@ class RainbowTrainer(OffPolicyTrainer):
 
 
 class NStepRainbow(RainbowDQN):
-    """tianshou's Rainbow with our noisy layers, a clipped gradient, and two things changed.
+    """tianshou's Rainbow with our noisy layers, a clipped gradient, and two changes.
 
-    tianshou 2.0.1 adds n rewards but takes the distribution of the observation after one move, where it belongs after n; and
-    its gradient step cannot be a graph.
+    tianshou 2.0.1 adds n rewards but takes the distribution of the observation after one move,
+    where it belongs after n; and its gradient step cannot be a graph.
     """
 
-    def __init__(self, policy: C51Policy, own: RainbowSettings) -> None:
-        self._max_grad_norm = own.max_grad_norm
+    def __init__(self, policy: C51Policy, options: RainbowSettings) -> None:
+        self._max_grad_norm = options.max_grad_norm
         device = policy.support.device.type
         super().__init__(
             policy=policy,
-            optim=adam(own.learning_rate, device),
-            gamma=own.gamma,
-            n_step_return_horizon=own.n_step,
-            target_update_freq=max(1, own.target_update_freq // own.moves_per_update),
+            optim=adam(options.learning_rate, device),
+            gamma=options.gamma,
+            n_step_return_horizon=options.n_step,
+            target_update_freq=max(1, options.target_update_freq // options.moves_per_update),
         )
         self._graphed_step = graphed(self.gradient_step, device)
 
@@ -227,7 +245,7 @@ class NStepRainbow(RainbowDQN):
         return batch
 
     def _update_with_batch(self, batch: Any) -> LossSequenceTrainingStats:
-        """Make a gradient step, as tianshou's does; leave the new priorities as the batch's weights."""
+        """Make a gradient step as tianshou does; the batch's weights become priorities."""
         self._periodically_update_lagged_network_weights()
         names = ("obs", "obs_next", "act", "returns", "weight")
         inputs = [torch.as_tensor(batch[name]) for name in names]
@@ -242,8 +260,8 @@ class NStepRainbow(RainbowDQN):
         returns  float32[b, atoms], what each return of the support becomes n moves earlier
         weight   float32[b], of the moves in the loss
         """
-        for asked in (self.policy.model, self.model_old):
-            sample_noise(asked)
+        for model in (self.policy.model, self.model_old):
+            sample_noise(model)
         with torch.no_grad():
             target = self.target_distribution(obs_next, returns)
         distributions, _ = self.policy.model(obs)
@@ -252,7 +270,10 @@ class NStepRainbow(RainbowDQN):
         return errors.detach()
 
     def target_distribution(self, obs_next: Tensor, returns: Tensor) -> Tensor:
-        """Return float32[b, atoms]: the target network's distribution of the network's best moves, moved to the returns."""
+        """The target network's distribution of the best moves, moved to the returns.
+
+        float32[b, atoms]; the network chooses the best moves.
+        """
         model, policy = self.policy.model, self.policy
         best = model.net.expected(*model.form.unpack(obs_next)).argmax(1)
         distributions, _ = self.model_old(obs_next)
@@ -264,13 +285,13 @@ class NStepRainbow(RainbowDQN):
 
 
 def of_moves(distributions: Tensor, moves: Tensor) -> Tensor:
-    """Return the distributions [b, atoms] of the moves int64[b], of all moves' [b, 4, atoms]."""
-    which = moves[:, None, None].expand(-1, 1, distributions.shape[2])
-    return distributions.gather(1, which).squeeze(1)
+    """The distributions [b, atoms] of the moves int64[b], of all moves' [b, 4, atoms]."""
+    indices = moves[:, None, None].expand(-1, 1, distributions.shape[2])
+    return distributions.gather(1, indices).squeeze(1)
 
 
 def graphed(function: Callable[..., Tensor], device: str) -> Callable[..., Tensor]:
-    """Return a function that gives the same, on a CUDA device as one graph."""
+    """The function, on a CUDA device as one graph."""
     return Graphed(function) if device == "cuda" else function
 
 
@@ -280,19 +301,19 @@ class SACTrainer(OffPolicyTrainer):
     net: PolicyNetwork
 
     def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
-        own = SACSettings(**VARIANTS["sac"].settings_for(variant))
-        super().__init__(asdict(own), own, config, seed, moves)
-        net = PolicyNetwork(own.shape(config, "policy", hidden=own.policy_hidden))
+        options = SACSettings(**VARIANTS["sac"].settings_for(variant))
+        super().__init__(asdict(options), options, config, seed, moves)
+        net = PolicyNetwork(options.shape(config, "policy", hidden=options.policy_hidden))
         critics = [
-            Reads(QNetwork(own.shape(config, "q", hidden=own.q_hidden)), self.form)
+            Reads(QNetwork(options.shape(config, "q", hidden=options.q_hidden)), self.form)
             for _ in range(2)
         ]
         self._alpha = AutoAlpha(
-            own.target_entropy * float(np.log(4)),
-            float(np.log(own.initial_alpha)),
-            adam(own.learning_rate),
+            options.target_entropy * float(np.log(4)),
+            float(np.log(options.initial_alpha)),
+            adam(options.learning_rate),
         )
-        optimizer = adam(own.learning_rate)
+        optimizer = adam(options.learning_rate)
         algorithm = DiscreteSAC(
             policy=DiscreteSACPolicy(actor=Actor(net, self.form, "logits"), action_space=MOVES),
             policy_optim=optimizer,
@@ -300,15 +321,15 @@ class SACTrainer(OffPolicyTrainer):
             critic_optim=optimizer,
             critic2=critics[1],
             critic2_optim=optimizer,
-            tau=own.tau,
-            gamma=own.gamma,
+            tau=options.tau,
+            gamma=options.gamma,
             alpha=self._alpha,
-            n_step_return_horizon=own.n_step,
+            n_step_return_horizon=options.n_step,
         )
         self.begin(algorithm, net)
 
     def act(self) -> NDArray[np.int64]:
-        """Return moves drawn from the policy."""
+        """Moves drawn from the policy."""
         with torch.no_grad():
             actions: NDArray[np.int64] = self.algorithm.policy(
                 Batch(obs=self.environments.obs, info=Batch())
@@ -316,7 +337,6 @@ class SACTrainer(OffPolicyTrainer):
         return actions
 
     def numbers(self, stats: Any) -> dict[str, float]:
-        """Return losses and the weight of the entropy after a gradient step."""
         return {
             "policy_loss": stats.actor_loss,
             "value_loss": stats.critic1_loss,
@@ -324,10 +344,9 @@ class SACTrainer(OffPolicyTrainer):
         }
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state with the optimiser of the entropy's weight, which tianshou leaves out."""
+        """The state with the optimiser of the entropy's weight, which tianshou leaves out."""
         return super().state_dict() | {"alpha": self._alpha._optim.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Set them."""
         super().load_state_dict(state)
         self._alpha._optim.load_state_dict(state["alpha"])

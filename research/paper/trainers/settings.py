@@ -1,6 +1,7 @@
-"""The settings of the four algorithms, and their variants; nothing here needs tianshou.
+"""The settings of the four algorithms, and their variants, without tianshou.
 
-What the paper's appendix says is taken by the letter; what it leaves open is RLlib 1.0.1's default, unless a field says else.
+The paper's appendix is taken by the letter; what it leaves open is RLlib 1.0.1's default, unless a
+field has another.
 
     paper             the settings of the paper
     works             with the smallest set of changes that completes terrains
@@ -12,8 +13,9 @@ What the paper's appendix says is taken by the letter; what it leaves open is RL
 PPO has besides
 
     appendix             RLlib's 30 passes in minibatches of 128
-    rllib                the same with a network of RLlib's default sizes. The shipped `ppo-paper` is of an earlier training by
-                         the letter: so, but for 240,000 moves on level random, and with an older clip of the value (`vf_clip`)
+    rllib                the same with a network of RLlib's default sizes. The shipped `ppo-paper`
+                         is of an earlier training by the letter: so, but for 240,000 moves on level
+                         random, and with an older clip of the value (`vf_clip`)
     paper-no-bonus       eq. 8 without +-n at the end of an episode, as on the levels t-m-2
     paper-no-value-clip  the values' change since the rollout is not clipped
 """
@@ -38,7 +40,7 @@ from research.paper.onnx_agents import save_agent
 
 @dataclass(frozen=True)
 class Variants:
-    """The changes that an algorithm knows.
+    """The changes of an algorithm.
 
     algorithm     its name in words, for errors
     changes       name of a change -> the settings in which it differs from the paper's
@@ -54,31 +56,36 @@ class Variants:
 
     @property
     def sets(self) -> dict[str, tuple[str, ...]]:
-        """Variant -> the changes that it makes together; besides, paper+CHANGE stands for any set of changes."""
+        """Variant -> its changes; besides, paper+CHANGE stands for any set of changes."""
         sets: dict[str, tuple[str, ...]] = {"paper": ()}
         for name, changes in (("works", self.works), ("tuned", self.tuned or (*self.changes,))):
             sets[name] = changes
             for one in changes:
-                sets[f"{name}-no-{one}"] = tuple(each for each in changes if each != one)
+                sets[f"{name}-no-{one}"] = tuple(change for change in changes if change != one)
         return sets
 
     def settings_for(self, variant: str) -> dict[str, Any]:
-        """Return the settings in which a variant differs from the paper's; ValueError when there is none of that name."""
+        """The settings in which a variant differs from the paper's.
+
+        ValueError if there is none of that name.
+        """
         if variant in self.alone:
             return dict(self.alone[variant])
         sets, (start, *added) = self.sets, variant.split("+")
         if start == "paper" and added and set(added) <= set(self.changes):
             sets[variant] = tuple(added)
         if variant not in sets:
-            known = ", ".join([*self.alone, *sets, *(f"paper+{change}" for change in self.changes)])
-            raise ValueError(f"{self.algorithm} has no variant {variant!r}; choose one of: {known}")
+            names = ", ".join([*self.alone, *sets, *(f"paper+{change}" for change in self.changes)])
+            raise ValueError(f"{self.algorithm} has no variant {variant!r}; choose one of: {names}")
         return {
-            name: value for change in sets[variant] for name, value in self.changes[change].items()
+            name: setting
+            for change in sets[variant]
+            for name, setting in self.changes[change].items()
         }
 
 
 def feature_encoder(config: EnvConfig, num_envs: int) -> Encoder:
-    """Return the encoder for the pictures and those numbers of each move that need no prices."""
+    """The encoder of the pictures and of each move's numbers that need no prices."""
     radius = config.sensor_radius
     extractor = FeatureExtractor(num_envs, config.rows, config.cols, radius, rules=())
 
@@ -90,7 +97,7 @@ def feature_encoder(config: EnvConfig, num_envs: int) -> Encoder:
 
 
 def state_matrix_encoder(config: EnvConfig, num_envs: int) -> Encoder:
-    """Return the encoder for networks that are given the codes of the state matrix (eq. 6) alone."""
+    """The encoder for networks that take only the codes of the state matrix (eq. 6)."""
     del config, num_envs
     return lambda codes, cells, visited, headings: (torch.from_numpy(codes),)
 
@@ -99,8 +106,8 @@ def state_matrix_encoder(config: EnvConfig, num_envs: int) -> Encoder:
 class PPOSettings(TrainConfig):
     """The settings of our own PPO with the paper's networks.
 
-    network  "authors": the state matrix by the network of the authors' repository; "rllib": by RLlib's;
-             "features": our features
+    network  "authors": the state matrix by the network of the authors' repository; "rllib": by
+             RLlib's; "features": our features
     mask     whether invalid moves have no probability
     """
 
@@ -109,21 +116,22 @@ class PPOSettings(TrainConfig):
 
     @property
     def is_deterministic(self) -> bool:
-        """Whether its policies take the best move, with the loop guard, where others draw theirs."""
+        """Whether its policies take the best move, with the loop guard.
+
+        Others draw their moves.
+        """
         return self.network == "features" and self.mask
 
     @property
     def make_encoder(self) -> EncoderFactory:
-        """What makes the network's observation of an environment."""
         return feature_encoder if self.network == "features" else state_matrix_encoder
 
     @property
     def has_critic(self) -> bool:
-        """Whether logits and values share nothing."""
         return self.network != "features"
 
     def make_network(self, env_configs: Iterable[EnvConfig]) -> nn.Module:
-        """Return a freshly initialised network for environments of one size."""
+        """A freshly initialised network for environments of one size."""
         ((rows, cols),) = {(config.rows, config.cols) for config in env_configs}
         if self.network != "features":
             return PolicyNetwork(
@@ -135,7 +143,10 @@ class PPOSettings(TrainConfig):
         )
 
     def save_policy(self, net: nn.Module, path: Path, card: dict[str, Any]) -> None:
-        """Write the ONNX file of a network that `make_network` returned, with its limits in the card."""
+        """Write the ONNX file of a network that `make_network` returned.
+
+        Its limits go on the card.
+        """
         assert isinstance(net, PolicyNetwork)
         limits = "Deterministic; a guard follows the nearest frontier where it would go in circles."
         if not self.is_deterministic:
@@ -165,11 +176,13 @@ PPO = PPOSettings(
     value_warmup_updates=0,
     max_grad_norm=float("inf"),
 )
-"""PPO by the letter: the appendix gives gamma, the learning rate, lambda, the KL coefficient and the clip.
+"""PPO by the letter: the appendix gives gamma, the learning rate, lambda, the KL coefficient and
+the clip.
 
-The rest is RLlib 1.0.1's default for PPO: train_batch_size 4000, kl_target 0.01, vf_loss_coeff 1, vf_clip_param 10, no
-entropy, no clipping of gradients, a value network of its own. Its 30 passes in minibatches of 128 are APPENDIX_PASSES: 960
-gradient steps an update and an eighth of the speed, where these have 48.
+The rest is RLlib 1.0.1's default for PPO: train_batch_size 4000, kl_target 0.01, vf_loss_coeff 1,
+vf_clip_param 10, no entropy, no clipping of gradients, a value network of its own. Its 30 passes in
+minibatches of 128 are APPENDIX_PASSES: 960 gradient steps an update and an eighth of the speed,
+where these have 48.
 """
 APPENDIX_PASSES: dict[str, Any] = {"update_epochs": 30, "minibatch_size": 128}
 """RLlib's defaults (num_sgd_iter, sgd_minibatch_size)."""
@@ -186,17 +199,22 @@ reward    units of moves, nothing at the end
 mask      invalid moves have no probability
 discount  0.99 for 0.95; PPO has the 0.997 of the recipe `best`
 features  our network and its features for the state matrix
-batch     the optimiser's: larger batches, fewer updates; PPO has a falling learning rate and an entropy target besides
+batch     the optimiser's: larger batches, fewer updates; PPO has a falling learning rate and an
+          entropy target besides
 """
 OTHERS = {"name", "gamma", *SHARED["reward"]}
 CHANGES: dict[str, dict[str, Any]] = SHARED | {
     "discount": {"gamma": BEST.gamma},
     "batch": {
-        each.name: getattr(BEST, each.name) for each in fields(BEST) if each.name not in OTHERS
+        setting.name: getattr(BEST, setting.name)
+        for setting in fields(BEST)
+        if setting.name not in OTHERS
     },
     "rate": {"learning_rate": 3e-4, "final_learning_rate": 3e-4},
 }
-"""PPO's; all but "rate", which makes up for the fewer gradient steps of the 6 passes, are those of the recipe `best`."""
+"""PPO's; all but "rate", which makes up for the fewer gradient steps of the 6 passes, are those
+of the recipe `best`.
+"""
 TUNED = ("reward", "mask", "discount", "features", "batch")
 ALONE: dict[str, dict[str, Any]] = {
     "appendix": APPENDIX_PASSES,
@@ -207,7 +225,7 @@ ALONE: dict[str, dict[str, Any]] = {
 
 
 def ppo_settings(variant: str) -> PPOSettings:
-    """Return the settings of a variant of PPO; ValueError when there is none of that name."""
+    """The settings of a variant of PPO; ValueError if there is none of that name."""
     return replace(PPO, **VARIANTS["ppo"].settings_for(variant))
 
 
@@ -216,7 +234,8 @@ class Common:
     """Settings of every algorithm here.
 
     gamma            discount
-    network          "authors": the state matrix by the network of the authors' repository; "features": ours
+    network          "authors": the state matrix by the network of the authors' repository;
+                     "features": ours
     mask             whether invalid moves are never taken and have no probability
     reward_per_cell  rewards in units of moves, a new cell being worth so many; 0: eq. 8 as it is
     has_bonus        whether +-n is paid where an episode ends, on the levels that have it
@@ -231,7 +250,7 @@ class Common:
     num_envs: int = 16
 
     def shape(self, config: EnvConfig, head: str, **rest: Any) -> NetworkShape:
-        """Return the shape of a network for the boards of a configuration."""
+        """The shape of a network for the boards of a configuration."""
         rows, cols = (None, None) if self.network == "features" else (config.rows, config.cols)
         return NetworkShape(self.network, head, rows=rows, cols=cols, mask=self.mask, **rest)
 
@@ -260,12 +279,13 @@ class OffPolicy(Common):
 
 @dataclass(frozen=True)
 class A2CSettings(Common):
-    """The appendix's table 5, and RLlib 1.0.1's defaults where it says nothing (rllib/agents/a3c).
+    """The appendix's table 5, else RLlib 1.0.1's defaults (rllib/agents/a3c).
 
-    num_steps      moves of each environment between updates; A3C's rollout_fragment_length is 10, and 20 environments make
-                   the 200 moves of A2C's train_batch_size
+    num_steps      moves of each environment between updates; A3C's rollout_fragment_length is 10,
+                   and 20 environments make the 200 moves of A2C's train_batch_size
     vf_coef        coefficient of half the squared error of the value: RLlib's loss has the half
-    max_grad_norm  of the gradient of the sum over the moves, as RLlib has it; the mean's is clipped at a share of it
+    max_grad_norm  of the gradient of the sum over the moves, as RLlib has it; the mean's is clipped
+                   at a share of it
     """
 
     num_envs: int = 20
@@ -288,10 +308,11 @@ A2C_CHANGES = {"discount": {"gamma": 0.99, "gae_lambda": 0.95}, "batch": A2C_BAT
 
 @dataclass(frozen=True)
 class RainbowSettings(OffPolicy):
-    """The appendix's table 3, and RLlib 1.0.1's defaults where it says nothing (rllib/agents/dqn).
+    """The appendix's table 3, else RLlib 1.0.1's defaults (rllib/agents/dqn).
 
-    support             lowest and highest return of the distribution; None: +-(n + 20), which holds the +-n of eq. 8 (RLlib
-                        has +-10, the authors' repository +-400 where the ends are paid +-400)
+    support             lowest and highest return of the distribution; None: +-(n + 20), which holds
+                        the +-n of eq. 8 (RLlib has +-10, the authors' repository +-400 where the
+                        ends are paid +-400)
     noisy_sigma         of the noise in the dense layers at first
     epsilon             at first, and after `epsilon_moves` moves
     target_update_freq  moves between two copies to the target network
@@ -317,13 +338,16 @@ RAINBOW_CHANGES: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class SACSettings(OffPolicy):
-    """The appendix's table 4, and RLlib 1.0.1's defaults where it says nothing (rllib/agents/sac).
+    """The appendix's table 4, else RLlib 1.0.1's defaults (rllib/agents/sac).
 
-    moves_per_update  RLlib makes a gradient step for each move of every worker; the authors' runner has 8 workers
+    moves_per_update  RLlib makes a gradient step for each move of every worker; the authors' runner
+                      has 8 workers
     tau               share of the critics that their targets take over at a gradient step
     initial_alpha     weight of the entropy at first; it is adapted to `target_entropy`
-    target_entropy    share of the entropy of equal probabilities, log 4 (RLlib's "auto" is 0.98 of it)
-    q_hidden, policy_hidden  units of the layers between the network of the state matrix and its heads
+    target_entropy    share of the entropy of equal probabilities, log 4 (RLlib's "auto" is 0.98 of
+                      it)
+    q_hidden, policy_hidden  units of the layers between the network of the state matrix and its
+                             heads
     """
 
     buffer_size: int = 1_000_000

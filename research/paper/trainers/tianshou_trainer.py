@@ -1,8 +1,9 @@
-"""What is trained through tianshou: its environments and networks, and A2C.
+"""Training through tianshou: its environments and networks, and A2C.
 
-A2C stands in the place of A3C: the same loss from the same moves, but all environments step together and no gradient is stale.
-A3C's workers compute their gradients with weights that others have changed meanwhile (Mnih et al. 2016). A2C waits for all and
-makes one step with the mean, so a run is reproducible, and what it learns does not depend on how busy the machine is.
+A2C stands in the place of A3C: the same loss from the same moves, but all environments step
+together and no gradient is stale. A3C's workers compute their gradients with weights that others
+have changed meanwhile (Mnih et al. 2016). A2C waits for all and makes one step with the mean, so a
+run is reproducible, and what it learns does not depend on how busy the machine is.
 """
 
 from __future__ import annotations
@@ -42,42 +43,45 @@ FUNCTIONS = (
 
 
 def cache_kernels() -> None:
-    """Have numba keep what it compiles of tianshou's functions; call it before the first of them runs."""
+    """Have numba cache tianshou's compiled functions; call it before they run."""
     for function in FUNCTIONS:
         if not function.signatures:
             function.enable_caching()
 
 
 class Reads(nn.Module):
-    """A network that is asked with rows of bytes, and what of it is asked; tianshou's critics.
+    """A method of a network that reads rows of bytes; tianshou's critics.
 
-    net   whose method `what` is called with its observations
-    form  how these are read
+    net     its method `method` is called with the observations
+    form    unpacks these
     """
 
-    def __init__(self, net: PaperNetwork, form: ObservationBytes, what: str = "forward") -> None:
+    def __init__(self, net: PaperNetwork, form: ObservationBytes, method: str = "forward") -> None:
         super().__init__()
-        self.net, self.form, self._what = net, form, what
+        self.net, self.form, self._method = net, form, method
 
     def forward(self, obs: NDArray[np.uint8], state: Any = None, info: Any = None) -> Any:
-        """Return what the network says, float32[num, ...]."""
-        return getattr(self.net, self._what)(*self.form.unpack(obs))
+        """The network's output, float32[num, ...]."""
+        return getattr(self.net, self._method)(*self.form.unpack(obs))
 
 
 class Actor(Reads):
-    """The same with the state of the policy beside it, which tianshou's policies want: there is none."""
+    """The same for tianshou's policies, which want the policy's state beside it.
+
+    Ours has none.
+    """
 
     def forward(self, obs: NDArray[np.uint8], state: Any = None, info: Any = None) -> Any:
-        """Return (what the network says, state)."""
+        """(the network's output, state)."""
         return super().forward(obs), state
 
 
 MOVES = gymnasium.spaces.Discrete(4)
-"""What tianshou asks of the actions."""
+"""The action space, for tianshou."""
 
 
 class TianshouTrainer:
-    """Half an `algorithms.Trainer`: what is left is to build the networks in `__init__`, and `advance`.
+    """Half an `algorithms.Trainer`: a subclass builds its networks and has `advance`.
 
     algorithm  tianshou's, always in training mode
     """
@@ -99,7 +103,7 @@ class TianshouTrainer:
         self.envs = self.environments.envs
 
     def begin(self, algorithm: Algorithm[Any, Any], net: PaperNetwork) -> None:
-        """Take the algorithm, and the network that the policy file has."""
+        """Take the algorithm, and the network of the policy file."""
         self.algorithm, self.net = algorithm, net
         algorithm.train()
         vars(algorithm)["train"] = lambda mode=True: (
@@ -108,11 +112,10 @@ class TianshouTrainer:
         algorithm.policy.is_within_training_step = True
 
     def save_policy(self, path: Path, card: dict[str, Any]) -> None:
-        """Write the policy with a card."""
         save_agent(self.net, path, card)
 
     def state_dict(self) -> dict[str, Any]:
-        """Return networks, optimisers, environments and both global generators."""
+        """Networks, optimisers, environments and both global generators."""
         _, keys, *place = np.random.get_state(legacy=True)
         return {
             "moves": self.moves,
@@ -123,12 +126,11 @@ class TianshouTrainer:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Set them."""
         self.moves = state["moves"]
-        optimizers = [each._optim for each in self.algorithm._optimizers]
-        here = [group["capturable"] for each in optimizers for group in each.param_groups]
+        optimizers = [wrapper._optim for wrapper in self.algorithm._optimizers]
+        here = [group["capturable"] for optimizer in optimizers for group in optimizer.param_groups]
         self.algorithm.load_state_dict(state["algorithm"])
-        for group in (group for each in optimizers for group in each.param_groups):
+        for group in (group for optimizer in optimizers for group in optimizer.param_groups):
             group["capturable"] = here.pop(0)
         self.envs.load_state_dict(state["envs"])
         self.environments.obs = self.form.pack(self.envs.observe())
@@ -138,7 +140,10 @@ class TianshouTrainer:
 
 
 def adam(learning_rate: float, device: str = "cpu") -> Any:
-    """Return what makes tianshou's optimisers: Adam, all tensors in one call, and on a CUDA device as part of a graph."""
+    """A factory of tianshou's optimisers: Adam, all tensors in one call.
+
+    On a CUDA device it can be part of a graph.
+    """
     capturable = device == "cuda"
     return TorchOptimizerFactory(
         torch.optim.Adam, lr=learning_rate, fused=True, capturable=capturable
@@ -150,14 +155,19 @@ ROUND = 2000
 
 
 class A2CTrainer(TianshouTrainer):
-    """Train by A2C; a round is some updates, of `num_steps` moves of every environment each."""
+    """Train by A2C; a round is some updates.
+
+    An update is of `num_steps` moves of every environment.
+    """
 
     def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
         del moves
-        own = A2CSettings(**VARIANTS["a2c"].settings_for(variant))
-        super().__init__({**asdict(own), "batch_size": own.batch_size}, own, config, seed)
-        self._own = own
-        net = PolicyNetwork(own.shape(config, "policy", critic="shared"))
+        options = A2CSettings(**VARIANTS["a2c"].settings_for(variant))
+        super().__init__(
+            {**asdict(options), "batch_size": options.batch_size}, options, config, seed
+        )
+        self._options = options
+        net = PolicyNetwork(options.shape(config, "policy", critic="shared"))
         policy = ProbabilisticActorPolicy(
             actor=Actor(net, self.form, "logits"),
             dist_fn=categorical,
@@ -168,16 +178,16 @@ class A2CTrainer(TianshouTrainer):
         algorithm = A2C(
             policy=policy,
             critic=Reads(net, self.form, "value"),
-            optim=adam(own.learning_rate),
-            vf_coef=own.vf_coef / 2,
-            ent_coef=own.ent_coef,
-            max_grad_norm=own.max_grad_norm / own.batch_size,
-            gae_lambda=own.gae_lambda,
-            max_batchsize=own.batch_size,
-            gamma=own.gamma,
+            optim=adam(options.learning_rate),
+            vf_coef=options.vf_coef / 2,
+            ent_coef=options.ent_coef,
+            max_grad_norm=options.max_grad_norm / options.batch_size,
+            gae_lambda=options.gae_lambda,
+            max_batchsize=options.batch_size,
+            gamma=options.gamma,
         )
         self.begin(algorithm, net)
-        self._buffer = VectorReplayBuffer(own.batch_size, own.num_envs)
+        self._buffer = VectorReplayBuffer(options.batch_size, options.num_envs)
 
     def advance(self) -> dict[str, float]:
         """Make some updates; return the means of their losses and of the entropy."""
@@ -187,14 +197,14 @@ class A2CTrainer(TianshouTrainer):
             self._collect()
             stats = self.algorithm.update(self._buffer, batch_size=None, repeat=1)
             numbers.append((stats.actor_loss.mean, stats.vf_loss.mean, stats.ent_loss.mean))
-            self.moves += self._own.batch_size
+            self.moves += self._options.batch_size
         means = np.mean(numbers, axis=0)
         return dict(zip(("policy_loss", "value_loss", "entropy"), map(float, means), strict=True))
 
     def _collect(self) -> None:
-        """Fill the buffer with new moves; it is emptied first."""
+        """Empty the buffer and fill it with new moves."""
         self._buffer.reset()
-        for _ in range(self._own.num_steps):
+        for _ in range(self._options.num_steps):
             with torch.no_grad():
                 actions = self.algorithm.policy(
                     Batch(obs=self.environments.obs, info=Batch())
@@ -203,5 +213,5 @@ class A2CTrainer(TianshouTrainer):
 
 
 def categorical(logits: Tensor) -> Categorical:
-    """Return the distribution over the moves with these logits."""
+    """The distribution over the moves with these logits."""
     return Categorical(logits=logits, validate_args=False)
