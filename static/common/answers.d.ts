@@ -179,9 +179,9 @@ declare namespace Answers {
     episode: string,
     task: string,
     level: string,
-    /** cells, of MarsExplorer */
+    /** cells; absent without a grid of given size */
     rows?: number | null,
-    /** cells, of MarsExplorer */
+    /** cells; absent without a grid of given size */
     cols?: number | null,
     /** the environment's own configuration */
     config: Record<string, unknown>,
@@ -351,9 +351,9 @@ declare namespace Answers {
     episode: string,
     task: string,
     level: string,
-    /** cells, of MarsExplorer */
+    /** cells; absent without a grid of given size */
     rows?: number | null,
-    /** cells, of MarsExplorer */
+    /** cells; absent without a grid of given size */
     cols?: number | null,
     /** the environment's own configuration */
     config: Record<string, unknown>,
@@ -736,7 +736,7 @@ declare namespace Answers {
   /** What the participant chose. */
   type Settings = {
     modality: "keyboard" | "touch" | null,
-    palette: "mars" | "colour-blind" | "high-contrast",
+    palette: "standard" | "colour-blind" | "high-contrast",
     keys: Record<string, string[]> | null,
   };
   /** Where a figure comes from that came with the package. */
@@ -815,9 +815,9 @@ declare namespace Answers {
     secret: string | null,
     task: Task,
     level: string,
-    /** cells, of MarsExplorer */
+    /** cells; absent without a grid of given size */
     rows?: number | null,
-    /** cells, of MarsExplorer */
+    /** cells; absent without a grid of given size */
     cols?: number | null,
     /** the environment's own configuration */
     config: Record<string, unknown>,
@@ -912,9 +912,9 @@ declare namespace Answers {
     level: string,
     /** the configuration in words */
     where: string,
-    /** cells, of MarsExplorer */
+    /** cells; absent without a grid of given size */
     rows?: number | null,
-    /** cells, of MarsExplorer */
+    /** cells; absent without a grid of given size */
     cols?: number | null,
     config_hash: string,
     /** the environment's own configuration */

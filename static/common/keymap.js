@@ -145,8 +145,8 @@ export function ownCode(keys, own, code) {
 export const spokenKey = (code, layout) => /** @type {Record<string, string>} */ (SPOKEN)[code] ?? keyName(code, layout);
 
 /** Paint the keys as they drive now, wherever the page shows them: with what they do, or alone; the first of each, or two.
- * @param {Pick<Task, "assets" | "order">} task @param {Keys} keys @param {Study.Layout} [layout] */
-export function paintKeys({ assets, order }, keys, layout) {
+ * @param {Pick<Task, "allowed" | "order">} task @param {Keys} keys @param {Study.Layout} [layout] */
+export function paintKeys({ allowed, order }, keys, layout) {
   const slots = [...Array(Math.min(2, ...order.map((action) => keys[action]?.length ?? 0))).keys()];
   const key = (/** @type {Action} */ action, slot = 0) => create("kbd", keyName(keys[action][slot] ?? "", layout));
   const alone = () => slots.flatMap((slot) => [...(slot ? [" or "] : []), ...order.map((action) => key(action, slot))]);
@@ -154,7 +154,7 @@ export function paintKeys({ assets, order }, keys, layout) {
   for (const line of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-keys]"))) {
     if (line.dataset.keys === "alone") line.replaceChildren(...alone());
     else if (line.dataset.keys === "first") line.replaceChildren(...order.map((action) => key(action)));
-    else if (assets === "mars" || !line.matches(".keys")) line.replaceChildren(...alone(), ` drive ${order.map(actionText).join(", ")}`);
+    else if (!allowed || !line.matches(".keys")) line.replaceChildren(...alone(), ` drive ${order.map(actionText).join(", ")}`);
     else line.replaceChildren(...named());
   }
 }

@@ -51,17 +51,18 @@ const DIRECTIONS = { ArrowUp: "M4 13l6-6 6 6", ArrowLeft: "M13 4l-6 6 6 6", Arro
 export function showTask({ assets, order, keys, title, chart, parts, round, has_boards: hasBoards }) {
   for (const link of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-of-boards]"))) link.hidden = !hasBoards;
   for (const part of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-world]"))) part.hidden = part.dataset.world !== assets;
-  if (assets === "mars") return; // the pages are written for it
-  renameTerrain(round);
+  if (round !== "terrain") renameTerrain(round);
   if (!parts) document.body.dataset.view = "matrix";
   for (const name of document.querySelectorAll("#chart-title, [data-part=chart-title]")) name.textContent = chart.title;
   document.title = document.title.replace("MarsExplorer", title);
   const pad = document.querySelector(".pad");
+  const there = [.../** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll(".pad [data-action]"))].map(({ dataset }) => dataset.action);
+  if (!pad || String(there) === String(order)) return; // the page came with them
   const isRow = !order.every((action) => keys[action]?.[0] in DIRECTIONS);
-  pad?.classList.toggle("is-row", isRow);
+  pad.classList.toggle("is-row", isRow);
   const rank = (/** @type {string} */ action) => [...Object.keys(DIRECTIONS), keys[action]?.[0]].indexOf(keys[action]?.[0]);
   const buttons = isRow ? [...order].sort((one, other) => rank(one) - rank(other)) : order; // left is left of right
-  pad?.replaceChildren(...buttons.map((action) => padButton(action, keys[action]?.[0] ?? "")));
+  pad.replaceChildren(...buttons.map((action) => padButton(action, keys[action]?.[0] ?? "")));
 }
 
 /** Say a task's own word wherever a page says "terrain".

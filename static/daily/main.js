@@ -194,7 +194,7 @@ function paintResults({ day, attempt, people, policies }) {
     share: shareText(task, day, attempt, policies, page, state.player?.progress, days),
     watch: `${ROOT}watch/${encodeURIComponent(attempt.episode)}`, play: ROOT, episodes: `${ROOT}me`,
   });
-  const marks = policies.flatMap(({ name, moves }) => (moves === null || name === "lookahead" ? [] : [{ name: task.nameOf(name), moves }]));
+  const marks = policies.flatMap(({ name, moves }) => (moves === null || task.isInformed?.(name) ? [] : [{ name: task.nameOf(name), moves }]));
   paintDistribution(by("distribution"), { target: task.target, counts: people.moves, you: task.successes.includes(attempt.outcome ?? "") ? attempt.moves : null, marks });
   put(by("people-note"), peopleText(task, people));
   by("policies").replaceChildren(...policyItems(rows));

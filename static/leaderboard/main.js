@@ -95,7 +95,7 @@ function paint() {
   const { detail, measure } = state;
   if (!detail || detail.board.id !== state.board) return;
   const read = reader(document.documentElement);
-  const rows = standing.rows(detail, measure).map((row) => ({ ...row, colour: read(row.colour) }));
+  const rows = standing.rows(task, detail, measure).map((row) => ({ ...row, colour: read(row.colour) }));
   const figures = rows.flatMap(({ figure }) => (figure ? [figure] : []));
   by("sentence").textContent = standing.headline(task, detail);
   [by("reading-people").textContent, by("reading-policies").textContent] = standing.reading(task, detail);

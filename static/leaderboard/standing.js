@@ -2,11 +2,8 @@
 import { roundUp } from "../common/chart_scale.js";
 import { many } from "../common/words.js";
 
-/** Colour (a custom property of base.css) and dash of the policies everybody has, the same on every board; others take
- * the rest in turn.
- * @type {Record<string, [string, string]>} */
-const OWN = { ppo: ["--chart-policy", "7 4"], "frontier-priced": ["--line-green", "12 4"], "frontier-utility": ["--line-violet", "2 3"], "frontier-cost": ["--line-blue", "9 3 2 3"], lookahead: ["--line-clay", "3 6"], random: ["--line-rose", "4 4"] };
-/** @type {[string, string][]} */
+/** Colour (a custom property of base.css) and dash of policies for which the task has none, in turn.
+ * @type {[string, string][]} */
 const REST = [["--line-olive", "10 2 2 2"], ["--line-stone", "1 4"]];
 const PEOPLE_COLOUR = "--chart-you";
 
@@ -20,12 +17,13 @@ export const intervalText = (value, measure) => (value.low === null || value.hig
 const peopleName = ({ study }) => (study ? "People" : "Volunteers");
 
 /** Return everyone on the board, the best first; those still without a figure last.
- * @param {Answers.Leaderboard} detail @param {Leaderboard.Measure} measure @returns {Leaderboard.Row[]} */
-export function rows({ board, people, policies }, measure) {
-  const others = policies.filter(({ name }) => !OWN[name]);
+ * @param {Pick<Task, "lines">} task @param {Answers.Leaderboard} detail @param {Leaderboard.Measure} measure
+ * @returns {Leaderboard.Row[]} */
+export function rows({ lines = {} }, { board, people, policies }, measure) {
+  const others = policies.filter(({ name }) => !lines[name]);
   /** @type {Leaderboard.Row[]} */
   const found = policies.map((policy) => {
-    const [colour, dash] = OWN[policy.name] ?? REST[others.indexOf(policy) % REST.length];
+    const [colour, dash] = lines[policy.name] ?? REST[others.indexOf(policy) % REST.length];
     return { who: "policy", name: policy.name, colour, dash, figure: policy.figure, policy };
   });
   if (people) found.unshift({ who: "people", name: peopleName(board), colour: PEOPLE_COLOUR, dash: "", figure: people, policy: null });
@@ -67,11 +65,11 @@ function peopleText({ players, episodes, abandoned }, board) {
 }
 
 /** @param {Task} task @param {Answers.Leaderboard} detail @returns the sentence under the heading */
-export function headline({ target, nameOf }, { board, people, policies }) {
-  const fair = policies.filter(({ name }) => name !== "lookahead"); // what knows how terrains are made is not compared with people here
+export function headline({ target, round, nameOf, isInformed }, { board, people, policies }) {
+  const fair = policies.filter(({ name }) => !isInformed?.(name));
   const ready = fair.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
   const best = ready.length === fair.length ? ready[0] : undefined;
-  const which = fair.length < policies.length ? "The best policy that does not know how terrains are made" : "The best policy";
+  const which = fair.length < policies.length ? `The best policy that does not know how ${round}s are made` : "The best policy";
   const policy = best?.figure ? ` ${which}, ${nameOf(best.name)}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
   const terrain = board.place;
   if (!people) {

@@ -76,7 +76,7 @@ export function createSettings({ onChange, onLayout }) {
 
 /** @type {Record<Study.PaletteName, Study.Palette>} */
 export const PALETTES = {
-  mars: { title: "Mars", hint: "Soil and night", inks: { text: "#a8988d", goal: "#e8ddd3", base: "#5a453a", line: "#2a2023" } },
+  standard: { title: "Standard", hint: "Soil and night", inks: { text: "#a8988d", goal: "#e8ddd3", base: "#5a453a", line: "#2a2023" } },
   "colour-blind": { title: "Colour-blind", hint: "Blue and yellow, told apart by lightness too",
     inks: { text: "#a9b7c6", goal: "#e6ecf2", base: "#4b5f76", line: "#1f2b39" } },
   "high-contrast": { title: "High contrast", hint: "White on black, strong edges",
@@ -87,7 +87,7 @@ export const PALETTES = {
  * @param {unknown} name @param {boolean} wantsContrast @returns {Study.PaletteName} */
 export function readPalette(name, wantsContrast) {
   if (typeof name === "string" && Object.hasOwn(PALETTES, name)) return /** @type {Study.PaletteName} */ (name);
-  return wantsContrast ? "high-contrast" : "mars";
+  return wantsContrast ? "high-contrast" : "standard";
 }
 
 /**

@@ -10,7 +10,7 @@ declare namespace Study {
     read(question: Answers.ShownQuestion, root: HTMLElement): Sent | undefined,
   };
   type Phase = "tutorial" | "warm_up" | "ranked";
-  type PaletteName = "mars" | "colour-blind" | "high-contrast";
+  type PaletteName = "standard" | "colour-blind" | "high-contrast";
   type Settings = {modality: "keyboard" | "touch", palette: PaletteName, keys: Keys};
   /** What the server says of a participant, with the task as the page plays it: the answer to every request but `show` and
    * `terrain`. */

@@ -18,6 +18,11 @@ type Task = TaskOf<Frame, Mark, Course, MoveHistory>;
 interface TaskOf<F, M, C, H> extends Answers.Task {
   /** A policy's name as pages say it. */
   nameOf(policy: string): string;
+  /** Colour (a custom property of base.css) and dash of policies whose lines are the same on every plot; others take the
+   * rest in turn. */
+  lines?: Readonly<Record<string, [string, string]>>;
+  /** Whether a policy knows how instances are drawn: then it is not compared with people. Left out where none does. */
+  isInformed?(policy: string): boolean;
   /** The actions in the order in which they are named and stand on the pad. */
   order: Action[];
   /** What an episode is played on or called, in the words of a page; and what it has to reach. */

@@ -185,9 +185,9 @@ class Screens:
         """Judge a screen at both sizes, and its colours in the other palettes."""
         self.seen.append(name)
         self.found += judged(self.page, f"study-{name}")
-        for palette in ("colour-blind", "high-contrast", "mars") if name in COLOURFUL else ():
+        for palette in ("colour-blind", "high-contrast", "standard") if name in COLOURFUL else ():
             self.page.evaluate(f"document.documentElement.dataset.palette = '{palette}'")
-            if palette != "mars":
+            if palette != "standard":
                 found = violations(self.page, runOnly=["color-contrast"])
                 self.found += [f"{name}, {palette}: {each}" for each in found]
 
@@ -387,7 +387,7 @@ def test_remapped_keys_drive_and_colours_change_and_both_are_kept(
     me.page.keyboard.press("l")
     assert me.page.get_by_test_id("key-east-0").inner_text() == "L"
     ground = me.page.evaluate("() => getComputedStyle(document.body).backgroundColor")
-    me.tab_to("palette-mars")
+    me.tab_to("palette-standard")
     me.page.keyboard.press("ArrowUp")
     assert me.page.evaluate("() => document.documentElement.dataset.palette") == "high-contrast"
     me.page.keyboard.press("Escape")
@@ -437,7 +437,7 @@ def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once
     held = []
     me.page.route("**/settings", lambda route: route.continue_() if held else held.append(route))
     me.choose("open-settings")
-    me.tab_to("palette-mars")
+    me.tab_to("palette-standard")
     me.page.keyboard.press("ArrowDown")
     eventually(lambda: me.page.evaluate("() => 1") and held)
     me.page.keyboard.press("ArrowDown")
@@ -448,7 +448,7 @@ def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once
     me.page.unroute("**/settings")
     me.page.keyboard.press("ArrowDown")
     me.page.goto("about:blank")
-    eventually(lambda: chosen(tmp_path)[0] == "mars")
+    eventually(lambda: chosen(tmp_path)[0] == "standard")
     assert me.errors == []
 
 

@@ -62,8 +62,8 @@ def page_of(module):
 
 
 def text_of(page):
-    """A page with the files that it includes."""
-    included = r'{% include "([^"]+)" %}'
+    """A page with the files that it includes: of a choice the last, which stands for every world."""
+    included = r'{% include (?:"|\[.*")([^"]+)"\]? %}'
     return re.sub(included, lambda match: (STATIC / match[1]).read_text(), page.read_text())
 
 
@@ -124,16 +124,16 @@ def imported_by(module):
 
 
 def test_the_playground_asks_for_all_its_modules_at_once():
-    page = STATIC / "play" / "index.html"
-    preloaded = r'<link rel="modulepreload" href="{{ files }}([^"]+)">'
-    asked = set(re.findall(preloaded, page.read_text()))
     folder = STATIC / "task" / "mars"
+    page, head = STATIC / "play" / "index.html", folder / "head.html"
+    preloaded = r'<link rel="modulepreload" href="{{ files }}([^"]+)">'
+    asked = set(re.findall(preloaded, page.read_text() + head.read_text()))
     asked_for_by_name = [folder / "index.js", folder / "views.js"]
     needed = {name_of(path) for path in asked_for_by_name}
     for module in (STATIC / "play" / "main.js", *asked_for_by_name):
         needed |= imported_by(module)
     wrong = f"add {sorted(needed - asked)}, remove {sorted(asked - needed)}"
-    assert asked == needed, f"modulepreload lines of play/index.html: {wrong}"
+    assert asked == needed, f"modulepreload lines of {page.name} and {head.name}: {wrong}"
 
 
 def test_the_ring_on_the_matrix_is_as_wide_as_the_lidar_sees():
@@ -141,14 +141,29 @@ def test_the_ring_on_the_matrix_is_as_wide_as_the_lidar_sees():
     assert f"LIDAR_CELLS = {EnvConfig.of('random', 21).sensor_radius};" in board
 
 
-WORLD = re.compile(r"\blidar|\brover|\bobstacle|\brocks?\b|\b99\s?%", re.I)
-"""Words of MarsExplorer's world, and the share of its cells that completes a terrain."""
+WORLD = re.compile(
+    r"""\blidar|\brover|\bobstacle|\brocks?\b|\b99\s?%|["']mars["']|\blookahead|["']ppo["']|\bfrontier""",
+    re.I,
+)
+"""Words of MarsExplorer's world, the share of its cells that completes a terrain, its folder and its policies."""
 
 
 @pytest.mark.parametrize("path", [*MODULES, *TYPES], ids=name_of)
 def test_the_words_of_a_world_stand_with_its_task_alone(path):
     if STATIC / "task" / "mars" not in path.parents:
         assert not WORLD.findall(path.read_text())
+
+
+def test_no_module_of_the_server_asks_for_a_world_by_name():
+    """The registration does, and the extras of the package are called as they are."""
+    folder = ROOT / "app" / "humanplay"
+    named = {folder / "task" / "registration.py", folder / "command" / "extras.py"}
+    asked = re.compile(r"""["'](mars|lookahead|ppo|frontier-\w+)["']""")
+    others = [
+        path for path in folder.rglob("*.py") if folder / "tasks" / "mars" not in path.parents
+    ]
+    assert len(others) > 150
+    assert {path for path in others if asked.search(path.read_text())} <= named
 
 
 def test_the_words_of_a_world_are_found_where_they_stand():
@@ -226,7 +241,7 @@ def palette(name):
     return theme(DARK) | dict(COLOUR.findall("".join(blocks)))
 
 
-LEAST = [("mars", 4.5), ("colour-blind", 4.5), ("high-contrast", 7)]
+LEAST = [("standard", 4.5), ("colour-blind", 4.5), ("high-contrast", 7)]
 
 
 @pytest.mark.parametrize(("name", "least"), LEAST)
@@ -252,7 +267,7 @@ def test_the_board_reads_in_greyscale(selector):
 def test_the_board_of_a_study_keeps_its_lightness():
     board = (STATIC / "task/mars/board.js").read_text()
     unknown, free, rock = json.loads(re.search(r"const MARS_SHADES = (\{.*\});", board)[1]).values()
-    order = [luminance(colour) for colour in (unknown, free, palette("mars")["accent"], rock)]
+    order = [luminance(colour) for colour in (unknown, free, palette("standard")["accent"], rock)]
     assert order == sorted(order), "as in the paper: 0, 0.3, 0.6, 1"
     assert all(dark / bright < 0.75 for dark, bright in pairwise(order))
 

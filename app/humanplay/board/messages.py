@@ -143,7 +143,7 @@ class NewBoard(NewEpisode):
         default=None,
         max_length=200,
         description="a policy to play the same terrain beside",
-        examples=["frontier-cost"],
+        examples=["random"],
     )
     replays: str | None = Field(
         default=None,

@@ -39,7 +39,8 @@ def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
     try:
         environment = environment_of(task_name(env))
         if not isinstance(environment, GymnasiumEnvironment):
-            raise ValueError("expected an id of Gymnasium's; mars follows from seed and moves")
+            title = environment.about.title
+            raise ValueError(f"expected an id of Gymnasium's; {title} follows from seed and moves")
         told = environment.description
         shown = " in ".join(
             (environment.level, *(name.partition(":")[2] for name in told.wrappers))

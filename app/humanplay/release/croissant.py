@@ -55,7 +55,11 @@ def croissant(
             version=f"{header.version}.0.0",
             date_published=header.released,
             creators=[mlc.Organization(ctx=build.context, name=name) for name in header.authors],
-            keywords=["reinforcement learning", "human baseline", "exploration", "MarsExplorer"],
+            keywords=[
+                "reinforcement learning",
+                "human baseline",
+                header.protocol.environment.about.title,
+            ],
             distribution=[build.file(name, encoding) for name, encoding in formats],
             record_sets=[
                 *(build.record_set(name, f"parquet/{name}.parquet") for name in PARQUET),

@@ -29,7 +29,6 @@ CALENDAR = 28
 """Days of a player's calendar."""
 WAIT_S = 3.0
 """How long the evaluation waits after somebody has begun: the page that was just opened comes first."""
-_SLOW = ("random", "lookahead")
 
 
 class DayRow(TypedDict):
@@ -207,7 +206,7 @@ class DailyPolicies:
         task: str = DEFAULT_TASK,
     ) -> None:
         self._offers = [offer for offer in offers if offer.is_shipped]
-        slow = {name: at for at, name in enumerate(_SLOW, 1)}
+        slow = {name: at for at, name in enumerate(environment_of(task).policies.slow, 1)}
         self._offers.sort(key=lambda offer: slow.get(offer.name, 0))
         self._task = task
         self._evaluations = PolicyEvaluations(path, jobs, task=task)

@@ -75,7 +75,7 @@ class LeaderboardEntry:
         sources  what `policies.load` takes, by name. A study's policies are played from their own files; where one is lost,
                  its evaluation names the place where it was kept, and fails
         """
-        slow = ("random", "lookahead")  # by hundreds of moves, by milliseconds a move
+        slow = environment_of(self.task).policies.slow
         chosen = list(sources) if self.policies is None else self.policies
         ordered = sorted(chosen, key=lambda name: slow.index(name) + 1 if name in slow else 0)
         found = {name: self._source(name, sources) for name in ordered}

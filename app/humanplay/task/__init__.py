@@ -618,6 +618,10 @@ class Policies(Protocol):
         """Whether a public frame holds what a policy is given, so that one can take part as people do."""
 
     @property
+    def slow(self) -> tuple[str, ...]:
+        """Those that take long over an episode, the slowest last: they are evaluated after the others."""
+
+    @property
     def simulated(self) -> str | None:
         """The one that synthetic participants follow, if frames hold what it is given; None for random moves."""
 

@@ -322,6 +322,7 @@ class BasePolicies:
 
     compared: tuple[str, ...] = ("random",)
     shown: str | None = None
+    slow: tuple[str, ...] = ("random",)
     simulated: str | None = None
     sees_frames: bool = False
 

@@ -128,7 +128,7 @@ async def task(request: Request) -> dict[str, object]:
 
 @router.get("/levels", response_model=list[Level], tags=["server"], summary="What can be played")
 async def levels(request: Request) -> list[dict[str, object]]:
-    """List the levels; MarsExplorer has them: `random` is the paper's section 3.2, `t-m-b` the twelve of its section 3.3."""
+    """List the levels, for an environment that has them; each name can be given as `level`."""
     return _lobby(request).task.levels()
 
 

@@ -10,22 +10,23 @@ from starlette.requests import Request
 from humanplay.web.answers.openapi import answered_models
 from humanplay.web.templates import addresses, environment
 
-DESCRIPTION = """Drive the MarsExplorer rover, watch policies do it, and read what was played. `POST /api/sessions` begins a
-board; its `frame` holds what the rover has discovered; `POST .../act` answers a frame with a move and brings the next.
-Errors are `{"detail": "..."}` with what was expected and what came: 404 unknown, 409 not the current frame, 422 bad input."""
+DESCRIPTION = """Play {}, watch policies do it, and read what was played. `POST /api/sessions` begins a board;
+its `frame` holds what may be seen; `POST .../act` answers a frame with a move and brings the next.
+Errors are `{{"detail": "..."}}` with what was expected and what came: 404 unknown, 409 not the current frame, 422 bad input."""
+"""What the API is; the title of what is played goes into it."""
 
 EXAMPLE = """import httpx
 
-with httpx.Client(base_url="http://127.0.0.1:8000") as mars:       # one client keeps the player cookie
-    session = mars.post("/api/sessions", json={"level": "random", "size": 21, "seed": 7}).json()
-    frame = session["frame"]
+with httpx.Client(base_url="http://127.0.0.1:8000") as api:       # one client keeps the player cookie
+    session = api.post("/api/sessions", json={"seed": 7}).json()
+    frame, actions = session["frame"], session["task"]["actions"]
     while frame["outcome"] is None:
-        move = {"episode": frame["episode"], "step": frame["step"], "action": "east"}
-        frame = mars.post(f"/api/sessions/{session['session']}/act", json=move).json()
+        move = {"episode": frame["episode"], "step": frame["step"], "action": actions[0]}
+        frame = api.post(f"/api/sessions/{session['session']}/act", json=move).json()
     print(frame["outcome"], frame["score"])"""
 
 SOCKET = """ws(s)://.../ws/sessions/{session}       a board begun by a page needs the cookie of its player; a script's, its id
--> {"kind":"act","episode":"...","step":0,"action":"east"}     the same act as over HTTP; its answer is the next frame
+-> {"kind":"act","episode":"...","step":0,"action":"..."}      the same act as over HTTP; its answer is the next frame
 -> {"kind":"history"}                                          asks for the path so far
 -> {"kind":"events","episode":"...","events":[...]}            a study's input events, 200 at most; a repeat is kept once
 <- {"kind":"frame", ...}       whole, the newest always; a slow client skips

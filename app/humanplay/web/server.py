@@ -176,7 +176,8 @@ def _app_of(
     environment = environment_of(settings.task)
     app = PlaygroundApp(
         environment.messages,
-        title="MarsExplorer Playground", version=environment.version, description=api_docs.DESCRIPTION,
+        title="MarsExplorer Playground", version=environment.version,
+        description=api_docs.DESCRIPTION.format(environment.about.title),
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
     _add_protection(app, settings, metrics, protection, name)

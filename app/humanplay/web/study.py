@@ -150,7 +150,7 @@ class ParticipantSettings(Message):
     """What a participant chose; what is left out stays as it was."""
 
     modality: Literal["keyboard", "touch"] | None = None
-    palette: Literal["mars", "colour-blind", "high-contrast"] | None = None
+    palette: Literal["standard", "colour-blind", "high-contrast"] | None = None
     keys: dict[str, list[Annotated[str, Field(max_length=32), PRINTABLE]]] | None = None
 
     @field_validator("keys")
@@ -269,7 +269,7 @@ async def participant_state(request: Request, study: Study, participant: Partici
     if participant.stage in ("debrief", "complete") and not due:
         debrief = await services_of(request).debriefs.summary(study, participant, trials)
     values, questions = placeholder_values(protocol), protocol.questions
-    chosen = {"modality": None, "palette": "mars", "keys": None}
+    chosen = {"modality": None, "palette": "standard", "keys": None}
     return {
         "study": study.name,
         "title": protocol.title,

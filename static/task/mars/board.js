@@ -161,7 +161,7 @@ function paintRover(context, frame, size, { accent, casing, dpr }) {
 const MARS_SHADES = { "?": "#070506", ".": "#57483f", "#": "#f4e9dc" };
 /** @type {Record<string, Mars.Soil>} */
 const SOILS = {
-  mars: { shades: MARS_SHADES, edge: "#3a2d28", rockEdge: "#cdbfb0" },
+  standard: { shades: MARS_SHADES, edge: "#3a2d28", rockEdge: "#cdbfb0" },
   "colour-blind": { shades: { "?": "#04070b", ".": "#3f5068", "#": "#f2f4f7" }, edge: "#27374c", rockEdge: "#b9c3cf" },
   "high-contrast": { shades: { "?": "#000000", ".": "#6e6e6e", "#": "#ffffff" }, edge: "#000000", rockEdge: "#000000" },
 };

@@ -4,11 +4,11 @@ import { boardAt, courseOf, paintEvents, progressAt } from "./course.js";
 import { costsInWords } from "./cost_words.js";
 import { adviceText } from "./expert.js";
 import { ahead } from "./ground.js";
-import { firstWish, policyName, words } from "./words.js";
+import { firstWish, isInformed, lines, policyName, words } from "./words.js";
 
 /** @param {Answers.Task} about @returns {Mars.Task} */
 export const taskOf = (about) => ({
-  ...about, ...words, nameOf: policyName, firstWish, order: ["north", "west", "south", "east"], paint, ahead, courseOf, boardAt, progressAt, paintEvents, adviceText, costsInWords,
+  ...about, ...words, nameOf: policyName, lines, isInformed, firstWish, order: ["north", "west", "south", "east"], paint, ahead, courseOf, boardAt, progressAt, paintEvents, adviceText, costsInWords,
   mark: ({ position }) => position,
   progress: ({ discovered, cells }) => discovered / cells,
   path: ({ positions, discovered }, { cells }) => ({ trail: positions, progress: discovered.map((count) => count / cells) }),

@@ -12,6 +12,16 @@ const POLICIES = Object.freeze({
 /** @type {Readonly<Record<string, string>>} */
 const LEVELS = Object.freeze({ "1-1-1": "Open", random: "Scattered", "3-2-1": "Boulders", building: "Building", cave: "Cave" });
 
+/** Colour and dash of the policies everybody has, the same on every plot.
+ * @type {Readonly<Record<string, [string, string]>>} */
+export const lines = Object.freeze({
+  ppo: ["--chart-policy", "7 4"], "frontier-priced": ["--line-green", "12 4"], "frontier-utility": ["--line-violet", "2 3"],
+  "frontier-cost": ["--line-blue", "9 3 2 3"], lookahead: ["--line-clay", "3 6"], random: ["--line-rose", "4 4"],
+});
+
+/** @param {string} policy @returns whether it knows how terrains are made */
+export const isInformed = (policy) => policy === "lookahead";
+
 /** @param {string} policy @returns its plain name, or the technical one of a policy that came with somebody's own file */
 export const policyName = (policy) => POLICIES[policy] ?? policy;
 /** @param {string} level @returns its plain name, or the paper's code */

@@ -343,7 +343,7 @@ def test_declining_and_withdrawing_end_the_way_and_say_what_is_kept(server):
 
 def test_settings_are_kept_and_each_change_is_on_record(server):
     person = Person(server)
-    assert person.where["settings"] == {"modality": None, "palette": "mars", "keys": None}
+    assert person.where["settings"] == {"modality": None, "palette": "standard", "keys": None}
     keys = {"north": ["KeyI"], "east": ["KeyL"], "south": ["KeyK"], "west": ["KeyJ"]}
     person.call("settings", {"modality": "touch", "keys": keys})
     person.call("settings", {"palette": "high-contrast"})
@@ -441,8 +441,8 @@ def test_whoever_withdraws_chooses_whether_what_they_played_is_kept_or_erased(se
         assert person.where["participant"] in note
         with closing(Reader.open(server.services.store.path)) as reader:
             listed = list_participants(reader, study.name, server.clock.now_ms(), True)
-        (row,) = (each for each in listed if each["label"] == person.where["participant"])
-        assert row["asks_erasure"] is erase
+        (row,) = (each for each in listed if each.label == person.where["participant"])
+        assert row.asks_erasure is erase
 
 
 def test_a_study_that_keeps_episodes_offers_no_erasure(serve, tmp_path):

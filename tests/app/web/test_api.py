@@ -1,5 +1,6 @@
 """Whole episodes over HTTP, each frame against the core; and what every kind of bad input gets."""
 
+import html
 import json
 import re
 
@@ -241,6 +242,19 @@ def test_the_documentation_needs_nothing_from_elsewhere(server):
         for call in verbs.values():
             assert call["summary"]
             assert call["description"]
+
+
+@pytest.mark.parametrize(
+    ("task", "title"), [("mars", "MarsExplorer"), ("gymnasium:FrozenLake-v1", "FrozenLake-v1")]
+)
+def test_the_example_in_the_documentation_plays_whatever_is_played_here(serve, capsys, task, title):
+    server = serve(task=task)
+    page = server.client().get("/docs").text
+    assert f"Play {title}, watch policies" in page
+    example = html.unescape(re.search(r"<pre[^>]*>(import httpx.*?)</pre>", page, re.S)[1])
+    exec(compile(example.replace("http://127.0.0.1:8000", server.url), "docs", "exec"), {})
+    (episode,) = server.client().get("/api/episodes").json()
+    assert capsys.readouterr().out.split()[0] == episode["outcome"]
 
 
 def test_a_policys_session_is_driven_by_the_policy_alone(server):

@@ -17,9 +17,9 @@ const people = { ...figure(90, 0.9), players: 5, episodes: 38, trials: [] };
 
 test("the best stands first by either measure, whoever has no figure last", () => {
   const detail = { board, people, policies: [waiting("frontier-cost"), ready("ppo", 78, 0.95), ready("random", 441, 0.2)] };
-  assert.deepEqual(rows(detail, "steps").map(({ name }) => name), ["ppo", "Volunteers", "random", "frontier-cost"]);
-  assert.deepEqual(rows(detail, "score").map(({ name }) => name), ["ppo", "Volunteers", "random", "frontier-cost"]);
-  assert.deepEqual(rows({ ...detail, people: null }, "steps").map(({ name }) => name), ["ppo", "random", "frontier-cost"]);
+  assert.deepEqual(rows(task, detail, "steps").map(({ name }) => name), ["ppo", "Volunteers", "random", "frontier-cost"]);
+  assert.deepEqual(rows(task, detail, "score").map(({ name }) => name), ["ppo", "Volunteers", "random", "frontier-cost"]);
+  assert.deepEqual(rows(task, { ...detail, people: null }, "steps").map(({ name }) => name), ["ppo", "random", "frontier-cost"]);
 });
 
 test("the scale holds whoever is near the best; who is far out stands beyond a break", () => {
@@ -77,7 +77,7 @@ test("a study's board says so, and who enters it", () => {
   const study = { ...board, study: "dunes", terrains: 30 };
   const policies = [ready("ppo", 78, 0.95)];
   assert.match(headline(task, { board: study, people: { ...people, claim: "Human level (supervised)" }, policies }), /^Human level \(supervised\) in the study dunes, Scattered 21 \u00d7 21: 90\.0/);
-  assert.deepEqual(rows({ board: study, people, policies }, "steps").map(({ name }) => name), ["ppo", "People"]);
+  assert.deepEqual(rows(task, { board: study, people, policies }, "steps").map(({ name }) => name), ["ppo", "People"]);
   assert.match(headline(task, { board, people: { ...people, abandoned: 2 }, policies }), /38 episodes, 2 of them abandoned; 2 players/);
   assert.doesNotMatch(headline(task, { board, people, policies }), /human level/i, "that is a closed study's figure alone");
   assert.match(headline(task, { board: study, people: null, policies }), /^No person finished the study dunes, so it has no figure of people/);
@@ -120,5 +120,5 @@ test("a policy that knows how terrains are made is not what people are compared 
   const policies = ["lookahead", "ppo"].map((name, at) => ({ name, state: "ready", figure: { steps: { mean: 60 + at } } }));
   const detail = { board: { study: null, place: "Scattered 21 \u00d7 21" }, people: null, policies };
   assert.match(headline(task, detail), /The best policy that does not know how terrains are made, Expert, takes 61/);
-  assert.deepEqual(rows(detail, "steps").map(({ name }) => name), ["lookahead", "ppo"]);
+  assert.deepEqual(rows(task, detail, "steps").map(({ name }) => name), ["lookahead", "ppo"]);
 });

@@ -12,9 +12,9 @@ test("kept keys and colours are whole or none", () => {
   assert.deepEqual(readKeys({ ...DEFAULT_KEYS, north: ["KeyS", "KeyW"] }, DEFAULT_KEYS), { ...DEFAULT_KEYS });
   const keys = assign(DEFAULT_KEYS, "west", 0, "KeyJ");
   assert.deepEqual(readKeys(JSON.parse(JSON.stringify(keys)), DEFAULT_KEYS), keys);
-  assert.equal(readPalette("pink", false), "mars");
+  assert.equal(readPalette("pink", false), "standard");
   assert.equal(readPalette(undefined, true), "high-contrast");
-  assert.equal(readPalette("constructor", false), "mars");
+  assert.equal(readPalette("constructor", false), "standard");
   assert.deepEqual(readChoices({ pad: false, palette: "colour-blind" }, { wantsContrast: true, isTouch: true, keys: DEFAULT_KEYS }),
     { modality: "touch", palette: "colour-blind", keys: { ...DEFAULT_KEYS }, pad: false });
 });

@@ -4,7 +4,7 @@ import { createSettingsSync } from "../../../static/study/settings.js";
 
 /** A settings sync of `chosen.now`; `requests` are those that were begun, each ended by the test or by its signal. */
 function saving(how = {}) {
-  const chosen = { now: "mars" };
+  const chosen = { now: "standard" };
   const requests = [];
   const settingsSync = createSettingsSync({ settle_ms: 1, retry_ms: 1, ...how, save: (signal) => new Promise((resolve, reject) => {
     const request = { value: chosen.now, signal, isOpen: true };

@@ -35,6 +35,7 @@ class PolicyCatalogue(BasePolicies):
 
     compared = ("ppo", "frontier-cost", "frontier-utility", "random")
     shown = "ppo"
+    slow = ("random", "lookahead")  # by hundreds of moves, by milliseconds a move
     simulated = "frontier-cost"
     sees_frames = True
 

@@ -37,8 +37,8 @@ class VolunteerFigure(PlayerCounts):
     task: str
     level: str
     where: str = described("the configuration in words")
-    rows: int | None = absent("cells, of MarsExplorer")
-    cols: int | None = absent("cells, of MarsExplorer")
+    rows: int | None = absent("cells; absent without a grid of given size")
+    cols: int | None = absent("cells; absent without a grid of given size")
     config_hash: str
     config: Configuration = described("the environment's own configuration")
     population: Literal["volunteers"]

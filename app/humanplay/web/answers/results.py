@@ -40,8 +40,8 @@ class ListedEpisode(Answer):
     episode: str
     task: str
     level: str
-    rows: int | None = absent("cells, of MarsExplorer")
-    cols: int | None = absent("cells, of MarsExplorer")
+    rows: int | None = absent("cells; absent without a grid of given size")
+    cols: int | None = absent("cells; absent without a grid of given size")
     config: Configuration = described("the environment's own configuration")
     daily: str | None = described("the day whose terrain it was")
     start: tuple[int, int] = described("row and column")

@@ -36,8 +36,8 @@ class Study(Answer):
     secret: str | None = described("null until the study is closed")
     task: Task
     level: str
-    rows: int | None = absent("cells, of MarsExplorer")
-    cols: int | None = absent("cells, of MarsExplorer")
+    rows: int | None = absent("cells; absent without a grid of given size")
+    cols: int | None = absent("cells; absent without a grid of given size")
     config: Configuration = described("the environment's own configuration")
     warm_up: int
     ranked: int
@@ -152,7 +152,7 @@ class Settings(Answer):
     """What the participant chose."""
 
     modality: Literal["keyboard", "touch"] | None
-    palette: Literal["mars", "colour-blind", "high-contrast"]
+    palette: Literal["standard", "colour-blind", "high-contrast"]
     keys: dict[str, list[str]] | None
 
 
