@@ -253,7 +253,7 @@ def test_an_episode_that_was_left_costs_what_giving_up_does(maze):
 
 def test_only_a_move_that_ended_an_episode_ended_it_early(maze):
     environment = environment_of(maze)
-    expert, roomy = environment.policies.load("far-wall"), environment.default
+    expert, roomy = environment.policies.load("far-wall"), environment.configuration({})
     way = environment.policies.play(expert, roomy, 3, 0).record().actions
     config = environment.configuration({"limit": len(way) + 1})
     there_and_back = bytes([way[0], (way[0] + 2) % 4])

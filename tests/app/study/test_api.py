@@ -225,7 +225,7 @@ def test_each_step_out_of_turn_is_refused_in_words(server):
     assert "one choice for each of 3 questions, got 1" in person.refused(
         "answers", {"answers": [0]}, 422
     )
-    assert "answer 2 must be 0 to 2, got 7" in person.refused(
+    assert "answer 2 must be 0 to 2, the index of a choice, got 7" in person.refused(
         "answers", {"answers": [0, 1, 7]}, 422
     )
     assert "at least 0" in person.refused("answers", {"answers": [0, 1, -1]}, 422)
