@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -49,6 +49,8 @@ _STYLE_LOCK = threading.Lock()
 """matplotlib's style belongs to the process, so only one chart is drawn at a time."""
 
 GREY = "#7b8794"
+ZERO_OF_THE_SCALE = "random"
+"""The policy that is so far from people that they could not be told apart beside it."""
 MAX_NAME = 18
 """Characters of a policy's name in a chart; tables have it whole."""
 WIDTH = 5.6
@@ -101,8 +103,14 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
         )
         found["flow"] = 0.56 * flow_height(steps), partial(draw_flow, steps=steps), alt
     if group.players:
-        alt = "Each player's mean score and mean steps, with both estimates and their intervals"
-        found["players"] = 3.4, partial(_players, group=group), alt
+        means = [
+            (report.called(policy.name), {"score": policy.score, "steps": policy.steps})
+            for policy in report.policies
+            if policy.name != ZERO_OF_THE_SCALE
+        ]
+        alt = "Each player's mean score and mean steps, both estimates with their intervals, and each policy's means"
+        drawn = partial(_people_and_policies, group=group, policies=means)
+        found["players"] = 3.0 + 0.26 * len(means), drawn, alt
     if group.metrics:
         alt = "Mean score and steps of first attempts by ranked trial, with intervals"
         found["learning"] = 3.6, partial(_learning, group=group), alt
@@ -128,7 +136,10 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
     }
 
 
-def _players(canvas: Canvas, group: GroupReport) -> None:
+def _people_and_policies(
+    canvas: Canvas, group: GroupReport, policies: Sequence[tuple[str, Mapping[str, float]]]
+) -> None:
+    """Draw each player's mean, both estimates below them, and policies' means on the same terrains."""
     titles = {"score": "Score", "steps": group.words.steps.capitalize()}
     finished = Status.FINISHED.value
     lists = {
@@ -166,12 +177,16 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
                 axes.plot([estimate.mean], [y], "D", color=colour, markersize=4)
             if estimate is not None and estimate.interval is not None:
                 axes.plot(estimate.interval, [y, y], color=colour, linewidth=2.6)
-        places = [-1.2 - row for row in range(len(labels))]
+        for policy, means in policies:
+            y = -1.4 - len(labels)
+            axes.plot([means[name]], [y], "s", color=POLICY_COLOURS[2], markersize=5)
+            labels.append(_short(policy))
+        places = [-1.2 - row - 0.2 * (row > 1) for row in range(len(labels))]
         axes.set_yticks(places, labels if name == "score" else [])
-        axes.set_ylim(-1.2 - len(labels) + 0.3, tallest + 1)
+        axes.set_ylim(-1.4 - len(labels) + 0.3, tallest + 1)
         axes.axhline(-0.6, color="#c5ccd3", linewidth=0.6)
         axes.set_title(title)
-        axes.set_xlabel("mean of a player")
+        axes.set_xlabel("mean of a player" + (", or of a policy" if policies else ""))
         axes.spines["left"].set_visible(False)
         axes.tick_params(left=False)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from humanplay.report.tables import (
     coverage_table,
     declarations_table,
     group_tables,
+    large_numbers,
 )
 from humanplay.task.registration import environment_of
 
@@ -73,6 +74,7 @@ def _page(report: Report, part: str, names: Mapping[str, str]) -> str:
             level=LEVELS_IN_WORDS[report.protocol["required_attestation"]],
             recruitment=report.protocol.get("recruitment", "open"),
             watermark=SYNTHETIC,
+            large_numbers=partial(large_numbers, report),
             style=(FOLDER / "report.css").read_text(encoding="utf-8"),
             left_out=0 if report.synthetic else sum(report.scripts.values()),
             sections=list(_sections(report)) if part == "page" else [],

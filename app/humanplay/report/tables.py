@@ -11,10 +11,15 @@ from humanplay.db.rows import Attestation
 from humanplay.report.costs import CostPart, CostSummary
 from humanplay.report.measured_coverage import SCORE_POPULATIONS, nearest
 from humanplay.report.model import GroupReport, Metric, Report
-from humanplay.report.statistics.exclusion_sets import LOWEST_IN_WORDS, METRICS, Lowest
+from humanplay.report.statistics.exclusion_sets import (
+    LOWEST_IN_WORDS,
+    METRICS,
+    Lowest,
+    MetricName,
+)
 from humanplay.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
 from humanplay.report.statistics.intervals import Estimate, Interval
-from humanplay.report.statistics.study_figures import StudyFigure
+from humanplay.report.statistics.study_figures import StudyFigure, why_no_interval
 from humanplay.study.flow import STATUS_IN_WORDS, Status
 from humanplay.task.registration import environment_of
 
@@ -36,6 +41,21 @@ class PageTable:
     def id(self) -> str:
         """The caption's id in the page, the same for the same table."""
         return "t" + hashlib.sha256(f"{self.caption}{self.rows}".encode()).hexdigest()[:10]
+
+
+@dataclass(frozen=True)
+class LargeNumber:
+    """An estimate as the page's first screen prints it.
+
+    Attributes:
+        unit: What the mean counts, in the primary metric.
+        under: Its interval or why there is none, the people, and the other figures.
+    """
+
+    name: str
+    mean: str
+    unit: str
+    under: Sequence[str]
 
 
 LEVELS_IN_WORDS: dict[Attestation, str] = {
@@ -197,6 +217,35 @@ def _estimates(figure: StudyFigure) -> tuple[str, ...]:
         _estimate(figure.steps, DIGITS["steps"]),
         _share(figure.completed),
     )
+
+
+def large_numbers(report: Report, group: GroupReport) -> list[LargeNumber]:
+    """Both estimates in the metric that the protocol calls primary; none where nobody began."""
+    if not group.everybody.players:
+        return []
+    names = {"Per protocol": group.figure, "Everybody who began": group.everybody}
+    primary = report.protocol["primary_metric"]
+    return [_large_number(group, name, figure, primary) for name, figure in names.items()]
+
+
+def _large_number(
+    group: GroupReport, name: str, figure: StudyFigure, primary: MetricName
+) -> LargeNumber:
+    words = {"score": group.words.score, "steps": group.words.steps}
+    estimates = {"score": figure.score, "steps": figure.steps}
+    estimate, unit = estimates.pop(primary), words[primary]
+    people = f"{counted(figure.players, 'player')}, {counted(figure.episodes, 'ranked episode')}"
+    if estimate is None:
+        reason = "No lowest score is declared." if figure.players else "There is no estimate."
+        return LargeNumber(name, NONE, unit, (reason, people))
+    digits = DIGITS[primary]
+    ends = f"95 % interval {interval(estimate.interval, digits)}"
+    ((other, beside),) = estimates.items()
+    further = [f"{words[other]} {number(beside.mean, DIGITS[other])}"] if beside else []
+    if figure.completed is not None:
+        further.append(f"{group.words.reached}: {percent(figure.completed.mean)}")
+    under = (why_no_interval(estimate) or ends, people, *further)
+    return LargeNumber(name, number(estimate.mean, digits), unit, under)
 
 
 def _estimate(estimate: Estimate | None, digits: int) -> str:

@@ -155,6 +155,7 @@ def test_the_first_page_has_flow_headline_comparison_picture_and_cautions_and_th
     for wanted in (
         "Figure of unverified participants (attested). Per protocol: 4 players",
         "Everybody who began: 4 players",
+        '<p class="large"><strong>24.0</strong> steps to 99 %</p>',
         "Required of every ranked episode: attested",
         "Opened the study: 4",
         "Policies minus people on the same terrains",
@@ -165,7 +166,11 @@ def test_the_first_page_has_flow_headline_comparison_picture_and_cautions_and_th
     ):
         assert wanted in first, wanted
     assert first.count("<svg") == 3
-    assert first.index("<table") < first.index("Each dot is one player"), "the estimates come first"
+    parts = [first.index(part) for part in ('class="large"', "4 players are few", "<table", "Each")]
+    assert parts == sorted(parts), "the estimates come first"
+    assert "ppo" in re.search(r"<svg.*?</svg>", first, re.S)[0], (
+        "people and policies in one picture"
+    )
     assert first.count("<table") == 3
     headings = re.findall(r"<h2>(.*?)</h2>", folded)
     assert len(headings) >= 7
@@ -186,8 +191,9 @@ def test_figures_take_a_page_tables_have_room_for_words_and_paper_has_what_is_fo
         browser = playwright.chromium.launch(executable_path=chromium_path(), args=QUIET)
         page = browser.new_page(viewport={"width": 1440, "height": 900})
         page.goto((tmp_path / "report.html").as_uri())
-        ends = page.locator(".first").bounding_box()
-        assert ends["y"] + ends["height"] <= 2 * 900
+        for part, screens in ((".overview", 1), (".first", 2)):
+            ends = page.locator(part).bounding_box()
+            assert ends["y"] + ends["height"] <= screens * 900
         on_screen = page.evaluate("document.documentElement.scrollHeight")
         page.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
         assert page.evaluate(COLUMNS_OF_ONE_WORD_A_LINE) == []
