@@ -25,7 +25,7 @@ PAGES = {
 }
 """Page of the site -> the file at the root that it shows."""
 
-WIDE_PAGES = {"paper.md"}
+WIDE_PAGES = {"paper.md", "paper-trainings.md"}
 """Pages whose tables need the room of the lists at their sides."""
 
 REFERENCE = (

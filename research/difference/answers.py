@@ -193,6 +193,7 @@ def in_short(records: Records) -> str:
         spread([record.last("coverage") for record in group]) for group in groups.values()
     )
     completed = max(_results(groups["text"], "explored"))
+    share = f"{completed:.1%}" if completed else "none"
     u_shares, explored = (_results(groups["full"], name) for name in ("clean_u", "explored"))
     number = u_shares.index(max(u_shares))
     record = groups["full"][number]
@@ -201,7 +202,7 @@ def in_short(records: Records) -> str:
     others = [share for i, share in enumerate(explored) if i != number]
     sentences = (
         f"On the level of the videos, PPO by the letter covers {text} of the text's world and completes "
-        f"{completed:.1%} at most; of the code's it covers {code}. With the code's discount and lambda and as many "
+        f"{share} of its terrains; of the code's it covers {code}. With the code's discount and lambda and as many "
         f"gradient steps as the authors' it covers {full} of the code's. Of its episodes on terrains kept apart, "
         f"seed {record.training.seed} makes a U as in the videos, mirrored, in {u_shares[number]:.1%}, covers "
         f"{coverage:.0%} in the mean, and leaves the grid in {left:.1%}; the other seeds complete "

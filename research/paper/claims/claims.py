@@ -93,11 +93,9 @@ CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
     "manual": settled(
         "people drive the rover in a browser, by arrow keys too", REPRODUCED, "humanplay serve"
     ),
-    "rllib": settled(
-        "PPO by our own trainer; A2C, Rainbow and SAC by tianshou 2; all settings below", DIFFERENT
-    ),
+    "rllib": settled("PPO by our own trainer; A2C, Rainbow and SAC by tianshou 2", DIFFERENT),
     "network": settled(
-        "the paper gives no sizes; what ran stands in the rows *network* of the [settings](#settings)",
+        "the paper gives no sizes; what ran stands in the rows *network* of the [settings](paper-trainings.md#settings)",
         DIFFERENT,
     ),
     "a3c": settled(

@@ -1,8 +1,8 @@
-"""`python -m research.paper.claims.page`: draw `docs/paper.md` and its pictures.
+"""`python -m research.paper.claims.page`: draw the pages of the paper and their pictures.
 
-They are drawn from the shipped results; the document keeps its prose. What is drawn is the last two
-cells of every row that begins with the name of a claim in backticks, and the blocks between marks:
-the summary, the pictures and the tables of settings.
+They are drawn from the shipped results; the pages keep their prose. What is drawn is the last cells
+of every row that begins with the name of a claim in backticks, and the blocks between marks: the
+summary, the pictures and the tables of trainings and settings.
 """
 
 from __future__ import annotations
@@ -15,8 +15,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from research.difference import picture
+from research.difference.answers import Records, read_stored
 from research.paper.claims.claims import CLAIMS, FINDINGS, cells
-from research.paper.claims.results import FOLDER, VERDICTS, Results, read
+from research.paper.claims.code_claims import by_code
+from research.paper.claims.hours import to_decide
+from research.paper.claims.results import FOLDER, PEOPLE, SLIP, VERDICTS, Results, read
 from research.paper.claims.settings_table import as_table
 from research.paper.claims.training_claims import BLOCKS
 from research.paper.figures import figure4, figure5, figure6, figure7
@@ -24,10 +27,14 @@ from research.paper.jobs import write_text
 from research.paper.plan import records_of_figure
 from research.paper.tables import markdown_table
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "paper.md"
-PICTURES = PAGE.parent / "pictures" / "paper"
+DOCS = Path(__file__).resolve().parents[3] / "docs"
+PAGES = (DOCS / "paper.md", DOCS / "paper-trainings.md")
+PICTURES = DOCS / "pictures" / "paper"
 ROW = re.compile(
     r"^\|`(?P<name>[a-z0-9-]+)`\|(?P<says>[^|]*)\|(?P<does>[^|]*)\|[^|]*\|[^|]*\|$", re.M
+)
+FINDING = re.compile(
+    r"^\|`(?P<name>[a-z0-9-]+)`\|(?P<says>[^|]*)\|[^|]*\|[^|]*\|[^|]*\|[^|]*\|$", re.M
 )
 LENGTHS = re.compile(r"Moves and gradient steps of our trainings: .*?(?=<br>|$)")
 BLOCK = re.compile(r"^<!-- drawn: (?P<name>[a-z0-9 -]+) -->\n.*?^<!-- end -->$", re.M | re.S)
@@ -99,32 +106,41 @@ def pictures_as_markdown(figure: str, folder: Path) -> str:
 
 
 def names_of(text: str) -> list[str]:
-    """The claims that have a row in the document, in their order."""
-    return [match["name"] for match in ROW.finditer(text)]
+    """The claims that have a row in the document: findings, then definitions."""
+    return [match["name"] for kind in (FINDING, ROW) for match in kind.finditer(text)]
 
 
-def redraw(text: str, results: Results) -> str:
-    """The document with its drawn parts as the results have them.
+def redraw(text: str, results: Results, records: Records | None = None) -> str:
+    """A page with its drawn parts as the results have them.
 
     KeyError for a row or a block that is unknown.
-    """
 
-    shown_lengths = set[str]()
+    records  the trainings in both worlds, the stored ones by default
+    """
+    in_both_worlds = read_stored() if records is None else records
+    printed = set[str]()
 
     def row(match: re.Match[str]) -> str:
         measured, verdict = cells(match["name"], results)
-        if lengths := LENGTHS.search(measured):
-            if lengths[0] in shown_lengths:
-                measured = measured.replace(lengths[0], "Trainings as long as above")
-            shown_lengths.add(lengths[0])
         return f"|`{match['name']}`|{match['says']}|{match['does']}|{measured}|{verdict}|"
+
+    def finding(match: re.Match[str]) -> str:
+        name = match["name"]
+        measured, verdict = cells(name, results)
+        if lengths := LENGTHS.search(measured):
+            if lengths[0] in printed:
+                measured = measured.replace(lengths[0], "Trainings as long as above")
+            printed.add(lengths[0])
+        in_the_codes = "" if verdict in (PEOPLE, SLIP) else by_code(name, in_both_worlds)
+        hours = to_decide(name, verdict, results)
+        return f"|`{name}`|{match['says']}|{measured}|{verdict}|{in_the_codes}|{hours}|"
 
     def block(match: re.Match[str]) -> str:
         drawn = draw_block(match["name"], text, results)
         tables = re.sub(r"^\|.*\|$", lambda row: re.sub(r" ?\| ?", "|", row[0]), drawn, flags=re.M)
         return f"<!-- drawn: {match['name']} -->\n{tables}\n<!-- end -->"
 
-    return BLOCK.sub(block, ROW.sub(row, text))
+    return BLOCK.sub(block, ROW.sub(row, FINDING.sub(finding, text)))
 
 
 def draw_block(name: str, text: str, results: Results) -> str:
@@ -159,12 +175,14 @@ def summary(text: str, results: Results) -> str:
     )
 
 
-def main(page: Path = PAGE) -> None:
-    """Draw the pictures and the document again in their places."""
-    drawn = draw_pictures(PICTURES)
-    text = redraw(page.read_text(), read())
-    write_text(page, text)
-    print(f"{page.name}: {len(names_of(text))} claims, {len(drawn)} pictures")
+def main() -> None:
+    """Draw the pictures and the pages again where they lie."""
+    drawn, results = draw_pictures(PICTURES), read()
+    for page in PAGES:
+        text = redraw(page.read_text(), results)
+        write_text(page, text)
+        print(f"{page.name}: {len(names_of(text))} claims")
+    print(f"{len(drawn)} pictures")
 
 
 if __name__ == "__main__":

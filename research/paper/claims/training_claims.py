@@ -6,9 +6,11 @@ the completion that is lost without it, so its importance is that of a part of t
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import cache
 from math import isnan
+from textwrap import fill
 
 import numpy as np
 
@@ -415,28 +417,24 @@ def mean_with(finals: dict[str, Floats], element: int, value: str) -> Floats:
 
 
 def effects(finals: Finals) -> tuple[dict[str, Floats], str]:
-    """Return the effects of d_t, d_m and d_b on the score that can be compared, and words with those on all of ON_LEVELS.
+    """Return the effects of d_t, d_m and d_b on the score that can be compared, with words.
 
     The effect of an element is the highest less the lowest mean of its values, float64[seeds].
     """
-    found, words = {}, []
+    own, found = finals[COMPARABLE], {}
     for element, name in enumerate(("d_t", "d_m", "d_b")):
-        of = {
-            measure: np.ptp([mean_with(own, element, value) for value in values], axis=0)
-            for measure, own in finals.items()
-            for values in [{level.split("-")[element] for level in own}]
-        }
-        spreads = (f"{Estimate.of(each).text()} of {measure}" for measure, each in of.items())
-        words.append(f"{name} {', '.join(spreads)}")
-        found[name] = of[COMPARABLE]
-    return found, f"spread between its values: {'; '.join(words)}"
+        values = {level.split("-")[element] for level in own}
+        means = [mean_with(own, element, value) for value in values]
+        found[name] = np.ptp(means, axis=0)
+    words = ", ".join(f"{name} {Estimate.of(spread).text()}" for name, spread in found.items())
+    return found, f"spread of the {COMPARABLE} between its values: {words}"
 
 
 def larger(found: dict[str, Floats], pairs: Sequence[tuple[str, str]]) -> tuple[str, Holds]:
     """Return by how much the first effect of each pair is larger than the second, and whether all are with certainty."""
     words = ", ".join(f"{a} less {b} {Estimate.of(found[a] - found[b]).text()}" for a, b in pairs)
     return (
-        f"by seed, with the bonus counted everywhere: {words}",
+        f"by seed: {words}",
         all_of(above_by_seed(found[a], found[b]) for a, b in pairs),
     )
 
@@ -528,13 +526,38 @@ def trained(results: Results) -> str:
     return without_constants(TABLE_COLUMNS, [cells_of(row) for row in rows_of(found)])
 
 
-def levels(results: Results) -> str:
-    """Return the table of the policies of figure 5: PPO on the 12 levels, with the better rule's moves for the difficulty."""
-    kinds = [(level, variant) for variant in ("paper", "works") for level in DIFFICULTIES]
-    found = [each for kind in kinds for each in of_figure_5(results, *kind)]
-    rule = {record.trial.level: f"{record.result['best_rule_steps']:.0f}" for record in found}
-    rows = [[*cells_of(row), rule[row.level]] for row in rows_of(found)]
-    return without_constants((*TABLE_COLUMNS, "steps of the better rule"), rows)
+def levels_in_short(results: Results) -> str:
+    """Return what PPO reaches on the 12 levels, by the letter and as it works, in words."""
+    letter, works = (figure_5(results, variant) for variant in ("paper", "works"))
+    if not letter or not works:
+        return NONE_YET
+    shares: dict[str, list[float]] = {"1": [], "2": []}
+    for level, records in letter.items():
+        shares[level[2]].append(_mean(records, "coverage"))
+    (first, *_), *_ = letter.values()
+    small, large = (f"{min(means):.0%} to {max(means):.0%}" for means in shares.values())
+    ratios = [_mean(own, "steps") / _mean(own, "best_rule_steps") for own in works.values()]
+    harder = [
+        _mean(works[level.replace("-1-", "-2-", 1)], "steps") - _mean(own, "steps")
+        for level, own in works.items()
+        if level[2] == "1"
+    ]
+    completed = [_mean(own, "completion") for trials in (letter, works) for own in trials.values()]
+    half = len(letter)
+    return fill(
+        f"By the letter, each training on a level has {count_text(first.result['moves'])} moves and "
+        f"{count_text(gradient_steps(first))} gradient steps, and completes {max(completed[:half]):.0%} of the terrains; "
+        f"it covers {small} of the cells where obstacles are small (d_m = 1), {large} where they are large. As it works, "
+        f"it completes {min(completed[half:]):.0%} of each level's terrains, or more, "
+        f"in {min(ratios):.2f} to {max(ratios):.2f} of the "
+        f"better rule's moves; large obstacles cost it {min(harder):.0f} to {max(harder):.0f} moves more.",
+        110,
+        break_on_hyphens=False,
+    )
+
+
+def _mean(records: Sequence[Record], name: str) -> float:
+    return float(np.mean([record.result[name] for record in records]))
 
 
 def changes_of(results: Results, algorithm: str) -> list[str]:
@@ -587,38 +610,21 @@ def constant_actions() -> dict[str, dict[str, float]]:
 
 
 def became(results: Results) -> str:
-    """Return what each training by the letter became, as a table: a constant action where all its figures are that action's."""
-    rows = []
-    for algorithm in ALGORITHMS:
-        letter = chosen(results.records, algorithm=algorithm, variant="paper", level=LEVEL)
-        for record in sorted(letter, key=lambda each: (each.trial.moves, each.trial.seed)):
-            own = record.result
-            if "collided" not in own:
-                continue
-            same = [
-                name
-                for name, figures in constant_actions().items()
-                if all(own.get(key) == value for key, value in figures.items())
-            ]
-            habit = f"{own['commonest']} {own['commonest_share']:.0%}" if "commonest" in own else ""
-            entropy = f"{own['entropy_of_moves']:.2f}" if "commonest" in own else ""
-            ends = f"{own['collided']:.1%}", f"{own['out_of_bounds']:.1%}"
-            what = f"always {same[0]}" if same else habit
-            name, seed = NAMES[algorithm], str(record.trial.seed)
-            moves, coverage = count_text(own["moves"]), f"{own['coverage']:.4f}"
-            entropy = "0" if same else entropy
-            rows.append([name, moves, seed, coverage, *ends, what, entropy])
-    columns = (
-        "algorithm",
-        "moves",
-        "seed",
-        "coverage",
-        "collided",
-        "left the grid",
-        "commonest action",
-        "entropy of moves",
-    )
-    return as_table(columns, rows)
+    """Return how many trainings by the letter became a constant action: all their figures are that action's."""
+    letter = chosen(results.records, variant="paper", level=LEVEL)
+    ended = [record for record in letter if "collided" in record.result]
+    constant: Counter[str] = Counter()
+    for record in ended:
+        own = record.result
+        same = [
+            name
+            for name, figures in constant_actions().items()
+            if all(own.get(key) == share for key, share in figures.items())
+        ]
+        if same:
+            constant[f"{NAMES[record.trial.algorithm]} always {same[0]}"] += 1
+    words = ", ".join(f"{name} {count}" for name, count in sorted(constant.items()))
+    return f"Of {len(ended)} trainings by the letter, {constant.total()} became a constant move: {words or 'none'}."
 
 
 def unfinished(results: Results) -> str:
@@ -636,7 +642,7 @@ def unfinished(results: Results) -> str:
 
 BLOCKS: dict[str, Callable[[Results], str]] = {
     "trained policies": trained,
-    "trained levels": levels,
+    "levels in short": levels_in_short,
     "ablations": ablations,
     "became": became,
     "unfinished": unfinished,

@@ -45,7 +45,9 @@ COMMAND = re.compile(r"python -m\s+research\.paper (--figure [^`#\n<]*(?:\n[^`#\
 """A command in a document, which a line may break."""
 
 
-@pytest.mark.parametrize("name", ["docs/paper.md", "docs/evaluation.md", "research/README.md"])
+@pytest.mark.parametrize(
+    "name", ["docs/paper.md", "docs/paper-trainings.md", "docs/evaluation.md", "research/README.md"]
+)
 def test_the_commands_of_the_documents_are_ones_that_there_are(name, tmp_path):
     found = COMMAND.findall((Path(__file__).parents[3] / name).read_text())
     commands = {each for each in found if "--redraw" not in each}
