@@ -109,7 +109,7 @@ def probe(python: Path, folder: Path, checks: tuple[str, ...]) -> str:
 
 
 def _unfinished(checks: tuple[str, ...], output: str) -> str:
-    """The first check that did not print its name, or the end of Python after all of them."""
+    """The first check that did not print its name, or the end of Python."""
     return next((check for check in checks if check not in output.split()), "the end")
 
 

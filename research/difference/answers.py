@@ -181,7 +181,7 @@ def table(records: Records) -> str:
 
 
 def in_short(records: Records) -> str:
-    """Return what PPO by the letter does in either world, and the authors' PPO in the code's, in Markdown."""
+    """What PPO does by the letter in either world, and by the code in the code's."""
     groups: dict[str, list[Record]] = {"text": [], "code": [], "full": []}
     for training, record in records.items():
         if training.level == "videos" and record.result is not None:

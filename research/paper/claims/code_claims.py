@@ -1,4 +1,4 @@
-"""What the trainings in the world of the authors' code say of the paper's findings.
+"""The paper's findings, judged by trainings in the world of the authors' code.
 
 They are on one level, that of the videos, so a finding is reached there in part at most. That it is not reached counts
 after the paper's moves and gradient steps alone.
@@ -24,7 +24,7 @@ def on_one_level(shares: Sequence[float], least: float, is_full: bool) -> str:
 
 
 def trained(records: Records) -> tuple[list[Record], bool]:
-    """The finished trainings in the code's world and with its estimates, of full passes if there are any."""
+    """The finished trainings in the code's world, with full passes if possible."""
     finished = [
         record
         for training, record in records.items()
@@ -56,5 +56,5 @@ BY_CODE: dict[str, Callable[[Records], str]] = {
 
 
 def by_code(name: str, records: Records) -> str:
-    """Judge a finding in the world of the authors' code; empty if nothing measured it there."""
+    """Judge a finding in the world of the code; empty if not measured there."""
     return BY_CODE[name](records) if name in BY_CODE else ""

@@ -1,6 +1,6 @@
-"""`python -m research.paper.claims.hours`: measure an update of the paper's PPO, and how long deciding a finding takes by it.
+"""How many processor hours would decide an undecided finding.
 
-An update is 4,000 moves and 960 gradient steps. The seconds are of one thread of the processor.
+`python -m research.paper.claims.hours` measures and stores an update of the paper's PPO. An update is 4,000 moves and 960 gradient steps. The seconds are of one thread of the processor.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def hours(needed: Needed, results: Results, seconds: float) -> float:
 
 
 def to_decide(name: str, verdict: str, results: Results) -> str:
-    """Say what decides an undecided finding, and in how many processor hours; empty for others."""
+    """What decides an undecided finding, with its hours; empty for others."""
     if verdict != UNDECIDED or name not in NEEDED:
         return ""
     needed = NEEDED[name]

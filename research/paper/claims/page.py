@@ -1,4 +1,4 @@
-"""`python -m research.paper.claims.page`: draw the pages of the paper and their pictures.
+"""`python -m research.paper.claims.page`: draw the paper's pages and pictures.
 
 They are drawn from the shipped results; the pages keep their prose. What is drawn is the last cells
 of every row that begins with the name of a claim in backticks, and the blocks between marks: the

@@ -417,7 +417,7 @@ def mean_with(finals: dict[str, Floats], element: int, value: str) -> Floats:
 
 
 def effects(finals: Finals) -> tuple[dict[str, Floats], str]:
-    """Return the effects of d_t, d_m and d_b on the score that can be compared, with words.
+    """The effects of d_t, d_m and d_b on the comparable score, with words.
 
     The effect of an element is the highest less the lowest mean of its values, float64[seeds].
     """
@@ -527,7 +527,7 @@ def trained(results: Results) -> str:
 
 
 def levels_in_short(results: Results) -> str:
-    """Return what PPO reaches on the 12 levels, by the letter and as it works, in words."""
+    """What PPO reaches on the 12 levels, by the letter and as it works, in words."""
     letter, works = (figure_5(results, variant) for variant in ("paper", "works"))
     if not letter or not works:
         return NONE_YET
@@ -610,7 +610,7 @@ def constant_actions() -> dict[str, dict[str, float]]:
 
 
 def became(results: Results) -> str:
-    """Return how many trainings by the letter became a constant action: all their figures are that action's."""
+    """How many trainings by the letter became a constant action, in words."""
     letter = chosen(results.records, variant="paper", level=LEVEL)
     ended = [record for record in letter if "collided" in record.result]
     constant: Counter[str] = Counter()
