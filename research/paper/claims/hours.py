@@ -1,6 +1,7 @@
 """How many processor hours would decide an undecided finding.
 
-`python -m research.paper.claims.hours` measures and stores an update of the paper's PPO. An update is 4,000 moves and 960 gradient steps. The seconds are of one thread of the processor.
+`python -m research.paper.claims.hours` measures and stores an update of the paper's PPO, in seconds
+of one thread of the processor. An update is 4,000 moves and 960 gradient steps.
 """
 
 from __future__ import annotations
