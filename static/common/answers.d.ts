@@ -166,7 +166,7 @@ declare namespace Answers {
   };
   /** What somebody reads who has come to an end. */
   type Ending = {
-    /** finished, unfit_device, no_consent, failed_questions, withdrew, left, stopped_by_us */
+    /** finished, unfit_device, no_consent, failed_questions, failed_practice, withdrew, left, stopped_by_us */
     outcome: string,
     /** for the place that sent them */
     code: string | null,
@@ -545,7 +545,10 @@ declare namespace Answers {
     why: string[] | null,
     /** questions that come before anything else */
     block: ShownBlock | null,
+    /** of this try at the practice */
     warm_up: Count,
+    /** null if the warm-up need not come to anything */
+    practice: Practice | null,
     ranked: Count,
     tutorial: Tutorial,
     break_due: boolean,
@@ -641,6 +644,14 @@ declare namespace Answers {
   type PolicyRun = {
     name: string,
     frames: Frame[],
+  };
+  /** What the warm-up must come to before the first ranked episode. */
+  type Practice = {
+    /** for the participant */
+    text: string,
+    /** of the try, from 1 */
+    number: number,
+    tries: number,
   };
   /** Why a request was refused or failed. */
   type Problem = {

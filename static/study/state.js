@@ -65,7 +65,10 @@ export function knowsTheEnd({ participant, game }) {
 
 /** Return whether the next episode follows at once: the same stage goes on and no break is due.
  * @param {Study.Participant} participant */
-export const goesOn = (participant) => participant.stage === participant.phase && !participant.break_due && !participant.block;
+export const goesOn = (participant) => participant.stage === participant.phase && !participant.break_due && !participant.block && !isNewTry(participant);
+
+/** @param {Study.Participant} participant @returns whether another try at the practice follows the episode that has ended */
+export const isNewTry = ({ stage, phase, warm_up }) => stage === "warm_up" && phase === "warm_up" && warm_up.done === 0;
 
 /** Return a timer that counts from the last press. The clock is an argument, so that node can test it.
  * @param {() => number} now_ms */

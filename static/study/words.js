@@ -1,5 +1,6 @@
 // The study's sentences; no document here, so node can test every one.
 import { many } from "../common/words.js";
+import { goesOn, isNewTry } from "./state.js";
 
 /** Return the participant's progress, for the bar.
  * @param {Study.Participant} participant @param {boolean} isPlaying while an episode runs its number counts as begun */
@@ -7,7 +8,7 @@ export function progress(participant, isPlaying) {
   const { stage, questions, task } = participant;
   if (participant.block && !isPlaying) return "Questions";
   const part = stage === "warm_up" || stage === "ranked" ? participant[stage] : null;
-  const name = stage === "ranked" ? "Ranked" : "Warm-up";
+  const name = stage === "ranked" ? "Ranked" : `Warm-up${tryLine(participant)}`;
   if (part) return isPlaying ? `${name}: ${task.round} ${Math.min(part.of, part.done + 1)} of ${part.of}` : `${name}: ${part.done} of ${part.of} done`;
   return { consent: "Consent", instructions: "Instructions", tutorial: "Practice drive", questions: questionsTitle(questions.length), debrief: "Debrief",
     complete: "Finished", withdrawn: "Left the study" }[/** @type {"consent"} */ (stage)] ?? "";
@@ -35,14 +36,20 @@ export const sentence = (text) => text && `${text[0].toUpperCase()}${text.slice(
 export const supervisedLine = (until_ms, now_ms) => until_ms !== null && now_ms < until_ms
   ? `Supervised until ${new Date(until_ms).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}.` : "";
 
+/** @param {Study.Participant} participant @returns which try at the practice it is, from the second one on */
+const tryLine = ({ practice }) => (practice && practice.number > 1 ? `, try ${practice.number} of ${practice.tries}` : "");
+
 /** @param {Study.Participant} participant @returns the screen before the first episode of a phase */
-export function readyText({ stage, warm_up, ranked, task: { round, clock } }) {
+export function readyText(participant) {
+  const { stage, warm_up, ranked, practice, task: { round, clock } } = participant;
   if (stage === "tutorial") return { title: "Practice drive", lines: [`One ${round} to try the keys on. Nothing you do here is part of your result.`], go: "Start the practice drive" };
   if (stage === "warm_up") {
-    const begin = warm_up.done > 0 ? `You have done ${warm_up.done} of ${warm_up.of}.` : "";
-    return { title: "Warm-up", lines: [begin,
-      `${many(warm_up.of, round)} to get used to the task. After each you see how you did. They do not count for your result.`].filter(Boolean),
-    go: warm_up.done > 0 ? "Go on" : "Start the warm-up" };
+    const isAgain = practice !== null && practice.number > 1;
+    const again = isAgain ? "The practice is not passed yet." : "";
+    const begin = warm_up.done > 0 ? `You have done ${warm_up.done} of ${warm_up.of}.` : again;
+    return { title: `Warm-up${tryLine(participant)}`, lines: [begin,
+      `${many(warm_up.of, round)} to get used to the task. After each you see how you did. They do not count for your result.`, practice?.text ?? ""].filter(Boolean),
+    go: warm_up.done > 0 ? "Go on" : isAgain ? "Start this try" : "Start the warm-up" };
   }
   const isFirst = ranked.done === 0;
   return { title: isFirst ? "Now it counts" : `Ranked ${round}s`, lines: isFirst
@@ -65,8 +72,10 @@ export function endCard(frame, participant) {
 }
 
 /** @param {Frame} frame @param {string} advice of the task after a practice drive @param {Study.Participant} participant */
-function endNote({ score: scored }, advice, { phase, stage, rules, task, block }) {
+function endNote({ score: scored }, advice, participant) {
+  const { phase, stage, rules, task, block } = participant;
   if (phase === "tutorial") return advice;
+  if (phase === "warm_up" && isNewTry(participant)) return `That was the last ${task.round} of this try. The practice is not passed yet: another try follows.`;
   if (phase === "warm_up") return stage === "ranked" ? `That was the last ${task.round} of the warm-up.` : `Fewer moves to ${rules.coverage} are better. This one does not count.`;
   return stage === "debrief" ? `That was the last ${task.round}. ${block ? "Some questions follow, then you will see how you did." : "Now you will see how you did."}` : scored === null ? "Its score is kept for the end." : "";
 }
@@ -75,11 +84,11 @@ function endNote({ score: scored }, advice, { phase, stage, rules, task, block }
 function endNext(participant, phase) {
   const { length } = participant.questions;
   if (phase === "tutorial") return length ? `Go on to ${questionsTitle(length).toLowerCase()}` : "Go on";
-  return participant.stage === participant.phase && !participant.break_due ? `Next ${participant.task.round}` : "Go on";
+  return goesOn(participant) ? `Next ${participant.task.round}` : "Go on";
 }
 
 /** @param {Study.Participant} participant @returns the heading for whoever does not go on */
-export const withdrawnTitle = ({ ending }) => ({ unfit_device: "This device does not fit", failed_questions: "The questions are over" }[/** @type {"unfit_device"} */ (ending?.outcome)] ?? "You have left the study");
+export const withdrawnTitle = ({ ending }) => ({ unfit_device: "This device does not fit", failed_questions: "The questions are over", failed_practice: "The practice is over" }[/** @type {"unfit_device"} */ (ending?.outcome)] ?? "You have left the study");
 
 /** @param {Study.Participant} participant @returns whether they can close the page, or take something with them first */
 export const withdrawnLead = ({ ending }) => (ending?.code || ending?.address || ending?.sentence ? "Nothing more is recorded. Please read to the end of this page." : "Nothing more is recorded. You can close this page.");

@@ -148,9 +148,12 @@ def _about_neither(group: GroupReport) -> Iterable[str]:
     agreed, neither = group.flow.agreed, group.flow.count(Status.BOT, *EARLY)
     if neither > MOST_IN_NEITHER * agreed:
         are = "is" if neither == 1 else "are"
+        early = {STATUS_IN_WORDS[status]: group.flow.count(status) for status in EARLY}
+        reasons = ", ".join(f"{words}: {count}" for words, count in early.items() if count)
         yield (
             f"{neither} of {counted(agreed, 'person', 'people')} who agreed {are} in neither estimate: "
-            f"{group.flow.count(*EARLY)} began no ranked episode, {group.flow.count(Status.BOT)} played as bots throughout."
+            f"{group.flow.count(*EARLY)} began no ranked episode{f' ({reasons})' if reasons else ''}, "
+            f"{group.flow.count(Status.BOT)} played as bots throughout."
         )
 
 

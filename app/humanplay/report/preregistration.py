@@ -18,6 +18,7 @@ from humanplay.report.statistics.study_figures import EVERYBODY_RULE
 from humanplay.study.folder import Study
 from humanplay.study.plausibility import labels_of
 from humanplay.study.policy_episodes import tested_policies
+from humanplay.study.practice import criterion
 from humanplay.study.protocol import PER_PROTOCOL, Protocol
 
 RECRUITMENT = {
@@ -59,6 +60,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
             for name, rules in protocol.exclusion.items()
             if name != PER_PROTOCOL
         },
+        practice=f' Participants are told: "{text}"' if (text := criterion(protocol)) else "",
         labels={**labels_of(protocol), **protocol.environment.about.labels},
         rule=INTERVAL_IN_WORDS,
         policies=tested_policies(protocol),

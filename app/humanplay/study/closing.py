@@ -103,7 +103,7 @@ def note_closed(
 
 
 def unnoted_ms(study: Study, row: SeriesRow | None) -> int | None:
-    """Return when a study ended whose end is still to be written; None where nothing is."""
+    """When a study ended whose end is still to be written; None if none is."""
     ended_ms = study.closed_ms if study.secret_kept_ms is None else study.secret_kept_ms
     if row is None or row.closed_ms is not None or not is_same_study(row, study):
         return None

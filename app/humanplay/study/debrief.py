@@ -41,7 +41,14 @@ class Debriefs:
         """Return the participant's figures as the page gets them under `debrief`."""
         runs = await self._policy_runs(study, "warm_up")
         ranked = [each for each in trials if each.phase == "ranked" and each.ended_ms is not None]
-        own = [trial.steps_to_target or 0 for trial in trials if trial.phase == "warm_up"]
+        first = (
+            study.protocol.warm_up
+        )  # of those who needed another try at the practice, the first one
+        own = [
+            trial.steps_to_target or 0
+            for trial in trials
+            if trial.phase == "warm_up" and trial.trial < first
+        ]
         successes = study.protocol.environment.successes
         its = [run.steps if run.outcome in successes else run.config.limit for run in runs]
         return {

@@ -68,6 +68,7 @@ class Status(StrEnum):
     WITHDREW_EARLY = "withdrew_early"
     INTERRUPTED_EARLY = "interrupted_early"
     FAILED_QUESTIONS = "failed_questions"
+    FAILED_PRACTICE = "failed_practice"
     NEVER_BEGAN = "never_began"
     DECLINED = "declined"
     UNFIT_DEVICE = "unfit_device"
@@ -91,6 +92,7 @@ STATUS_IN_WORDS: dict[Status, str] = {
     Status.WITHDREW_EARLY: "withdrew before a ranked episode",
     Status.INTERRUPTED_EARLY: "interrupted before a ranked episode",
     Status.FAILED_QUESTIONS: "failed the questions",
+    Status.FAILED_PRACTICE: "failed the practice",
     Status.NEVER_BEGAN: "never began a ranked episode",
     Status.DECLINED: "declined",
     Status.UNFIT_DEVICE: "came with a device that does not fit",
@@ -121,6 +123,7 @@ EARLY = (
     Status.WITHDREW_EARLY,
     Status.INTERRUPTED_EARLY,
     Status.FAILED_QUESTIONS,
+    Status.FAILED_PRACTICE,
     Status.NEVER_BEGAN,
 )
 """Agreed and began no ranked episode."""

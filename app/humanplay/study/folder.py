@@ -137,7 +137,7 @@ class Study:
     def seeds(self) -> list[int]:
         """Return the seeds of all ranked terrains, then of all warm-up terrains."""
         ranked = [self.seed("ranked", i) for i in range(self.protocol.ranked)]
-        return ranked + [self.seed("warm-up", i) for i in range(self.protocol.warm_up)]
+        return ranked + [self.seed("warm-up", i) for i in range(self.protocol.most_warm_up)]
 
 
 BEGINNINGS = 20

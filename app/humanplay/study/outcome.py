@@ -12,6 +12,7 @@ class Outcome(StrEnum):
     UNFIT_DEVICE = "unfit_device"
     NO_CONSENT = "no_consent"
     FAILED_QUESTIONS = "failed_questions"
+    FAILED_PRACTICE = "failed_practice"
     WITHDREW = "withdrew"
     LEFT = "left"
     STOPPED_BY_US = "stopped_by_us"
@@ -24,6 +25,7 @@ OUTCOME_IN_WORDS: dict[Outcome, str] = {
     Outcome.UNFIT_DEVICE: "came with a device that does not fit, before the consent",
     Outcome.NO_CONSENT: "did not agree to the consent text",
     Outcome.FAILED_QUESTIONS: "did not answer the questions rightly in the tries that the protocol allows",
+    Outcome.FAILED_PRACTICE: "did not pass the practice in the tries that the protocol allows",
     Outcome.WITHDREW: "agreed, and withdrew",
     Outcome.LEFT: "agreed, and had not finished when the study was closed",
     Outcome.STOPPED_BY_US: "was stopped by the closing, or by a failure of server or environment",

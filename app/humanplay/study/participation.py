@@ -13,6 +13,8 @@ from humanplay.db.study_rows import Participant
 from humanplay.study.asking import due_blocks
 from humanplay.study.flow import STOPPED
 from humanplay.study.folder import Folder, Study, StudyError
+from humanplay.study.outcome import Outcome
+from humanplay.study.practice import has_passed
 
 CLOSED_MESSAGE = "the study {!r} is closed: nobody can take part or go on any more"
 
@@ -68,13 +70,21 @@ class StudyParticipation:
         self._study_store.add_stage_event(self._participant.id, self._clock(), STOPPED, detail)
 
     def note_end(self) -> None:
-        """Move the participant on when the last episode of the stage has ended: warm-up to ranked, ranked to debrief."""
+        """Move the participant on when the last episode of the stage has ended: warm-up to ranked, ranked to debrief.
+
+        A warm-up that does not pass the practice begins again, or ends the study for them.
+        """
         protocol = self._study().protocol
         participant = self._study_store.participant(self._participant.id)
         now, trials = self._clock(), self._study_store.trials(participant.id)
         ended = Counter(trial.phase for trial in trials if trial.ended_ms is not None)
         if participant.stage == "warm_up" and ended["warm_up"] >= protocol.warm_up:
-            self._study_store.set_stage(participant.id, now, "ranked")
+            passed = True if protocol.practice is None else has_passed(protocol, trials)
+            if passed is False and protocol.practice and protocol.practice.then == "screen_out":
+                failed = Outcome.FAILED_PRACTICE
+                self._study_store.withdraw(participant, now, outcome=failed)
+            elif passed is not None:
+                self._study_store.set_stage(participant.id, now, "ranked")
         elif participant.stage == "ranked" and ended["ranked"] >= protocol.ranked:
             self._study_store.set_stage(participant.id, now, "debrief", completed_ms=now)
 

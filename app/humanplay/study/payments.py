@@ -229,14 +229,14 @@ def _rounded(payment: Payment, amount: Decimal, mode: str = ROUND_HALF_UP) -> De
 
 
 def _code_shown(shown: Ending, drawn: str | None) -> str | None:
-    """The code that somebody was shown, in a sentence too; None if they were shown none."""
+    """The code that somebody was shown, also in a sentence; None without one."""
     if drawn is not None and shown.sentence is not None and drawn in shown.sentence:
         return drawn
     return shown.code
 
 
 def _share_ended(study: Study, trials: Iterable[Trial]) -> float:
-    """The share of the ranked episodes that somebody ended, those left out that the closing cut off."""
+    """The share of the ranked episodes that somebody ended before the closing."""
     stopped_ms = study.closed_ms if study.secret_kept_ms is None else study.secret_kept_ms
     ended = [
         trial

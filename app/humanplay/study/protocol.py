@@ -40,7 +40,12 @@ NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
 
 Rule = Literal[
-    "completed", "all_ranked_driver_human", "most_given_up", "no_labels", "max_pause_share"
+    "completed",
+    "all_ranked_driver_human",
+    "most_given_up",
+    "no_labels",
+    "max_pause_share",
+    "passed_practice",
 ]
 ExclusionRules = dict[Rule, StrictBool | float]
 PER_PROTOCOL = "protocol"
@@ -157,6 +162,21 @@ class Power(Part):
         return min(self.policy_better, self.people_better)
 
 
+class Practice(Part):
+    """What the warm-up must come to.
+
+    reach  episodes of the warm-up that must be reached
+    score  that an episode must have; None: it must be a success
+    tries  at the whole warm-up, each on terrains of its own
+    then   what becomes of whoever fails the last one: they are screened out, or go on, and a rule names them
+    """
+
+    reach: int = Field(ge=1, le=500)
+    score: float | None = Field(default=None, allow_inf_nan=False)
+    tries: int = Field(default=2, ge=1, le=10)
+    then: Literal["screen_out", "go_on"] = "screen_out"
+
+
 Money = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 
 
@@ -219,7 +239,7 @@ class Payment(Part):
         return self.each > 0
 
     def is_fixed(self, outcome: Outcome) -> bool:
-        """Whether we pay exactly what `outcomes` says: no platform pays it, and no time counts."""
+        """Whether we pay exactly what `outcomes` says, whatever the time."""
         by_time = self.hour > 0 and outcome is Outcome.STOPPED_BY_US
         return outcome is not self.screen_out and not by_time
 
@@ -241,6 +261,7 @@ class Protocol(Part):
     device               with which people may take part; a computer is one whose browser has a mouse or the like
     blocks               of questions about people, in the order of where they stand; a name is that of a shipped block
     question_tries       at the questions, after which they are over; None: as many as are wanted
+    practice             what the warm-up must come to before the first ranked episode; None: nothing
     platform             from which people come; `code`: from none, and a code is drawn for each person
     outside_ids          parameters of the link that are kept; the first one names the person
     payment              what people are paid; None: that is not the server's to know
@@ -288,6 +309,7 @@ class Protocol(Part):
     )
     device: Literal["any", "computer"] = "any"
     question_tries: int | None = Field(default=None, ge=2, le=20)
+    practice: Practice | None = None
     platform: PlatformName = "code"
     outside_ids: tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")], ...] = Field(
         default_factory=lambda known: tuple(PLATFORMS[known["platform"]].ids), max_length=10
@@ -383,6 +405,28 @@ class Protocol(Part):
             raise ValueError(f"panel_links signed is for recruitment panel, {got}")
         return self
 
+    @model_validator(mode="after")
+    def _practice_is_of_the_warm_up(self) -> Protocol:
+        rules = [self.per_protocol, *self.exclusion.values()]
+        is_named = any(rule.get("passed_practice") for rule in rules)
+        if self.practice is None:
+            if is_named:
+                raise ValueError(
+                    "exclusion names passed_practice, but there is no practice to pass: give the protocol one, or take "
+                    "the rule out"
+                )
+            return self
+        if self.practice.reach > self.warm_up:
+            raise ValueError(
+                f"practice.reach must be at most warm_up, {self.warm_up}, got {self.practice.reach}"
+            )
+        if self.practice.then == "go_on" and not is_named:
+            raise ValueError(
+                "practice.then is go_on, but no exclusion set has the rule passed_practice, so that failing it would mean "
+                "nothing: add the rule, or screen out"
+            )
+        return self
+
     @model_serializer(mode="wrap")
     def _without_an_empty_lock(self, dump: SerializerFunctionWrapHandler) -> dict[str, object]:
         """Return the fields: a task that locks nothing has no field for it."""
@@ -395,6 +439,11 @@ class Protocol(Part):
     def per_protocol(self) -> ExclusionRules:
         """Who enters the per-protocol estimate."""
         return self.exclusion.get(PER_PROTOCOL, EXCLUSION[PER_PROTOCOL])
+
+    @property
+    def most_warm_up(self) -> int:
+        """The warm-up episodes of whoever needs every try at the practice."""
+        return self.warm_up * (1 if self.practice is None else self.practice.tries)
 
     @property
     def environment(self) -> Environment:

@@ -284,7 +284,7 @@ def panel_link(study: Study, value: str, base: str) -> str:
 
 
 def _check_shapes(study: Study, comes: Arrival) -> None:
-    """StageError for a preview, and for an ID of the protocol that is there twice, or is none of the platform's."""
+    """StageError for a preview, and for an ID that names nobody of the platform."""
     protocol = study.protocol
     if NO_ASSIGNMENT in map(str.strip, comes.outside_ids.values()):
         text, _, _ = protocol.consent.text.partition("\n\n")

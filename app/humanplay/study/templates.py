@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator
 from string import Formatter
 
+from humanplay.study.practice import criterion
 from humanplay.study.protocol import Protocol, StudyError, parse_protocol
 
 PLACEHOLDERS = {
@@ -18,6 +19,7 @@ PLACEHOLDERS = {
     "warm_up": "episodes that do not count",
     "ranked": "episodes that count",
     "episodes": "warm_up and ranked together",
+    "practice": "what the practice asks for, after a space; nothing without a practice",
     "break_every": "ranked episodes after which a break is offered",
     "pause_after": "seconds without a key after which the page pauses",
     "minutes": "how long it takes: 5 minutes, and three quarters of a minute an episode on 441 cells, in fives",
@@ -93,6 +95,7 @@ def placeholder_values(protocol: Protocol) -> dict[str, str]:
         "warm_up": protocol.warm_up,
         "ranked": protocol.ranked,
         "episodes": protocol.warm_up + protocol.ranked,
+        "practice": f" {text}" if (text := criterion(protocol)) else "",
         "break_every": protocol.break_every,
         "pause_after": f"{protocol.pause_after_s:g}",
         "minutes": 5 + 5 * max(1, round(minutes / 5)),

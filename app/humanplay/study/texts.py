@@ -50,7 +50,7 @@ CHECKLIST = """\
 
 _DURATION = (
     "It takes about {{minutes}} minutes: a short tutorial, {questions}{{warm_up}} practice {things} and {{ranked}} {things} "
-    "that count, with breaks whenever you like."
+    "that count, with breaks whenever you like.{{practice}}"
 )
 ERASURE = (
     "You then choose: what you have played is kept without your name, or it is erased, with the moves, the keys, your answers "

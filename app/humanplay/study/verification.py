@@ -303,7 +303,7 @@ def _check_order(
 ) -> Iterator[Finding]:
     """Yield what is wrong with the numbers and terrains of a participant's episodes."""
     where = f"participant {participant}"
-    for phase, count in (("warm_up", protocol.warm_up), ("ranked", protocol.ranked)):
+    for phase, count in (("warm_up", protocol.most_warm_up), ("ranked", protocol.ranked)):
         numbers = [row["trial"] for row in episodes if row["phase"] == phase]
         terrains = [row["terrain_index"] for row in episodes if row["phase"] == phase]
         if numbers != list(range(len(numbers))):

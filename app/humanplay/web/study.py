@@ -21,8 +21,9 @@ from humanplay.study.debrief import NoTerrainError, Shown, own_trial
 from humanplay.study.folder import Study
 from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import Ending
+from humanplay.study.practice import criterion
 from humanplay.study.progress import NotJoinedError, ParticipantProgress, StageError
-from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from humanplay.study.protocol import DraftStudyError, Protocol, StudyError, UnknownStudyError
 from humanplay.study.questions import shown
 from humanplay.study.recruitment import LONGEST_ID, Arrival, supervised_until_ms
 from humanplay.study.templates import placeholder_values
@@ -43,7 +44,13 @@ Index = Annotated[int, Path(ge=0, le=10_000)]
 RULES = ("coverage", "lidar_radius", "max_steps")
 """What the page's own sentences say of the configuration, by the names of `humanplay.study.templates.PLACEHOLDERS`."""
 
-FAILED_QUESTIONS = "The questions were not all answered rightly in the tries that this study allows: it ends here. Thank you."
+WITHDRAWN_ANYHOW = "You have withdrawn."
+OPENINGS = {
+    Outcome.FAILED_QUESTIONS: "The questions were not all answered rightly in the tries that this study allows: it ends here. "
+    "Thank you.",
+    Outcome.FAILED_PRACTICE: "The practice was not passed in the tries that this study allows: it ends here. Thank you.",
+}
+"""What somebody reads first for whom it ends without their wish."""
 WITHDRAWN = (
     "{opening} What you had played until then is kept without your name. To have it erased, write to {contact} and "
     "give them your label {label}."
@@ -283,7 +290,7 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "right": None,
         "why": None,
         "block": shown(due[0].block, participant.id, due[0].turn) if due else None,
-        "warm_up": {"done": ended.count("warm_up"), "of": protocol.warm_up},
+        **_warm_up(protocol, participant, ended.count("warm_up")),
         "ranked": {"done": ended.count("ranked"), "of": protocol.ranked},
         "tutorial": {"done": "tutorial" in ended},
         "break_due": break_due(protocol, participant, trials),
@@ -299,6 +306,21 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "ending": ending and asdict(ending),
         "invited": participant.invitation is not None,
         "supervised_until_ms": supervised_until_ms(participant),
+    }
+
+
+def _warm_up(protocol: Protocol, participant: Participant, ended: int) -> dict[str, object]:
+    """How far the warm-up is, and what the practice asks for."""
+    practice, of = protocol.practice, protocol.warm_up
+    is_there = participant.stage == "warm_up"
+    shown = practice and {
+        "text": criterion(protocol),
+        "number": ended // of + 1 if is_there else max(1, ended // of),
+        "tries": practice.tries,
+    }
+    return {
+        "warm_up": {"done": ended % of if is_there else min(ended, of), "of": of},
+        "practice": shown,
     }
 
 
@@ -318,9 +340,9 @@ def _note(
             text = WITHDRAWN_TO_ERASE
         # a rehearsal may name nobody
         contact = study.protocol.declarations.contact or "whoever invited you"
-        is_over = ending is not None and ending.outcome is Outcome.FAILED_QUESTIONS
+        opening = None if ending is None else OPENINGS.get(ending.outcome)
         return text.format(
-            opening=FAILED_QUESTIONS if is_over else "You have withdrawn.",
+            opening=opening or WITHDRAWN_ANYHOW,
             contact=contact.rstrip("."),
             label=participant_label(participant.id),
         )

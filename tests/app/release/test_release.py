@@ -367,7 +367,7 @@ def test_no_release_where_free_text_holds_an_identity(copy):
 
 @pytest.fixture
 def noting(tmp_path):
-    """`noting(ident, detail)` adds an event with this detail to a closed study of one person with this ID."""
+    """`noting(ident, detail)` adds an event to a closed study of one person."""
 
     def add(ident, detail, number=0):
         if not (tmp_path / "play.db").exists():

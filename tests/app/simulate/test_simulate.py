@@ -161,7 +161,7 @@ def test_the_command_prints_who_came_how_far(server, tmp_path, capsys):
 def test_whoever_guesses_is_not_sent_away_where_the_tries_of_people_are_limited(server, tmp_path):
     question = {"question": "How many?", "choices": ("1", "2", "3", "4"), "answer": 3}
     study = freeze(tmp_path / "playground.db-studies", question_tries=2, questions=(question,))
-    assert [each.stage for each in Simulation(server.url, study, 1).result()] == ["complete"]
+    assert [outcome.stage for outcome in Simulation(server.url, study, 1).result()] == ["complete"]
     answers = "SELECT count(*) FROM stage_events WHERE kind = 'answers'"
     assert ask(tmp_path / "playground.db", answers) == [(4,)]
 
@@ -176,7 +176,7 @@ def test_moves_at_random_are_those_that_can_be_chosen(serve, tmp_path, briefly_e
     folder.create(protocol)
     study = folder.freeze("doors")
     outcomes = Simulation(serve(task=task).url, study, 1).result()
-    assert [(each.stage, each.ranked) for each in outcomes] == [("complete", 2)]
+    assert [(outcome.stage, outcome.ranked) for outcome in outcomes] == [("complete", 2)]
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5, 1.0])

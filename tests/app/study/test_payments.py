@@ -115,8 +115,8 @@ def test_an_episode_that_the_closing_cut_off_was_not_ended(serve, study, tmp_pat
     busy.play()
     busy.call("next")
     busy.play(2)
-    where = "--database", tmp_path / "playground.db"
-    closes = "study", "close", "small", "--yes", "--now", *where
+    database = "--database", tmp_path / "playground.db"
+    closes = "study", "close", "small", "--yes", "--now", *database
     assert command(capsys, *closes, "--keep-secret")[0] == 0
     assert command(capsys, *closes)[0] == 0
     payments(capsys, tmp_path, "--csv", tmp_path / "list.csv")
@@ -129,8 +129,8 @@ def test_nothing_is_listed_before_the_database_knows_the_end(study, serve, tmp_p
     comes(server, "1").to_tutorial()
     server.stop()
     Folder(tmp_path / "playground.db-studies").close(frozen.name, keeps_secret=True)
-    code, _, said = payments(capsys, tmp_path)
-    assert (code, "has not taken note" in said) == (2, True)
+    code, _, refusal = payments(capsys, tmp_path)
+    assert (code, "has not taken note" in refusal) == (2, True)
 
 
 def test_the_code_of_a_sentence_is_listed(serve, tmp_path, capsys):

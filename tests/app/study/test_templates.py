@@ -32,12 +32,24 @@ def test_every_placeholder_has_a_value_and_every_value_is_the_protocols():
     values = placeholder_values(protocol)
     assert list(values) == list(PLACEHOLDERS)
     assert values == {
-        "name": "small", "warm_up": "2", "ranked": "3", "episodes": "5", "break_every": "7", "pause_after": "45",
+        "name": "small", "warm_up": "2", "ranked": "3", "episodes": "5", "practice": "",
+        "break_every": "7", "pause_after": "45",
         "minutes": "10", "questions": "3", "players": "12",
         "licence": "CC0-1.0", "contact": DECLARATIONS["contact"], "retention": DECLARATIONS["retention"],
         "coverage": "96.5 %", "lidar_radius": "4", "rows": "7",
         "cols": "9", "max_steps": "63",
     }  # fmt: skip
+
+
+def test_the_consent_says_what_the_practice_asks_for():
+    protocol = default_protocol(
+        "small", EnvConfig.of("random", (7, 9)), warm_up=2, practice={"reach": 1}
+    )
+    text = fill(protocol).consent.text
+    assert (
+        "breaks whenever you like. You pass the practice if at least 1 of its 2 terrains ends as"
+        in text
+    )
 
 
 def test_texts_of_every_kind_are_filled_and_braces_can_be_written():

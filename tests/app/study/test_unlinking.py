@@ -93,8 +93,8 @@ def test_nobody_can_be_kept_out_by_an_id_that_no_link_has(tmp_path, capsys):
     (folder.root / "small" / "protocol.json").write_text(draft)
     (tmp_path / "ids.txt").write_text(PILOT)
     asks = "study", "freeze", "small", "--underpowered", "--exclude-ids", tmp_path / "ids.txt"
-    code, _, said = command(capsys, *asks, "--database", tmp_path / "playground.db")
-    assert (code, "leave --exclude-ids out" in said) == (2, True)
+    code, _, refusal = command(capsys, *asks, "--database", tmp_path / "playground.db")
+    assert (code, "leave --exclude-ids out" in refusal) == (2, True)
     assert not (folder.root / "small" / "kept_out.json").exists()
 
 
@@ -104,8 +104,8 @@ def test_nobody_is_erased_who_could_not_be_kept_out(serve, tmp_path, capsys):
     path = tmp_path / "playground.db-studies" / "small" / "kept_out.json"
     path.write_text("{")
     asks = "forget", FIRST, "--yes", "--database", tmp_path / "playground.db"
-    code, _, said = command(capsys, *asks)
-    assert (code, str(path) in said, "Traceback" in said) == (1, True, False)
+    code, _, refusal = command(capsys, *asks)
+    assert (code, str(path) in refusal, "Traceback" in refusal) == (1, True, False)
     assert ask(tmp_path / "playground.db", "SELECT count(*) FROM identities") == [(1,)]
     path.unlink()
     assert command(capsys, *asks)[0] == 0
@@ -149,8 +149,8 @@ def test_nobody_can_be_told_by_the_invitation_they_used_and_the_counts_stay(
     database = "--database", tmp_path / "playground.db"
     assert command(capsys, "study", "close", "small", "--yes", "--now", *database)[0] == 0
     before = arrivals_in(tmp_path)
-    code, said, _ = command(capsys, "study", "unlink", "small", "--yes", *database)
-    assert (code, "of 2 people" in said) == (0, True)
+    code, text, _ = command(capsys, "study", "unlink", "small", "--yes", *database)
+    assert (code, "of 2 people" in text) == (0, True)
     used = ask(tmp_path / "playground.db", "SELECT DISTINCT invitation FROM participants")
     assert len(used) == 2
     assert not {ident for (ident,) in used} & {invitation.id for invitation in issued}

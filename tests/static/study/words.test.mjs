@@ -11,7 +11,7 @@ const task = taskOf(MARS);
 const { announcement } = task;
 const participant = (changes = {}) => ({ task, study: "demo", title: "Demo", participant: "P-1", stage: "ranked", consent: { version: "1", text: "a\n\nb" }, questions: [],
   right: null, warm_up: { done: 1, of: 1 }, ranked: { done: 0, of: 2 }, tutorial: { done: true }, break_due: false, can_be_erased: true, pause_after_s: 60, rules: { coverage: "96.5 %", lidar_radius: "4", max_steps: "63" }, session: null, about: null,
-  phase: null, settings: {}, debrief: null, ...changes });
+  phase: null, settings: {}, debrief: null, practice: null, ...changes });
 
 test("no sentence of a ranked terrain contains a score", () => {
   const { figures, next } = words.endCard(frame({ outcome: "explored", step: 30 }), participant({ phase: "ranked" }));
@@ -41,4 +41,15 @@ test("the page's own sentences name the numbers of the protocol", () => {
   assert.equal(words.progress(participant({ stage: "questions", ...two }), false), "Two questions");
   assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "tutorial", stage: "tutorial", ...two })).next, "Go on to two questions");
   assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "tutorial", stage: "tutorial" })).next, "Go on");
+});
+
+test("another try at the practice is named, and does not begin at once", () => {
+  const practice = { text: "You pass if you do.", number: 2, tries: 3 };
+  const again = participant({ stage: "warm_up", phase: "warm_up", warm_up: { done: 0, of: 2 }, practice });
+  assert.equal(words.progress(again, true), "Warm-up, try 2 of 3: terrain 1 of 2");
+  const { title, lines, go } = words.readyText(again);
+  assert.deepEqual([title, lines[0], lines.at(-1), go], ["Warm-up, try 2 of 3", "The practice is not passed yet.", "You pass if you do.", "Start this try"]);
+  assert.equal(words.endCard(frame({ outcome: "abandoned", score: 0.1 }), again).next, "Go on");
+  const first = participant({ stage: "warm_up", warm_up: { done: 0, of: 2 }, practice: { ...practice, number: 1 } });
+  assert.equal(words.readyText(first).go, "Start the warm-up");
 });

@@ -23,6 +23,7 @@ from humanplay.report.statistics.formatting import percent
 from humanplay.study.data import Person, StudyData
 from humanplay.study.flow import BEGAN, INTERRUPTED, STOPPED, Status, left_as
 from humanplay.study.outcome import Outcome
+from humanplay.study.practice import has_passed
 from humanplay.study.protocol import Rule
 from marsexplorer.intervals import Floats
 
@@ -55,6 +56,7 @@ class Cohort:
     """The participants of one kind, and their finished ranked and warm-up episodes by participant, in the order played.
 
     lowest  the score that an episode which was left counts with, minus infinity where none is known
+    passed  who passed the practice
     """
 
     name: str
@@ -65,6 +67,7 @@ class Cohort:
     terrains: int
     practice: int
     lowest: float
+    passed: frozenset[str] = frozenset()
 
     def table(
         self,
@@ -135,9 +138,27 @@ def _cohort(data: StudyData, name: str, kind: str, people: list[Person]) -> Coho
     protocol = data.protocol
     ranked, warm_up = (_finished(data, people, kind, phase) for phase in ("ranked", "warm_up"))
     lowest, _ = protocol.environment.bounds(protocol.env_config)
+    verdicts = practice_verdicts(data, people)
     return Cohort(
-        name, kind, tuple(people), ranked, warm_up, protocol.ranked, protocol.warm_up, lowest
+        name,
+        kind,
+        tuple(people),
+        ranked,
+        warm_up,
+        protocol.ranked,
+        protocol.warm_up,
+        lowest,
+        frozenset(person for person, passed in verdicts.items() if passed),
     )
+
+
+def practice_verdicts(data: StudyData, people: Iterable[Person]) -> dict[str, bool]:
+    """Return who of some participants passed the practice, and who failed it."""
+    trials = defaultdict[str, list[Trial]](list)
+    for trial in data.trials:
+        trials[trial.participant].append(trial)
+    verdicts = {person.id: has_passed(data.protocol, trials[person.id]) for person in people}
+    return {person: passed for person, passed in verdicts.items() if passed is not None}
 
 
 def _finished(
@@ -201,6 +222,12 @@ def _ranked(data: StudyData, cohort: Cohort) -> Mapping[str, list[Trial]]:
     return found
 
 
+_SCREENED_OUT: dict[Outcome | None, Status] = {
+    Outcome.FAILED_QUESTIONS: Status.FAILED_QUESTIONS,
+    Outcome.FAILED_PRACTICE: Status.FAILED_PRACTICE,
+}
+
+
 def _status(
     data: StudyData, cohort: Cohort, person: Person, own: Sequence[Trial], is_inside: bool
 ) -> Status:
@@ -215,9 +242,8 @@ def _status(
     if not own:
         if is_interrupted:
             return Status.INTERRUPTED_EARLY
-        if left_as(person.events) is Outcome.FAILED_QUESTIONS:
-            return Status.FAILED_QUESTIONS
-        return Status.WITHDREW_EARLY if has_withdrawn else Status.NEVER_BEGAN
+        early = Status.WITHDREW_EARLY if has_withdrawn else Status.NEVER_BEGAN
+        return _SCREENED_OUT.get(left_as(person.events), early)
     ended = [trial for trial in own if trial.ended_ms is not None]
     # handing what goes badly to a program leaves nobody out of both estimates
     if ended and all(_is_by_bot_at_once(trial, required) for trial in ended):
@@ -355,6 +381,8 @@ def _enters(cohort: Cohort, person: Person, rules: Mapping[Rule, bool | float]) 
         return False
     if given_up(cohort, person.id) > rules.get("most_given_up", 1.0):
         return False
+    if rules.get("passed_practice") and person.id not in cohort.passed:
+        return False
     if rules.get("no_labels") and any(trial.labels for trial in trials):
         return False
     most = rules.get("max_pause_share")
@@ -384,6 +412,8 @@ def _lacks_score(cohort: Cohort, participant: str) -> bool:
 def rule_in_words(rules: Mapping[Rule, bool | float]) -> str:
     """Return who enters under a set's rules."""
     words = []
+    if rules.get("passed_practice"):
+        words.append("passed the practice")
     if rules.get("completed"):
         words.append("ended every ranked episode")
     if rules.get("all_ranked_driver_human"):

@@ -18,6 +18,7 @@ from humanplay.report.statistics.exclusion_sets import (
     everybody_of,
     members,
     people_of,
+    practice_verdicts,
     rule_in_words,
     statuses,
 )
@@ -199,13 +200,25 @@ def headline(data: StudyData, per_protocol: StudyFigure, everybody: StudyFigure)
     """Return the sentence with both estimates; that of an open study says how many have finished."""
     if data.closed_ms is None:
         return data.progress_sentence()
+    protocol = data.protocol
+    verdicts = practice_verdicts(data, people_of(data).people)
+    passed = sum(verdicts.values())
     if not everybody.players:
-        return NO_HUMAN_FIGURE
+        if not verdicts:
+            return NO_HUMAN_FIGURE
+        people = counted(len(verdicts), "person", "people")
+        return f"{passed} of {people} passed the practice, and nobody began a ranked episode: there is no figure of people."
+    of_both = of_one = ""
+    who = f", of people who passed the practice ({passed} of {len(verdicts)})"
+    if protocol.practice is not None and protocol.practice.then == "screen_out":
+        of_both = who
+    elif protocol.per_protocol.get("passed_practice"):
+        of_one = who
     finished = "Nobody finished as the protocol asks."
     if per_protocol.players:
-        finished = f"Per protocol: {figure_sentence(per_protocol, data.protocol)}"
-    began = f"Everybody who began: {figure_sentence(everybody, data.protocol)}"
-    return f"{claim_of(data)}. {finished} {began}"
+        finished = f"Per protocol{of_one}: {figure_sentence(per_protocol, protocol)}"
+    began = f"Everybody who began: {figure_sentence(everybody, protocol)}"
+    return f"{claim_of(data)}{of_both}. {finished} {began}"
 
 
 def interval_for(protocol: Protocol) -> str:

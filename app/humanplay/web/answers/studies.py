@@ -105,6 +105,14 @@ class Count(Answer):
     of: int
 
 
+class Practice(Answer):
+    """What the warm-up must come to before the first ranked episode."""
+
+    text: str = described("for the participant")
+    number: int = described("of the try, from 1")
+    tries: int
+
+
 class Tutorial(Answer):
     """Whether the tutorial is over."""
 
@@ -171,7 +179,8 @@ class Participation(Answer):
     right: list[bool] | None = described("which of the answers just given were right")
     why: list[str] | None = described("what explains the wrong ones")
     block: ShownBlock | None = described("questions that come before anything else")
-    warm_up: Count
+    warm_up: Count = described("of this try at the practice")
+    practice: Practice | None = described("null if the warm-up need not come to anything")
     ranked: Count
     tutorial: Tutorial
     break_due: bool

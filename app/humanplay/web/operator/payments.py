@@ -16,7 +16,7 @@ from humanplay.web.answers import operator as answers
 
 
 def show_outcomes(folder: Folder, name: str) -> answers.OutcomeTexts:
-    """Each outcome of a study with what people read there, or what is wrong with their file."""
+    """What people read at each outcome, or what is wrong with the file."""
     try:
         texts = read_texts(folder.path(name))
     except StudyError as error:
