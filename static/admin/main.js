@@ -180,7 +180,7 @@ by("list-payments").addEventListener("click", () => run(async () => {
 
 by("close").addEventListener("click", () => {
   const under = state.study?.participants.filter(({ kind, stage }) => kind === "human" && !["debrief", "complete", "withdrawn"].includes(stage)).length ?? 0;
-  by("confirm-words").textContent = `${under ? `${many(under, "person is", "people are")} on the way and cannot finish. ` : "Nobody is on the way. "}The secret behind the terrains of ${state.chosen} is revealed, and nothing takes that back.`;
+  by("confirm-words").textContent = `${under ? `${many(under, "person is", "people are")} on the way and cannot finish. ` : "Nobody is on the way. "}The secret behind the instances of ${state.chosen} is revealed, and nothing takes that back.`;
   typed.value = "";
   by("at-once", HTMLInputElement).checked = false;
   by("close-now", HTMLButtonElement).disabled = true;

@@ -48,13 +48,12 @@ const DIRECTIONS = { ArrowUp: "M4 13l6-6 6 6", ArrowLeft: "M13 4l-6 6 6 6", Arro
 
 /** Leave out of a page what it says of other tasks, and put the task's actions on the pad.
  * @param {Task} task */
-export function showTask({ assets, order, keys, title, chart, parts, round, has_boards: hasBoards }) {
+export function showTask({ assets, order, keys, chart, parts, round, has_boards: hasBoards }) {
   for (const link of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-of-boards]"))) link.hidden = !hasBoards;
   for (const part of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-world]"))) part.hidden = part.dataset.world !== assets;
   if (round !== "terrain") renameTerrain(round);
   if (!parts) document.body.dataset.view = "matrix";
   for (const name of document.querySelectorAll("#chart-title, [data-part=chart-title]")) name.textContent = chart.title;
-  document.title = document.title.replace("MarsExplorer", title);
   const pad = document.querySelector(".pad");
   const there = [.../** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll(".pad [data-action]"))].map(({ dataset }) => dataset.action);
   if (!pad || String(there) === String(order)) return; // the page came with them

@@ -12,6 +12,7 @@ from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.description import Description
 from tests.support.browser import AS_A_PERSON, NO_3D, SIZES, fetched, keep_picture, violations
 from tests.support.declared import DECLARATIONS
+from tests.support.words_of_mars import MARS, words_of_mars
 
 LAKE = "gymnasium:FrozenLake-v1"
 STEPS = "[window.playground.state.player.frame.step, window.playground.state.rival?.frame.step]"
@@ -46,7 +47,7 @@ def test_an_environment_is_played_by_its_keys_on_its_picture_and_watched_again(l
         assert box["width"] == box["height"] >= 160
         assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
     assert violations(page) == []
-    assert "terrain" not in page.locator("body").inner_text().lower()
+    assert words_of_mars(page.locator("body").inner_text()) == []
     while not (frame := me.state())["outcome"]:
         me.hand.press(page.keyboard, ("ArrowRight", "ArrowDown")[frame["step"] % 2])
         me.wait(f"window.playground.state.player.frame.step > {frame['step']}")
@@ -64,6 +65,27 @@ def test_an_environment_is_played_by_its_keys_on_its_picture_and_watched_again(l
     page.wait_for_function("window.replay.step === window.replay.playback.last")
     assert page.get_by_text(title.partition(" ")[0].lower()).count()
     assert me.errors == []
+
+
+LABELS = """[...document.querySelectorAll("[aria-label], [title], [alt]")]
+  .filter((part) => part.checkVisibility())
+  .flatMap((part) => ["aria-label", "title", "alt"].map((name) => part.getAttribute(name) ?? ""))"""
+
+
+@pytest.mark.parametrize("width", [1440, 390])
+def test_no_page_speaks_of_another_environment(lake, player, width):
+    me = player(lake, [*NO_3D, *AS_A_PERSON])
+    page = me.page
+    page.set_viewport_size({"width": width, "height": 900})
+    spoken = {}
+    for path in ("", "me", "study", "about", "play", "admin"):
+        page.goto(f"{lake.url}/{path}")
+        page.wait_for_load_state("networkidle")
+        texts = page.title(), page.locator("body").inner_text(), *page.evaluate(LABELS)
+        spoken[path] = [line for text in texts for line in text.splitlines() if MARS.search(line)]
+    assert {path: lines for path, lines in spoken.items() if lines} == {}
+    for path in ("daily", "leaderboard"):
+        assert fetched(page, f"{lake.url}/{path}").status == 404
 
 
 def test_policies_play_beside_a_person_after_a_ranked_episode_and_by_themselves(lake, player):
@@ -101,7 +123,7 @@ def test_a_study_of_it_is_played_from_consent_to_code(spawn, tmp_path, player, b
     while "debrief" not in seen and pressed < 400:
         screen, text, goes_on = page.evaluate(PRESS_WHAT_GOES_ON)
         seen.add(screen)
-        assert "terrain" not in text.lower()
+        assert words_of_mars(text) == []
         if not goes_on:
             me.hand.press(page.keyboard, ("ArrowDown", "ArrowRight")[pressed % 2])
         pressed += 1

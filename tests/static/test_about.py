@@ -12,5 +12,5 @@ def test_the_boards_that_are_shown_are_what_is_played():
     boards = kept["boards"]
     assert [boards[name]["outcome"] for name in ("done", "crash")] == ["explored", "collided"]
     assert boards["done"]["coverage"] >= 0.99
-    said = (STATIC / "about" / "index.html").read_text()
+    said = (STATIC / "task/mars/about.html").read_text()
     assert "Moves that uncover nothing can bring it below 0" in said, "0 is not the least"

@@ -25,7 +25,7 @@ NO_GHOST = "none"
 @argument("episode")
 @path_option("--out", "It ends with .html, .gif, .mp4 or .png.", required=True, metavar="FILE")
 @database_option("The database to read; a running server may go on writing.")
-@option("--ghost", metavar="POLICY", help="A policy on the same terrain, or none.  [default: ppo]")
+@option("--ghost", metavar="POLICY", help="A policy on the same instance, or none.  [default: ppo]")
 @option("--speed", type=click.FloatRange(0.5, 1000), help="Moves a second.  [default: 15 s in all]")
 def replay(episode: str, out: Path, database: Path, ghost: str | None, speed: float | None) -> None:
     """Write the replay of a finished EPISODE, by its id or the beginning of it.

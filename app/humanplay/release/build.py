@@ -228,7 +228,7 @@ def _new_header(
         raise ReleaseError(SECRET_KEPT.format(request.study))
     if closed[0] is None or closed[1] is None:
         raise ReleaseError(
-            f"the study {request.study!r} is still open and a release would give its terrains away: close it first with "
+            f"the study {request.study!r} is still open and a release would give its instances away: close it first with "
             f"`humanplay study close {request.study}`"
         )
     _check_erased(conn, request.study)

@@ -95,7 +95,7 @@ class ReleaseHeader:
         )
         environment = self.protocol.environment
         texts = environment.texts(config)
-        ranked = counted(self.protocol.ranked, "ranked terrain")
+        ranked = counted(self.protocol.ranked, "ranked instance")
         return (
             f"Recordings of the {environment.about.title} study {self.study}: {recorded}, on {texts.setting}. "
             f"Every participant met the same {ranked}. Each episode replays exactly from its cause."

@@ -222,7 +222,7 @@ class _Derivation:
         from the study's secret."""
         seeds, section = closed_seeds(self._data), "policies' episodes, replayed"
         for each in self._episodes:
-            where = f"{each.policy}, terrain {each.terrain}"
+            where = f"{each.policy}, instance {each.terrain}"
             self._made.compare(section, f"{where}: seed", each.seed, seeds.get(each.terrain))
             found = each.replayed_hash(
                 self._data.protocol.environment, self._data.protocol.env_config
@@ -237,7 +237,7 @@ class _Derivation:
             return
         seeds = {each.terrain: each.seed for each in self._episodes}
         for each in play_compared(self._data, seeds, names, self._bar):
-            where = f"{each.policy}, terrain {each.terrain}: trajectory hash"
+            where = f"{each.policy}, instance {each.terrain}: trajectory hash"
             before = recorded[each.policy, each.terrain].trajectory_hash
             section = "policies' episodes, played again"
             self._made.compare(section, where, before, each.trajectory_hash)

@@ -63,7 +63,7 @@ from humanplay.study.protocol import Protocol
 from marsexplorer.intervals import Floats
 
 ESTIMAND = (
-    "The mean, over players and terrains like these, of a player's mean: every player weighs the same. Per protocol: of those "
+    "The mean, over players and instances like these, of a player's mean: every player weighs the same. Per protocol: of those "
     "who finished as the protocol asks. Everybody: of those who began a ranked episode. A difference is claimed only where "
     "both estimates show it."
 )

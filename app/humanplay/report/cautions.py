@@ -77,8 +77,8 @@ def _about_shared_terrains(data: StudyData, group: GroupReport) -> Iterable[str]
     if data.protocol.terrains_drawn and shared < FEWEST:
         players = "people" if group.kind == "human" else "simulated players"
         yield (
-            f"{counted(shared, 'terrain')} {'was' if shared == 1 else 'were'} played by {players} and by every policy; a claim "
-            f"about other terrains needs {FEWEST}: no difference has an interval or a p."
+            f"{counted(shared, 'instance')} {'was' if shared == 1 else 'were'} played by {players} and by every policy; a "
+            f"claim about other instances needs {FEWEST}: no difference has an interval or a p."
         )
 
 
@@ -261,8 +261,8 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
             "carry a label of implausible input",
         ): lambda trial: bool(trial.labels),
         (
-            "was not on the terrain that the secret gives",
-            "were not on the terrain that the secret gives",
+            "was not on the instance that the secret gives",
+            "were not on the instance that the secret gives",
         ): lambda trial: data.secret is not None and trial.seed != seeds.get(trial.terrain_index),
     }
     found = []

@@ -125,7 +125,7 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
         curves = partial(_curves, curves=[(name, own.get("curve")) for name, own in shown])
         found["curves"] = 3.0, curves, "Mean coverage against steps"
         maps = [(name, own["visits"]) for name, own in shown if own.get("visits")]
-        alt = "How often the rover stands on each cell of the grid"
+        alt = "Share of an episode's moves on each cell of the grid"
         height = 2.05 * -(-len(maps) // 3) + 0.3
         found["visits"] = height, partial(_visits, maps=maps), alt
     return {

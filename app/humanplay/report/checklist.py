@@ -24,6 +24,7 @@ from humanplay.report.statistics.planning import (
 )
 from humanplay.report.statistics.study_figures import figure_sentence
 from humanplay.study.data import StudyData
+from humanplay.task import Environment
 
 CITATION = "Wei et al. 2025, arXiv 2506.13776, appendix B"
 RECRUITMENT = {
@@ -33,7 +34,7 @@ RECRUITMENT = {
 }
 """What the software knows of how participants came, by the protocol's `recruitment`."""
 UNSAID = "What people and agents see is not said in the environment's description."
-TEST = "Test of the paired differences over players and terrains, the inverse of the interval, adjusted by Holm's method."
+TEST = "Test of the paired differences over players and instances, the inverse of the interval, adjusted by Holm's method."
 
 
 def checklist(data: StudyData, people: GroupReport, policies: Sequence[str]) -> tuple[Item, ...]:
@@ -64,13 +65,13 @@ def exposure(data: StudyData) -> str:
     if not ranked:
         return "Nobody has begun a ranked episode."
     terrains = data.protocol.ranked
-    met = "the same ranked terrain"
+    met = "the same ranked instance"
     if terrains > 1:
-        met = f"the same {counted(terrains, 'ranked terrain')}, in orders that follow from the study's secret"
+        met = f"the same {counted(terrains, 'ranked instance')}, in orders that follow from the study's secret"
     dates = f"the first began {utc(min(trial.started_ms for trial in ranked))}"
     if ended := [trial.ended_ms for trial in ranked if trial.ended_ms is not None]:
         dates += f", the last ended {utc(max(ended))}"
-    return f"Everybody met {met}; {dates}. Whether anybody told others of a terrain is not known."
+    return f"Everybody met {met}; {dates}. Whether anybody told others of an instance is not known."
 
 
 def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dict[str, object]:
@@ -83,6 +84,14 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
     erased, finishers = data.arrivals.erased, data.arrivals.erased_finishers
     lost = f" {counted(erased, 'more was', 'more were')} erased, {finishers} of whom had ended all ranked episodes."
     is_compared, nobody = bool(policies and players), "Nobody has played."
+    no_policy = "No policy is compared with people."
+    seconds = _human_time(data)
+    estimates = [
+        estimate
+        for figure in (people.figure, people.everybody)
+        for estimate in (figure.score, figure.steps)
+    ]
+    has_interval = any(estimate and estimate.interval for estimate in estimates)
     return {
         "protocol": protocol,
         "people": people,
@@ -90,7 +99,7 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "where": protocol.environment.texts(protocol.env_config).setting,
         "seen": protocol.environment.texts(protocol.env_config).observations or UNSAID,
         "played": counted(len(ranked), "episode"),
-        "terrains": counted(protocol.ranked, "terrain"),
+        "instances": counted(protocol.ranked, "instance"),
         "limit": counted(protocol.env_config.limit, "move"),
         "break_every": counted(protocol.break_every, "ranked episode"),
         "finished": counted(len(ranked), "finished ranked episode"),
@@ -109,21 +118,44 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "compared": "Yes" if is_compared else "No",
         "policies": ", ".join(policies) or "none played",
         "test": TEST if is_compared else "None.",
-        "metrics": f"{words.score[0].upper()}{words.score[1:]} and {words.steps}",
+        "equal": "Yes" if is_compared else "N/A",
+        "metrics": f"{words.score[0].upper()}{words.score[1:]} and {words.steps} for both."
+        if is_compared
+        else no_policy,
+        "scoring": "The same environment steps and scores both." if is_compared else no_policy,
+        "grading": "By the environment; nobody grades." if is_compared else no_policy,
         "sets": "; ".join(sets) or nobody,
-        "time": _human_time(data),
+        "time": time_in_words(protocol.environment),
+        "timed": "No" if seconds is None else "Yes",
+        "seconds": seconds or ("No ranked episode succeeded." if ranked else nobody),
+        "has_interval": "Yes" if has_interval else "No",
+        "intervals": "Of the means, over players and instances."
+        if has_interval
+        else "There are too few players for an interval.",
+        "trained": "Yes" if protocol.warm_up else "Tutorial alone",
+        "randomized": "Yes" if protocol.ranked > 1 else "N/A",
+        "orders": "Orders are rows of a Latin square permuted by the study's secret."
+        if protocol.ranked > 1
+        else "There is one ranked instance.",
         "unfinished": people.joined - people.finished,
         "secret": "revealed when the study closes" if data.closed_ms is None else "revealed",
         "software": version("humanplay"),
     }
 
 
-def _human_time(data: StudyData) -> str:
-    """Say how long a ranked episode took, as METR rates tasks: by its successes, in geometric mean."""
+def time_in_words(environment: Environment) -> str:
+    """Whether an episode waits for a move."""
+    if environment.clock:
+        return f"time runs at {environment.clock:g} frames a second"
+    return "there is no clock"
+
+
+def _human_time(data: StudyData) -> str | None:
+    """How long a ranked episode took, as METR rates tasks; None without a success."""
     ranked = [trial for own in people_of(data).ranked.values() for trial in own]
     times_s = [max(trial.active_ms, 1.0) / 1000 for trial in ranked if trial.succeeded]
     if not times_s:
-        return "No ranked episode succeeded." if ranked else "Nobody has played."
+        return None
     mean_s = geometric_mean(times_s)
     shown = f"{mean_s:.1f} seconds" if mean_s < 120 else f"{mean_s / 60:.1f} minutes"
     return (

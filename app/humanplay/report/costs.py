@@ -163,7 +163,7 @@ def trial_costs(
     """
     if data.closed_ms is None and any(trial.phase == "ranked" for trial in trials):
         raise StudyError(
-            f"the study {data.protocol.name!r} is open, and nothing of its ranked terrains may leave before it is closed; "
+            f"the study {data.protocol.name!r} is open, and nothing of its ranked instances may leave before it is closed; "
             "close it first, or ask for the warm-up"
         )
     ended = [trial for trial in trials if trial.ended_ms is not None]

@@ -118,7 +118,7 @@ def play_compared(
 ) -> tuple[PolicyEpisode, ...]:
     """Return the policies' episodes on the terrains of these seeds, played now; errors as
     `play_policies`."""
-    with bar("policies on the same terrains") as advance:
+    with bar("policies on the same instances") as advance:
         environment, config = data.protocol.environment, data.protocol.env_config
         return play_policies(names, environment, config, seeds, advance, data.policy_files)
 

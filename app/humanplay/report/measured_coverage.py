@@ -33,11 +33,11 @@ SCORE_POPULATIONS = (
     ScorePopulation("skewed", "exponential tails (skewness 2)", "exponential"),
     ScorePopulation("very skewed", "log-normal tails (skewness 3.7)", "lognormal"),
     ScorePopulation(
-        "collisions", "5 % of episodes collide; with ICC, few players do it often", collisions=0.05
+        "collisions", "5 % of episodes fail early; with ICC, those of few players", collisions=0.05
     ),
     ScorePopulation(
         "rare collisions",
-        "2 % of episodes collide; with ICC, very few players do it often",
+        "2 % of episodes fail early; with ICC, those of very few players",
         collisions=0.02,
     ),
     ScorePopulation(

@@ -62,6 +62,7 @@ def file_names(report: Report, page: str) -> dict[str, str]:
 
 def _page(report: Report, part: str, names: Mapping[str, str]) -> str:
     where, sees = _where(report.protocol)
+    about = environment_of(report.protocol["task"]).about
     return (
         _environment()
         .get_template(f"{part}.html.j2")
@@ -70,7 +71,8 @@ def _page(report: Report, part: str, names: Mapping[str, str]) -> str:
             links=names,
             where=where,
             sees=sees,
-            words=environment_of(report.protocol["task"]).about.words,
+            words=about.words,
+            references=about.references,
             level=LEVELS_IN_WORDS[report.protocol["required_attestation"]],
             recruitment=report.protocol.get("recruitment", "open"),
             watermark=SYNTHETIC,

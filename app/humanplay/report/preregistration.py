@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from humanplay.report.build import ESTIMAND
+from humanplay.report.checklist import time_in_words
 from humanplay.report.statistics.exclusion_sets import rule_in_words
 from humanplay.report.statistics.formatting import templates, utc
 from humanplay.report.statistics.intervals import INTERVAL_IN_WORDS
@@ -50,6 +51,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
         study=study,
         words=words,
         design=protocol.environment.texts(protocol.env_config).design,
+        time=time_in_words(protocol.environment),
         estimand=ESTIMAND,
         recruitment=RECRUITMENT[protocol.recruitment],
         attestation=ATTESTATION[protocol.required_attestation],

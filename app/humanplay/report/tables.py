@@ -67,7 +67,7 @@ LEVELS_IN_WORDS: dict[Attestation, str] = {
 DIGITS = {"score": 4, "steps": 1}
 SPREAD = (
     "SD between players",
-    "SD between terrains",
+    "SD between instances",
     "SD of the rest",
     "ICC, the players' share",
     "design effect",
@@ -107,7 +107,7 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
         "exclusion_sets": _exclusion_sets(group),
         "attestation": _attestation(group),
         "variance": _by_metric(
-            "Variance components (players and terrains crossed, ANOVA estimator) and interquartile mean",
+            "Variance components (players and instances crossed, ANOVA estimator) and interquartile mean",
             group,
             SPREAD,
             [_spread_column(metric) for metric in group.metrics],
@@ -158,13 +158,12 @@ def coverage_table(report: Report) -> PageTable | None:
         return None
     cells = nearest(players)
     studies = counted(cells[0].studies, "simulated study", "simulated studies")
-    size = f"{studies} each, {counted(cells[0].players, 'player')} x 30 terrains"
+    size = f"{studies} each, {counted(cells[0].players, 'player')} x 30 instances"
     summary = {population.name: population.summary for population in SCORE_POPULATIONS}
     rows = []
     for cell in cells:
         shares = number(cell.score, 1), number(cell.steps, 1)
-        name = f"{cell.population}: {summary[cell.population]}"
-        rows.append((name, f"{cell.icc:g}", *shares))
+        rows.append((summary[cell.population], f"{cell.icc:g}", *shares))
     heads = ("population", "ICC", "score", "steps")
     return PageTable(f"Coverage (%) of 95 % intervals in {size}", heads, rows)
 
@@ -273,10 +272,10 @@ def _statuses(group: GroupReport) -> PageTable | None:
         "people",
         "per protocol",
         "everybody",
-        "terrains as played",
-        "terrains at the lowest score",
+        "instances as played",
+        "instances at the lowest score",
     )
-    caption = "Everybody who came: where they are, and how their ranked terrains enter the estimate for everybody"
+    caption = "Everybody who came: where they are, and how their ranked instances enter the estimate for everybody"
     return PageTable(caption, heads, rows) if rows else None
 
 
@@ -337,7 +336,7 @@ def _players(group: GroupReport) -> PageTable:
         for row in group.players
     ]
     words = group.words.steps, group.words.short
-    heads = ("player", "terrains", "score", *words, "status")
+    heads = ("player", "instances", "score", *words, "status")
     return PageTable("Pseudonyms of this report alone, in no order of joining", heads, rows)
 
 
@@ -349,7 +348,7 @@ def _policies(report: Report) -> PageTable:
         rows.append((report.title_of(policy.name), *means, *counts))
     words = environment_of(report.protocol["task"]).about.words
     heads = ("policy", "score", words.steps, words.reached, "failures")
-    return PageTable("Policies on this study's ranked terrains", heads, rows)
+    return PageTable("Policies on this study's ranked instances", heads, rows)
 
 
 def _comparison(report: Report, group: GroupReport, metric: str) -> PageTable:
@@ -384,7 +383,7 @@ def _against(report: Report, group: GroupReport) -> PageTable:
     heads = ["policy"]
     for metric in group.metrics:
         heads += [f"{_heading(group, metric.name)}, per protocol", "everybody"]
-    caption = f"Policies minus {group.name} on the same terrains"
+    caption = f"Policies minus {group.name} on the same instances"
     cells = [
         (report.title_of(policy).replace(" (", "\n(", 1), *row, p_value(adjusted.get(policy)))
         for policy, row in rows.items()
@@ -412,7 +411,7 @@ def cost_table(costs: CostSummary) -> PageTable:
     caption = f"Moves an episode: {players}, {counted(costs.episodes, 'episode')}"
     rows = [
         ("counted", number(costs.counts, 1)),
-        (f"{costs.policy} on the same terrains", number(costs.expert_moves, 1)),
+        (f"{costs.policy} on the same instances", number(costs.expert_moves, 1)),
         _cost_row("cost: the difference", costs.total),
         *(_cost_row(f"mistakes: {kind}", part) for kind, part in costs.by_kind.items()),
         _cost_row("gained", costs.gained),
@@ -468,7 +467,7 @@ def _first_attempts(group: GroupReport) -> PageTable | None:
     ]
     total = [sum(getattr(t, name) for t in found.terrains) for name in ("completed", "played")]
     mean = f"mean of {found.counted}", f"{total[0]} of {total[1]}", *means, NONE, NONE
-    caption = "Moves of those who completed a terrain, and scores of all; first attempts only"
+    caption = "Moves of those who completed an instance, and scores of all; first attempts only"
     of_score = f"{group.words.score}, upper median", f"{group.words.score}, best"
-    heads = ("terrain", group.words.reached, "upper median", "second best", *of_score)
+    heads = ("instance", group.words.reached, "upper median", "second best", *of_score)
     return PageTable(caption, heads, [mean, *rows])

@@ -112,12 +112,12 @@ def own_trial(study: Study, trials: Sequence[Trial], phase: Shown, index: int) -
     if phase == "ranked" and study.keeps_secret:
         raise StageError(SECRET_KEPT.format(study.name))
     if phase == "ranked" and study.is_open:
-        raise StageError("ranked terrains are shown once the study is closed: come back then")
+        raise StageError("ranked instances are shown once the study is closed: come back then")
     for trial in trials:
         number = trial.terrain_index if phase == "warm_up" else trial.trial
         if trial.phase == phase and number == index and trial.ended_ms is not None:
             return trial
-    what = f"no {phase.replace('_', '-')} terrain {index} that you have played to its end"
+    what = f"no {phase.replace('_', '-')} instance {index} that you have played to its end"
     raise NoTerrainError(f"{what}; they count from 0")
 
 

@@ -64,7 +64,7 @@ Advance = Callable[[int, int], None]
 
 
 SECRET_KEPT = (
-    "{0!r} is closed and its secret kept: nothing of its terrains is shown, released or exported before "
+    "{0!r} is closed and its secret kept: nothing of its instances is shown, released or exported before "
     "`humanplay study close {0}` reveals it"
 )
 
@@ -422,6 +422,6 @@ def _check_terrains(study: Study, advance: Advance) -> None:
             study.protocol.environment.instance(study.protocol.env_config, each)
         except ValueError as error:
             raise StudyError(
-                "the level and size have terrains that cannot be solved: choose another level or size"
+                "the level and size have instances that cannot be solved: choose another level or size"
             ) from error
         advance(number, len(seeds))

@@ -33,7 +33,7 @@ CHECKLIST = """\
 ## Fix it
 - [ ] `humanplay study freeze {name}`
 - [ ] `humanplay study preregister {name} --out {name}.md`, and register it: protocol hash and commitment are in it
-- [ ] A copy of the study's folder in a safe place: whoever reads `secret` knows every terrain
+- [ ] A copy of the study's folder in a safe place: whoever reads `secret` knows every instance
 
 ## Let {players} people in
 - [ ] Backups run (docs/deploy.md), and one was restored

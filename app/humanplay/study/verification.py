@@ -310,10 +310,10 @@ def _check_order(
             yield Finding(where, f"{phase} trials", numbers, "0, 1, 2, ... without a gap")
         if len(set(terrains)) < len(terrains) or not set(terrains) <= set(range(count)):
             wanted = f"each of 0..{count - 1} at most once"
-            yield Finding(where, f"{phase} terrains", terrains, wanted)
+            yield Finding(where, f"{phase} instances", terrains, wanted)
         order = list(range(count)) if phase == "warm_up" else ranked
         if order is not None and terrains != order[: len(terrains)]:
-            yield Finding(where, f"order of {phase} terrains", terrains, order[: len(terrains)])
+            yield Finding(where, f"order of {phase} instances", terrains, order[: len(terrains)])
 
 
 def _check_stage(
@@ -345,7 +345,7 @@ def _check_cause(row: PlacedEpisode, expected: _Expected) -> Iterator[Finding]:
         label: Literal["ranked", "warm-up"] = "ranked" if row["phase"] == "ranked" else "warm-up"
         seed = seeds.seed(expected.key, expected.series.protocol_hash, label, row["terrain_index"])
     if seed is not None and row["seed"] != seed:
-        what = f"seed of {row['phase']} terrain {row['terrain_index']} (trial {row['trial']})"
+        what = f"seed of {row['phase']} instance {row['terrain_index']} (trial {row['trial']})"
         yield Finding(where, what, row["seed"], f"{seed} from the secret")
 
 

@@ -102,6 +102,7 @@ class Words:
     steps   moves of a success, the limit for any other ending
     reached, short  an episode that is a success, and one that is not: "reached 99 %", "short of 99 %"
     definition      of both figures, a sentence or two
+    abandoned       how an episode that was given up counts, the end of a sentence
     """
 
     score: str
@@ -109,6 +110,17 @@ class Words:
     reached: str
     short: str
     definition: str
+    abandoned: str
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A publication; `authors` are pairs of family and given names."""
+
+    authors: tuple[tuple[str, str], ...]
+    title: str
+    year: int
+    url: str
 
 
 @dataclass(frozen=True)
@@ -119,12 +131,14 @@ class About:
     words         what reports call its figures
     instructions  what players are told to do, if the pages of `assets` do not say it
     labels        what each data-quality label of `Environment.labels` means
+    references    what its reports and data sets cite
     """
 
     title: str
     words: Words
     instructions: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
+    references: tuple[Reference, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,9 @@ PAGES = {
 }  # fmt: skip
 """The folders of `static/` whose pages are served, by their addresses."""
 
+OF_BOARDS = frozenset({"daily", "leaderboard"})
+"""Those of a world that has boards of people."""
+
 router = APIRouter(include_in_schema=False)
 admin_router = APIRouter(include_in_schema=False)
 """The operator's page, for a server that has one."""
@@ -70,6 +73,9 @@ def _zipped(text: str) -> bytes:
 
 def _serve(router: APIRouter, path: str, folder: str, headers: dict[str, str]) -> None:
     async def serve(request: Request) -> Response:
+        if folder in OF_BOARDS and folder not in request.app.state.offered:
+            title = services_of(request).lobby.task.about.title
+            raise HTTPException(404, f"{title} has no page {path}")
         return page(request, folder, headers)
 
     router.add_api_route(path, serve, methods=["GET"], name=f"{folder}_page")

@@ -99,7 +99,7 @@ from humanplay.web.replays.service import Replays
 from humanplay.web.requests import HeadRequests, NotedRoute, ObservedRequests
 from humanplay.web.services import Services
 from humanplay.web.settings import Settings
-from humanplay.web.templates import brand_of
+from humanplay.web.templates import names_of
 
 __all__ = ["ServerError", "create_app", "run"]
 
@@ -188,7 +188,7 @@ def _app_of(
     folders = {} if drawn_by is None else {f"task/{environment.assets}/": drawn_by}
     app.state.public_url = settings.public_url
     app.state.offered = pages.offered(environment)
-    app.state.brand = brand_of(settings.task)
+    app.state.names = names_of(settings.task)
     app.state.files = files.PageFiles({"": STATIC, **folders})
     boards = api.board_router(environment.messages)
     # first what is asked for most: routes are tried in turn

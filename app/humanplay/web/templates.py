@@ -17,20 +17,25 @@ environment = Environment(
 )  # fmt: skip
 
 
-def brand_of(task: str) -> str:
-    """What the bar calls a site that plays a task."""
-    return environment_of(task).about.title if task == DEFAULT_TASK else "Playground"
+def names_of(task: str) -> dict[str, object]:
+    """What the pages of a task say of it: `world`, its environment, `brand` and `site_name`."""
+    world = environment_of(task)
+    return {
+        "world": world,
+        "brand": world.about.title if task == DEFAULT_TASK else "Playground",
+        "site_name": f"{world.about.title} Playground",
+    }
 
 
 def addresses(request: Request) -> dict[str, object]:
-    """Return what every page has: addresses, the pages that are offered, and the name of the site."""
+    """What every page has: addresses, the pages that are offered, what is played and the site's name."""
     root, state, address = root_of(request), request.app.state, absolute_address(request)
     folder = state.files.address()
     return {
         "root": root,
         "files": root + folder,
         "offered": state.offered,
-        "brand": state.brand,
+        **state.names,
         "address": address,
         "site": f"{address.removesuffix(path_of(request))}/",
         "folder": folder,

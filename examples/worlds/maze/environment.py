@@ -20,6 +20,7 @@ WORDS = Words(
     short="short of the goal",
     definition="An episode that ends short of the goal counts max_steps. The score is 1 minus the share of max_steps that the "
     "goal took, and 0 without it.",
+    abandoned="at the lowest score, 0",
 )
 
 

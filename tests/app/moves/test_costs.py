@@ -147,7 +147,7 @@ def test_the_moves_of_a_spoilt_episode_enter_nothing_that_follows_from_moves(tmp
 def test_nothing_of_an_open_studys_ranked_terrains(reader, estimator):
     data = replace(load(reader, "dunes"), closed_ms=None)
     with pytest.raises(
-        StudyError, match="nothing of its ranked terrains may leave before it is closed"
+        StudyError, match="nothing of its ranked instances may leave before it is closed"
     ):
         next(cost_rows(reader, data, ranked(data), estimator))
 
@@ -178,7 +178,7 @@ def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_pa
         json.loads((tmp_path / "r.json").read_text()),
     )
     assert "Where people lose moves" in page
-    assert "ppo on the same terrains" in page
+    assert "ppo on the same instances" in page
     costs = document["groups"][0]["costs"]
     assert costs["total"]["mean"] == pytest.approx(costs["counts"] - costs["expert_moves"])
     assert {player["player"] for player in costs["by_player"]} == {"P01", "P02"}
@@ -200,7 +200,7 @@ def test_the_command_prints_players_and_writes_every_move(place, tmp_path, capsy
     code, said, err = command(capsys, "costs", "--study", "dunes", *where, *written)
     assert code == 0, err
     assert "cost per ranked episode" in said
-    assert "ppo on the same terrains" in said
+    assert "ppo on the same instances" in said
     written = (tmp_path / "costs.json").read_text()
     document = json.loads(written)
     moves = document["moves"]

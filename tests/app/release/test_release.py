@@ -428,7 +428,7 @@ def test_a_short_id_is_no_leak_within_a_text(noting):
 
 def test_an_open_study_is_not_released(tmp_path):
     play_study(tmp_path / "play.db", freeze(tmp_path / "play.db-studies", close=False))
-    refused(tmp_path, "still open and a release would give its terrains away: close it first")
+    refused(tmp_path, "still open and a release would give its instances away: close it first")
     assert table(tmp_path / "play.db", "releases", "version") == []
 
 

@@ -55,7 +55,7 @@ ENDS = {
     "as asked": (lambda n: {}, None, {}, "finished", 6, {}),
     "one given up": (lambda n: {"outcome": "abandoned"} if n == 1 else {}, None, {}, "finished", 5, {"given_up": 1}),
     "all given up": (lambda n: {"outcome": "abandoned", "steps": 1}, None, {}, "gave_up", 0, {"given_up": 6}),
-    "the last terrain by a bot": (lambda n: {**PROGRAM, "driver": "script"} if n == 5 else {}, None, {}, "partly_bot", 5,
+    "the last instance by a bot": (lambda n: {**PROGRAM, "driver": "script"} if n == 5 else {}, None, {}, "partly_bot", 5,
                                   {"by_a_bot": 1}),
     "a first message lost": (lambda n: UNATTESTED if n == 2 else {}, None, {}, "not_attested", 6, {}),
     "every one flagged": (lambda n: {"labels": ("unfocused",)}, None, {}, "excluded", 6, {}),

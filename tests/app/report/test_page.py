@@ -116,11 +116,11 @@ def test_nothing_is_fetched_and_nothing_runs(pages):
 
 
 def test_the_page_says_every_part(pages):
-    for heading in ("Result", "Read before use", "Who played", "Spread", "Policies on the same terrains",
+    for heading in ("Result", "Read before use", "Who played", "Spread", "Policies on the same instances",
                     "Learning over the ranked trials", "Where they went", "Deviations from the protocol",
                     "Protocol"):  # fmt: skip
         assert f">{heading}</h" in pages[0], heading
-    for wanted in ("per protocol", "everybody", "terrains at the lowest score"):
+    for wanted in ("per protocol", "everybody", "instances at the lowest score"):
         assert wanted in pages[0], wanted
 
 
@@ -158,7 +158,7 @@ def test_the_first_page_has_flow_headline_comparison_picture_and_cautions_and_th
         '<p class="large"><strong>24.0</strong> steps to 99 %</p>',
         "Required of every ranked episode: attested",
         "Opened the study: 4",
-        "Policies minus people on the same terrains",
+        "Policies minus people on the same instances",
         "Below, both estimates",
         "Everybody who came: where they are",
         "Read before use",

@@ -4,6 +4,7 @@ import json
 import re
 from contextlib import closing
 from dataclasses import replace
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -300,7 +301,7 @@ def test_the_learning_curve_is_of_first_attempts_in_the_order_played():
         assert learning.by_trial[at][1] == pytest.approx(np.mean([each.score for each in own]))
     assert [row[1] for row in report.groups[0].metric("score").warm_up] == pytest.approx([0, 0.1])
     page = render(report)
-    assert "First attempts only: nobody meets a terrain twice." in page
+    assert "First attempts only: nobody meets an instance twice." in page
     assert 'aria-label="Mean score and steps of first attempts by ranked trial' in page
 
 
@@ -377,10 +378,10 @@ def test_fewer_than_five_terrains_give_an_interval_for_other_players_alone(terra
     scores = np.random.default_rng(2).normal(0.7, 0.05, (6, terrains))
     runs = [run("ppo", [0.9] * terrains), run("random", [0.3] * terrains)]
     report = build(study(*played(scores), ranked=terrains), runs)
-    assert ("95 % interval for other players on these terrains " in report.sentence) != for_others
+    assert ("95 % interval for other players on these instances " in report.sentence) != for_others
     own = report.groups[0].figure.score.interval
     assert own == pytest.approx(tuple(map(float, interval(scores, LOWEST, for_others))), abs=1e-9)
-    said = "other players and other terrains" if for_others else "other players on these terrains"
+    said = "other players and other instances" if for_others else "other players on these instances"
     assert f"95 % interval for {said}; p and p" in " ".join(render(report).split())
 
 
@@ -420,7 +421,7 @@ def test_below_five_shared_terrains_no_policy_is_tested_and_a_caution_says_why()
     enough, few = of(1), of(2)
     said = [caution for caution in few.cautions if "needs 5" in caution]
     assert len(said) == 1
-    assert said[0].startswith("4 terrains were played by people and by every policy; ")
+    assert said[0].startswith("4 instances were played by people and by every policy; ")
     assert not any("needs 5" in caution for caution in enough.cautions)
     (row,) = (each for each in enough.comparisons if (each.policy, each.metric) == ("ppo", "steps"))
     assert None not in (row.interval, row.everybody_interval, row.p_value, row.p_adjusted)
@@ -485,12 +486,21 @@ def test_the_worst_and_the_best_episode_lie_within_the_bounds():
     assert metric_bounds(environment_of("mars"), config, "steps") == (1, config.limit)
 
 
+def test_no_item_of_the_checklist_is_answered_yes_but_by_the_study():
+    text = resources.files("humanplay.report").joinpath("checklist.txt").read_text()
+    rows = [line.split("|") for line in text.splitlines() if line and not line.startswith("#")]
+    assert len(rows) == len(ITEMS)
+    assert [row[0].strip() for row in rows if row[3].strip() == "Yes"] == []
+
+
 def test_the_checklist_is_filled_and_says_what_is_missing(data):
     items = {item.number: item for item in build(data, [run("ppo", [0.9] * 6)]).checklist}
     assert items["1.1"].answer == "3"
     assert items["1.3"].answer == "3.0"
     assert items["1.9"].source == "protocol"
-    assert items["4.1"].answer == "Yes"
+    compared = {number: items[number].answer for number in ("4.1", "4.3", "4.4", "4.5")}
+    assert set(compared.values()) == {"Yes"}
+    assert (items["4.2"].answer, items["5.1.3"].answer) == ("No", "Yes"), "of three players"
     assert items["5.1.3"].detail == HUMAN_TIME.format("30.0 seconds", "18 of 18 ranked episodes")
     assert [number for number in items if number.startswith("3.")][:3] == ["3.1", "3.1.1", "3.2"]
     assert list(items) == ITEMS
@@ -501,7 +511,7 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
         "missing",
     }
     assert {number for number, item in items.items() if item.answer == "Missing"} == {
-        *("0.1", "0.2", "0.3", "0.4"), "1.8", "2.3.2"
+        *("0.1", "0.2", "0.3", "0.4"), "0.7", "1.8", "2.3.2"
     }  # fmt: skip
     declared = {item.detail for item in items.values() if item.answer == "Declared"}
     for text in DECLARATIONS.values():
@@ -521,8 +531,8 @@ def test_what_is_known_of_terrains_told_to_others_is_said_without_a_verdict(data
     ended = [trial.ended_ms for trial in data.trials]
     dates = f"the first began {utc(min(begun))}, the last ended {utc(max(ended))}"
     sentence = (
-        "Everybody met the same 6 ranked terrains, in orders that follow from the study's secret; "
-        f"{dates}. Whether anybody told others of a terrain is not known."
+        "Everybody met the same 6 ranked instances, in orders that follow from the study's secret; "
+        f"{dates}. Whether anybody told others of an instance is not known."
     )
     assert item.answer == "Unknown"
     assert sentence in item.detail
@@ -536,7 +546,7 @@ def test_what_is_known_of_terrains_told_to_others_is_said_without_a_verdict(data
     )
     one = build(study(*played(SCORES[:, :1]), ranked=1))
     assert (
-        "Everybody met the same ranked terrain; "
+        "Everybody met the same ranked instance; "
         in {i.number: i for i in one.checklist}["2.5"].detail
     )
 

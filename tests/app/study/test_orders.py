@@ -73,5 +73,6 @@ def test_another_row_than_the_one_played_is_found_also_where_the_digest_was_made
     recorder.store.close()
     found = [str(finding) for finding in verify_database(tmp_path / "play.db").findings]
     assert any(
-        "order of ranked terrains" in each or "number in the Latin square" in each for each in found
+        "order of ranked instances" in each or "number in the Latin square" in each
+        for each in found
     ), found

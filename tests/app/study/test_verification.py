@@ -359,7 +359,7 @@ def test_a_chained_row_that_is_deleted_from_a_closed_study_is_found(copy, table,
         (f"UPDATE episodes SET seed = 77 WHERE id IN {RANKED.format(1)}", "terrain"),
         (
             f"UPDATE episodes SET seed = NULL WHERE id IN {RANKED.format(1)}",
-            "seed of ranked terrain",
+            "seed of ranked instance",
         ),
         (
             f"UPDATE episodes SET terrain = zeroblob(8) WHERE id IN {RANKED.format(1)}",
@@ -372,11 +372,11 @@ def test_a_chained_row_that_is_deleted_from_a_closed_study_is_found(copy, table,
         ),
         (
             "UPDATE series_episodes SET terrain = 2 - terrain WHERE phase = 'ranked'",
-            "order of ranked terrains",
+            "order of ranked instances",
         ),
         (
             "UPDATE series_episodes SET terrain = terrain + 9 WHERE phase = 'ranked'",
-            "ranked terrains",
+            "ranked instances",
         ),
         ("UPDATE series_episodes SET trial = trial + 5 WHERE phase = 'warm_up'", "warm_up trials"),
         (

@@ -91,7 +91,7 @@ def _show_group(found: Report, group: GroupReport) -> None:
     titles = {
         "exclusion_sets": f"{mark}{group.name}: means over players",
         "statuses": f"{mark}{group.name}: everybody who came",
-        "policies": f"{mark}policies on the same terrains, beside {group.name}",
+        "policies": f"{mark}policies on the same instances, beside {group.name}",
         "score": f"{mark}score: policies minus {group.name}",
         "steps": f"{mark}steps: policies minus {group.name}",
     }

@@ -274,7 +274,7 @@ def frozen(
     planned  as of `Folder.freeze`
     """
     _check_database(database)
-    with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
+    with study_errors(), progress("drawing the instances") as advance:
         found = folder.freeze(name, advance, planned=planned)
     said = f"An entry of the chain of {database} says so"
     later = f"There is no database {database} yet: the server that makes it notes this in its chain"
@@ -315,7 +315,7 @@ def _note_freezing(found: Study, database: Path) -> bool:
 @argument("name")
 @flag("--yes", "Do not ask.")
 @flag("--now", "Close it also while somebody is at it.")
-@flag("--keep-secret", "Keep the secret behind its terrains.")
+@flag("--keep-secret", "Keep the secret behind its instances.")
 @DATABASE_AND_STUDIES
 def close(
     name: str, yes: bool, now: bool, keep_secret: bool, folder: Folder, database: Path
@@ -505,7 +505,7 @@ def _planned(protocol: Protocol, folder: Folder) -> dict[str, float | None]:
         name: number for name, number in assumed.items() if getattr(protocol, name) is None
     }
     if protocol.assumed_terrain_sd is None and tested_policies(protocol):
-        with progress("playing the policies on 200 terrains that are not the study's") as advance:
+        with progress("playing the policies on 200 instances that are not the study's") as advance:
             spread = terrain_sd(protocol, folder.root, advance)
         fields["assumed_terrain_sd"] = float(f"{spread:.3g}")
     protocol = protocol.model_copy(update=fields)

@@ -30,9 +30,9 @@ UNSEEN = 0.25
 _BOTH = float(np.sqrt(2))
 _AT_TAIL = int(np.flatnonzero(LEVELS == TAIL)[0])
 INTERVAL_IN_WORDS = (
-    "empirical likelihood on the means of participants and of terrains, calibrated to Student's t; on the side of the worst "
-    "value a quarter of a participant is added who had it in every episode; for other participants and other terrains, or "
-    f"for other participants alone where the protocol has fewer than {FEWEST} ranked terrains or names fixed ones"
+    "empirical likelihood on the means of participants and of instances, calibrated to Student's t; on the side of the worst "
+    "value a quarter of a participant is added who had it in every episode; for other participants and other instances, or "
+    f"for other participants alone where the protocol has fewer than {FEWEST} ranked instances or names fixed ones"
 )
 
 

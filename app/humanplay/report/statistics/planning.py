@@ -289,7 +289,7 @@ def power_in_words(protocol: Protocol) -> str:
     sentences = []
     if not design_of(protocol).is_tested:
         sentences.append(
-            "No interval and no p is given below five people or five terrains, so no difference is seen."
+            "No interval and no p is given below five people or five instances, so no difference is seen."
         )
     elif power.policy_better is not None and power.people_better is not None:
         difference = f"{protocol.policy_difference:g} in {metric}"
@@ -315,7 +315,7 @@ def assumptions_in_words(protocol: Protocol) -> str:
     failed, left = protocol.assumed_failed_share, protocol.assumed_leaver_share
     return (
         f"Assumed in {metric_in_words(protocol)}: mean {protocol.assumed_mean:g}; standard deviation "
-        f"{protocol.assumed_player_sd:g} between people, {protocol.assumed_terrain_sd:g} between terrains "
+        f"{protocol.assumed_player_sd:g} between people, {protocol.assumed_terrain_sd:g} between instances "
         f"(of policy minus people), {protocol.assumed_episode_sd:g} of the rest; {100 * failed:.3g} % of episodes fail, "
         f"{100 * left:.3g} % of the people who begin leave."
     )

@@ -32,7 +32,7 @@ from marsexplorer.intervals import FEWEST, Floats
 
 PER_PROTOCOL_NAME = "per protocol"
 EVERYBODY_RULE = (
-    "everybody who began a ranked episode, bots left out; terrains that they gave up or did not end, or that a bot, a failure "
+    "everybody who began a ranked episode, bots left out; instances that they gave up or did not end, or that a bot, a failure "
     "or a rule ended, count at the lowest score and the limit"
 )
 
@@ -223,7 +223,7 @@ def headline(data: StudyData, per_protocol: StudyFigure, everybody: StudyFigure)
 
 def interval_for(protocol: Protocol) -> str:
     """Whom and what a study's intervals are for, in words."""
-    terrains = "and other terrains" if protocol.terrains_drawn else "on these terrains"
+    terrains = "and other instances" if protocol.terrains_drawn else "on these instances"
     return f"other players {terrains}"
 
 

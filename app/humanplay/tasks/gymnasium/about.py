@@ -25,10 +25,16 @@ def _words(description: Description, score: str) -> Words:
         f"An episode that {counts} counts max_steps. The score is the {score}, {total}. "
         "Where the environment itself failed, the episode counts as left at that move."
     )
+    lowest, _ = description.bounds or (None, None)
+    abandoned = (
+        "with its score until then" if lowest is None else f"at the lowest score, {lowest:g}"
+    )
     if success:
         definition += f" A success is {success}."
-        return Words(score, "moves to success", "succeeded", "short of success", definition)
-    return Words(score, "moves to the end", "ended by itself", "without an end", definition)
+        ends = "moves to success", "succeeded", "short of success"
+    else:
+        ends = "moves to the end", "ended by itself", "without an end"
+    return Words(score, *ends, definition, abandoned)
 
 
 def texts_of(config: GymnasiumConfig, about: About) -> Texts:

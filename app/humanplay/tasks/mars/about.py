@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from humanplay.task import About, Question, Texts, Words, counted
+from humanplay.task import About, Question, Reference, Texts, Words, counted
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.effort import QUANTILE, SHORTEST
 
@@ -13,6 +13,19 @@ WORDS = Words(
     short="short of 99 %",
     definition="An episode that ends short of 99 % counts max_steps. The score is (return + r_invalid) / "
     "(r_invalid + r_bonus + cells), never clipped.",
+    abandoned="at the price of a collision: r_invalid is taken off its return",
+)
+PAPER = Reference(
+    authors=(
+        ("Koutras", "Dimitrios I."),
+        ("Kapoutsis", "Athanasios Ch."),
+        ("Amanatiadis", "Angelos A."),
+        ("Kosmatopoulos", "Elias B."),
+    ),
+    title="MarsExplorer: Exploration of Unknown Terrains via Deep Reinforcement Learning and "
+    "Procedurally Generated Environments",
+    year=2021,
+    url="https://arxiv.org/abs/2107.09996",
 )
 ABOUT = About(
     title="MarsExplorer",
@@ -21,6 +34,7 @@ ABOUT = About(
         "no effort": f"no better explored than by random moves in {QUANTILE:.0%} of cases; "
         f"{SHORTEST:.1%} of the limit or longer"
     },
+    references=(PAPER,),
 )
 OPENING = (
     "You are invited to take part in a study of how well people explore unknown terrain with a rover that sees only the "

@@ -44,7 +44,7 @@ def render(
     address  of the page, absolute, for whoever shows a preview of the link
     inlined  what a page that stands in one file holds itself, see `_inlined`
     """
-    site = {**addresses, "address": address, "brand": templates.brand_of(course.task)}
+    site = {**addresses, **templates.names_of(course.task), "address": address}
     text: str = templates.environment.get_template("replay/index.html").render(
         **site,
         data=data,

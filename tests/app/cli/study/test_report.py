@@ -40,7 +40,7 @@ def test_people_on_the_terminal_as_a_page_and_as_json(report, tmp_path):
     code, out, err = report("--html", tmp_path / "r.html", "--json", tmp_path / "r.json")
     assert (code, err) == (0, "")
     assert "people: means over players" in out
-    assert "policies on the same terrains, beside people" in out
+    assert "policies on the same instances, beside people" in out
     assert "SYNTHETIC" not in out
     document = json.loads((tmp_path / "r.json").read_text())
     (people,) = document["groups"]

@@ -57,7 +57,7 @@ def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_p
     assert draft.power is None
     assert f"better than people by {draft.policy_difference:g} in steps to 99 %" in out
     assert "By 2,000 simulated studies" in out
-    assert f"{draft.assumed_terrain_sd:g} between terrains (of policy minus people)" in out
+    assert f"{draft.assumed_terrain_sd:g} between instances (of policy minus people)" in out
     assert "{warm_up} practice terrains" in draft.consent.text
     code, out, err = study("freeze", "mine")
     assert (code, err) == (0, "")
@@ -84,7 +84,7 @@ def test_the_terrains_spread_is_that_of_the_policies_on_200_other_terrains(study
     (kept,) = (tmp_path / "playground.db-studies" / "played").iterdir()
     held = json.loads(kept.read_text())
     kept.write_text(json.dumps({**held, "steps": [3.0, 5.0]}))
-    assert "1.41 between terrains" in study("power", "mine")[1], "what was played is kept"
+    assert "1.41 between instances" in study("power", "mine")[1], "what was played is kept"
 
 
 def test_the_power_of_a_draft_is_shown_with_the_way_to_80_percent(study, tmp_path):

@@ -1,0 +1,68 @@
+"""A study of another environment says no word of MarsExplorer's world in anything that it produces."""
+
+import re
+
+import pytest
+
+from humanplay.study.folder import Folder
+from humanplay.web.simulate import Participant, RandomMoves
+from tests.support.command import command
+from tests.support.declared import DECLARATIONS_FILE
+from tests.support.words_of_mars import words_of_mars
+
+LINE = """
+id = "tests.support.own_environment:Line"
+title = "Corridor"
+instructions = "Go to the right end."
+max_steps = 12
+bounds = [-1.2, 1]
+"""
+COLUMNS = re.compile(r"^## Columns.*", re.DOTALL | re.MULTILINE)
+"""The datasheet's last part: one schema for all worlds, which says of a column whose it is."""
+
+
+@pytest.fixture(params=["FrozenLake", "own"])
+def said(request, serve, tmp_path, capsys, briefly_examined):
+    """What the commands of a study print and write, by name, once two people have played."""
+    env = "FrozenLake-v1"
+    if request.param == "own":
+        env = tmp_path / "corridor.toml"
+        env.write_text(LINE)
+    database = ("--database", tmp_path / "playground.db")
+    texts = {}
+
+    def run(name, *arguments, of=database):
+        code, *printed = command(capsys, *arguments, *of)
+        assert code == 0, printed
+        texts[name] = "\n".join(printed)
+
+    sizes = ("--warm-up", 1, "--ranked", 3, "--players", 2, "--recruitment", "open")
+    run("new", "study", "new", "any", "--env", env, *sizes, "--declarations", DECLARATIONS_FILE)
+    run("freeze", "study", "freeze", "any", "--underpowered")
+    run("preregister", "study", "preregister", "any", "--out", tmp_path / "preregistration.md")
+    study = Folder(tmp_path / "playground.db-studies").study("any")
+    server = serve(task=study.protocol.task)
+    for number in range(2):
+        policy = RandomMoves(study.protocol.environment.keys, number)
+        person = Participant(server.page(), "any", policy, server.clock, number)
+        person.call("join")
+        while person.where["stage"] != "complete":
+            person.take_step()
+            person.me()
+    server.stop()
+    run("close", "study", "close", "any", "--yes")
+    run("report", "report", "--study", "any", "--html", tmp_path / "report.html")
+    run("release", "release", "--study", "any", "--out", tmp_path / "bundle")
+    run("verify", "verify")
+    run("reproduce", "reproduce", tmp_path / "bundle", of=())
+    for path in tmp_path.rglob("*"):
+        if path.suffix in {".html", ".md", ".txt", ".cff", ".toml"}:
+            texts[path.relative_to(tmp_path).as_posix()] = path.read_text()
+    return texts
+
+
+def test_a_study_of_another_environment_speaks_of_it_alone(said):
+    said = {name: COLUMNS.sub("", text) for name, text in said.items()}
+    pages = {"report.html", "report-methods.html", "report-checklist.html"}
+    assert {*pages, "preregistration.md", "bundle/DATASHEET.md"} <= said.keys()
+    assert {name: lines for name, text in said.items() if (lines := words_of_mars(text))} == {}
