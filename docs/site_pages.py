@@ -28,6 +28,15 @@ PAGES = {
 WIDE_PAGES = {"paper.md", "paper-trainings.md"}
 """Pages whose tables need the room of the lists at their sides."""
 
+FOLDED_PAGES = {
+    "commands.md": 3,
+    "environments.md": 2,
+    "examples.md": 2,
+    "results.md": 2,
+    "study.md": 2,
+}
+"""Long pages, and the level of the headings whose sections are folded."""
+
 REFERENCE = (
     "marsexplorer.config", "marsexplorer.episode", "marsexplorer.env", "marsexplorer.vector",
     "marsexplorer.terrain", "marsexplorer.policies.base", "marsexplorer.policies.loading", "marsexplorer.evaluation.table",
@@ -71,6 +80,40 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         for name, caption, *_ in REPLAYS
     )
     return mend(markdown, page.file.src_uri).replace("<!-- replays -->", frames)
+
+
+def on_page_content(html: str, page: Any, **_: Any) -> str:
+    """Fold the sections of a long page; the first one is open."""
+    if page.file.src_uri == "reference.md":
+        return folded_modules(html)
+    level = FOLDED_PAGES.get(page.file.src_uri)
+    return html if level is None else folded(html, level)
+
+
+def folded(html: str, level: int) -> str:
+    """Return a page whose sections of a level are folded, but for the first."""
+    parts = re.split(rf"(?=<h[1-{level}][ >])", html)
+    number = next(at for at, part in enumerate(parts) if part.startswith(f"<h{level}"))
+    for at, part in enumerate(parts):
+        if part.startswith(f"<h{level}"):
+            heading, rest = part.split(f"</h{level}>", 1)
+            parts[at] = fold(f"{heading}</h{level}>", rest, is_open=at == number)
+    return "".join(parts)
+
+
+def folded_modules(html: str) -> str:
+    """Return the reference with each module folded."""
+    start = '<div class="doc doc-object doc-module">'
+    head, *modules = html.split(start)
+    names = (f"<code>{module}</code>" for module in REFERENCE)
+    folds = (fold(name, start + text) for name, text in zip(names, modules, strict=True))
+    return head + "".join(folds)
+
+
+def fold(summary: str, content: str, is_open: bool = False) -> str:
+    """Return a section that is folded under its summary."""
+    state = " open" if is_open else ""
+    return f'<details class="fold"{state}><summary>{summary}</summary>{content}</details>'
 
 
 def play(name: str, config: EnvConfig, seed: int) -> Record:
