@@ -6,7 +6,7 @@ import { many } from "../common/words.js";
 import { createLive, MAX_BOARDS } from "./live.js";
 import { keepPaymentsOf, paintOutcomes, paintPayments, typedTexts } from "./payments.js";
 import * as tables from "./tables.js";
-import { ago, attention, exportText, invitationCounts, RECRUITMENT, summary } from "./words.js";
+import { ago, attention, exportText, glance, invitationCounts, RECRUITMENT, summary } from "./words.js";
 
 const EVERY_MS = 2000;
 const password = by("password", HTMLInputElement);
@@ -82,6 +82,7 @@ function paint() {
   live.sync(boards);
   by("live-count").textContent = boards.length === 0 ? "nobody plays at this moment" : boards.length > MAX_BOARDS ? `${MAX_BOARDS} of ${boards.length}` : String(boards.length);
   tables.paintHealth(by("health"), overview.health, overview.now_ms);
+  if (by("health").querySelector("[data-tone=warn]")) by("health-part").setAttribute("open", "");
   tables.paintNames(by("names", HTMLTableElement), overview, (name, hidden) => run(() => request("admin/names", { name, hidden })));
   if (study) paintStudy(study, state.task, overview);
 }
@@ -110,6 +111,7 @@ function paintStudy(study, task, overview) {
   by("summary").textContent = summary(study);
   by("status").hidden = false;
   by("status").textContent = by("status").dataset.status = study.status;
+  tables.paintGlance(by("glance"), glance(study, overview.health));
   tables.paintStages(by("stages", HTMLTableElement), study.stages);
   tables.paintFigure(by("figure"), by("figure-words"), task, study);
   tables.paintAttention(by("attention"), attention(study, overview.health));

@@ -61,6 +61,12 @@ export function paintAttention(list, found) {
   list.replaceChildren(...(items.length ? items : [create("li", "Nothing unusual: nobody has left or gone quiet, no episode carries a label.")]));
 }
 
+/** @param {HTMLElement} list @param {import("./words.js").Glance[]} facts */
+export function paintGlance(list, facts) {
+  list.replaceChildren(...facts.map(({ name, number, detail, isWarning }) => create("div", [
+    create("dt", name), create("dd", [create("b", number, { "data-tone": isWarning ? "warn" : "" }), create("span", detail)])], { class: "panel" })));
+}
+
 /** @param {HTMLElement} list @param {Admin.ServerHealth} health @param {number} now_ms */
 export function paintHealth(list, health, now_ms) {
   const { disk, database, check, chain, owners, watched } = health;

@@ -2,6 +2,8 @@
 import { many } from "../common/words.js";
 
 const NO_ID = "no outside id";
+/** The stages of people who are through. */
+const THROUGH = ["debrief", "complete"];
 /** @type {Record<string, string>} */
 const STAGES = { consent: "Consent", instructions: "Instructions", tutorial: "Tutorial", questions: "Questions", warm_up: "Warm-up", ranked: "Ranked", debrief: "Debrief", complete: "Complete", withdrawn: "Withdrawn" };
 /** How people come into a study. */
@@ -34,7 +36,7 @@ export function size(bytes) {
 /** @param {Admin.ConsoleStudy} study @returns the line under a study's title */
 export function summary(study) {
   const people = study.participants.filter(({ kind }) => kind === "human");
-  const done = people.filter(({ stage }) => stage === "debrief" || stage === "complete").length;
+  const done = people.filter(({ stage }) => THROUGH.includes(stage)).length;
   const scripts = study.participants.length - people.length;
   const who = people.length ? `${many(people.length, "person", "people")} of ${study.planned} planned, ${done} through` : `nobody of ${study.planned} planned has joined yet`;
   const day = new Date(study.closed_ms ?? study.frozen_ms).toISOString().slice(0, 10);
@@ -72,6 +74,27 @@ export function attention({ participants, labels }, health) {
     found.push({ text: `\u201c${label}\u201d on ${many(episodes, "episode")}`, detail: who.slice(0, 6).join(", ") + (who.length > 6 ? " \u2026" : ""), isWarning: false });
   }
   return found.sort((a, b) => Number(b.isWarning) - Number(a.isWarning));
+}
+
+/** @typedef {{name: string, number: string, detail: string, isWarning: boolean}} Glance */
+
+/** Return what an operator looks at first: recruitment, quality, payments, disk.
+ * @param {Admin.ConsoleStudy} study @param {Admin.ServerHealth} health @returns {Glance[]} */
+export function glance(study, { disk, watched }) {
+  const people = study.participants.filter(({ kind }) => kind === "human");
+  const through = people.filter(({ stage }) => THROUGH.includes(stage)).length;
+  const agreed = people.filter(({ stage }) => stage !== "consent").length;
+  const links = study.invitations.filter(({ state }) => state === "issued").length;
+  const warnings = attention(study, null).filter(({ isWarning }) => isWarning).length;
+  const flagged = study.labels.reduce((sum, { episodes }) => sum + episodes, 0);
+  const without = study.outcomes.filter(({ text }) => !text).length;
+  const age_ms = 1000 * watched.backup_age_seconds;
+  return [
+    { name: "Recruitment", number: `${through} of ${study.planned}`, detail: `through; ${many(people.length, "person has", "people have")} come${links ? `, ${many(links, "link")} not opened` : ""}`, isWarning: false },
+    { name: "Quality", number: String(warnings), detail: `to look at; ${many(flagged, "flag")} on episodes`, isWarning: warnings > 0 },
+    { name: "Payments", number: String(agreed), detail: `${agreed === 1 ? "has" : "have"} agreed; ${without ? `${many(without, "ending has", "endings have")} no text` : "every ending has a text"}`, isWarning: false },
+    { name: "Disk", number: size(disk.free), detail: `free; ${age_ms < 0 ? "no backup is made" : `backup ${ago(age_ms)}`}`, isWarning: disk.is_low },
+  ];
 }
 
 /** @param {Admin.Invitation[]} invitations @returns how many invitations are in each state, those in none left out */

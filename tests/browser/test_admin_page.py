@@ -74,6 +74,14 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     assert page.get_by_test_id("title").inner_text() == "Dunes of the south"
     assert "nobody of 2 planned" in page.get_by_test_id("summary").inner_text()
     assert "no figure" in page.get_by_test_id("figure").inner_text()
+    assert "Recruitment\n0 of 2" in page.get_by_test_id("glance").inner_text()
+    assert not page.get_by_test_id("check").is_visible(), "folded"
+    page.get_by_test_id("show-health").click()
+    assert page.get_by_test_id("check").is_visible()
+    page.get_by_test_id("show-outcomes").click()
+    page.get_by_test_id("outcomes").get_by_label("Whoever ended the last ranked episode").fill("C1")
+    page.get_by_test_id("save-outcomes").click()
+    page.get_by_text("6 endings have no text").wait_for()
     health = page.evaluate("playground.state.overview.health")
     assert page.evaluate(RED, health) == []
     health["disk"]["is_low"] = True

@@ -42,6 +42,7 @@ def test_a_name_is_chosen_shown_with_its_gap_to_expert_and_hidden(serve, player,
     page.goto(f"{server.url}/admin")
     page.get_by_test_id("password").fill("correct horse battery")
     page.keyboard.press("Enter")
+    page.get_by_test_id("show-names").click()
     page.get_by_role("button", name="Hide Ada L.").click()
     page.get_by_role("button", name="Show Ada L.").wait_for()
     page.goto(f"{server.url}/leaderboard")

@@ -140,6 +140,7 @@ def test_the_operator_makes_watches_and_revokes_links_and_axe_finds_nothing_wher
     look(me, "supervise-in-pause")
 
     operator = visitor_at_admin(me, server)
+    operator.get_by_test_id("show-invitations").click()
     row = operator.get_by_test_id(f"invitation-{first.id}")
     row.wait_for(state="visible")
     assert row.locator("td").first.inner_text() == "used"

@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
 import { MARS } from "../task/mars/about.mjs";
 import { boardAfter, caption } from "../../../static/admin/live.js";
-import { ago, attention, endings, exportText, flags, invitationCounts, place, size, summary } from "../../../static/admin/words.js";
+import { ago, attention, endings, exportText, flags, glance, invitationCounts, place, size, summary } from "../../../static/admin/words.js";
 
 const person = (label, rest = {}) => ({ id: label, label, kind: "human", script: null, stage: "ranked", joined_ms: 0, minutes: 0, is_quiet: false, left_at: null, asks_erasure: false, deviations: 0,
   warm_up: 0, ranked: 0, mean_score: null, mean_steps: null, outcomes: {}, repeated: [], not_attested: [], invitation: null, supervised_ms: null, ...rest });
@@ -34,6 +34,17 @@ test("what needs attention: damage and silence first, labels after, nothing of s
     ["1 person with a deviation", true], ["1 person left the study", false], ["\u201cno key-up\u201d on 2 episodes", false]]);
   assert.equal(found[3].detail, "1 at warm-up");
   assert.equal(flags(participants[2], labels), "deviation, no key-up");
+});
+
+test("recruitment, quality, payments and the disk stand first", () => {
+  const participants = [person("A", { stage: "complete" }), person("B", { is_quiet: true }), person("C", { stage: "consent" }), person("S", { kind: "script", stage: "complete" })];
+  const labels = [{ label: "no key-up", episodes: 2, participants: ["B"] }];
+  const outcomes = [{ outcome: "finished", words: "", text: "CODE" }, { outcome: "left", words: "", text: "" }];
+  const invitations = [{ state: "issued" }, { state: "used" }];
+  const facts = glance(study({ participants, labels, outcomes, invitations }), { ...well, watched: { backup_age_seconds: 7200 } });
+  assert.deepEqual(facts.map(({ number, detail, isWarning }) => [number, detail, isWarning]), [
+    ["1 of 10", "through; 3 people have come, 1 link not opened", false], ["1", "to look at; 2 flags on episodes", true],
+    ["2", "have agreed; 1 ending has no text", false], ["50.0 GB", "free; backup 2 h ago", false]]);
 });
 
 test("signs of taking part twice are told apart from ids that are missing", () => {
