@@ -46,7 +46,8 @@ def read_records(release: Path, kind: str) -> list[tuple[str, int | None, Record
             row.level, row.rows, row.cols, row.sensor_radius, row.beta, row.max_steps
         )
         start = (row.start_row, row.start_col)
-        bits = np.unpackbits(np.frombuffer(bytes.fromhex(row.terrain), np.uint8))
+        packed = bytes.fromhex(row.terrain.removeprefix("x"))
+        bits = np.unpackbits(np.frombuffer(packed, np.uint8))
         terrain = bits[: config.n].reshape(config.rows, config.cols).astype(bool)
         episode = Episode.begin(config, terrain=terrain, start=start)
         for action in actions.get(row.episode, ()):

@@ -21,6 +21,13 @@ from humanplay.db.store import Store
 from humanplay.task import MAX_SEED
 
 
+def _draw_id(num_bytes: int) -> str:
+    """Random hexadecimal digits that no reader of a table takes for a number."""
+    # All digits, or digits around one e, would be read as one: begin with another letter. None of
+    # these three begins the name of a month that is written in hexadecimal digits (DEC, FEB).
+    return secrets.choice("abc") + secrets.token_hex(num_bytes)[1:]
+
+
 @dataclass(frozen=True)
 class Sources:
     """Where ids, seeds and the time come from.
@@ -29,12 +36,12 @@ class Sources:
     """
 
     session_id: Callable[[], str] = lambda: secrets.token_urlsafe(16)
-    episode_id: Callable[[], str] = lambda: secrets.token_hex(8)
-    player_id: Callable[[], str] = lambda: secrets.token_hex(16)
+    episode_id: Callable[[], str] = lambda: _draw_id(8)
+    player_id: Callable[[], str] = lambda: _draw_id(16)
     seed: Callable[[], int] = lambda: secrets.randbelow(MAX_SEED + 1)
     clock_ms: Callable[[], int] = now_ms
-    participant_id: Callable[[], str] = lambda: secrets.token_hex(16)
-    completion_code: Callable[[], str] = lambda: secrets.token_hex(4).upper()
+    participant_id: Callable[[], str] = lambda: _draw_id(16)
+    completion_code: Callable[[], str] = lambda: _draw_id(4).upper()
 
 
 WATCH_ID_DIGITS = 24

@@ -228,7 +228,7 @@ def _rows_of(
                 **trial.config.to_dict(),
                 **row,
                 **common,
-                "terrain": trial.terrain.hex(),
+                "terrain": f"x{trial.terrain.hex()}" if trial.terrain else "",
                 "coverage": trial.coverage,
                 "return": trial.total,
                 "steps_to_target": trial.steps_to_target,

@@ -67,7 +67,7 @@ SELECT
   e.seed,
   e.start_row,
   e.start_col,
-  lower(hex(e.terrain)) AS terrain,
+  CASE e.terrain WHEN x'' THEN '' ELSE 'x' || lower(hex(e.terrain)) END AS terrain,
   e.core_version,
   e.started_ms,
   e.ended_ms,

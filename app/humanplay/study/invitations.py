@@ -35,6 +35,9 @@ PARAMETER = "invitation"
 ALPHABET = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
 """Crockford's base 32, of which codes consist: without I, L, O and U. A typed I or L is read as 1, an O as 0."""
 
+FIRST_LETTERS = "BCGHKPQRVWXYZ"
+"""Of an id: it is no number and no month, which a reader of the table of links would change."""
+
 _LOOK_ALIKES = str.maketrans("ILO", "110", " -_")
 ID_LENGTH, _SIGNATURE_LENGTH = 4, 12  # 60 bits that nobody can guess
 
@@ -60,9 +63,10 @@ class Invitation:
 
 def new_id(known: Container[str]) -> str:
     """Return an id of four characters that is not known yet."""
-    while (ident := "".join(secrets.choice(ALPHABET) for _ in range(ID_LENGTH))) in known:
-        pass
-    return ident
+    while True:
+        rest = (secrets.choice(ALPHABET) for _ in range(ID_LENGTH - 1))
+        if (ident := secrets.choice(FIRST_LETTERS) + "".join(rest)) not in known:
+            return ident
 
 
 class Invitations:

@@ -2,11 +2,16 @@
 
 import re
 from dataclasses import replace
+from io import BytesIO
 
 import pytest
 
+from humanplay.board.sources import Sources
 from humanplay.db.export import COLUMNS, export_table, export_to, new_key
 from humanplay.db.store import Closing
+from humanplay.study.invitations import new_id
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
 from tests.support import golden_study
 from tests.support.exported import rows_of
 from tests.support.recorded import (
@@ -18,6 +23,8 @@ from tests.support.recorded import (
     open_episode,
     play,
 )
+
+IDENTIFIERS = ("episode_id", "player_id", "participant_id", "completion_code")
 
 
 def table(source, name, **rest):
@@ -88,6 +95,26 @@ def test_pseudonyms_agree_within_an_export_and_never_between_two(store):
     text = b"".join(export_table(store, "episodes")) + b"".join(export_table(store, "steps"))
     assert b"ada-lovelace" not in text
     assert b"session-" not in text
+
+
+def test_a_reader_that_guesses_types_leaves_what_identifies_alone(store):
+    pandas = pytest.importorskip("pandas")
+    config = EnvConfig.of("1-1-1")
+    terrains = ((seed, Episode.begin(config, seed=seed).record().terrain) for seed in range(1000))
+    seed, terrain = next(pair for pair in terrains if pair[1].hex().isdigit())
+    row = play(store, seed=seed, config=config)
+    (line,) = pandas.read_csv(BytesIO(b"".join(export_table(store, "episodes")))).to_dict("records")
+    assert line["terrain"] == f"x{terrain.hex()}"
+    assert [line["episode"], line["seed"], line["verified"]] == [row.id, seed, True]
+
+
+def test_what_a_server_draws_is_no_number_to_any_reader():
+    sources = vars(Sources())
+    for draw in (*(sources[name] for name in IDENTIFIERS), lambda: new_id(())):
+        for _ in range(2000):
+            drawn = draw()
+            with pytest.raises(ValueError, match="could not convert"):
+                float(drawn)
 
 
 def test_an_export_shows_the_database_as_it_was_when_it_began(store):
