@@ -32,6 +32,8 @@ function paintConsent({ title, consent, invited }) {
   put(by("consent-title"), title);
   by("consent-text").replaceChildren(...paragraphs(consent.text.split(/\n\s*\n/)));
   put(by("consent-version"), consent.version);
+  const file = new Blob([`${title}\nConsent text, version ${consent.version}\n\n${consent.text}\n`], { type: "text/plain;charset=utf-8" });
+  by("save-consent", HTMLAnchorElement).href = URL.createObjectURL(file);
   by("consent-invited").hidden = !invited;
 }
 /** Put the numbers of the protocol into the page's own sentences.

@@ -2,6 +2,7 @@
 
 import sqlite3
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -24,6 +25,10 @@ def joined(open_browser, serve, tmp_path):
         profile = browser.new_context(**{"viewport": size, "reduced_motion": "reduce", **context})
         person = Participant(profile.new_page(), serve().url).goto()
         person.stands("consent")
+        with person.page.expect_download() as download:
+            person.page.get_by_test_id("save-consent").click()
+        saved = Path(download.value.path()).read_text()
+        assert saved.split("version 1\n\n")[1].strip() == person.state("participant.consent.text")
         person.choose("agree")
         return person
 

@@ -30,6 +30,14 @@ MAX_PRINTED = 20
 @DATABASE_AND_STUDIES
 @several("--author", "authors", "Who is to be cited; repeatable.")
 @option("--url", help="Where the bundle will be found, a DOI's address say.")
+@flag(
+    "--answers",
+    "Add each person's answers to the questions, where your consent says so; else there are counts of them.",
+)
+@flag(
+    "--free-text",
+    "Add what people wrote, where your consent says so; addresses and long numbers are masked, names are not.",
+)
 @several("--without-policy", "without", "Leave out a policy without a file here.", metavar="NAME")
 def release(
     study: str,
@@ -39,6 +47,8 @@ def release(
     authors: tuple[str, ...],
     url: str | None,
     without: tuple[str, ...],
+    answers: bool,
+    free_text: bool,
 ) -> None:
     """Write every finished episode of a closed study as SQLite, Parquet, CSV and Minari, described and signed.
 
@@ -64,7 +74,9 @@ def release(
 
     try:
         with failures(f"cannot write to {out}", way_out):
-            request = request_of(study, out, database, folder, authors, url, without)
+            request = request_of(
+                study, out, database, folder, authors, url, without, answers, free_text
+            )
             with progress("verifying and writing") as advance:
                 built = build_release(request, advance, progress)
     except PolicyError as error:
@@ -74,6 +86,17 @@ def release(
     rows = built.header.rows
     counts = f"{counted(rows['episodes'], 'episode')}, {counted(rows['steps'], 'move')}"
     echo(f"{out}: version {built.header.version} of {study}, {counts}")
+    if answers:
+        unique, answered, _ = built.unique
+        echo(
+            f"{unique} of {counted(answered, 'person', 'people')} who answered {'is' if unique == 1 else 'are'} unique by "
+            "their answers: whoever knows these about somebody finds what they played"
+        )
+    if free_text:
+        texts = counted(built.unique.texts, "free text")
+        echo(
+            f"{texts} in {out}/csv/free_texts.csv: a name is not masked, so read them before you publish"
+        )
     if built.header.chain_head:
         head = built.header.chain_head
         echo(f"the head of the database's chain, for `humanplay verify --head {out}`: {head}")

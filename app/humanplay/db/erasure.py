@@ -44,6 +44,9 @@ ERASED = "erased"
 ARRIVALS = "arrivals"
 """A row of `meta` called `arrivals|STUDY` counts the people whom a release of that study left out; the value is JSON."""
 
+ANSWERS = "answers"
+"""A row of `meta` called `answers|STUDY` holds how many people gave which answer, as a release noted it; the value is JSON."""
+
 WITHIN_S = 60.0
 """Seconds within which the bytes of what was erased are gone from file and log, or it is said why they are not."""
 
@@ -415,7 +418,7 @@ def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> N
 
 def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
     """Add what the source says of people who were erased or left out, and its chain alone."""
-    for name in (ERASED, ARRIVALS):
+    for name in (ERASED, ARRIVALS, ANSWERS):
         found = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [name]).fetchall()
         target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", found)
     chain.append_marks(target, chain.said_alone(source))

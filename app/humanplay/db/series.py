@@ -17,7 +17,7 @@ from typing import NamedTuple
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
 from humanplay.db.database import rows
-from humanplay.db.erasure import ARRIVALS, ERASED, asks_erasure, invitation_hash
+from humanplay.db.erasure import ANSWERS, ARRIVALS, ERASED, asks_erasure, invitation_hash
 from humanplay.db.playground import MOVES
 from humanplay.db.reader import ATTESTED, TRIAL, Reader
 from humanplay.db.rows import (
@@ -368,6 +368,9 @@ _EVENT_SUMMARY = """SELECT v.participant_id, max(v.at_ms) AS last_ms, sum(v.kind
     FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ? GROUP BY v.participant_id"""
 _WITHDRAWALS = """SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id
     WHERE p.study = ? AND v.kind = 'withdrawn'"""
+OF_PEOPLE = """SELECT x.* FROM {} x JOIN participants p ON p.id = x.participant_id
+    WHERE p.study = ? AND p.kind = 'human' AND p.consent_ms IS NOT NULL"""
+"""The rows (SQL) in a table of answers of the people who agreed to take part in a study."""
 _CLOSED = """SELECT * FROM series WHERE kind = 'study' AND closed_ms IS NOT NULL AND secret IS NOT NULL
     ORDER BY closed_ms DESC"""
 
@@ -435,6 +438,20 @@ def noted_arrivals(reader: Reader, study: str) -> NotedArrivals:
     for row in reader.query("SELECT value FROM meta WHERE name = ?", [f"{ARRIVALS}|{study}"]):
         counts = json.loads(row["value"])
     return counts
+
+
+def answers_of_people(reader: Reader, study: str) -> tuple[list[AnswerRow], list[FreeTextRow]]:
+    """What the people who agreed to take part in a study answered, as numbers and in words."""
+    numbers = reader.query(OF_PEOPLE.format("answers"), [study])
+    texts = reader.query(OF_PEOPLE.format("free_texts"), [study])
+    return [AnswerRow(**row) for row in numbers], [FreeTextRow(**row) for row in texts]
+
+
+def noted_answers(reader: Reader, study: str) -> str | None:
+    """The counts of answers (JSON) that a release noted; None if the database was imported from none."""
+    sql = "SELECT value FROM meta WHERE name = ?"
+    found = reader.query(sql, [f"{ANSWERS}|{study}"])
+    return str(found[0]["value"]) if found else None
 
 
 def stage_events(reader: Reader, study: str, kinds: Sequence[str] = ()) -> list[StageEventRow]:

@@ -6,21 +6,22 @@ from __future__ import annotations
 import json
 import secrets
 import sqlite3
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import astuple, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TypedDict
+from typing import NamedTuple, TypedDict
 
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
 from humanplay.db.database import SqlValue, StoreError, reading, rows, transaction, writing
-from humanplay.db.erasure import asks_erasure
+from humanplay.db.erasure import ANSWERS, asks_erasure
 from humanplay.db.reader import Reader
 from humanplay.db.releases import ReleaseRow, latest_release, note_release
-from humanplay.db.study_rows import participant_label
+from humanplay.db.series import OF_PEOPLE
+from humanplay.db.study_rows import AnswerRow, FreeTextRow, participant_label
 from humanplay.db.trial import Trial
 from humanplay.release import signing
 from humanplay.release.bundle import initials
@@ -35,7 +36,7 @@ from humanplay.release.manifest import (
     write_manifest,
 )
 from humanplay.release.minari_data import MinariWriter, dataset_id
-from humanplay.release.pseudonyms import count_arrivals, write_pseudonymized
+from humanplay.release.pseudonyms import ReleasedAnswers, count_arrivals, write_pseudonymized
 from humanplay.release.tables import QUERIES, released_episodes, write_tables
 from humanplay.report.costs import (
     CostRow,
@@ -57,6 +58,7 @@ from humanplay.report.making import (
 )
 from humanplay.report.statistics.exclusion_sets import lowest_reason, people_of, statuses
 from humanplay.report.statistics.formatting import utc
+from humanplay.study.answer_counts import AnswerCounts, known_counts, to_json
 from humanplay.study.closing import UNNOTED
 from humanplay.study.data import Person, StudyData, load
 from humanplay.study.files import now_ms
@@ -98,6 +100,8 @@ class ReleaseRequest:
     invitations: Mapping[str, Invitation] | None = None
     policy_folder: Path | None = None
     with_report: bool = False
+    with_answers: bool = False
+    with_free_text: bool = False
 
 
 def request_of(
@@ -108,6 +112,8 @@ def request_of(
     authors: tuple[str, ...] = (),
     url: str | None = None,
     without_policies: tuple[str, ...] = (),
+    with_answers: bool = False,
+    with_free_text: bool = False,
 ) -> ReleaseRequest:
     """Return what releases a study with its report, from a database and the folder of studies;
     StudyError as `Folder`."""
@@ -122,7 +128,17 @@ def request_of(
         invitations=Invitations(folder).of(study) or None,
         policy_folder=folder.root / study / FOLDER,
         with_report=True,
+        with_answers=with_answers,
+        with_free_text=with_free_text,
     )
+
+
+class Unique(NamedTuple):
+    """How many people in a release are the only ones with their answers, of how many; and how many free texts it has."""
+
+    people: int
+    of: int
+    texts: int
 
 
 @dataclass(frozen=True)
@@ -133,6 +149,7 @@ class WrittenRelease:
     header: ReleaseHeader
     manifest_hash: str
     signer: str
+    unique: Unique
 
 
 def build_release(
@@ -158,14 +175,45 @@ def build_release(
         with _whole_folder(request.out) as folder:
             key = secrets.token_bytes(32)
             target, arrivals = folder / BUNDLE_DATABASE, header.arrivals
-            left = write_pseudonymized(source, request.study, target, key, closed, arrivals)
+            answers = _released_answers(source, request, header.protocol)
+            left = write_pseudonymized(
+                source, request.study, target, key, closed, arrivals, answers
+            )
+            unique = _unique(target)
             header = _write_report(folder, replace(header, left_out=left), request, bar)
             written = _write_files(folder, header, lambda done: advance(total // 2 + done, total))
             signing_key = signing.signing_key(request.database)
             manifest_hash = write_manifest(folder, *written, signing_key)
     _note_published(request, written[0], manifest_hash)
     signer = signing.fingerprint(signing.public_pem(signing_key))
-    return WrittenRelease(written[0], manifest_hash, signer)
+    return WrittenRelease(written[0], manifest_hash, signer, unique)
+
+
+def _released_answers(
+    source: sqlite3.Connection, request: ReleaseRequest, protocol: Protocol
+) -> ReleasedAnswers:
+    """Return what the release holds of answers: their counts, and more where it is asked for."""
+    study = request.study
+    numbers = [AnswerRow(**row) for row in rows(source, OF_PEOPLE.format("answers"), study)]
+    texts = [FreeTextRow(**row) for row in rows(source, OF_PEOPLE.format("free_texts"), study)]
+    noted = rows(source, "SELECT value FROM meta WHERE name = ?", f"{ANSWERS}|{study}")
+    counts = known_counts(protocol.blocks, numbers, texts, noted[0]["value"] if noted else None)
+    return ReleasedAnswers(to_json(counts), request.with_answers, request.with_free_text)
+
+
+def _unique(database: Path) -> Unique:
+    """Count the people in a release's database who are unique by their answers."""
+    sql = """SELECT a.* FROM answers a JOIN participants p ON p.id = a.participant_id
+        WHERE p.kind = 'human' ORDER BY block, turn, question, part"""
+    answers = defaultdict[str, list[tuple[object, ...]]](list)
+    with reading(database) as conn:
+        for row in rows(conn, sql):
+            answer = AnswerRow(**row)
+            said = (answer.block, answer.turn, answer.question, answer.part, answer.answer)
+            answers[answer.participant_id].append(said)
+        (texts,) = conn.execute("SELECT count(words) FROM free_texts").fetchone()
+    alike = Counter(tuple(each) for each in answers.values())
+    return Unique(sum(count == 1 for count in alike.values()), len(answers), texts)
 
 
 def _write_report(
@@ -358,6 +406,7 @@ def _write_derived(
             (names.index(each.policy), *_policy_row(each, data.protocol)) for each in episodes
         ],
         "move_costs": map(astuple, costs),
+        "answer_counts": [(place, *row) for place, row in enumerate(_count_rows(data.answers))],
     }
     with closing(sqlite3.connect(database, isolation_level=None)) as conn, transaction(conn):
         for table in TABLES.values():
@@ -365,6 +414,14 @@ def _write_derived(
                 conn.execute(statement)
         for name, values in derived.items():
             conn.executemany(TABLES[name].insert("bundle database"), values)
+
+
+def _count_rows(answers: Sequence[AnswerCounts]) -> Iterator[tuple[str | int | None, ...]]:
+    for counts in answers:
+        for cell in counts.cells:
+            yield (*counts.key, counts.asked, cell.answers, cell.people)
+        if counts.people is None:
+            yield (*counts.key, counts.asked, None, None)
 
 
 def _lowest(data: StudyData, person: Person | None, trial: Trial) -> str | None:

@@ -12,13 +12,13 @@ import json
 import re
 import sqlite3
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
 from humanplay.db.database import Row, open_database, rows, stream, transaction
-from humanplay.db.erasure import ARRIVALS, ERASED
+from humanplay.db.erasure import ANSWERS, ARRIVALS, ERASED
 from humanplay.db.rows import NotedArrivals
 from humanplay.db.study_rows import Participant
 from humanplay.release.errors import ReleaseError
@@ -37,13 +37,43 @@ _EPISODE_IDS = (
     f"SELECT episode_id FROM series_episodes WHERE {_OF}"
     " AND episode_id IN (SELECT id FROM episodes WHERE ended_ms > 0)"
 )
+_QUESTION = "participant_id, block, turn, question"
 _SELECTS = {
     "episodes": f"SELECT * FROM episodes WHERE id IN ({_EPISODE_IDS}) ORDER BY started_ms, id",
     "steps": f"SELECT * FROM steps WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id, step",
     "series_episodes": f"SELECT * FROM series_episodes WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id",
     "input_events": f"SELECT * FROM input_events WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id, number",
     "stage_events": f"SELECT * FROM stage_events WHERE {_OF} ORDER BY participant_id, number",
+    "answers": f"SELECT * FROM answers WHERE {_OF} ORDER BY {_QUESTION}, part",
+    "free_texts": f"SELECT * FROM free_texts WHERE {_OF} ORDER BY {_QUESTION}",
 }
+MASKED = "[masked]"
+"""What stands in a free text where it named somebody."""
+_NAMES_SOMEBODY = re.compile(
+    r"""\S+@\S+\.\w+ | https?://\S+ | www\.\S+ | (?<!\w)@\w+ | \+?\d[\d ()/.-]{5,}\d""", re.VERBOSE
+)
+"""An address of a person or a page, a name in a network, a long number."""
+
+
+@dataclass(frozen=True)
+class ReleasedAnswers:
+    """What a release holds of the answers to questions about people.
+
+    Attributes:
+        counts: JSON of how many people gave which answer.
+        numbers: Whether each answer is in it.
+        texts: Whether each free text is, masked.
+    """
+
+    counts: str = "[]"
+    numbers: bool = False
+    texts: bool = False
+
+    def leaves_out(self, table: str) -> bool:
+        """Whether a table of answers stays behind."""
+        return (table == "answers" and not self.numbers) or (
+            table == "free_texts" and not self.texts
+        )
 
 
 class Pseudonyms:
@@ -77,6 +107,7 @@ def write_pseudonymized(
     key: bytes,
     closed: tuple[int | None, str | None],
     arrivals: Arrivals,
+    answers: ReleasedAnswers,
 ) -> dict[str, int]:
     """Write the study's rows into a new database at `target`, with a chain of its own, in one file; return what was left out.
 
@@ -91,7 +122,10 @@ def write_pseudonymized(
         with transaction(conn):
             conn.execute("PRAGMA defer_foreign_keys = ON")
             conn.execute("INSERT INTO meta VALUES (:name, :value)", _arrivals_row(study, arrivals))
-            for name, row in _rows(source, study, pseudonyms, closed):
+            if answers.counts != "[]":
+                noted = {"name": f"{ANSWERS}|{study}", "value": answers.counts}
+                conn.execute("INSERT INTO meta VALUES (:name, :value)", noted)
+            for name, row in _rows(source, study, pseudonyms, closed, answers):
                 table = TABLES[name]
                 conn.execute(table.insert(), [row[column] for column in table.names()])
             chain.append_all(conn, chain.things(conn))
@@ -108,6 +142,7 @@ def _rows(
     study: str,
     pseudonyms: Pseudonyms,
     closed: tuple[int | None, str | None],
+    answers: ReleasedAnswers,
 ) -> Iterator[tuple[str, Row]]:
     for row in rows(source, "SELECT * FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%"):
         yield "meta", row
@@ -127,7 +162,11 @@ def _rows(
             ),
         )
     for table, sql in _SELECTS.items():
+        if answers.leaves_out(table):
+            continue
         for row in stream(source, sql, study):
+            if table == "free_texts":
+                row["words"] = pseudonymizer.masked(row["words"])
             yield table, pseudonymizer.row(table, row)
 
 
@@ -181,6 +220,14 @@ class RowPseudonymizer:
             if column.is_free and isinstance(text, str):
                 row[column.name] = self._text(text, f"{table}.{column.name}")
         return row
+
+    def masked(self, words: str | None) -> str | None:
+        """A free text in which nothing names somebody that can be known by its form or as an outside id."""
+        if words is None:
+            return None
+        for ident in sorted(self._identities, key=len, reverse=True):
+            words = re.sub(rf"(?<!\w){re.escape(ident)}(?!\w)", MASKED, words, flags=re.IGNORECASE)
+        return _NAMES_SOMEBODY.sub(MASKED, words)
 
     def _text(self, text: str, place: str) -> str:
         if text not in self._texts:

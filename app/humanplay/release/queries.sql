@@ -1,5 +1,5 @@
 -- The SELECT by which each table of the bundle is made from study.sqlite (SQLite 3.38 or newer).
--- `policy_episodes`, `participant_statuses`, `input_summaries` and `move_costs` are tables of the bundle alone: the policies'
+-- `answer_counts`, `policy_episodes`, `participant_statuses`, `input_summaries` and `move_costs` are tables of the bundle alone: the policies'
 -- moves, where each person is, and what the software computes of an episode's input and moves. All else is as the server recorded it,
 -- under pseudonyms.
 
@@ -146,6 +146,11 @@ ORDER BY participant_id, block, turn, question, part;
 SELECT participant_id AS participant, block, turn, question, words
 FROM free_texts
 ORDER BY participant_id, block, turn, question;
+
+-- table: answer_counts
+SELECT block, turn, question, part, asked, answers, people
+FROM answer_counts
+ORDER BY place;
 
 -- table: policy_episodes
 SELECT

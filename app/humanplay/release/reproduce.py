@@ -42,7 +42,7 @@ MOVE_KEYS = ("costs", "no_costs", "cautions")
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-12
 SECTIONS = ["figures", "metrics", "comparisons", "players", "pictures", "costs", "flow", "labels"]
-SECTIONS += ["outcomes", "stages"]
+SECTIONS += ["outcomes", "stages", "answers"]
 MOST_NAMED = 20
 """Differences that are kept with their values, in each section."""
 

@@ -166,6 +166,7 @@ def _group(
         cautions=(),
         first_attempts=first_attempts(cohort) if is_human else None,
         exposure=exposure(data) if is_human else None,
+        answers=data.answers if is_human else (),
         flow=participant_flow(data.arrivals, by_person.values()) if is_human else None,
         attestation=attestation_summary(data) if is_human else None,
         repeated=dict(Counter(sign for person in cohort.people for sign in person.repeated)),

@@ -13,6 +13,7 @@ from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from statistics import geometric_mean
+from typing import get_args
 
 from humanplay.report.model import GroupReport, Item
 from humanplay.report.statistics.exclusion_sets import ended_ranked, people_of
@@ -24,6 +25,8 @@ from humanplay.report.statistics.planning import (
 )
 from humanplay.report.statistics.study_figures import figure_sentence
 from humanplay.study.data import StudyData
+from humanplay.study.flow import Status
+from humanplay.study.questions import Item as AskedItem
 from humanplay.task import Environment
 
 CITATION = "Wei et al. 2025, arXiv 2506.13776, appendix B"
@@ -111,6 +114,8 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "questions": counted(len(protocol.questions), "question"),
         "warm_up": counted(protocol.warm_up, "warm-up episode"),
         "exposure": people.exposure,
+        **_turned_away(people),
+        **_answers(data, people),
         "length": protocol.warm_up + protocol.ranked,
         "excluded": people.started - players,
         "erased": lost if erased else "",
@@ -141,6 +146,49 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "secret": "revealed when the study closes" if data.closed_ms is None else "revealed",
         "software": version("humanplay"),
     }
+
+
+def _turned_away(people: GroupReport) -> dict[str, object]:
+    """Whom the study itself turned away before a ranked episode."""
+    assert people.flow is not None
+    came = people.flow.joined
+    reasons = (
+        (Status.UNFIT_DEVICE, "came with a device that does not fit"),
+        (Status.DECLINED, "did not agree to the consent text"),
+        (Status.FAILED_QUESTIONS, "failed the questions on the instructions"),
+    )
+    counts = [(people.flow.count(status), words) for status, words in reasons]
+    listed = ", ".join(f"{count} {words}" for count, words in counts)
+    return {
+        "turned_away": sum(count for count, _ in counts),
+        "people_came": came,
+        "turned_away_detail": f"Of {counted(came, 'person', 'people')} who opened the study {listed}. "
+        "Whom recruitment turned away before that is for the authors to state (2.3.1).",
+    }
+
+
+def _answers(data: StudyData, people: GroupReport) -> dict[str, str]:
+    """What people answered, for the items that questions can fill."""
+    counts = {item: _counts_for(data, people, item) for item in get_args(AskedItem)}
+    return {
+        "demographics_answers": f" {counts['demographics']}".rstrip(),
+        "exposure_asked": "Asked" if counts["exposure"] else "Unknown",
+        "exposure_answers": f" {counts['exposure']}".rstrip(),
+        "tools_asked": "Asked" if counts["tools"] else "Unknown/Unreported",
+        "tools_source": "database" if counts["tools"] else "software",
+        "tools_answers": counts["tools"] or "What people used beside the page is not known.",
+        "explanations_asked": "Yes" if counts["explanations"] else "No",
+        "explanations_source": "database" if counts["explanations"] else "software",
+        "explanations_answers": counts["explanations"] or "None are collected.",
+    }
+
+
+def _counts_for(data: StudyData, people: GroupReport, item: AskedItem) -> str:
+    """The counts of the questions that fill an item; empty where nobody was asked."""
+    questions = [question for block in data.protocol.blocks for question in block.questions]
+    names = {question.name for question in questions if question.tells == item}
+    counts = [answers for answers in people.answers if answers.question in names]
+    return " ".join(f"“{answers.asked}” {answers.sentence()}." for answers in counts)
 
 
 def time_in_words(environment: Environment) -> str:

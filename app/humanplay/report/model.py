@@ -17,6 +17,7 @@ from humanplay.report.statistics.learning import Learning, TrialMean
 from humanplay.report.statistics.spread import VarianceComponents
 from humanplay.report.statistics.study_figures import StatusRow, StudyFigure
 from humanplay.report.statistics.summaries import Pictures
+from humanplay.study.answer_counts import AnswerCounts
 from humanplay.study.flow import ParticipantFlow
 from humanplay.task import Words
 from humanplay.task.registration import environment_of
@@ -118,6 +119,7 @@ class GroupReport:
     cautions: tuple[str, ...]
     first_attempts: FirstAttempts | None = None
     exposure: str | None = None
+    answers: tuple[AnswerCounts, ...] = ()
     flow: ParticipantFlow | None = None
     attestation: AttestationSummary | None = None
     repeated: dict[str, int] = field(default_factory=dict)

@@ -20,6 +20,8 @@ from humanplay.report.statistics.exclusion_sets import (
 from humanplay.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
 from humanplay.report.statistics.intervals import Estimate, Interval
 from humanplay.report.statistics.study_figures import StudyFigure, why_no_interval
+from humanplay.study.answer_counts import FEWEST as FEWEST_IN_CELL
+from humanplay.study.answer_counts import AnswerCounts
 from humanplay.study.flow import STATUS_IN_WORDS, Status
 from humanplay.task.registration import environment_of
 
@@ -106,6 +108,7 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
         "against": _against(report, group) if compared else None,
         "exclusion_sets": _exclusion_sets(group),
         "attestation": _attestation(group),
+        "answers": _answers(group.answers),
         "variance": _by_metric(
             "Variance components (players and instances crossed, ANOVA estimator) and interquartile mean",
             group,
@@ -128,6 +131,21 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
         "costs_by_player": costs_by_player(costs) if costs else None,
         "first_attempts": _first_attempts(group),
     }
+
+
+def _answers(answers: Sequence[AnswerCounts]) -> PageTable | None:
+    """Return how many people gave which answer; None where nobody was asked."""
+    if not answers:
+        return None
+    rows = []
+    for counts in answers:
+        asked = f"{counts.asked} (after {counts.turn})" if counts.turn else counts.asked
+        cells = "\n".join(f"{cell.answers}: {cell.people}" for cell in counts.cells)
+        people = f"fewer than {FEWEST_IN_CELL}" if counts.people is None else str(counts.people)
+        rows.append((asked, people, cells or "not shown"))
+    return PageTable(
+        "Who took part: their answers", ("question", "answered", "people"), rows, is_text=True
+    )
 
 
 def checklist_table(report: Report) -> PageTable | None:

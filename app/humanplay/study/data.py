@@ -17,11 +17,13 @@ from humanplay.db.rows import PlayerSettings, StageEvent
 from humanplay.db.series import (
     ListedAmounts,
     amounts_listed,
+    answers_of_people,
     count_freezings,
     erased_people,
     exports_while_open,
     find_study,
     move_inputs,
+    noted_answers,
     noted_arrivals,
     of_same_configuration,
     participants,
@@ -31,6 +33,7 @@ from humanplay.db.series import (
 )
 from humanplay.db.trial import ParticipantKind, Trial
 from humanplay.study.active_time import active_ms, pause_share
+from humanplay.study.answer_counts import AnswerCounts, known_counts
 from humanplay.study.flow import Arrivals, arrivals_of, left_as, repeated_reasons, with_noted
 from humanplay.study.outcome import Outcome
 from humanplay.study.plausibility import plausibility_labels
@@ -76,6 +79,7 @@ class StudyData:
     exports_ms  when its episodes were exported while it was open, as the chain says
     amounts_listed  when amounts that follow from play were listed while it was open, as the chain says
     arrivals  people before they agreed; a release's holds nobody who did not, and counts them
+    answers   of the people who agreed, counted; a release's may hold the counts alone
     policy_files  of the policies that it is compared with
     """
 
@@ -92,6 +96,7 @@ class StudyData:
     exports_ms: tuple[int, ...] = ()
     amounts_listed: tuple[ListedAmounts, ...] = ()
     arrivals: Arrivals = field(default_factory=Arrivals)
+    answers: tuple[AnswerCounts, ...] = ()
     policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False)
 
     def shown(self) -> StudyData:
@@ -105,7 +110,7 @@ class StudyData:
             return self
         people = {person.id for person in self.people if person.kind == "human"}
         trials = tuple(_unfinished(t) if t.participant in people else t for t in self.trials)
-        return replace(self, trials=trials)
+        return replace(self, trials=trials, answers=())
 
     def progress_sentence(self) -> str:
         """Return what stands in the place of an open study's figure: how many have finished."""
@@ -186,6 +191,9 @@ def _load(reader: Reader, study: str) -> StudyData:
         same_configuration=tuple(of_same_configuration(reader, row)),
         exports_ms=tuple(exports_while_open(reader, study, row.commitment)),
         amounts_listed=tuple(amounts_listed(reader, study, row.commitment)),
+        answers=known_counts(
+            protocol.blocks, *answers_of_people(reader, study), noted_answers(reader, study)
+        ),
         arrivals=with_noted(_arrivals(reader, study, people), noted_arrivals(reader, study)),
         policy_files=PolicyFiles.of(protocol),
     )

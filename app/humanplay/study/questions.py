@@ -25,6 +25,8 @@ POSITIONS: dict[Position, str] = {
     "after": "after the last episode, before the debrief",
 }
 """Where a block can stand, in order."""
+Item = Literal["demographics", "exposure", "tools", "explanations"]
+"""What the checklist of a report asks about people."""
 Sent = None | bool | int | float | str | Sequence[int | None]
 """What a page sends for a question; None: prefer not to say."""
 Shown = dict[str, object]
@@ -75,11 +77,13 @@ class Asked(Part):
 
     name    no other question of the protocol has it: tables call the answer so
     needed  it cannot be left out, though "prefer not to say" answers it
+    tells   which item of the report's checklist the answers fill
     """
 
     name: Name
     question: Line
     needed: bool = False
+    tells: Item | None = None
     can_be_taken_back: ClassVar[bool] = False
 
     @property

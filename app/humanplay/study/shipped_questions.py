@@ -36,6 +36,7 @@ BLOCKS: dict[str, dict[str, object]] = {
             {
                 "kind": "number",
                 "name": "age",
+                "tells": "demographics",
                 "question": "How old are you?",
                 "needed": True,
                 "least": 18,
@@ -45,6 +46,7 @@ BLOCKS: dict[str, dict[str, object]] = {
             {
                 "kind": "choice",
                 "name": "gender",
+                "tells": "demographics",
                 "question": "What is your gender?",
                 "needed": True,
                 "choices": ["woman", "man", "non-binary", "another one"],
@@ -52,6 +54,7 @@ BLOCKS: dict[str, dict[str, object]] = {
             {
                 "kind": "choice",
                 "name": "education",
+                "tells": "demographics",
                 "question": "What is the highest level of education that you have completed?",
                 "needed": True,
                 "choices": [
@@ -73,6 +76,7 @@ BLOCKS: dict[str, dict[str, object]] = {
             {
                 "kind": "choice",
                 "name": "plays_games",
+                "tells": "demographics",
                 "question": "How often have you played video games in the last twelve months?",
                 "needed": True,
                 "choices": [
@@ -123,6 +127,7 @@ BLOCKS: dict[str, dict[str, object]] = {
             {
                 "kind": "choice",
                 "name": "seen_before",
+                "tells": "exposure",
                 "question": "Had you played or seen this task before?",
                 "needed": True,
                 "choices": [
@@ -142,6 +147,7 @@ BLOCKS: dict[str, dict[str, object]] = {
             {
                 "kind": "choice",
                 "name": "used_tool",
+                "tells": "tools",
                 "question": "Did you use anything beside this page, such as pen and paper, another person, a program or an AI?",
                 "needed": True,
                 "choices": ["no", "yes"],
@@ -149,12 +155,14 @@ BLOCKS: dict[str, dict[str, object]] = {
             {
                 "kind": "text",
                 "name": "which_tool",
+                "tells": "tools",
                 "question": "If so: which one, and for what?",
                 "most": 500,
             },
             {
                 "kind": "text",
                 "name": "what_helped",
+                "tells": "explanations",
                 "question": "How did you decide where to go? What helped you?",
                 "long": True,
                 "most": 2000,

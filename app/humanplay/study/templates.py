@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from string import Formatter
 
 from humanplay.study.practice import criterion
 from humanplay.study.protocol import Protocol, StudyError, parse_protocol
+from humanplay.study.questions import Block
 
 PLACEHOLDERS = {
     "name": "the study's name",
@@ -25,6 +26,7 @@ PLACEHOLDERS = {
     "minutes": "how long it takes: 5 minutes, and three quarters of a minute an episode on 441 cells, in fives",
     "questions": "understanding questions",
     "players": "participants planned",
+    "asked": "a sentence that names the blocks of questions about people, after a space; nothing without any",
     "licence": "licence of the published data",
     "contact": "who is responsible for the data, as declared",
     "retention": "how long the data are stored, as declared",
@@ -101,6 +103,7 @@ def placeholder_values(protocol: Protocol) -> dict[str, str]:
         "minutes": 5 + 5 * max(1, round(minutes / 5)),
         "questions": len(protocol.questions),
         "players": protocol.players,
+        "asked": _asked(protocol.blocks),
         "licence": protocol.data_licence,
         "contact": protocol.declarations.contact or "TODO",
         "retention": protocol.declarations.retention or "TODO",
@@ -108,6 +111,16 @@ def placeholder_values(protocol: Protocol) -> dict[str, str]:
         "max_steps": config.limit,
     }
     return {name: str(value) for name, value in values.items()}
+
+
+def _asked(blocks: Sequence[Block]) -> str:
+    """What the consent text says of the blocks."""
+    if not blocks:
+        return ""
+    *first, last = [block.about for block in blocks]
+    listed = f"{', '.join(first)}, and {last}" if first else last
+    published = "How many people gave which answer will be published."
+    return f" We also ask about {listed}; you may leave a question out, or prefer not to say. {published}"
 
 
 def _texts(protocol: Protocol) -> Iterator[tuple[str, str]]:

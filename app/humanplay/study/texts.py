@@ -64,8 +64,8 @@ LEAVING_KEEPS = (
 )
 _REST = (
     "We record every move and every key press in the game with its time, whether the page was in view, and your answers to "
-    "the questions. We do not record your name, your screen, sound or anything outside this page. If a recruiting site sent "
-    "you, the number it gave you is kept apart from your moves and is never published.",
+    "the questions.{asked} We do not record your name, your screen, sound or anything outside this page. If a recruiting site "
+    "sent you, the number it gave you is kept apart from your moves and is never published.",
     "The recorded moves will be published under a pseudonym, so that others can check and reuse the results (licence "
     "{licence}). What is published cannot be called back. How long the rest is stored: {retention}",
     "Responsible for the data, and whom to write to: {contact}",

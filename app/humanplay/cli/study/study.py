@@ -23,6 +23,7 @@ from humanplay.cli.settings import config_of, failures, place, study_errors, tas
 from humanplay.command.console import print_table, progress, write_file
 from humanplay.command.options import SizeType, flag, path_option, several
 from humanplay.study.platforms import PLATFORMS
+from humanplay.study.shipped_questions import BLOCKS
 from humanplay.task import counted
 from humanplay.task.registration import DEFAULT_TASK
 
@@ -97,6 +98,11 @@ def study() -> None:
     "--platform", type=click.Choice(list(PLATFORMS)), default="code",
     help="Where people come from, with recruitment panel; code: from nowhere, each gets a code of their own.",
 )  # fmt: skip
+@several(
+    "--ask",
+    "blocks",
+    f"A shipped block of questions about people; repeatable: {', '.join(BLOCKS)}.",
+)
 @several("--policy", "policies", "To compare with people; repeatable.  [default: the shipped ones]")
 @path_option(
     "--declarations",
@@ -130,7 +136,7 @@ def new(
       humanplay study new pilot
       humanplay study new hard --level 3-2-1 --size 42x42 --warm-up 5 --ranked 20 --players 16
       humanplay study new lake --env FrozenLake-v1
-      humanplay study new online --platform prolific
+      humanplay study new online --platform prolific --ask demographics --ask nasa-tlx
     """
     from humanplay.study import texts
     from humanplay.study.files import read_object
