@@ -38,6 +38,11 @@ PLACEHOLDERS = {
 }
 """What a text may name in braces, and what it stands for. `{{` and `}}` are braces themselves."""
 
+_IN_BLOCKS = (
+    *("questions", "title", "about", "intro", "question", "choices", "rows", "points", "low"),
+    *("high", "unit", "why"),
+)
+"""The fields of blocks, and of their questions, that participants read."""
 _SMALL = (
     "two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen eighteen "
     "nineteen"
@@ -78,7 +83,25 @@ def fill(protocol: Protocol) -> Protocol:
         question["why"] = _filled(f"{where}.why", question["why"], values)
         where, choices = f"{where}.choices", question["choices"]
         question["choices"] = [_filled(where, choice, values) for choice in choices]
+    data["blocks"] = _filled_block("blocks", data["blocks"], values)
     return parse_protocol(data)
+
+
+def _filled_block(where: str, content: object, values: dict[str, str]) -> object:
+    """Return a part of the blocks with its texts filled in."""
+    if isinstance(content, list):
+        return [
+            _filled_block(f"{where}[{place}]", part, values) for place, part in enumerate(content)
+        ]
+    if isinstance(content, dict):
+        parts = {
+            name: _filled_block(f"{where}.{name}", part, values) for name, part in content.items()
+        }
+        return {**content, **{name: part for name, part in parts.items() if name in _IN_BLOCKS}}
+    if isinstance(content, str):
+        _check_numbers(where, content)
+        return _filled(where, content, values)
+    return content
 
 
 def filled(text: str, protocol: Protocol) -> str:

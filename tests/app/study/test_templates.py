@@ -34,7 +34,7 @@ def test_every_placeholder_has_a_value_and_every_value_is_the_protocols():
     assert values == {
         "name": "small", "warm_up": "2", "ranked": "3", "episodes": "5", "practice": "",
         "break_every": "7", "pause_after": "45",
-        "minutes": "10", "questions": "3", "players": "12",
+        "minutes": "10", "questions": "3", "players": "12", "asked": "",
         "licence": "CC0-1.0", "contact": DECLARATIONS["contact"], "retention": DECLARATIONS["retention"],
         "coverage": "96.5 %", "lidar_radius": "4", "rows": "7",
         "cols": "9", "max_steps": "63",
@@ -191,3 +191,26 @@ def test_a_filled_text_that_is_too_long_is_no_protocol():
                 }
             )
         )
+
+
+def test_blocks_are_named_in_the_consent_text_and_their_texts_are_filled():
+    text = draft(consent="Answers.{asked}", blocks=["demographics", "exposure"])
+    asked = "your age, your gender and your education, and whether you had met this task before"
+    assert f"Answers. We also ask about {asked};" in fill(text).consent.text
+    question = {
+        "kind": "likert",
+        "name": "q",
+        "question": "{ranked}?",
+        "rows": ["{rows}"],
+        "points": ["a", "b"],
+    }
+    block = {"name": "b", "at": "after", "title": "{cols}", "about": "x", "questions": [question]}
+    (filled,) = fill(draft(blocks=[block])).blocks
+    assert (filled.title, filled.questions[0].question, filled.questions[0].rows) == (
+        "9",
+        "3?",
+        ("7",),
+    )
+    block["intro"] = "After 3 terrains"
+    with pytest.raises(StudyError, match="counts by hand"):
+        fill(draft(blocks=[block]))
