@@ -9,6 +9,7 @@ import tempfile
 from contextlib import closing, suppress
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 pytest_plugins = ["tests.support.servers", "tests.support.forked_server", "tests.support.nginx"]
 
@@ -29,6 +30,10 @@ with suppress(ImportError):
 
 # whoever starts the tests in the background of a shell has them ignore Ctrl-C, which some of them press
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# how fast a machine is while much else runs on it says nothing of the code
+settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")
 
 gc.disable()  # the libraries that the tests import make half a million objects, and none of them is garbage
 

@@ -1,9 +1,8 @@
-"""Backups: one file that holds the database as it was at one moment, copied by SQLite while a
-server goes on writing.
+"""Backups: one file that holds the database as it was at one moment.
 
-A copy is made under another name, verified, and only then given its own, so whatever has a backup's
-name is whole. A server makes them by itself (`Backups`), and `restore` puts one in the place of a
-database.
+SQLite copies it while a server goes on writing. A copy is made under another name, verified, and
+only then given its own, so whatever has a backup's name is whole. A server makes backups by itself
+(`Backups`), and `restore` puts one in the place of a database.
 """
 
 from __future__ import annotations
@@ -28,15 +27,15 @@ from humanplay.db.file import DatabaseLock, lock_path
 _log = logging.getLogger(__name__)
 
 Advance = Callable[[int, int], None]
-"""Called with (pages copied, of how many); an exception of it ends the copy, and nothing is left
-behind."""
+"""Called with (pages copied, pages in all); raises to end the copy, which leaves nothing behind."""
 
 PAGES = 256
 """Pages that are copied at a time: 1 MB."""
 INSTRUCTIONS = 200_000
 """Instructions of SQLite between two calls of `advance`: a few milliseconds."""
 KEPT = {"%Y%m%dT%H": 12, "%Y%m%d": 7, "%G-%V": 4}
-"""Of so many of the newest hours, days and weeks (UTC) with a backup, the last one stays."""
+"""strftime format of a period (UTC) -> in how many of the newest such periods the last backup
+stays."""
 SPARE_BYTES = 2**28
 """Free space that a copy must leave on its disk."""
 PARTIAL = ".partial"
@@ -44,11 +43,14 @@ PARTIAL = ".partial"
 
 
 def back_up(database: Path, target: Path, advance: Advance | None = None) -> int:
-    """Copy a database that a server may be writing into a new file, verify the copy, and return its
-    size in bytes.
+    """Copy a database that a server may be writing into a new file, and verify it.
 
-    StoreError when `target` exists, when the database cannot be read, when the disk has or comes to
-    have too little room, and when the copy is not whole.
+    Returns:
+        The size of the copy in bytes.
+
+    Raises:
+        StoreError: If `target` exists, the database cannot be read, the disk has too little room,
+            or the copy is not whole.
     """
     if target.exists():
         raise StoreError(f"{target} exists already: give a new file's name for the backup")
@@ -68,25 +70,27 @@ def back_up(database: Path, target: Path, advance: Advance | None = None) -> int
 
 
 def check_whole(database: Path, advance: Advance | None = None) -> None:
-    """Check every page, every reference and the chain of hashes of a database; StoreError with the
-    first that is wrong.
+    """Check every page, every reference and the chain of hashes of a database.
 
     Args:
-        advance: Called now and then with (1, 1); an exception of it ends the check with a
-            StoreError.
+        advance: Called now and then with (1, 1); if it raises, the check ends with a StoreError.
+
+    Raises:
+        StoreError: With the first thing that is wrong.
     """
     try:
         with reading(database) as conn:
             if advance is not None:
                 conn.set_progress_handler(lambda: advance(1, 1), INSTRUCTIONS)
-            found = conn.execute("PRAGMA integrity_check(1)").fetchone()[0]
-            if found != "ok":
+            damage = conn.execute("PRAGMA integrity_check(1)").fetchone()[0]
+            if damage != "ok":
                 raise StoreError(
-                    f"{database} is damaged ({found}): use another backup, or `sqlite3 {database} .recover | sqlite3 NEW`"
+                    f"{database} is damaged ({damage}): use another backup, or `sqlite3 {database} .recover | sqlite3 NEW`"
                 )
             if stray := conn.execute("PRAGMA foreign_key_check").fetchone():
-                why = f"a row of {stray[0]} belongs to nothing"
-                raise StoreError(f"{database} is not whole: {why}; use another backup")
+                raise StoreError(
+                    f"{database} is not whole: a row of {stray[0]} belongs to nothing; use another backup"
+                )
             for finding in check_chain(conn):
                 raise StoreError(f"{database} was changed: {finding}; use another backup")
     except sqlite3.Error as error:
@@ -114,11 +118,17 @@ def _copy(database: Path, target: Path, advance: Advance | None) -> None:
 
 
 def check_room(conn: sqlite3.Connection, folder: Path, way_out: str) -> None:
-    """Check that a folder's disk has room for a copy of a database; StoreError, with the way out,
-    otherwise."""
+    """Check that a folder's disk has room for a copy of a database.
+
+    Args:
+        way_out: What the user can do about it, for the error.
+
+    Raises:
+        StoreError: If it has not.
+    """
     names = ("page_count", "page_size")
-    pages, page = (conn.execute(f"PRAGMA {each}").fetchone()[0] for each in names)
-    needed, free = pages * page + SPARE_BYTES, shutil.disk_usage(folder).free
+    pages, page_bytes = (conn.execute(f"PRAGMA {name}").fetchone()[0] for name in names)
+    needed, free = pages * page_bytes + SPARE_BYTES, shutil.disk_usage(folder).free
     if free < needed:
         raise StoreError(
             f"a copy in {folder} needs {needed:,} bytes ({SPARE_BYTES:,} of them stay free), {free:,} are available: {way_out}"
@@ -126,7 +136,7 @@ def check_room(conn: sqlite3.Connection, folder: Path, way_out: str) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Write a folder's names to the disk, so that a power cut does not undo a renaming."""
+    """Write a folder's names to the disk: a power cut must not undo a renaming."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -142,15 +152,18 @@ def _remove(path: Path) -> None:
 def restore(
     backup: Path, database: Path, stamp: str, advance: Advance | None = None
 ) -> Path | None:
-    """Put a verified copy of a backup in the place of a database, and return the name of what stood
-    there, if anything did.
-
-    StoreError while a server has the database, when the backup is not whole, and when the disk is
-    full: nothing changes then.
+    """Put a verified copy of a backup in the place of a database.
 
     Args:
-        stamp: Distinguishes that name: NAME.before-STAMP, with its log and note (-wal, -lock)
-            where it has them.
+        stamp: Distinguishes the name that the old file gets, NAME.before-STAMP; its log and note
+            (-wal, -lock) go with it.
+
+    Returns:
+        The new name of what stood there; None if nothing did.
+
+    Raises:
+        StoreError: If a server has the database, the backup is not whole, or the disk is full;
+            nothing changes then.
     """
     check_restorable(backup, database)
     database = database.resolve()  # behind a link lie the file, its log and its note
@@ -159,11 +172,11 @@ def restore(
     try:
         new.unlink(missing_ok=True)
         back_up(backup, new, advance)
-        kept = _set_aside(database, stamp)
+        old = _set_aside(database, stamp)
         new.replace(database)
         lock.clear_note()
         sync_folder(database.parent)
-        return kept
+        return old
     except OSError as error:
         raise StoreError(f"cannot restore to {database}: {error.strerror or error}") from error
     finally:
@@ -173,7 +186,11 @@ def restore(
 
 
 def check_restorable(backup: Path, database: Path) -> None:
-    """StoreError where a file is no backup, or a server has the database."""
+    """Check that a file is a backup and no server has the database.
+
+    Raises:
+        StoreError: If not.
+    """
     if not backup.is_file():
         raise StoreError(f"no backup at {backup}: give a file that `humanplay backup` wrote")
     if database.exists() and backup.samefile(database):
@@ -183,33 +200,35 @@ def check_restorable(backup: Path, database: Path) -> None:
 
 
 def _set_aside(database: Path, stamp: str) -> Path | None:
-    """Give the database and its log a second name, and take the log away from the first: it must
-    not meet the restored file.
+    """Give the database and its log a second name, and take the log from the first.
 
-    Return the second name; None where there was no database, though its log may have been left, as
-    after a file that was lost.
+    The log must not meet the restored file. There may be a log without a database, if the file was
+    lost.
+
+    Returns:
+        The second name; None if there was no database.
     """
-    kept = database.with_name(f"{database.name}.before-{stamp}")
+    aside = database.with_name(f"{database.name}.before-{stamp}")
     was_there = database.exists()
     for suffix in ("", "-wal"):
-        each = database.with_name(database.name + suffix)
-        if each.exists():
-            os.link(each, kept.with_name(kept.name + suffix))
+        path = database.with_name(database.name + suffix)
+        if path.exists():
+            os.link(path, aside.with_name(aside.name + suffix))
     if was_there:
-        shutil.copy(lock_path(database), lock_path(kept))
+        shutil.copy(lock_path(database), lock_path(aside))
     sync_folder(database.parent)
     for suffix in ("-wal", "-shm"):
         database.with_name(database.name + suffix).unlink(missing_ok=True)
-    return kept if was_there else None
+    return aside if was_there else None
 
 
-def _kept(backups: Sequence[Path]) -> set[Path]:
-    """Return which of the backups, oldest first, stay by `KEPT`."""
-    kept = set()
+def _retained(backups: Sequence[Path]) -> set[Path]:
+    """Which of the backups, oldest first, stay by `KEPT`."""
+    paths = set()
     for period, count in KEPT.items():
         last_of = {_made_at(path).strftime(period): path for path in backups}
-        kept |= set(list(last_of.values())[-count:])
-    return kept
+        paths |= set(list(last_of.values())[-count:])
+    return paths
 
 
 def _made_at(backup: Path) -> datetime:
@@ -238,30 +257,35 @@ class Backups:
         self.failures = 0
 
     def existing(self) -> list[Path]:
-        """Return the backups in the folder, oldest first."""
+        """The backups in the folder, oldest first."""
         if not self._folder.is_dir():
             return []
         return sorted(path for path in self._folder.iterdir() if self._pattern.fullmatch(path.name))
 
     def age_s(self) -> float:
-        """Return seconds since the newest backup, -1 when there is none."""
+        """Seconds since the newest backup; -1 if there is none."""
         newest = self.existing()[-1:]
         return time.time() - newest[0].stat().st_mtime if newest else -1.0
 
     def make(self) -> Path:
-        """Make a backup now, delete those beyond `KEPT`, and return its path; StoreError when it
-        cannot be made."""
+        """Make a backup now, and delete those beyond `KEPT`.
+
+        Returns:
+            Its path.
+
+        Raises:
+            StoreError: If it cannot be made.
+        """
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
         target = self._folder / f"{self._database.stem}-{stamp}.db"
         back_up(self._database, target, self._check_going_on)
         existing = self.existing()
-        for path in set(existing) - _kept(existing):
+        for path in set(existing) - _retained(existing):
             path.unlink(missing_ok=True)
         return target
 
     async def run(self) -> None:
-        """Make one backup after the other until cancelled; one that fails is logged, and the next
-        one is tried in time."""
+        """Make one backup after the other until cancelled; log those that fail."""
         age_s = self.age_s()
         wait_s = 0.0 if age_s < 0 else max(0.0, self._every_s - age_s)
         try:

@@ -1,18 +1,19 @@
-"""An append-only chain of salted hashes of what is recorded: a row that is changed or taken away no
-longer fits its entry.
+"""An append-only chain of salted hashes: a changed row no longer fits its entry.
 
 The table `chain` has an entry for each study and each daily terrain, each session with a move, each
 finished episode with its steps and input events, each batch of input events that came after an
 episode's end, and each state of a participant. Further entries say in words what fixes a study
-(`Mark`): its freezing, its opening, its end, the erasure of a person, a release. An entry's `hash`
-is SHA-256 over one salted hash for each table it covers; its `head` is SHA-256 over the entry and
-the head before it, so that a head which was printed or published stands for everything up to it.
-The table `chain_salts` names what the latest entries stand for and holds their salts. Without its
-salt nobody can find out what an entry was made of, not even by trying: when somebody is forgotten
-their salts are deleted and an entry of kind `forgotten` lists the entries that lost them.
+(`Mark`): its freezing, its opening, its end, the erasure of a person, a release.
 
-An entry that was found not to fit the rows on a merge, or when somebody was forgotten, is not
-sound: it keeps the hash that did not fit, and `verify` goes on reporting it.
+An entry's `hash` is SHA-256 over one salted hash for each table it covers. Its `head` is SHA-256
+over the entry and the head before it, so a head that was printed or published stands for everything
+up to it. The table `chain_salts` names what the latest entries stand for and holds their salts.
+Without its salt nobody can find out what an entry was made of, not even by trying: when somebody is
+forgotten their salts are deleted, and an entry of kind `forgotten` lists the entries that lost
+them.
+
+If an entry did not fit its rows on a merge, or when somebody was forgotten, it is not sound: it
+keeps the hash that did not fit, and `verify` goes on reporting it.
 """
 
 from __future__ import annotations
@@ -41,8 +42,7 @@ Kind = Literal["series", "session", "episode", "events", "participant"]
 """What an entry stands for; `events` are input events that came after their episode's end."""
 
 Mark = Literal["frozen", "exported", "acted", "closed", "erased", "released"]
-"""What fixes a study, or changes its figures later; an entry of such a kind says so in JSON and is
-nobody's secret."""
+"""What fixes a study or changes its estimates later; the entry says so in JSON, for anybody."""
 
 Act = Literal["outcomes changed", "amounts listed", "unlinked"]
 """An operator's acts that are noted, without what was changed, listed or deleted."""
@@ -53,8 +53,12 @@ _BEYOND = 2**62
 
 
 class Thing(NamedTuple):
-    """What an entry stands for; of kind `events`, `id` is the episode's and `first` the number of
-    the first event."""
+    """What an entry stands for.
+
+    Attributes:
+        id: For kind `events` the episode's.
+        first: For kind `events` the number of the first event.
+    """
 
     kind: Kind
     id: str
@@ -62,16 +66,21 @@ class Thing(NamedTuple):
 
 
 class Head(NamedTuple):
-    """The end of the chain: how many entries it has, and the head of the last (hex; empty without
-    an entry)."""
+    """The end of the chain.
+
+    Attributes:
+        entries: How many the chain has.
+        head: Of the last entry (hex); empty without one.
+    """
 
     entries: int
     head: str
 
 
 class BegunHash(NamedTuple):
-    """The salted hashes of an open episode's moves and input events so far, which the entry of its
-    end goes on with.
+    """The salted hashes of an open episode's moves and input events so far.
+
+    The entry of its end goes on with them, so a long episode is not hashed again at its end.
 
     Attributes:
         salt: Of the entry to come.
@@ -88,11 +97,10 @@ class BegunHash(NamedTuple):
 
 @dataclass(frozen=True)
 class _Part:
-    """The rows of a table that an entry covers: all their columns that the list of columns calls
-    chained."""
+    """The rows of a table that an entry covers, in all columns that are chained."""
 
     table: str
-    where: str
+    condition: str
 
     @cached_property
     def columns(self) -> str:
@@ -136,11 +144,11 @@ OWNERS: dict[Kind, str] = {
     "episode": "SELECT id FROM episodes WHERE ended_ms IS NOT NULL",
     "participant": "SELECT id FROM participants",
 }
-"""Kind -> the ids (SQL) of everything that has an entry."""
+"""Kind -> SQL for the ids of everything that has an entry."""
 
 
 class Played(NamedTuple):
-    """The rows of an episode's moves and input events, read once for all that looks at them."""
+    """The rows of an episode's moves and input events, read once for all users."""
 
     steps: list[MoveRow]
     events: list[EventRow]
@@ -162,7 +170,7 @@ def compute(
     begun: BegunHash | None = None,
     played: Played | None = None,
 ) -> dict[str, str]:
-    """Return the salted SHA-256 (hex) of a thing's rows as they are now, by table.
+    """The salted SHA-256 (hex) of a thing's rows as they are now, by table.
 
     Args:
         begun: Of `begin_hash` with the same salt: the moves and input events that it covers are
@@ -174,11 +182,11 @@ def compute(
     parts = {}
     for part in _PARTS[thing.kind]:
         if begun is not None and part is _EVENTS and until == _BEYOND:
-            found, first = begun.found.copy(), begun.until
+            digest, first = begun.found.copy(), begun.until
         elif begun is not None and part is _STEPS:
-            found, first = begun.moves[1].copy(), thing.first
+            digest, first = begun.moves[1].copy(), thing.first
         else:
-            found, first = _empty_hash(part, salt), thing.first
+            digest, first = _empty_hash(part, salt), thing.first
         rows: Sequence[Iterable[object]]
         if played is not None and part is _STEPS:
             rows = played.steps
@@ -187,20 +195,22 @@ def compute(
         else:
             bounds: Row = {"id": thing.id, "first": first, "until": until, "first_move": first_move}
             rows = select(conn, _rows_of(part), bounds).fetchall()
-        found.update(_lines(rows))
-        parts[part.table] = found.hexdigest()
+        digest.update(_lines(rows))
+        parts[part.table] = digest.hexdigest()
     return parts
 
 
 def begin_hash(conn: sqlite3.Connection, episode_id: str) -> BegunHash:
-    """Return the hash of an open episode's moves and input events so far: any connection can make
-    it before its end."""
+    """The hash of an open episode's moves and input events so far.
+
+    Every connection can compute it before the episode's end.
+    """
     salt, played = secrets.token_bytes(_SALT_BYTES), read_played(conn, episode_id)
-    found, made = _empty_hash(_EVENTS, salt), _empty_hash(_STEPS, salt)
-    found.update(_lines(played.events))
-    made.update(_lines(played.steps))
+    events, moves = _empty_hash(_EVENTS, salt), _empty_hash(_STEPS, salt)
+    events.update(_lines(played.events))
+    moves.update(_lines(played.steps))
     until = played.events[-1]["number"] + 1 if played.events else 0
-    return BegunHash(salt, until, found, (len(played.steps), made))
+    return BegunHash(salt, until, events, (len(played.steps), moves))
 
 
 def _empty_hash(part: _Part, salt: bytes) -> hashlib._Hash:
@@ -208,36 +218,40 @@ def _empty_hash(part: _Part, salt: bytes) -> hashlib._Hash:
 
 
 def _rows_of(part: _Part) -> str:
-    return f"SELECT {part.columns} FROM {part.table} WHERE {part.where}"
+    return f"SELECT {part.columns} FROM {part.table} WHERE {part.condition}"
 
 
 def combine(parts: Mapping[str, str]) -> str:
-    """Return the hash of an entry: SHA-256 (hex) over its salted hashes by table."""
+    """The hash of an entry: SHA-256 (hex) over its salted hashes by table."""
     return hashlib.sha256(canonical(list(parts.items()))).hexdigest()
 
 
 def link(before: str, entry: Iterable[SqlValue]) -> str:
-    """Return an entry's head: SHA-256 (hex) over the head before it and all that the entry is, from
-    its number to its note."""
+    """An entry's head: SHA-256 (hex) over the head before it and the entry.
+
+    Args:
+        entry: From its number to its note.
+    """
     return hashlib.sha256(canonical([before, *entry])).hexdigest()
 
 
 def head(conn: sqlite3.Connection) -> Head:
-    """Return the end of the chain."""
-    found = select(conn, "SELECT number, head FROM chain ORDER BY number DESC LIMIT 1").fetchone()
-    return Head(0, "") if found is None else Head(*found)
+    """The end of the chain."""
+    last = select(conn, "SELECT number, head FROM chain ORDER BY number DESC LIMIT 1").fetchone()
+    return Head(0, "") if last is None else Head(*last)
 
 
 def append(
     conn: sqlite3.Connection, kind: Kind, ident: str, first: int = 0, begun: BegunHash | None = None
 ) -> None:
-    """Append an entry of a thing as it is now; call it inside the transaction that wrote the rows.
+    """Append an entry of a thing as it is now.
 
-    What was found not to fit its rows stays so: a later change makes nothing sound.
+    Call it inside the transaction that wrote the rows. A thing that once did not fit its rows stays
+    unsound: no later change makes it sound.
 
     Args:
-        begun: Of an episode's input events, where some of them were hashed before: they must be
-            as they were then.
+        begun: Of an episode's moves and input events, if some of them were hashed before: they must
+            be as they were then.
     """
     thing = Thing(kind, ident, first)
     sql = """SELECT hash FROM chain_salts s JOIN chain c USING (number)
@@ -250,15 +264,20 @@ def append(
 
 
 def append_unsound(conn: sqlite3.Connection, kind: Kind, ident: str, stored: str) -> None:
-    """Append an entry of a thing whose rows were found not to be those of its entry; `stored` is
-    that entry's hash."""
+    """Append an entry of a thing whose rows do not fit its entry.
+
+    Args:
+        stored: The hash of that entry.
+    """
     _append(conn, Thing(kind, ident), False, stored, secrets.token_bytes(_SALT_BYTES), {})
 
 
 @contextmanager
 def changing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[None]:
-    """Append an entry after the block, which changes a thing; one that did not fit its entry before
-    stays unsound."""
+    """Append an entry after the block, which changes a thing.
+
+    A thing that did not fit its entry before stays unsound.
+    """
     sql = "SELECT 1 FROM chain_salts WHERE kind = ? AND id = ?"
     is_known = select(conn, sql, (kind, ident)).fetchone() is not None
     stored = unsound_hash(conn, kind, ident) if is_known else None
@@ -270,16 +289,23 @@ def changing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[None]
 
 
 def append_late_events(conn: sqlite3.Connection, episode_id: str, first: int) -> None:
-    """Append an entry of the input events from number `first` on if their episode has ended; its
-    end covers the others."""
+    """Append an entry of input events that came after their episode's end.
+
+    While the episode runs nothing is appended: the entry of its end covers them.
+
+    Args:
+        first: Number of the first event.
+    """
     sql = "SELECT 1 FROM episodes WHERE id = ? AND ended_ms IS NOT NULL"
     if select(conn, sql, [episode_id]).fetchone():
         append(conn, "events", episode_id, first)
 
 
 def append_first_move(conn: sqlite3.Connection, episode_id: str) -> None:
-    """Append an entry of an episode's session unless it has one: call it in the transaction of an
-    episode's first move."""
+    """Append an entry of an episode's session unless it has one.
+
+    Call it in the transaction of an episode's first move.
+    """
     sql = """SELECT session_id FROM episodes WHERE id = ?
         AND session_id NOT IN (SELECT id FROM chain_salts WHERE kind = 'session')"""
     for (session,) in select(conn, sql, [episode_id]).fetchall():
@@ -289,8 +315,11 @@ def append_first_move(conn: sqlite3.Connection, episode_id: str) -> None:
 def append_note(
     conn: sqlite3.Connection, kind: Mark | Literal["forgotten", "merged"], content: object
 ) -> None:
-    """Append an entry that stands for no rows and says something instead; `content` is JSON-ready
-    and nobody's secret."""
+    """Append an entry that stands for no rows and says something instead.
+
+    Args:
+        content: JSON-ready, and for anybody to read.
+    """
     note = _note(content)
     _link(conn, kind, True, None, hashlib.sha256(note.encode()).hexdigest(), note)
 
@@ -309,13 +338,13 @@ def freezing_of(study: SeriesRow) -> tuple[Mark, str]:
 
 
 def configuration_hash(protocol: str) -> str:
-    """Return SHA-256 (hex) over a protocol's task and configuration.
+    """SHA-256 (hex) over a protocol's task and configuration.
 
     Args:
         protocol: JSON.
     """
-    found = json.loads(protocol)
-    played = [found.get("task"), found.get("config")]
+    parsed = json.loads(protocol)
+    played = [parsed.get("task"), parsed.get("config")]
     return hashlib.sha256(json.dumps(played, sort_keys=True).encode()).hexdigest()
 
 
@@ -332,45 +361,50 @@ def act_of(study: SeriesRow, act: Act, **details: int) -> tuple[Mark, str]:
 
 
 def marks(conn: sqlite3.Connection) -> list[tuple[Mark, str]]:
-    """Return (kind, note) of what the tables say fixed the studies: their rows, who was erased from
-    them, their releases."""
+    """(kind, note) of everything in the tables that fixed a study.
+
+    That is the studies' rows, who was erased from them, and their releases.
+    """
     studies = select(conn, "SELECT * FROM series WHERE kind = 'study' ORDER BY frozen_ms, name")
-    found: list[tuple[Mark, str]] = []
+    notes: list[tuple[Mark, str]] = []
     for study in itertools.starmap(SeriesRow, studies):
-        found.append(freezing_of(study))
+        notes.append(freezing_of(study))
         if study.closed_ms is not None:
             named = {"study": study.name, "commitment": study.commitment}
-            found.append(("closed", _note({**named, "closed_ms": study.closed_ms})))
-    for name, value in select(conn, "SELECT name, value FROM meta WHERE name LIKE 'erased|%'"):
-        kept, row = json.loads(value), hashlib.sha256(canonical([name, value])).hexdigest()
-        noted = ("stage", "after_closing", "ranked_ended", "asked_by")
-        person = {each: kept[each] for each in noted}
-        found.append(("erased", _note({"study": name.split("|")[1], **person, "row": row})))
+            notes.append(("closed", _note({**named, "closed_ms": study.closed_ms})))
+    for name, text in select(conn, "SELECT name, value FROM meta WHERE name LIKE 'erased|%'"):
+        erased, row = json.loads(text), hashlib.sha256(canonical([name, text])).hexdigest()
+        fields = ("stage", "after_closing", "ranked_ended", "asked_by")
+        person = {field: erased[field] for field in fields}
+        notes.append(("erased", _note({"study": name.split("|")[1], **person, "row": row})))
     columns = ("study", "version", "manifest_hash", "released_ms")
     for values in select(conn, f"SELECT {', '.join(columns)} FROM releases ORDER BY released_ms"):
-        found.append(("released", _note(dict(zip(columns, values, strict=True)))))
-    return found
+        notes.append(("released", _note(dict(zip(columns, values, strict=True)))))
+    return notes
 
 
 def append_marks(conn: sqlite3.Connection, more: Iterable[tuple[Mark, str]] = ()) -> None:
-    """Append an entry of what the tables say fixed the studies and no entry says yet; call it in
-    the transaction that wrote it.
+    """Append an entry of everything that fixed a study and has no entry yet.
+
+    Call it in the transaction that wrote it.
 
     Args:
         more: (kind, note) of what the tables do not have: freezings of studies that nobody has
             joined, and exports.
     """
-    known = set(select(conn, "SELECT kind, note FROM chain WHERE note IS NOT NULL"))
+    entries = set(select(conn, "SELECT kind, note FROM chain WHERE note IS NOT NULL"))
     for kind, note in dict.fromkeys((*more, *marks(conn))):
-        if (kind, note) not in known:
+        if (kind, note) not in entries:
             append_note(conn, kind, json.loads(note))
 
 
 def said_alone(conn: sqlite3.Connection, study: str = "%") -> list[tuple[Mark, str]]:
-    """Every freezing, export and operator's act in the chain, which no table says: of all studies,
-    or of one.
+    """Every freezing, export and operator's act, which stand in the chain alone.
 
-    Those of one are its own, and the freezings of others of its configuration.
+    Of one study: its own, and the freezings of others of its configuration.
+
+    Args:
+        study: Its name, or "%" for all studies.
     """
     sql = """SELECT kind, note FROM chain WHERE kind IN ('frozen', 'exported', 'acted')
         AND (json_extract(note, '$.study') LIKE ?1
@@ -384,15 +418,18 @@ def _note(content: object) -> str:
 
 
 def things(conn: sqlite3.Connection) -> set[Thing]:
-    """Return everything that must have an entry, apart from late input events."""
+    """Everything that must have an entry, apart from late input events."""
     return {Thing(kind, ident) for kind, sql in OWNERS.items() for (ident,) in select(conn, sql)}
 
 
 def append_all(
     conn: sqlite3.Connection, wanted: Collection[Thing], unsound: Mapping[Thing, str] | None = None
 ) -> None:
-    """Append an entry of each thing, in an order that tells nothing; those in `unsound` (thing ->
-    stored hash) stay so."""
+    """Append an entry of each thing, in an order that tells nothing.
+
+    Args:
+        unsound: Thing -> stored hash, of those that do not fit their entries and stay so.
+    """
     for thing in sorted(wanted):
         if unsound and thing in unsound:
             append_unsound(conn, thing.kind, thing.id, unsound[thing])
@@ -401,32 +438,38 @@ def append_all(
 
 
 def unsound_hash(conn: sqlite3.Connection, kind: Kind, ident: str) -> str | None:
-    """Return the hash of the first entry of a thing that does not fit its rows, "missing" without
-    one; None when all fit.
+    """The hash of the first entry of a thing that does not fit its rows.
 
     An episode's entries are its own and those of the input events that came after its end.
+
+    Returns:
+        None if all fit; "missing" if there is no entry.
     """
     sql = """SELECT s.first, s.salt, c.kind, c.hash FROM chain_salts s LEFT JOIN chain c USING (number)
         WHERE s.id = ? AND s.kind IN (?, ?) ORDER BY s.kind, s.first"""
-    found = select(conn, sql, (ident, kind, _also(kind))).fetchall()
-    for first, salt, of, stored in found:
+    entries = select(conn, sql, (ident, kind, _also(kind))).fetchall()
+    for first, salt, of, stored in entries:
         if of not in _PARTS or combine(compute(conn, Thing(of, ident, first), salt)) != stored:
             return str(stored or "missing")
-    return None if any(row[2] == kind for row in found) else "missing"
+    return None if any(row[2] == kind for row in entries) else "missing"
 
 
 def forget(conn: sqlite3.Connection, erased: Iterable[Thing]) -> None:
-    """Delete the salts of what is erased, and append an entry that lists theirs; late input events
-    go with their episodes."""
+    """Delete the salts of what is erased, and append an entry with their numbers.
+
+    Late input events go with their episodes.
+    """
     sql = "DELETE FROM chain_salts WHERE id = ? AND kind IN (?, ?) RETURNING number"
-    found = [select(conn, sql, (ident, kind, _also(kind))).fetchall() for kind, ident, _ in erased]
-    numbers = sorted(number for rows in found for (number,) in rows)
+    deleted = [
+        select(conn, sql, (ident, kind, _also(kind))).fetchall() for kind, ident, _ in erased
+    ]
+    numbers = sorted(number for rows in deleted for (number,) in rows)
     if numbers:
         append_note(conn, "forgotten", {"forgotten": numbers})
 
 
 def _also(kind: Kind) -> Kind:
-    """Return the kind of entries that belong to a thing besides its own."""
+    """The kind of entries that belong to a thing besides its own."""
     return "events" if kind == "episode" else kind
 
 
@@ -453,8 +496,10 @@ def _link(
     hash_: str,
     note: str | None,
 ) -> int:
-    """Append an entry and return its number; its time is the day alone, since entries outlive
-    people who are forgotten."""
+    """Append an entry and return its number.
+
+    Its time is the day alone, since entries outlive people who are forgotten.
+    """
     last = head(conn)
     now = time.time_ns() // 1_000_000
     entry = (last.entries + 1, now - now % DAY_MS, kind, int(is_sound), replaces, hash_, note)
@@ -464,19 +509,19 @@ def _link(
 
 
 def _next_batch(conn: sqlite3.Connection, thing: Thing) -> int:
-    """Return the number of the input event with which the next entry of an episode's events begins."""
+    """Number of the input event with which the next entry of an episode begins."""
     if thing.kind not in ("episode", "events"):
         return _BEYOND
     sql = "SELECT min(first) FROM chain_salts WHERE kind = 'events' AND id = ? AND first > ?"
     after = thing.first if thing.kind == "events" else -1
-    (found,) = select(conn, sql, (thing.id, after)).fetchone()
-    return _BEYOND if found is None else int(found)
+    (first,) = select(conn, sql, (thing.id, after)).fetchone()
+    return _BEYOND if first is None else int(first)
 
 
 def select(
     conn: sqlite3.Connection, sql: str, values: Sequence[SqlValue] | Row = ()
 ) -> sqlite3.Cursor:
-    """Return a query's cursor whose rows are plain tuples, whatever the connection makes of rows."""
+    """A query's cursor whose rows are plain tuples, whatever the connection's factory."""
     cursor = conn.cursor()
     cursor.row_factory = None
     return cursor.execute(sql, values)
@@ -485,17 +530,19 @@ def select(
 _encode = json.JSONEncoder(default=bytes.hex, separators=(",", ":")).encode
 
 
-def canonical(value: object) -> bytes:
-    """Return the one line of JSON that is hashed; bytes are written in hexadecimal."""
-    return _encode(value).encode() + b"\n"
+def canonical(content: object) -> bytes:
+    """The one line of JSON that is hashed; bytes are hexadecimal."""
+    return _encode(content).encode() + b"\n"
 
 
 _EXPONENT = re.compile(rb"e[-+]?\d+[],]")
 
 
 def _lines(rows: Iterable[Iterable[object]]) -> bytes:
-    """Return the lines of JSON that are hashed of some rows, by a quick encoder where it writes the
-    same."""
+    """The lines of JSON that are hashed of some rows.
+
+    A quick encoder writes them wherever it writes exactly what `canonical` does.
+    """
     columns = [tuple(row) for row in rows]
     text = to_json(columns, bytes_mode="hex", inf_nan_mode="constants")[1:-1]
     is_same = (

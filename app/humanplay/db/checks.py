@@ -1,8 +1,8 @@
-"""Stored rows checked against what they follow from: an episode against its simulation, every row
-against the chain, the chain against itself, and the file by SQLite itself.
+"""Stored rows checked against what they follow from.
 
-`humanplay.study.verification` puts these checks together with those of the study's protocol;
-`humanplay.db.chain` says what an entry is.
+An episode is checked against its simulation, every row against the chain, the chain against itself,
+and the file by SQLite. `humanplay.study.verification` puts these checks together with those of the
+study's protocol; `humanplay.db.chain` says what an entry is.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from humanplay.db.study_rows import ORDER_EVENT, SeriesRow
 from humanplay.task import Allowed
 
 _MAY_HAVE_ENTRY: dict[Kind, str] = {**OWNERS, "session": "SELECT id FROM sessions"}
-"""Kind of entry in the chain -> the ids (SQL) that may have one."""
+"""Kind of entry in the chain -> SQL for the ids that may have one."""
 
 _PLACED = """SELECT e.*, x.series, x.phase, x.trial, x.terrain AS terrain_index, x.player_id, s.owner_id FROM series_episodes x
     JOIN episodes e ON e.id = x.episode_id JOIN sessions s ON s.id = e.session_id"""
@@ -47,33 +47,37 @@ _MOVED_SESSIONS = """SELECT DISTINCT e.session_id FROM episodes e
 
 
 def series(conn: sqlite3.Connection, only: str | None = None) -> list[SeriesRow]:
-    """Return every series, or (only) the one of this name."""
+    """Every series, or the one of a name."""
     sql = "SELECT * FROM series WHERE ? IS NULL OR name = ?"
     return [SeriesRow(*row) for row in conn.execute(sql, (only, only))]
 
 
 def participants_of(conn: sqlite3.Connection, study: str) -> list[tuple[str, int]]:
-    """The id of each participant of a study and when they joined, in that order."""
+    """(id, when they joined) of each participant of a study, in that order."""
     sql = "SELECT id, joined_ms FROM participants WHERE study = ? ORDER BY joined_ms"
     return conn.execute(sql, [study]).fetchall()
 
 
 def episodes_of(conn: sqlite3.Connection, participant: str) -> list[PlacedEpisode]:
-    """Return the rows of what a participant was given to play, by phase and trial, with their place
-    in the study."""
+    """The rows of a participant's episodes, with their place in the study.
+
+    They are ordered by phase and trial.
+    """
     sql = f"{_PLACED} WHERE x.participant_id = ? ORDER BY x.phase, x.trial"
     return rows(conn, sql, participant)
 
 
 def attempts_at(conn: sqlite3.Connection, day: str) -> list[PlacedEpisode]:
-    """Return the rows of the attempts at the terrain of a day, as `episodes_of` does, with their
-    players'."""
+    """The attempts at the terrain of a day, with their players' (`episodes_of`)."""
     return rows(conn, f"{_PLACED} WHERE x.series = ? ORDER BY e.id", day)
 
 
 def order_events(conn: sqlite3.Connection, participant: str) -> tuple[str, list[str]]:
-    """Return a participant's kind, and the details (JSON) of the events that fix their order of
-    terrains: one at most."""
+    """A participant's kind, and the events that fix their order of terrains.
+
+    Returns:
+        The kind, and the details (JSON) of the events: one at most, unless something is wrong.
+    """
     (kind,) = conn.execute("SELECT kind FROM participants WHERE id = ?", [participant]).fetchone()
     sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = ?"
     return kind, [row[0] for row in conn.execute(sql, (participant, ORDER_EVENT))]
@@ -87,26 +91,25 @@ def stages_of(conn: sqlite3.Connection, participant: str) -> set[str]:
 
 
 def tasks(conn: sqlite3.Connection) -> list[str]:
-    """Return the names of the tasks that episodes are of."""
+    """The names of the tasks that episodes are of."""
     return [str(row["task"]) for row in rows(conn, "SELECT DISTINCT task FROM episodes")]
 
 
 def finished_episodes(conn: sqlite3.Connection, study: str | None) -> list[str]:
-    """Return the ids of finished episodes, of one study or (None) of all, oldest first."""
+    """The ids of finished episodes, of one study or (None) of all, oldest first."""
     sql = f"SELECT id FROM episodes WHERE ended_ms IS NOT NULL{_within(study)} ORDER BY started_ms, id"
     return [str(row[0]) for row in conn.execute(sql)]
 
 
 def count_unfinished(conn: sqlite3.Connection, study: str | None) -> int:
-    """Return how many episodes have not ended, of one study or (None) of all."""
+    """How many episodes have not ended, of one study or (None) of all."""
     sql = f"SELECT count(*) FROM episodes WHERE ended_ms IS NULL{_within(study)}"
     (count,) = conn.execute(sql).fetchone()
     return int(count)
 
 
 class InputOf(NamedTuple):
-    """What the attestation of an episode follows from, besides its row, its moves and its input
-    events.
+    """What the attestation of an episode follows from, besides its own rows.
 
     Attributes:
         settings: (when, JSON) of what its participant had chosen, every version.
@@ -141,8 +144,7 @@ class CheckedEpisode:
 
 
 def check_episode(conn: sqlite3.Connection, ident: str) -> CheckedEpisode:
-    """Simulate a finished episode again, and compare its rows with those of its entries in the
-    chain."""
+    """Simulate a finished episode again, and compare its rows with the chain's."""
     sql = "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?"
     (row,) = rows(conn, sql, ident)
     played = read_played(conn, ident)
@@ -154,7 +156,7 @@ def check_episode(conn: sqlite3.Connection, ident: str) -> CheckedEpisode:
 
 
 def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:
-    """Return what else the attestation of a finished episode follows from."""
+    """What else the attestation of a finished episode follows from."""
     of = """SELECT v.at_ms, v.detail, v.kind FROM stage_events v
         JOIN series_episodes t ON t.participant_id = v.participant_id
         WHERE t.episode_id = ? AND v.kind IN ('settings', 'supervised') ORDER BY v.number"""
@@ -166,8 +168,7 @@ def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:
 
 
 def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:
-    """Yield the series, sessions and participants whose rows are not those of their entries in the
-    chain."""
+    """Yield series, sessions and participants whose rows do not fit their entries."""
     for row in series(conn, study):
         yield from check_thing(conn, "series", row.name)
     for (ident,) in conn.execute(_MOVED_SESSIONS.format(within=_within(study, "e.id"))).fetchall():
@@ -178,18 +179,20 @@ def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Findi
 
 
 def check_owners(conn: sqlite3.Connection) -> Iterator[Finding]:
-    """Yield entries of the chain for what is no longer there, and rows that belong to nothing."""
+    """Yield entries of the chain for what is gone, and rows that belong to nothing."""
     yield from check_without_owner(conn, _MAY_HAVE_ENTRY)
     strays = conn.execute("PRAGMA foreign_key_check").fetchall()
     without_owner = Counter(table for table, *_ in strays)
     for table, count in sorted(without_owner.items()):
-        found = "no episode, participant, session, player or series that they belong to"
-        yield Finding(f"table {table}", "keys", count, found)
+        owner = "no episode, participant, session, player or series that they belong to"
+        yield Finding(f"table {table}", "keys", count, owner)
 
 
 def _within(study: str | None, column: str = "id") -> str:
-    """Return SQL that keeps a study's episodes; the name has been looked up, it cannot be anything
-    else."""
+    """SQL that keeps a study's episodes.
+
+    The name was looked up in the database before: it is a study's.
+    """
     if study is None:
         return ""
     inner = "SELECT episode_id FROM series_episodes JOIN participants p ON p.id = participant_id"
@@ -199,7 +202,9 @@ def _within(study: str | None, column: str = "id") -> str:
 def quick_check(
     database: Path, begins: Callable[[sqlite3.Connection], None] = lambda _: None
 ) -> str:
-    """Return "ok", or what is damaged; reads the whole file, which takes milliseconds to minutes.
+    """ "ok", or what SQLite finds damaged.
+
+    It reads the whole file, which takes milliseconds to minutes.
 
     Args:
         begins: Is called with the connection, on which another thread may interrupt the check.
@@ -216,20 +221,22 @@ def quick_check(
 
 
 def try_write(database: Path, timeout_s: float = 1.0) -> None:
-    """Write a row of the table `meta` and commit it, on a connection of its own; StoreError when
-    that fails.
+    """Write a row of the table `meta` and commit it, on a connection of its own.
+
+    Call it in a thread: the disk may take as long as it likes.
 
     Args:
-        timeout_s: Seconds to wait for another program that is writing. Call it in a thread: the
-            disk may take as long as it likes.
+        timeout_s: Seconds to wait for another program that is writing.
+
+    Raises:
+        StoreError: If that fails.
     """
     with writing(database, timeout_s) as conn:
         conn.execute("INSERT OR REPLACE INTO meta VALUES ('written_ms', ?)", [str(now_ms())])
 
 
 def chain_head(database: Path) -> Head | None:
-    """Return the end of the chain of a database that a server may be writing; None when it cannot
-    be read."""
+    """The end of the chain of a database in use; None if it cannot be read."""
     try:
         with reading(database) as conn:
             return head(conn)
@@ -243,7 +250,7 @@ DIGEST = "digest of its stored fields"
 
 @dataclass(frozen=True)
 class ChainState:
-    """What the chain is.
+    """How long the chain is, and where it ends.
 
     Attributes:
         entries: How many; the head is that of the last.
@@ -279,8 +286,12 @@ ChainRow = tuple[int, int, str, int, int | None, str, str | None, str]
 
 @dataclass
 class _Walk:
-    """The entries that nothing has replaced or forgotten so far: number -> kind; `forgotten` counts
-    the latter."""
+    """The entries that nothing has replaced or forgotten so far.
+
+    Attributes:
+        live: Number -> kind.
+        forgotten: How many were forgotten.
+    """
 
     live: dict[int, str] = field(default_factory=dict)
     forgotten: int = 0
@@ -293,9 +304,9 @@ class _Walk:
         if replaces is not None and self.live.pop(replaces, None) != kind:
             yield f"in place of entry {replaces}, which is not one of kind {kind} that is in force"
         gone = json.loads(note or "{}").get("forgotten", []) if kind == "forgotten" else []
-        for each in gone:
-            if self.live.pop(each, None) is None:
-                yield f"entry {each} forgotten, which is not in force"
+        for entry in gone:
+            if self.live.pop(entry, None) is None:
+                yield f"entry {entry} forgotten, which is not in force"
         self.forgotten += len(gone)
         if note is None:
             self.live[number] = kind
@@ -306,83 +317,94 @@ _ENTRIES = f"SELECT {_COLUMNS} FROM chain ORDER BY number"
 
 
 def chain_state(conn: sqlite3.Connection) -> ChainState:
-    """Return what the chain is."""
+    """How long the chain is, and where it ends."""
     notes = select(conn, "SELECT note FROM chain WHERE kind = 'forgotten' AND json_valid(note)")
     gone = sum(len(json.loads(note).get("forgotten", [])) for (note,) in notes)
     return ChainState(*head(conn), gone)
 
 
 def check_chain(conn: sqlite3.Connection) -> Iterator[Finding]:
-    """Yield what is wrong with the chain itself: entries changed, added or taken away, and salts
-    that do not fit them."""
+    """Yield what is wrong with the chain itself.
+
+    That is entries changed, added or taken away, and salts that do not fit them.
+    """
     walk, before, number = _Walk(), "", 0
     for row in select(conn, _ENTRIES):
-        where = f"chain entry {row[0]}"
+        entry = f"chain entry {row[0]}"
         if row[0] != number + 1:
             missing = row[0] - 1 if number else "none"
-            found = number or "none: the first is missing"
-            yield Finding(where, "the entry before it", missing, found)
-        if (made := link(before, row[:-1])) != row[-1]:
-            yield Finding(where, "its head", row[-1], made)
+            last = number or "none: the first is missing"
+            yield Finding(entry, "the entry before it", missing, last)
+        if (computed := link(before, row[:-1])) != row[-1]:
+            yield Finding(entry, "its head", row[-1], computed)
         number, before = row[0], row[-1]
         try:
             allowed = "what the entries before it allow"
-            yield from (Finding(where, "it", what, allowed) for what in walk.take(row))
+            yield from (Finding(entry, "it", misfit, allowed) for misfit in walk.take(row))
         except (ValueError, TypeError, AttributeError) as error:
-            yield Finding(where, "its note", row[6], f"JSON: {error}")
+            yield Finding(entry, "its note", row[6], f"JSON: {error}")
     yield from _check_salts(conn, walk.live)
 
 
 def _check_salts(conn: sqlite3.Connection, live: dict[int, str]) -> Iterator[Finding]:
-    """Yield salts of entries that are not in force, and entries in force whose salts are gone."""
+    """Yield salts of entries not in force, and entries in force without salts."""
     sql = "SELECT kind, id, first, number FROM chain_salts ORDER BY number"
     for kind, ident, first, number in select(conn, sql):
         if live.pop(number, None) != kind or (first and kind != "events"):
-            what = f"the entry of its kind ({kind})"
-            found = "no such entry in force in the chain"
-            yield Finding(place(Thing(kind, ident, first)), what, f"number {number}", found)
+            yield Finding(
+                place(Thing(kind, ident, first)),
+                f"the entry of its kind ({kind})",
+                f"number {number}",
+                "no such entry in force in the chain",
+            )
     for number, kind in live.items():
-        what = f"what it stands for (kind {kind})"
-        yield Finding(f"chain entry {number}", what, "gone", "no entry that says it was forgotten")
+        yield Finding(
+            f"chain entry {number}",
+            f"what it stands for (kind {kind})",
+            "gone",
+            "no entry that says it was forgotten",
+        )
 
 
 def check_marks(conn: sqlite3.Connection) -> Iterator[Finding]:
-    """Yield what the chain says of the freezing, end, erasures and releases of studies, and the
-    tables do not, or the other way round."""
+    """Yield where the chain and the tables disagree on what fixed the studies.
+
+    That is their freezing, end, erasures and releases.
+    """
     sql = "SELECT kind, note FROM chain WHERE kind IN ('frozen', 'closed', 'erased', 'released') AND json_valid(note)"
-    said = set(select(conn, sql))
+    in_chain = set(select(conn, sql))
     try:
-        stand = set(marks(conn))
+        in_tables = set(marks(conn))
     except (ValueError, KeyError, TypeError) as error:
         yield Finding("table meta", "who was erased", "something unreadable", str(error))
         return
-    for kind, note in sorted(stand - said):
+    for kind, note in sorted(in_tables - in_chain):
         study = json.loads(note)["study"]
         yield Finding(f"series {study}", f"an entry of the chain that it was {kind}", note, "none")
-    frozen = [json.loads(note) for kind, note in stand if kind == "frozen"]
-    known = {(each["study"], each["commitment"]) for each in frozen}
-    for kind, note in sorted(said - stand):
+    frozen = [json.loads(note) for kind, note in in_tables if kind == "frozen"]
+    joined = {(study["study"], study["commitment"]) for study in frozen}
+    for kind, note in sorted(in_chain - in_tables):
         content = json.loads(note)
-        if kind != "frozen" or (content["study"], content["commitment"]) in known:
-            what = f"what the chain says was {kind}"
-            yield Finding(f"series {content['study']}", what, note, "not so in the tables")
+        if kind != "frozen" or (content["study"], content["commitment"]) in joined:
+            mark = f"what the chain says was {kind}"
+            yield Finding(f"series {content['study']}", mark, note, "not so in the tables")
 
 
 def check_thing(
     conn: sqlite3.Connection, kind: Kind, ident: str, played: Played | None = None
 ) -> Iterator[Finding]:
-    """Yield the tables in which a thing's rows are not those of its entries in the chain.
+    """Yield the tables in which a thing's rows do not fit its entries in the chain.
 
     Args:
         played: An episode's rows where they have been read.
     """
     sql = """SELECT s.kind, s.first, s.salt, s.parts, c.is_sound, c.hash FROM chain_salts s LEFT JOIN chain c USING (number)
         WHERE s.id = ? AND s.kind IN (?, ?) ORDER BY s.kind, s.first"""
-    found = select(conn, sql, (ident, kind, "events" if kind == "episode" else kind)).fetchall()
-    if not any(row[0] == kind for row in found):
+    entries = select(conn, sql, (ident, kind, "events" if kind == "episode" else kind)).fetchall()
+    if not any(row[0] == kind for row in entries):
         wanted = "an entry of the chain for everything that is finished"
         yield Finding(place(Thing(kind, ident)), DIGEST, "missing", wanted)
-    for of, first, salt, stored, is_sound, hash_ in found:
+    for of, first, salt, stored, is_sound, hash_ in entries:
         yield from _compare(conn, Thing(of, ident, first), salt, stored, is_sound, hash_, played)
 
 
@@ -395,43 +417,48 @@ def _compare(
     hash_: str | None,
     played: Played | None,
 ) -> Iterator[Finding]:
-    where = place(thing)
+    name = place(thing)
     if is_sound == 0:
         reason = "another one when databases were merged or somebody was forgotten"
-        yield Finding(where, DIGEST, hash_, reason)
+        yield Finding(name, DIGEST, hash_, reason)
         return
     try:
         parts = json.loads(stored)
-        made = combine(parts)
+        computed = combine(parts)
     except (ValueError, TypeError, AttributeError):
-        yield Finding(where, DIGEST, stored, "the salted hashes by table, as JSON")
+        yield Finding(name, DIGEST, stored, "the salted hashes by table, as JSON")
         return
-    if made != hash_:
-        yield Finding(where, DIGEST, hash_ or "missing", f"{made} from its salted hashes by table")
+    if computed != hash_:
+        yield Finding(
+            name, DIGEST, hash_ or "missing", f"{computed} from its salted hashes by table"
+        )
     digest = compute(conn, thing, salt, played=played)
     for table in sorted(parts.keys() | digest.keys()):
         if parts.get(table) != digest.get(table):
-            what = f"{DIGEST} in the table {table}"
-            yield Finding(where, what, parts.get(table, "missing"), digest.get(table, "none"))
+            field = f"{DIGEST} in the table {table}"
+            yield Finding(name, field, parts.get(table, "missing"), digest.get(table, "none"))
 
 
 def check_without_owner(conn: sqlite3.Connection, owners: Mapping[Kind, str]) -> Iterator[Finding]:
-    """Yield entries of what is no longer there; `owners` is SQL for the ids of each kind that may
-    have one."""
+    """Yield entries of what is no longer there.
+
+    Args:
+        owners: Kind -> SQL for the ids that may have an entry.
+    """
     for kind, sql in owners.items():
         of = (kind, "events" if kind == "episode" else kind)
         lost = f"SELECT DISTINCT id FROM chain_salts WHERE kind IN (?, ?) AND id NOT IN ({sql})"
         for (ident,) in select(conn, lost, of).fetchall():
-            found = "nothing it belongs to (deleted or opened again)"
-            yield Finding(place(Thing(kind, ident)), f"a digest of kind {kind}", "kept", found)
+            owner = "nothing it belongs to (deleted or opened again)"
+            yield Finding(place(Thing(kind, ident)), f"a digest of kind {kind}", "kept", owner)
 
 
 def find_head(conn: sqlite3.Connection, wanted: str) -> EarlierHead | None:
-    """Return where a head stood and what came after it; None when it is not in this chain."""
-    found = select(conn, "SELECT number, day_ms FROM chain WHERE head = ?", [wanted]).fetchone()
-    if found is None:
+    """Where a head stood and what came after it; None if it is not in this chain."""
+    entry = select(conn, "SELECT number, day_ms FROM chain WHERE head = ?", [wanted]).fetchone()
+    if entry is None:
         return None
-    number, day_ms = found
+    number, day_ms = entry
     kinds = dict(select(conn, "SELECT number, kind FROM chain WHERE number <= ?", [number]))
     added: Counter[str] = Counter()
     replaced, forgotten = set(), set()
@@ -442,10 +469,10 @@ def find_head(conn: sqlite3.Connection, wanted: str) -> EarlierHead | None:
         if kind == "forgotten":
             forgotten |= set(json.loads(note).get("forgotten", []))
     both = (replaced, forgotten)
-    counts = [Counter(kinds[each] for each in which & kinds.keys()) for which in both]
+    counts = [Counter(kinds[number_] for number_ in entries & kinds.keys()) for entries in both]
     return EarlierHead(wanted, number, day_ms, added, *counts)
 
 
 def place(thing: Thing) -> str:
-    """Return a thing as a finding names it."""
+    """A thing as a finding names it."""
     return f"{'episode' if thing.kind == 'events' else thing.kind} {thing.id}"

@@ -1,5 +1,4 @@
-"""The one list of columns, `columns.txt`, read: what the database, the chain, exports and bundles
-have of each table.
+"""The one list of columns, `columns.txt`: what each table has, and where.
 
 From it come the tables of the database with their constraints, the parts of the chain of hashes,
 the headers of CSV exports, the tables of a bundle with their dictionary, and the tables of
@@ -53,9 +52,9 @@ class Column:
 
     @property
     def references(self) -> tuple[str, str] | None:
-        """The table and the column whose value it holds; None for none."""
-        found = re.search(r"REFERENCES (\w+)\((\w+)\)", self.rule)
-        return None if found is None else (found[1], found[2])
+        """The table and the column that it refers to; None if it refers to none."""
+        match = re.search(r"REFERENCES (\w+)\((\w+)\)", self.rule)
+        return None if match is None else (match[1], match[2])
 
     @property
     def exported_type(self) -> ColumnType:
@@ -63,7 +62,7 @@ class Column:
         return "text" if self.type == "bytes" else self.type
 
     def definition(self) -> str:
-        """Return the column as a table of the database defines it (SQL)."""
+        """The column as a table of the database defines it (SQL)."""
         rule = f"IN (0, 1) {self.rule}" if self.type == "boolean" else self.rule
         rule = f"CHECK ({self.name} {rule})" if rule.startswith("IN ") else rule
         return f"{self.name} {_SQL_TYPES[self.type]}{'' if self.nullable else ' NOT NULL'} {rule}"
@@ -88,32 +87,30 @@ class Table:
     rowid: bool = True
 
     def columns(self, place: Place) -> tuple[Column, ...]:
-        """Return the columns that it has in a place; none where it is not there."""
-        return tuple(each for each in self.all if set(each.where) & set(_LETTERS[place]))
+        """The columns that it has in a place; none if it is not there."""
+        return tuple(column for column in self.all if set(column.where) & set(_LETTERS[place]))
 
     def names(self, place: Place = "database") -> tuple[str, ...]:
-        """Return the names of these columns."""
-        return tuple(each.name for each in self.columns(place))
+        """The names of these columns."""
+        return tuple(column.name for column in self.columns(place))
 
     def statements(self, place: Place = "database") -> list[str]:
-        """Return the SQL that makes the table and its indexes; none where it is not in that
-        database."""
-        if not (found := [each.definition() for each in self.columns(place)]):
+        """SQL that creates the table and its indexes; none if it is not in that database."""
+        if not (definitions := [column.definition() for column in self.columns(place)]):
             return []
         options = "STRICT" if self.rowid else "STRICT, WITHOUT ROWID"
-        lines = ", ".join([*found, *self.rules])
+        lines = ", ".join([*definitions, *self.rules])
         return [f"CREATE TABLE {self.name} ({lines}) {options}", *self.indexes]
 
     def insert(self, place: Place = "database", how: str = "INSERT") -> str:
-        """Return the SQL that adds a row, its values in the order of the columns."""
+        """SQL that adds a row, its values in the order of the columns."""
         names = self.names(place)
         return f"{how} INTO {self.name} ({', '.join(names)}) VALUES ({', '.join('?' * len(names))})"
 
     def references(self) -> dict[str, tuple[str, str]]:
-        """Return column -> the table and the column whose value it holds, of the columns in the
-        database."""
-        found = {each.name: each.references for each in self.columns("database")}
-        return {name: to for name, to in found.items() if to is not None}
+        """Column -> the table and the column that it refers to, in the database."""
+        targets = {column.name: column.references for column in self.columns("database")}
+        return {name: target for name, target in targets.items() if target is not None}
 
 
 def _read(text: str) -> dict[str, Table]:
@@ -139,9 +136,9 @@ def _read(text: str) -> dict[str, Table]:
 
 def _column(line: str) -> Column:
     name, kind, *rest = (part.strip() for part in line.split("|", 4))
-    given = kind.rstrip("?~!*")
+    type_ = kind.rstrip("?~!*")
     marks = ("?" in kind or "~" in kind, "?" in kind, "!" in kind, "*" in kind)
-    return Column(name, given, *rest, *marks)  # type: ignore[arg-type, call-arg]
+    return Column(name, type_, *rest, *marks)  # type: ignore[arg-type, call-arg]
 
 
 TABLES = _read(Path(__file__).with_name("columns.txt").read_text(encoding="utf-8"))
@@ -152,19 +149,21 @@ BUNDLE_TABLES = (*(name for name, table in TABLES.items() if table.columns("bund
 
 
 def bundle_table(name: str) -> tuple[Table, tuple[Column, ...]]:
-    """Return the table that a bundle's table is made from, and the bundle's columns in order."""
+    """The table that a bundle's table is made from, and the bundle's columns in order."""
     table = TABLES["episodes" if name == "scores" else name]
     return table, table.columns("scores" if name == "scores" else "bundle")
 
 
 def summary(name: str) -> str:
-    """Return what a bundle's table holds."""
+    """What a bundle's table holds."""
     return f"one row {bundle_table(name)[0].summary}"
 
 
 def bundle_reference(table: str, column: str) -> str | None:
-    """Return the table whose key, of the same name, a column of another table of a bundle holds;
-    None for none."""
+    """The table whose key a column of another table of a bundle holds.
+
+    The key has the same name; None if there is none.
+    """
     other = {"participant": "participants", "episode": "episodes"}.get(column)
     return None if other == table else other
 
@@ -186,7 +185,7 @@ class TableNote(TypedDict):
 
 
 def dictionary() -> dict[str, TableNote]:
-    """Return the column dictionary of a bundle by table."""
+    """The column dictionary of a bundle, by table."""
     return {
         table: {
             "summary": summary(table),
@@ -205,15 +204,15 @@ def dictionary() -> dict[str, TableNote]:
 
 
 def markdown(columns: tuple[Column, ...]) -> str:
-    """Return columns as Markdown, as documents and datasheets print them."""
+    """Columns as a Markdown table, as documents and datasheets print them."""
     lines = ["|column|type|meaning|", "|---|---|---|"]
-    for each in columns:
-        kind = f"{each.exported_type}, optional" if each.optional else each.exported_type
-        lines.append(f"|`{each.name}`|{kind}|{each.meaning}|")
+    for column in columns:
+        kind = f"{column.exported_type}, optional" if column.optional else column.exported_type
+        lines.append(f"|`{column.name}`|{kind}|{column.meaning}|")
     return "\n".join(lines)
 
 
 def markdown_tables() -> str:
-    """Return the tables of the database as Markdown."""
-    found = [f"|`{each.name}`|{each.summary}|" for each in TABLES.values() if each.names()]
-    return "\n".join(["|table|a row is|", "|---|---|", *found])
+    """The tables of the database as a Markdown table."""
+    lines = [f"|`{table.name}`|{table.summary}|" for table in TABLES.values() if table.names()]
+    return "\n".join(["|table|a row is|", "|---|---|", *lines])

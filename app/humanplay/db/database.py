@@ -1,5 +1,4 @@
-"""The database file: recognised or refused before a byte is written, opened, and read at one
-moment.
+"""The database file: recognised before a write, opened, read at one moment.
 
 A database of ours has APPLICATION_ID in its header and the schema's number in `user_version`. The
 id is written before the file turns to write-ahead logging (WAL), so that it is in the file itself
@@ -41,7 +40,7 @@ from humanplay.task import counted
 
 @contextmanager
 def _hidden(name: str) -> Iterator[None]:
-    """Let an import of this module fail within the block, unless it is imported already."""
+    """Let the import of a module fail within the block, unless it is loaded."""
     is_hidden = sys.modules.setdefault(name, None) is None  # type: ignore[arg-type]
     try:
         yield
@@ -50,9 +49,8 @@ def _hidden(name: str) -> Iterator[None]:
             del sys.modules[name]
 
 
-with _hidden(
-    "pandas"
-):  # where it is installed, sqlite_utils would load it to know one more type of column: half a second
+# if pandas is installed, sqlite_utils would load it to know one more type of column: half a second
+with _hidden("pandas"):
     from sqlite_utils import Database
 
 APPLICATION_ID = 0x48504C59
@@ -106,15 +104,17 @@ def transaction(conn: sqlite3.Connection) -> Iterator[None]:
 
 @contextmanager
 def writing(path: Path, timeout_s: float = BUSY_MS / 1000) -> Iterator[sqlite3.Connection]:
-    """Yield a connection of its own inside a transaction, whoever else has the database open;
-    StoreError for a refused write.
+    """Yield a connection of its own inside a transaction, beside a server or alone.
 
     Args:
-        timeout_s: To wait for another program that is writing.
+        timeout_s: Seconds to wait for another program that is writing.
+
+    Raises:
+        StoreError: If the database does not take the write.
     """
     check_writable(path)
     check_commits(path)
-    # mode=rw: a file that was just deleted is not made again, as an empty one
+    # mode=rw: a file that was just deleted must not come back as an empty one
     uri = path.resolve().as_uri() + "?mode=rw"
     try:
         with closing(sqlite3.connect(uri, timeout_s, isolation_level=None, uri=True)) as conn:
@@ -134,8 +134,7 @@ def _connect(database: Path | str, is_uri: bool = False) -> sqlite3.Connection:
 
 
 def create_tables(conn: sqlite3.Connection) -> None:
-    """Make the tables of a new database and give it its number; one that has a number stays as it
-    is."""
+    """Create the tables of a new database; one with a schema stays as it is."""
     with transaction(conn):
         if _schema_of(conn) == 0:
             for table in TABLES.values():
@@ -149,14 +148,14 @@ def _schema_of(conn: sqlite3.Connection) -> int:
 
 
 def _check_schema(conn: sqlite3.Connection, path: Path, *, may_be_new: bool = False) -> None:
-    found = _schema_of(conn)
-    if found != SCHEMA and not (found == 0 and may_be_new):
+    schema = _schema_of(conn)
+    if schema != SCHEMA and not (schema == 0 and may_be_new):
         raise StoreError(
-            f"{path} must have schema {SCHEMA}, got schema {found}: open it with the version of MarsExplorer Playground that "
+            f"{path} must have schema {SCHEMA}, got schema {schema}: open it with the version of MarsExplorer Playground that "
             "made it, or give another --database (a new path makes a new one)"
         )
     conn.execute("PRAGMA trusted_schema = OFF")
-    if found == SCHEMA and (stray := _stray(conn)):
+    if schema == SCHEMA and (stray := _stray(conn)):
         raise StoreError(
             f"{path} holds {stray}, which is not as MarsExplorer Playground makes it and may do harm: restore a backup "
             "(humanplay restore), or give another --database"
@@ -169,8 +168,7 @@ _TABLES = "SELECT type, name, tbl_name, replace(sql, '\"', '') FROM sqlite_schem
 
 
 def _stray(conn: sqlite3.Connection) -> str | None:
-    """Return in words what of a file's schema could act, or is not ours word for word; None for
-    none.
+    """What in a file's schema could act or is not ours word for word; None if nothing.
 
     Views and triggers act; so can constraints and indexes of our tables. Further tables are never
     read and may be there.
@@ -186,17 +184,21 @@ def _stray(conn: sqlite3.Connection) -> str | None:
 
 
 def recognise(path: Path) -> None:
-    """Check that the file is absent, empty or ours; StoreError otherwise.
+    """Check that the file is absent, empty or ours.
 
     The header is read without SQLite, which might write a file next to it. A file that this process
     has open was recognised before and is not read again: closing any handle on it would drop
     SQLite's locks, and another program could take the log away.
+
+    Raises:
+        StoreError: If it is something else.
     """
     try:
         if path.exists() and not path.is_file():
-            what = "a folder" if path.is_dir() else "none that holds data (a pipe, a device)"
-            way_out = "give a file's path with --database"
-            raise StoreError(f"the database must be a file, {path} is {what}: {way_out}")
+            kind = "a folder" if path.is_dir() else "none that holds data (a pipe, a device)"
+            raise StoreError(
+                f"the database must be a file, {path} is {kind}: give a file's path with --database"
+            )
         if not path.parent.is_dir():
             raise StoreError(
                 f"there is no folder {path.parent} for the database {path.name}: make it, or give another --database"
@@ -214,7 +216,8 @@ def recognise(path: Path) -> None:
             f"{path} is a database of another program: nothing was written; "
             "give another --database (a new path makes a new one)"
         )
-    page = int.from_bytes(header[16:18], "big") if header else 0  # the value 1 stands for 65536
+    # the number 1 stands for 65536 bytes
+    page = int.from_bytes(header[16:18], "big") if header else 0
     # SQLite takes less than a page for an empty file
     if path.stat().st_size < (65536 if page == 1 else page):
         raise StoreError(
@@ -223,23 +226,29 @@ def recognise(path: Path) -> None:
 
 
 def check_writable(path: Path) -> None:
-    """Check that the file is absent, empty or ours, and not read-only; StoreError otherwise. Writes
-    nothing."""
+    """Check that the file is absent, empty or ours, and not read-only; writes nothing.
+
+    Raises:
+        StoreError: If not.
+    """
     recognise(path)
     if path.exists() and not os.access(path, os.W_OK):
         raise StoreError(READ_ONLY.format(path))
 
 
 def check_commits(path: Path) -> int:
-    """Check that a database holds every commit that was acknowledged; StoreError otherwise. Writes
-    nothing.
+    """Check that a database holds every commit that was acknowledged; writes nothing.
 
-    Returns: how many a power cut took from a server that was not `--durable`, which is logged; else
-    0.
+    Returns:
+        How many commits a power cut took from a server that was not `--durable`, which is logged;
+        else 0.
+
+    Raises:
+        StoreError: If commits are missing for any other reason.
     """
     if path.exists() and is_in_use(path):
         return 0
-    # the note first: what is committed meanwhile is not missing
+    # read the note first: a commit that is made meanwhile then counts as extra, not as missing
     note = note_of(path)
     commits, runs = commits_in(path)
     if note is None and runs:
@@ -268,8 +277,11 @@ def check_commits(path: Path) -> int:
 
 
 def accept_missing(path: Path) -> None:
-    """Let a database be used as it is, although commits are missing or might be; StoreError while a
-    server has it."""
+    """Let a database be used as it is, although commits are or might be missing.
+
+    Raises:
+        StoreError: If a server has it.
+    """
     lock = DatabaseLock(path)
     try:
         lock.begin_note(commits_in(path)[0], durable=False)
@@ -278,11 +290,14 @@ def accept_missing(path: Path) -> None:
 
 
 def commits_in(path: Path) -> tuple[int, bool]:
-    """Count a database's commits, 0 if it is new; and whether a server has not ended by itself.
-    Writes nothing."""
+    """Count a database's commits; writes nothing.
+
+    Returns:
+        The number, 0 if it is new; and whether a server has it or was killed.
+    """
     if not path.exists() or path.stat().st_size == 0:
         return 0, False
-    # without a log nothing is to be read but the file, and a log is not made here
+    # without a log the file is all there is to read, and reading must not create one
     uri = path.resolve().as_uri() + "?mode=ro" + ("" if log_path(path).exists() else "&immutable=1")
     try:
         with closing(_connect(uri, is_uri=True)) as conn:
@@ -300,8 +315,10 @@ def commits_in(path: Path) -> tuple[int, bool]:
 
 
 def open_database(path: Path, durable: bool = False) -> Database:
-    """Open the database for writing, recognised, compared with its note and in WAL mode; it is made
-    when absent."""
+    """Open the database for writing, in WAL mode; create it if it is absent.
+
+    It is recognised and compared with its note first.
+    """
     check_writable(path)
     check_commits(path)
     try:
@@ -319,7 +336,8 @@ def open_database(path: Path, durable: bool = False) -> Database:
         create_tables(conn)
         with transaction(conn):
             conn.execute("SELECT count(*) FROM meta")
-        if is_new:  # a file whose log is lost shall be seen to be one of ours that lacks something
+        # a new file must be known as ours even if its log is lost: then commits are missing, not the database
+        if is_new:
             conn.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         return Database(conn)
     except BaseException as error:
@@ -330,8 +348,11 @@ def open_database(path: Path, durable: bool = False) -> Database:
 
 
 def open_read_only(path: Path) -> Database:
-    """Open the database for reading, whether or not a server has it open; StoreError when it is not
-    one of ours."""
+    """Open the database for reading, whether or not a server has it open.
+
+    Raises:
+        StoreError: If it is not one of ours.
+    """
     if not path.exists():
         raise StoreError(f"no database at {path}: play first, or give the path with --database")
     recognise(path)
@@ -352,16 +373,16 @@ def open_read_only(path: Path) -> Database:
         raise
 
 
-def damaged(path: Path, found: str) -> str:
-    """Return one sentence for a database that is damaged, with the ways out."""
+def damaged(path: Path, damage: str) -> str:
+    """One sentence for a database that is damaged, with the ways out."""
     return (
-        f"the database {path} is damaged ({found}): restore it from a backup (humanplay restore), read out what can be read "
+        f"the database {path} is damaged ({damage}): restore it from a backup (humanplay restore), read out what can be read "
         f"(sqlite3 {path} .recover | sqlite3 NEW), or give another --database"
     )
 
 
 def _explain(path: Path, error: sqlite3.Error) -> str:
-    """Return one sentence for an error of SQLite on opening."""
+    """One sentence for an error of SQLite on opening."""
     text = str(error)
     if "readonly" in text:
         return READ_ONLY.format(path)
@@ -378,8 +399,8 @@ def _explain(path: Path, error: sqlite3.Error) -> str:
 def reading(path: Path) -> Iterator[sqlite3.Connection]:
     """Yield a read-only connection that sees a database as it is at the first query.
 
-    StoreError when the file is not one of ours, and when it turns out to be damaged inside the
-    block.
+    Raises:
+        StoreError: If the file is not one of ours, or turns out to be damaged inside the block.
     """
     db = open_read_only(path)
     release = hold(path)
@@ -411,5 +432,5 @@ def stream(conn: sqlite3.Connection, sql: str, *values: SqlValue | Row) -> Itera
 
 
 def rows(conn: sqlite3.Connection, sql: str, *values: SqlValue | Row) -> list[Any]:
-    """Return a query's rows (`stream`)."""
+    """A query's rows (`stream`)."""
     return list(stream(conn, sql, *values))

@@ -1,9 +1,8 @@
-"""Finished episodes as CSV, one row an episode or one row a step, each episode replayed before it
-is written.
+"""Finished episodes as CSV, replayed before they are written.
 
-Columns are listed in `docs/data.md`. `verified` is false where the replay does not come to what is
-stored: such rows are marked, never hidden. Players appear under pseudonyms drawn anew for every
-export; sessions do not appear.
+A row is an episode or a step. Columns are listed in `docs/data.md`. `verified` is false if the
+replay differs from what is stored: such rows are marked, never hidden. Players appear under
+pseudonyms drawn anew for every export; sessions do not appear.
 """
 
 from __future__ import annotations
@@ -41,8 +40,7 @@ COLUMNS: dict[ExportTable, tuple[str, ...]] = {
 
 
 def new_key() -> bytes:
-    """Return the key of one export's pseudonyms; give the same one to both tables so that they
-    agree."""
+    """A key for one export's pseudonyms; use one for both tables so that they agree."""
     return secrets.token_bytes(32)
 
 
@@ -85,8 +83,11 @@ def write_table(
     player: str | None,
     at_ms: int,
 ) -> None:
-    """Write what `export_table` yields of what anybody may see; OSError when it takes more than
-    `most_bytes`."""
+    """Write what `export_table` yields of what anybody may see.
+
+    Raises:
+        OSError: If it takes more than `most_bytes`.
+    """
     pieces = export_table(database, table, who, None, True, at_ms, player)
     with closing(pieces), path.open("xb") as file:
         for piece in pieces:
@@ -96,8 +97,13 @@ def write_table(
 
 
 def write_human_scores(path: Path, most_bytes: int, database: Path, at_ms: int) -> None:
-    """Write a ZIP of what counts of people, as anybody may see it: both tables and a datasheet;
-    OSError beyond `most_bytes`."""
+    """Write a ZIP of people's episodes that count, as anybody may see them.
+
+    It holds both tables and a datasheet.
+
+    Raises:
+        OSError: If it takes more than `most_bytes`.
+    """
     key = new_key()
     lines: dict[str, int] = {}
     with path.open("xb") as file, ZipFile(file, "w", ZIP_DEFLATED) as bundle:
@@ -115,7 +121,7 @@ def write_human_scores(path: Path, most_bytes: int, database: Path, at_ms: int) 
 
 def _datasheet(lines: Mapping[str, int], at_ms: int) -> str:
     day = datetime.fromtimestamp(at_ms / 1000, UTC).date().isoformat()
-    tables = (f"## {each}.csv\n\n{markdown(TABLES[each].columns('export'))}\n" for each in COLUMNS)
+    tables = (f"## {name}.csv\n\n{markdown(TABLES[name].columns('export'))}\n" for name in COLUMNS)
     episodes, moves = counted(lines["episodes"], "episode"), counted(lines["steps"], "move")
     return DATASHEET.format(
         day=day,
@@ -153,18 +159,19 @@ def export_to(
     advance: Callable[[int, int], None],
     open_studies: bool = False,
 ) -> str:
-    """Write `episodes.csv` and `steps.csv` in the folder, both whole or neither, and return a
-    sentence on what was written.
+    """Write `episodes.csv` and `steps.csv` in the folder, both whole or neither.
 
     Args:
-        advance: Called with (episodes written, of how many), both tables counted.
-        open_studies: True takes in those of open studies, and notes it in the chain of the
-            database.
+        advance: Called with (episodes written, episodes in all), both tables counted.
+        open_studies: Take in those of open studies, and note it in the chain of the database.
+
+    Returns:
+        A sentence on what was written.
     """
     with closing(Reader.open(database, open_studies=open_studies)) as reader:
         total, studies = 2 * reader.count(who), reader.open_studies()
     folder.mkdir(parents=True, exist_ok=True)
-    kept = [study.name for study in studies if study.secret_kept_ms is not None]
+    secret = [study.name for study in studies if study.secret_kept_ms is not None]
     running = [study for study in studies if study.secret_kept_ms is None]
     if open_studies and running:
         with writing(database) as conn:  # before anything of them is written
@@ -180,10 +187,11 @@ def export_to(
                 unverified += number == 0 and piece.endswith(b",false\n")
                 advance(min(done, total), total)
     count, moves = (n - 1 for n in lines)
-    why = "did not replay as recorded: see the column verified"
-    warning = f"; {unverified} of them {why}" if unverified else ""
-    if kept:
-        warning += f"; left out, since their secrets are kept: {', '.join(kept)}"
+    warning = ""
+    if unverified:
+        warning = f"; {unverified} of them did not replay as recorded: see the column verified"
+    if secret:
+        warning += f"; left out, since their secrets are kept: {', '.join(secret)}"
     names = ", ".join(study.name for study in running)
     if running and open_studies:
         warning += f"; taken in although open, which the chain and their reports say: {names}"
@@ -193,10 +201,11 @@ def export_to(
 
 
 def _check(table: str, who: str) -> None:
-    """Raise ValueError for what is no table or choice of episodes."""
-    for name, value, known in (("table", table, tuple(COLUMNS)), ("who", who, ("all", "human"))):
-        if value not in known:
-            raise ValueError(f"{name} must be one of {', '.join(known)}, got {value!r}")
+    """Raise ValueError if there is no such table or choice of episodes."""
+    choices = (("table", table, tuple(COLUMNS)), ("who", who, ("all", "human")))
+    for name, chosen, allowed in choices:
+        if chosen not in allowed:
+            raise ValueError(f"{name} must be one of {', '.join(allowed)}, got {chosen!r}")
 
 
 def _stream(
@@ -216,7 +225,7 @@ def _stream(
 def _rows_of(
     row: CountedEpisode, steps: list[MoveRow], table: ExportTable, key: bytes
 ) -> list[dict[str, object]]:
-    """Return what the export says of an episode, by column: one row, or one a step."""
+    """What the export says of an episode, by column: one row, or one a step."""
     episode, findings = simulate(row, steps)
     trial = Trial.of(row)
     actions = trial.environment.actions
@@ -254,12 +263,11 @@ def _encoded(rows: list[dict[str, object]], columns: Sequence[Column]) -> bytes:
     return out.getvalue().encode()
 
 
-def csv_cell(value: object, kind: ColumnType) -> object:
-    """Return a value as a CSV file holds it: truth values are true and false, what is absent is
-    empty."""
-    if kind == "boolean" and value is not None:
-        return "true" if value else "false"
-    return to_cell(value)
+def csv_cell(content: object, kind: ColumnType) -> object:
+    """A CSV cell: truth values are true and false, what is absent is empty."""
+    if kind == "boolean" and content is not None:
+        return "true" if content else "false"
+    return to_cell(content)
 
 
 def _pseudonym(player_id: str | None, key: bytes) -> str | None:

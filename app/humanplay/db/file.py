@@ -1,11 +1,10 @@
-"""The database as a file among files: who holds it, whether it still stands where it was opened,
-and what it held last.
+"""The database as a file: who holds it, where it lies, and how much it must hold.
 
 **Who has it open.** SQLite locks a file with POSIX locks, and a process that closes any handle on
 the file loses all of them. So a file that is in use here is not opened and closed by anything else,
 and a handle of our own is closed when SQLite has none left.
 
-**Where it stands.** A file that is deleted, moved or replaced while SQLite has it open still takes
+**Where it lies.** A file that is deleted, moved or replaced while SQLite has it open still takes
 every write: into nothing that anybody will read again. SQLite does not notice; a look at device and
 inode does, without opening anything.
 
@@ -40,7 +39,7 @@ GONE = (
     "until it is put back; else stop the server and restore a backup (humanplay restore)"
 )
 DIGITS = 20
-"""Of the number of commits in a note, which is written over the former one."""
+"""Digits of the commits in a note: always as many, since a note is written over the former one."""
 DURABLE = "durable"
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
@@ -48,8 +47,7 @@ Identity = tuple[int, int]
 """Device and inode."""
 
 _counting = threading.Lock()
-"""A reader on a thread of its own must not be lost from the count: the file would be taken for
-unused."""
+"""Guards the counts: if a reader on another thread got lost, the file would be taken for unused."""
 _in_use: Counter[Identity] = Counter()
 _to_close: dict[Identity, list[int]] = {}
 _locked: set[Identity] = set()
@@ -63,29 +61,33 @@ def studies_beside(path: Path) -> Path:
 
 
 class StoreError(Exception):
-    """The database cannot be used as asked; the message says what was expected, what came, and the
-    way out."""
+    """The database cannot be used as asked; says what came instead and the way out."""
 
 
 class WriteRefusedError(StoreError):
-    """A write was not made, since its turn did not come; nothing has changed, and the same write
-    may succeed later."""
+    """A write's turn did not come.
+
+    Nothing has changed, and the same write may succeed later.
+    """
 
 
 def identity_of(path: Path | str) -> Identity:
-    """Return device and inode of the file that a path leads to; OSError when there is none."""
+    """Device and inode of the file that a path leads to; OSError if there is none."""
     stat = Path(path).stat()
     return stat.st_dev, stat.st_ino
 
 
 def is_in_use(path: Path) -> bool:
-    """Return whether this process has the file open; OSError when there is none."""
+    """Whether this process has the file open; OSError if there is none."""
     return _in_use[identity_of(path)] > 0
 
 
 def hold(path: Path) -> Callable[[], None]:
-    """Count the file as in use by this process, and return the function to call when the connection
-    to it is closed."""
+    """Count the file as in use by this process.
+
+    Returns:
+        The function to call when the connection to it is closed.
+    """
     held = [identity_of(path)]
     with _counting:
         _in_use.update(held)
@@ -101,8 +103,10 @@ def hold(path: Path) -> Callable[[], None]:
 
 
 def close_when_unused(handle: int, identity: Identity) -> None:
-    """Close a handle of our own on a database: now, or once no connection of this process has the
-    file open."""
+    """Close a handle of our own on a database as soon as that is safe.
+
+    That is at once, or when no connection of this process has the file open any more.
+    """
     with _counting:
         _to_close.setdefault(identity, []).append(handle)
         _close_unused(identity)
@@ -117,12 +121,11 @@ def _close_unused(identity: Identity) -> None:
 
 
 class LostDatabaseError(StoreError):
-    """What is written would reach no file that anybody can read; nothing was acknowledged."""
+    """A write would reach no file that anybody can read; it was not acknowledged."""
 
 
 class FilePlace:
-    """The names of an open database and of its write-ahead log, and the files that they led to when
-    it was opened."""
+    """Where an open database and its write-ahead log were when it was opened."""
 
     def __init__(self, path: Path) -> None:
         self._name = path.name
@@ -130,8 +133,10 @@ class FilePlace:
         self._files: list[tuple[str, Identity]] = [(p, identity_of(p)) for p in paths]
 
     def fault(self) -> str | None:
-        """Return one sentence when a file is no longer where it was, else None; takes about 3
-        microseconds."""
+        """One sentence if a file is no longer where it was, else None.
+
+        Takes about 3 microseconds.
+        """
         try:
             for path, identity in self._files:
                 stat = os.stat(path)  # noqa: PTH116  # twice a move: Path.stat takes three times as long
@@ -148,8 +153,11 @@ class FilePlace:
 
 
 class DatabaseLock:
-    """A hold on one database against every other server; StoreError while another one has it, and
-    `close` gives it back."""
+    """A hold on one database against every other server; `close` gives it back.
+
+    Raises:
+        StoreError: If another server has it.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -162,8 +170,11 @@ class DatabaseLock:
             raise
 
     def lock_database(self) -> None:
-        """Lock the database itself, where there is one and it is not locked yet; StoreError while
-        another server holds it."""
+        """Lock the database itself, if there is one and it is not locked yet.
+
+        Raises:
+            StoreError: If another server holds it.
+        """
         if self._database is not None or sys.platform != "linux" or not self._path.exists():
             return
         if identity_of(self._path) in _locked:
@@ -171,8 +182,9 @@ class DatabaseLock:
         try:
             handle = os.open(self._path, os.O_RDONLY | os.O_CLOEXEC)
         except OSError as error:
-            why = f"{error.strerror}; give another --database"
-            raise StoreError(f"cannot read the database {self._path}: {why}") from error
+            raise StoreError(
+                f"cannot read the database {self._path}: {error.strerror}; give another --database"
+            ) from error
         stat = os.fstat(handle)
         identity = stat.st_dev, stat.st_ino
         try:
@@ -189,8 +201,11 @@ class DatabaseLock:
         _locked.add(identity)
 
     def begin_note(self, commits: int, durable: bool) -> None:
-        """Note on the disk how many commits the database holds, and whether a power cut may take
-        further ones."""
+        """Note on the disk how many commits the database holds.
+
+        Args:
+            durable: Whether a power cut takes no further ones.
+        """
         if self._lock_file is not None:
             text = f"{commits:0{DIGITS}} {DURABLE if durable else boot_id()}\n"
             with contextlib.suppress(OSError):
@@ -199,7 +214,10 @@ class DatabaseLock:
                 os.fsync(self._lock_file)
 
     def note(self, commits: int) -> None:
-        """Note a commit; takes about 2 microseconds. A disk that is full keeps the former note."""
+        """Note a commit; takes about 2 microseconds.
+
+        If the disk is full the note stays as it is.
+        """
         if self._lock_file is not None:
             with contextlib.suppress(OSError):
                 os.pwrite(self._lock_file, f"{commits:0{DIGITS}}".encode(), 0)
@@ -224,7 +242,7 @@ class DatabaseLock:
 
 
 def in_use_error(path: Path) -> StoreError:
-    """Return the error of a database that another server holds."""
+    """The error of a database that another server holds."""
     return StoreError(f"{path} is in use by another server: stop it or give another --database")
 
 
@@ -250,7 +268,7 @@ def note_of(path: Path) -> Note | None:
 
 
 def note_commit(path: Path, commits: int) -> None:
-    """Note a commit that was made beside a server, unless the server has noted a later one."""
+    """Note a commit made beside a server, unless the server has noted a later one."""
     note = note_of(path)
     if note is not None and note.commits < commits:
         with contextlib.suppress(OSError), lock_path(path).open("r+b") as file:
@@ -258,7 +276,7 @@ def note_commit(path: Path, commits: int) -> None:
 
 
 def boot_id() -> str:
-    """What tells one start of the system from another; "unknown" where it is not Linux."""
+    """Identifies one start of the system; "unknown" if it is not Linux."""
     try:
         return _BOOT_ID.read_text().strip()
     except OSError:
@@ -276,13 +294,14 @@ def log_path(path: Path) -> Path:
 
 
 def _lock_file_of(path: Path) -> int:
-    """Return the handle of NAME-lock, locked."""
+    """Open NAME-lock, lock it and return its handle."""
     try:
         name = lock_path(path)
         handle = os.open(name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:
-        why = f"{error.strerror}; give another --database"
-        raise StoreError(f"cannot write the database {path}: {why}") from error
+        raise StoreError(
+            f"cannot write the database {path}: {error.strerror}; give another --database"
+        ) from error
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -1,7 +1,6 @@
-"""Input events of a person's episodes, on the playground and in studies: kept once each, and read
-back in order.
+"""Input events of a person's episodes: stored once each, and read back in order.
 
-Works on a store's connection and in its transactions.
+The functions work on a store's connection and in its transactions.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ TOO_MANY_EVENTS = "this episode has more input events than are kept; the rest is
 
 
 class TooManyEventsError(ValueError):
-    """An episode keeps no more input events; the text says why."""
+    """No more input events are stored of an episode; the text says why."""
 
 
 class PageLoad(NamedTuple):
@@ -59,7 +58,7 @@ class PageLoad(NamedTuple):
 
 
 class InputEventRow(NamedTuple):
-    """An input event as the page saw it; times are milliseconds of the clock of its page load."""
+    """An input event as the page saw it; times are ms of its page load's clock."""
 
     kind: str
     code: str | None
@@ -89,20 +88,19 @@ def add_input_events(
     page_load: PageLoad,
     room: float = math.inf,
 ) -> None:
-    """Keep a batch of input events of an episode once, however often it comes.
+    """Store a batch of input events of an episode once, however often it comes.
 
-    `batch` is its id, which its page drew. A batch that was being sent when the connection broke
-    can arrive after its repetition and after later batches.
-
-    What comes after the end of the episode is stored with a later time than the end, so that the
-    rows say what was there when it ended.
+    A batch that was being sent when the connection broke can arrive after its repetition and after
+    later batches. Events that come after the end of the episode get a later time than the end, so
+    that the rows say what was there when it ended.
 
     Args:
+        batch: Its id, which its page drew.
         room: Bytes that all input events of the episode may take.
 
     Raises:
-        TooManyEventsError: beyond the room, MAX_EVENTS_PER_EPISODE or MAX_PAGE_LOADS; nothing of
-            the batch is kept.
+        TooManyEventsError: Beyond the room, MAX_EVENTS_PER_EPISODE or MAX_PAGE_LOADS; nothing of
+            the batch is stored.
     """
     if not events:
         return
@@ -130,7 +128,7 @@ def add_input_events(
 
 
 def _number_load(conn: sqlite3.Connection, episode_id: str, page_load: PageLoad) -> tuple[int, int]:
-    """Return the numbers of a tab and of its page load in an episode."""
+    """The numbers of a tab and of its page load in an episode."""
     loads = conn.execute(_LOADS, [episode_id]).fetchall()
     tabs = {tab_id: tab for _, tab, _, tab_id in loads}
     for number, tab, load_id, _ in loads:
@@ -147,30 +145,31 @@ def _number_load(conn: sqlite3.Connection, episode_id: str, page_load: PageLoad)
 
 
 def input_events(reader: Reader, episode_id: str) -> list[EventRow]:
-    """Return an episode's input events in order."""
+    """An episode's input events in order."""
     sql = "SELECT * FROM input_events WHERE episode_id = ? ORDER BY number"
     return reader.query(sql, [episode_id])
 
 
 def count_input_events(reader: Reader, episode_id: str) -> int:
-    """Return how many input events of an episode are kept: they are numbered from 0 on, and none
-    goes while it runs."""
+    """How many input events of an episode are stored.
+
+    They are numbered from 0 on, and none goes while it runs.
+    """
     return int(reader.query(_FIRST, [episode_id])[0]["first"])
 
 
 def has_copied_timing(reader: Reader, episode_id: str) -> bool:
-    """Return whether the gaps between an episode's presses are those of another episode that has
-    ended, from its first on.
+    """Whether an episode's presses have the gaps of another ended episode's.
 
-    Presses are those of the moves (`steps.key_down_ms`). Only a copy to the tenth of a millisecond
-    is found.
+    Presses are those of the moves (`steps.key_down_ms`), from the first on. Only a copy to the
+    tenth of a millisecond is found.
     """
     sql = "SELECT key_down_ms FROM steps WHERE episode_id = ? ORDER BY step LIMIT ?"
     times = [row["key_down_ms"] for row in reader.query(sql, [episode_id, COPIED_GAPS[1] + 1])]
     if None in times or len(times) <= COPIED_GAPS[0]:
         return False
     gaps = [after - before for before, after in pairwise(times)]
-    # the first condition that fails ends the look at an episode; after the fewest gaps the other one may have ended
+    # SQLite stops at the first gap that differs; after the fewest gaps the other episode may have ended
     alike = [
         f"coalesce(abs({_GAP.format(step=step)} - {gap!r}) < 0.06, {step >= COPIED_GAPS[0]:d})"
         for step, gap in enumerate(gaps)

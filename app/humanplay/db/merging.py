@@ -1,5 +1,7 @@
-"""Rows of one database merged into another: new ones are added, equal ones let be, and two contents
-under one id refused."""
+"""Rows of one database merged into another.
+
+New rows are added, equal ones are left as they are, and two contents under one id are refused.
+"""
 
 from __future__ import annotations
 
@@ -48,14 +50,16 @@ _TAKEN_PART_TWICE = """SELECT count(*) FROM (SELECT 1 FROM identities i JOIN par
 
 
 class MergeError(StoreError):
-    """Databases cannot be merged: two contents stand under one id, or the new file is there
-    already."""
+    """Two contents stand under one id, or the new file is there already."""
 
 
 @dataclass
 class MergeCounts:
-    """Rows that were added and rows that were there already, by table; people left out because they
-    were forgotten."""
+    """Rows that were added and rows that were there already, by table.
+
+    Attributes:
+        forgotten: People who were left out because they were forgotten.
+    """
 
     added: dict[str, int] = field(default_factory=dict)
     equal: dict[str, int] = field(default_factory=dict)
@@ -74,18 +78,22 @@ def merge(
     out: Path,
     advance: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[MergeCounts, int]:
-    """Merge databases into a new one; return the counts, and how many people took part in a study
-    twice.
-
-    MergeError when there is a file at `out` already, or two contents under one id; then nothing is
-    written.
+    """Merge databases into a new one.
 
     Args:
-        advance: Called with (databases merged, of how many).
+        advance: Called with (databases merged, databases in all).
+
+    Returns:
+        The counts, and how many people took part in a study twice.
+
+    Raises:
+        MergeError: If there is a file at `out` already, or two contents under one id; nothing is
+            written then.
     """
     if out.exists():
-        why = "a merge is written into a new file; choose another --out"
-        raise MergeError(f"{out} is there already: {why}")
+        raise MergeError(
+            f"{out} is there already: a merge is written into a new file; choose another --out"
+        )
     total = MergeCounts()
     with _new_database(out) as conn, transaction(conn):
         for path in sources:
@@ -99,84 +107,92 @@ def merge(
     return total, twice
 
 
-def merge_rows(target: sqlite3.Connection, source: sqlite3.Connection, where: str) -> MergeCounts:
-    """Add the source's rows to the target's and return the counts; call it inside a transaction of
-    the target.
+def merge_rows(
+    target: sqlite3.Connection, source: sqlite3.Connection, source_name: str
+) -> MergeCounts:
+    """Add the source's rows to the target's, inside a transaction of the target.
 
-    MergeError when both have something under one id and it is not the same. People whom either of
-    the two has forgotten are left out; bring the lists of all sources into the target first
-    (`learn_forgotten`).
+    People whom either of the two has forgotten are left out; bring the lists of all sources into
+    the target first (`learn_forgotten`).
 
     Args:
-        where: The source in words, for the error.
+        source_name: The source in words, for the error.
+
+    Raises:
+        MergeError: If both have something under one id and it is not the same.
     """
     counts = MergeCounts()
     target.execute("PRAGMA defer_foreign_keys = ON")
-    known = chain.things(target)
-    counted = _parts_of(target, known)
-    _merge_series(target, source, where)
+    before = chain.things(target)
+    counted = _parts_of(target, before)
+    _merge_series(target, source, source_name)
     hidden = _hidden(target, source)
     counts.forgotten = len(hidden["participants"])
     for table in MERGED:
         wanted = _visible(table, stream(source, f"SELECT * FROM {table}"), hidden)
         if table == "releases":
             wanted = _as_outdated(target, wanted)
-        counts.added[table], counts.equal[table] = _merge_table(target, table, wanted, where)
-    known_here = chain.things(source)
-    found = {each for each in known_here if each.id not in hidden.get(f"{each.kind}s", ())}
-    _check_same_parts(counted, _parts_of(source, found & known), where)
+        counts.added[table], counts.equal[table] = _merge_table(target, table, wanted, source_name)
+    in_source = chain.things(source)
+    merged = {thing for thing in in_source if thing.id not in hidden.get(f"{thing.kind}s", ())}
+    _check_same_parts(counted, _parts_of(source, merged & before), source_name)
     volunteers.renew(target)
-    _extend_chain(target, source, chain.things(target) - known, found)
+    _extend_chain(target, source, chain.things(target) - before, merged)
     return counts
 
 
 def _extend_chain(
-    target: sqlite3.Connection, source: sqlite3.Connection, added: set[Thing], found: set[Thing]
+    target: sqlite3.Connection, source: sqlite3.Connection, added: set[Thing], merged: set[Thing]
 ) -> None:
-    """Append the source's head and an entry of everything added; what did not fit its entry in the
-    source stays so.
+    """Append the source's head and an entry of everything added.
+
+    What did not fit its entry in the source stays so.
 
     Args:
         added: What is new in the target.
-        found: Everything of the source that was merged, new or not.
+        merged: Everything of the source that was merged, new or not.
     """
     entries, head = chain.head(source)
     chain.append_note(target, "merged", {"merged": {"head": head, "entries": entries}})
-    stored = {each: chain.unsound_hash(source, each.kind, each.id) for each in found}
-    unsound = {each: hash_ for each, hash_ in stored.items() if hash_ is not None}
+    stored = {thing: chain.unsound_hash(source, thing.kind, thing.id) for thing in merged}
+    unsound = {thing: hash_ for thing, hash_ in stored.items() if hash_ is not None}
     chain.append_all(target, added | unsound.keys(), unsound)
     chain.append_marks(target)
 
 
 def _parts_of(conn: sqlite3.Connection, wanted: set[Thing]) -> dict[Thing, dict[str, int]]:
-    """Return the number of rows that finished episodes and participants have in each of the tables
-    of their parts."""
-    wholes = [each for each in wanted if each.kind in ("episode", "participant")]
-    parts: dict[Thing, dict[str, int]] = {each: {} for each in wholes}
+    """Count the rows that finished episodes and participants have in other tables.
+
+    Returns:
+        Thing -> table -> number of rows.
+    """
+    wholes = [thing for thing in wanted if thing.kind in ("episode", "participant")]
+    parts: dict[Thing, dict[str, int]] = {thing: {} for thing in wholes}
     for table in MERGED.values() if parts else ():
         column, (of, _) = next(iter(table.references().items()), ("", ("", "")))
         if of in _OWNED:
             counted = f"SELECT {column}, count(*) FROM {table.name} GROUP BY {column}"
             for ident, count in conn.execute(counted):
-                if (each := Thing(_OWNED[of], ident)) in parts:
-                    parts[each][table.name] = count
+                if (thing := Thing(_OWNED[of], ident)) in parts:
+                    parts[thing][table.name] = count
     return parts
 
 
 def _check_same_parts(
-    old: dict[Thing, dict[str, int]], new: dict[Thing, dict[str, int]], where: str
+    old: dict[Thing, dict[str, int]], new: dict[Thing, dict[str, int]], source_name: str
 ) -> None:
-    """Raise MergeError when a thing has more or fewer rows in the source than it had in the target."""
-    for each, counts in new.items():
-        if old[each] != counts:
+    """Raise MergeError if a thing's rows differ in number from the target's."""
+    for thing, counts in new.items():
+        if old[thing] != counts:
             raise MergeError(
-                f"the {each.kind} {each.id} has other rows in {where} than before ({counts}, not {old[each]}): nothing was "
-                "joined; one of the two was changed, or is an older copy"
+                f"the {thing.kind} {thing.id} has other rows in {source_name} than before "
+                f"({counts}, not {old[thing]}): nothing was joined; one of the two was changed, or is an "
+                "older copy"
             )
 
 
 def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str, set[SqlValue]]:
-    """Return the source's ids that are not to be merged, by table."""
+    """The source's ids that are not to be merged, by table."""
     people = forgotten_people(target, source)
     hidden: dict[str, set[SqlValue]] = {"players": set(), "sessions": set()}
     hidden["participants"] = {person.id for person in people}
@@ -210,8 +226,10 @@ def _visible(
 
 
 def _as_outdated(target: sqlite3.Connection, releases: Iterator[Row]) -> Iterator[Row]:
-    """Yield releases, those that the target has too outdated since the earlier of both times, there
-    as well."""
+    """Yield releases, outdated since the earlier of both databases' times.
+
+    The target's rows are changed as well.
+    """
     match = "study = ? AND version = ? AND manifest_hash = ? AND released_ms = ?"
     for row in releases:
         key = row["study"], row["version"], row["manifest_hash"], row["released_ms"]
@@ -224,9 +242,9 @@ def _as_outdated(target: sqlite3.Connection, releases: Iterator[Row]) -> Iterato
 
 
 def _merge_table(
-    target: sqlite3.Connection, table: str, wanted: Iterator[Row], where: str
+    target: sqlite3.Connection, table: str, wanted: Iterator[Row], source_name: str
 ) -> tuple[int, int]:
-    """Return how many rows were added and how many were there already."""
+    """How many rows were added, and how many were there already."""
     columns, insert = MERGED[table].names(), MERGED[table].insert(how="INSERT OR IGNORE")
     added = equal = 0
     while chunk := [tuple(row[name] for name in columns) for row in islice(wanted, ROWS_AT_A_TIME)]:
@@ -234,15 +252,14 @@ def _merge_table(
         added += count
         if count < len(chunk):
             equal += len(chunk) - count
-            _check_equal(target, table, chunk, where)
+            _check_equal(target, table, chunk, source_name)
     return added, equal
 
 
 def _check_equal(
-    target: sqlite3.Connection, table: str, chunk: list[tuple[SqlValue, ...]], where: str
+    target: sqlite3.Connection, table: str, chunk: list[tuple[SqlValue, ...]], source_name: str
 ) -> None:
-    """Raise MergeError naming the first row of the chunk that does not stand in the target exactly
-    so."""
+    """Raise MergeError if a row of the chunk is not in the target exactly so."""
     columns = MERGED[table].names()
     match = " AND ".join(f"{name} IS ?" for name in columns)
     keys = [row[1] for row in target.execute(f"PRAGMA table_info({table})") if row[5]]
@@ -250,13 +267,14 @@ def _check_equal(
         if target.execute(f"SELECT 1 FROM {table} WHERE {match}", row).fetchone() is None:
             pairs = zip(columns, row, strict=True)
             named = ", ".join(
-                f"{name} {value}"
-                for name, value in pairs
-                if name in keys and not isinstance(value, bytes)
+                f"{name} {content}"
+                for name, content in pairs
+                if name in keys and not isinstance(content, bytes)
             )
             raise MergeError(
-                f"the table {table} has {named} with another content in {where} than before: nothing was joined; one of the "
-                "two was changed, or they are a copy and its original under other names"
+                f"the table {table} has {named} with another content in {source_name} than before: "
+                "nothing was joined; one of the two was changed, or they are a copy and its original "
+                "under other names"
             )
 
 
@@ -264,14 +282,14 @@ ENDS = ("closed_ms", "secret", "secret_kept_ms")
 """What the end of a study writes into its row."""
 
 
-def _merge_series(target: sqlite3.Connection, source: sqlite3.Connection, where: str) -> None:
+def _merge_series(target: sqlite3.Connection, source: sqlite3.Connection, source_name: str) -> None:
     for row in rows(source, "SELECT * FROM series"):
-        known = rows(target, "SELECT * FROM series WHERE name = ?", row["name"])
-        if not known:
+        present = rows(target, "SELECT * FROM series WHERE name = ?", row["name"])
+        if not present:
             target.execute(TABLES["series"].insert(), list(row.values()))
             continue
-        _check_same_series(known[0], row, where)
-        if all(known[0][name] is not None or row[name] is None for name in ENDS):
+        _check_same_series(present[0], row, source_name)
+        if all(present[0][name] is not None or row[name] is None for name in ENDS):
             continue
         with chain.changing(target, "series", row["name"]):
             target.execute(
@@ -280,24 +298,24 @@ def _merge_series(target: sqlite3.Connection, source: sqlite3.Connection, where:
             )
 
 
-def _check_same_series(old: Row, row: Row, where: str) -> None:
-    """Raise MergeError when two studies of one name are not one study."""
+def _check_same_series(old: Row, row: Row, source_name: str) -> None:
+    """Raise MergeError if two studies of one name are not one study."""
     fixed = ("protocol_hash", "commitment", "protocol", "frozen_ms")
     for name in fixed:
         if old[name] != row[name]:
             raise MergeError(
-                f"the study {row['name']!r} in {where} has another {name} than before: they are two studies of one name; "
+                f"the study {row['name']!r} in {source_name} has another {name} than before: they are two studies of one name; "
                 "nothing was joined"
             )
     if old["secret"] is not None and row["secret"] not in (None, old["secret"]):
-        what = f"the study {row['name']!r} in {where} has another secret than before"
-        raise MergeError(f"{what}: nothing was joined")
+        raise MergeError(
+            f"the study {row['name']!r} in {source_name} has another secret than before: nothing was joined"
+        )
 
 
 @contextmanager
 def _new_database(out: Path) -> Iterator[sqlite3.Connection]:
-    """Open a database that takes its name when the block has ended well, and leaves nothing
-    otherwise."""
+    """Open a database that gets its name when the block ends well; else it is gone."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with replace_whole(out) as unfinished:
@@ -312,7 +330,10 @@ def _new_database(out: Path) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def kept_or_new_database(database: Path) -> Iterator[sqlite3.Connection]:
-    """Open a database for a merge, and remove it again when it was made here and the block failed."""
+    """Open a database for a merge; create it if need be.
+
+    If the block fails, a database that was created here is removed again.
+    """
     was_there = database.exists()
     try:
         conn: sqlite3.Connection = open_database(database).conn
@@ -324,8 +345,9 @@ def kept_or_new_database(database: Path) -> Iterator[sqlite3.Connection]:
         if not was_there:
             _remove(database)
         if isinstance(error, sqlite3.Error):
-            why = f"did not take the release, nothing changed: {error}"
-            raise StoreError(f"the database {database} {why}") from error
+            raise StoreError(
+                f"the database {database} did not take the release, nothing changed: {error}"
+            ) from error
         raise
 
 

@@ -1,4 +1,7 @@
-"""The metrics of one server, in a registry of their own, and the listener that Prometheus asks."""
+"""The metrics of one server, in a registry of their own, and their HTTP listener.
+
+Prometheus asks the listener.
+"""
 
 from __future__ import annotations
 
@@ -39,50 +42,59 @@ class Metrics:
         histogram = partial(Histogram, namespace="humanplay", registry=self.registry)
         moves = counter("moves", "Moves that were committed.", ["driver"])
         self.moves = {name: moves.labels(name) for name in ("human", "script", "policy")}
-        what = "A move, from its check to its frame."
-        self.step = histogram("step_seconds", what, buckets=_SHORT_S)
-        what = "A transaction of the writer."
-        self.commit = histogram("commit_seconds", what, buckets=_SHORT_S)
-        what = "Frames that a newer one replaced before a subscriber got them."
-        self.dropped_frames = counter("dropped_frames", what)
+        about = "A move, from its check to its frame."
+        self.step = histogram("step_seconds", about, buckets=_SHORT_S)
+        about = "A transaction of the writer."
+        self.commit = histogram("commit_seconds", about, buckets=_SHORT_S)
+        about = "Frames that a newer one replaced before a subscriber got them."
+        self.dropped_frames = counter("dropped_frames", about)
         self._requests = counter("http_requests", "Requests that were answered.", ["status"])
-        what = "Requests, sockets and moves that were refused."
-        self._refusals = counter("refusals", what, ["reason"])
-        what = "How late the event loop came back."
-        self.event_loop_lag = histogram("event_loop_lag_seconds", what, buckets=_LONG_S)
+        about = "Requests, sockets and moves that were refused."
+        self._refusals = counter("refusals", about, ["reason"])
+        about = "How late the event loop came back."
+        self.event_loop_lag = histogram("event_loop_lag_seconds", about, buckets=_LONG_S)
 
         self.newest_s = deque[float](maxlen=1000)
-        what = "99 of 100 of the last 1,000 moves took no longer; 0: there was none."
-        self.add_gauge("move_p99_seconds", what, self._move_p99_s)
+        about = "99 of 100 of the last 1,000 moves took no longer; 0: there was none."
+        self.add_gauge("move_p99_seconds", about, self._move_p99_s)
 
     def _move_p99_s(self) -> float:
         newest_s = sorted(self.newest_s.copy())
         return newest_s[99 * len(newest_s) // 100] if newest_s else 0.0
 
     def values(self, *names: str) -> dict[str, float]:
-        """Return what some gauges hold now, by their names without `humanplay_`."""
+        """What some gauges hold now, by their names without `humanplay_`."""
         read = self.registry.get_sample_value
         return {name: read(f"humanplay_{name}") or 0.0 for name in names}
 
     def count_refusal(self, reason: str) -> None:
-        """Count a refusal. reason: a fixed short name such as `not_current`, never what somebody
-        sent."""
+        """Count a refusal.
+
+        Args:
+            reason: A fixed short name such as `not_current`, never what somebody sent.
+        """
         self._refusals.labels(reason).inc()
 
     def count_request(self, status: int) -> None:
-        """Count an answered request; one that was refused or failed (400 and above) counts as a
-        refusal too."""
+        """Count an answered request.
+
+        One that was refused or failed (400 and above) counts as a refusal too.
+        """
         self._requests.labels(str(status)).inc()
         if status >= 400:
             self._refusals.labels(f"http_{status}").inc()
 
-    def add_gauge(self, name: str, what: str, read: Callable[[], float]) -> None:
-        """Add a gauge `humanplay_NAME` whose value is read when somebody asks, in a thread of the
-        listener."""
-        Gauge(f"humanplay_{name}", what, registry=self.registry).set_function(read)
+    def add_gauge(self, name: str, about: str, read: Callable[[], float]) -> None:
+        """Add a gauge `humanplay_NAME`.
+
+        Args:
+            about: What it measures, for people.
+            read: Called in a thread of the listener whenever somebody asks.
+        """
+        Gauge(f"humanplay_{name}", about, registry=self.registry).set_function(read)
 
     async def measure_lag(self) -> None:
-        """Sleep PERIOD_S until cancelled, and observe by how many seconds each sleep took longer.
+        """Observe, until cancelled, by how many seconds each sleep took too long.
 
         While the event loop is late, everybody waits.
         """
@@ -94,9 +106,12 @@ class Metrics:
 
     @contextmanager
     def served(self, host: str, port: int) -> Iterator[str]:
-        """Serve the metrics during the block and yield their address; OSError for a taken port.
+        """Serve the metrics during the block and yield their address.
 
         They have a port of their own, which is private unless it is opened; 0 takes a free one.
+
+        Raises:
+            OSError: If the port is taken.
         """
         server, thread = start_http_server(port, host, self.registry)
         try:

@@ -17,16 +17,15 @@ NETWORK = (
 
 
 def network_file_system(path: Path, mounts: Path | None = None) -> str:
-    """The kind of network file system that a path lies on; "" for a disk, and where it cannot be
-    told."""
+    """The kind of network file system of a path; "" for a disk, or if unknown."""
     try:
         lines = (mounts or MOUNTS).read_text(errors="replace").splitlines()
     except OSError:
         return ""
-    place, found = path.resolve(), (Path(), "")
+    place, nearest = path.resolve(), (Path(), "")
     for line in lines:
         _, folder, kind, *_ = line.split(" ")
         mount = Path(re.sub(r"\\([0-7]{3})", lambda code: chr(int(code[1], 8)), folder))
-        if place.is_relative_to(mount) and len(mount.parts) >= len(found[0].parts):
-            found = mount, kind
-    return found[1] if found[1] in NETWORKS else ""
+        if place.is_relative_to(mount) and len(mount.parts) >= len(nearest[0].parts):
+            nearest = mount, kind
+    return nearest[1] if nearest[1] in NETWORKS else ""

@@ -1,5 +1,7 @@
-"""Threads that read a database, each over a connection of its own, which waits neither for writes
-nor for their lock."""
+"""Threads that read a database, each over a connection of its own.
+
+So a read waits neither for writes nor for their lock.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ FULL = "more people ask for something than the server's disk can read: try again
 
 
 class ReadThreads(Generic[C]):
-    """A few threads for short reads; any other thread that reads gets a connection of its own as
+    """A few threads for short reads, each with a connection.
+
+    Another thread that reads gets a connection of its own as well.
     well.
 
     The threads and their connections are there from the start, so that a server does not come to
@@ -60,12 +64,15 @@ class ReadThreads(Generic[C]):
         have_started.wait()
 
     def __len__(self) -> int:
-        """Return how many connections are open."""
+        """How many connections are open."""
         return len(self._connections)
 
     async def run(self, work: Callable[[], T]) -> T:
-        """Return the result of `work()`, called on one of the threads; StoreError at once while
-        MAX_WAITING reads wait."""
+        """Call `work()` on one of the threads.
+
+        Raises:
+            StoreError: At once, while MAX_WAITING reads wait.
+        """
         if self._waiting >= MAX_WAITING:
             raise StoreError(FULL)
         self._waiting += 1
@@ -75,17 +82,19 @@ class ReadThreads(Generic[C]):
             self._waiting -= 1
 
     def connection(self) -> C:
-        """Return this thread's connection; RuntimeWarning on an event loop, which must not wait for
-        a disk."""
-        if (found := getattr(self._own, "connection", None)) is not None:
-            return found  # type: ignore[no-any-return]
+        """This thread's connection.
+
+        On an event loop it gives a RuntimeWarning: a loop must not wait for a disk.
+        """
+        if (connection := getattr(self._own, "connection", None)) is not None:
+            return connection  # type: ignore[no-any-return]
         if _runs_a_loop():
-            what = "a database is read on the event loop: await Store.read or Store.write"
-            warnings.warn(what, RuntimeWarning, stacklevel=4)
-        self._own.connection = found = self._connect()
+            warning = "a database is read on the event loop: await Store.read or Store.write"
+            warnings.warn(warning, RuntimeWarning, stacklevel=4)
+        self._own.connection = connection = self._connect()
         with self._opening:
-            self._connections.append(found)
-        return found
+            self._connections.append(connection)
+        return connection
 
     def close(self) -> None:
         """End the threads and close every connection."""

@@ -1,9 +1,8 @@
-"""Finished episodes as the database holds them: lists for the API, causes for replay, the counted
-ones.
+"""Finished episodes as the database holds them.
 
-A reader works on the server's own connection or on a read-only one of its own, and writes nothing.
-No answer for the API holds a player's or a session's id, because a session's id is all that is
-needed to drive it.
+There are lists for the API, causes for replay, and the episodes that count. A reader works on the
+server's own connection or on a read-only one of its own, and writes nothing. No answer for the API
+holds a player's or a session's id, because a session's id is all that is needed to drive it.
 """
 
 from __future__ import annotations
@@ -63,12 +62,12 @@ _FILTER = {"all": "", "human": f" AND {HUMAN_SCORE_CONDITION}"}
 
 
 def now_ms() -> int:
-    """Return milliseconds since 1970."""
+    """Milliseconds since 1970."""
     return time.time_ns() // 1_000_000
 
 
 def utc_day(at_ms: int) -> str:
-    """Return the date (UTC) of a time in milliseconds since 1970: "2026-11-22"."""
+    """The date (UTC) of a time in milliseconds since 1970: "2026-11-22"."""
     return datetime.fromtimestamp(at_ms / 1000, UTC).date().isoformat()
 
 
@@ -91,9 +90,9 @@ class Best(NamedTuple):
 class Reader:
     """Queries over finished episodes.
 
-    A public one sees nothing of a series that is open: of a study before it is closed, of a daily
-    terrain before its day is over. It reads at `at_ms` (None: now). Others see nothing of a study
-    that is open either, unless `open_studies`. None sees anything of one whose secret is kept
+    A public reader sees nothing of a series that is open: of a study before it is closed, of a
+    daily terrain before its day is over. It reads at `at_ms` (None: now). Others see nothing of an
+    open study either, unless `open_studies`. None sees anything of one whose secret is kept
     (`SECRET_KEPT_CONDITION`).
     """
 
@@ -125,8 +124,11 @@ class Reader:
         at_ms: int | None = None,
         open_studies: bool = False,
     ) -> Reader:
-        """Open a reader on a read-only connection of its own; StoreError when the file is not one
-        of ours."""
+        """Open a reader on a read-only connection of its own.
+
+        Raises:
+            StoreError: If the file is not one of ours.
+        """
         return cls(open_read_only(Path(path)), Path(path), public, at_ms, open_studies)
 
     def close(self) -> None:
@@ -136,8 +138,7 @@ class Reader:
 
     @contextmanager
     def snapshot(self) -> Iterator[None]:
-        """Let the block see the database as it is at the first query, whatever a server writes
-        meanwhile."""
+        """Let the block see the database as it is at the first query."""
         self._db.conn.execute("BEGIN")
         try:
             yield
@@ -145,12 +146,11 @@ class Reader:
             self._db.conn.execute("ROLLBACK")
 
     def query(self, sql: str, values: Sequence[SqlValue] = ()) -> list[Any]:
-        """A query's rows by column, for the modules of this package; `values` fill the question
-        marks."""
+        """A query's rows by column, for this package; `values` fill the question marks."""
         return list(self._db.query(sql, list(values)))
 
     def count(self, who: Who = "all") -> int:
-        """Return the number of finished episodes."""
+        """The number of finished episodes."""
         (row,) = self.query(f"SELECT count(*) AS n FROM ({self._select}{_FILTER[who]})")
         return int(row["n"])
 
@@ -160,8 +160,9 @@ class Reader:
         return [SeriesRow(**row) for row in self.query(sql)]
 
     def finished(self, who: Who = "all", player: str | None = None) -> Iterator[CountedEpisode]:
-        """Yield finished episodes as they are stored, oldest first, as `Trial.of` takes them; for
-        export, not for the API.
+        """Yield finished episodes as they are stored, oldest first.
+
+        They are for exports, not for the API; `Trial.of` takes them.
 
         Args:
             player: Theirs alone: what they drove, not what policies did beside them.
@@ -172,23 +173,24 @@ class Reader:
         return episodes
 
     def newest_counted(self, config_hash: str, most: int) -> list[Trial]:
-        """Return the newest counted episodes of a configuration, at most so many, oldest first."""
+        """The newest counted episodes of a configuration, oldest first."""
         sql = f"""{self._select}{_FILTER["human"]} AND e.config_hash = ?
             ORDER BY e.started_ms DESC, e.id DESC LIMIT ?"""
         return list(map(Trial.of, self._db.query(sql, [config_hash, most])))[::-1]
 
     def played_by(self, player: str, limit: int = 50, after: str | None = None) -> list[Trial]:
-        """Return the finished episodes that a player drove, newest first, for their own page; of
-        open studies none.
+        """The finished episodes that a player drove, newest first, for their own page.
 
-        That of today's terrain is among them: whoever shows it tells no seed, no terrain, no moves.
-        `after` as for `episodes`.
+        There is none of open studies. That of today's terrain is among them: whoever shows it tells
+        no seed, no terrain and no moves.
+
+        Args:
+            after: As for `episodes`.
         """
         return self._page(self._select_played + _DRIVEN_BY_PLAYER, "", limit, after, player)
 
     def bests_of(self, player: str) -> list[Best]:
-        """What a player has played by configuration (episodes of `played_by`), the most played
-        first."""
+        """What a player has played by configuration, the most played first."""
         bests = []
         self._db.conn.create_function("succeeded", 2, _succeeded, deterministic=True)
         for row in self.query(_BESTS.format(self._select_played + _DRIVEN_BY_PLAYER), [player]):
@@ -199,27 +201,34 @@ class Reader:
         return bests
 
     def steps(self, episode_id: str) -> list[MoveRow]:
-        """Return an episode's moves in order."""
+        """An episode's moves in order."""
         return self.query("SELECT * FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
 
     def episodes(
         self, limit: int = 50, after: str | None = None, who: Who = "all"
     ) -> list[dict[str, object]]:
-        """Return finished episodes, newest first, with seed, totals and the actions in words.
+        """Finished episodes, newest first, with seed, totals and the actions in words.
 
         Args:
-            after: Id of the last one of the page before; LookupError where no finished episode has
-                it.
+            after: Id of the last episode of the page before.
+
+        Raises:
+            LookupError: If no finished episode has that id.
         """
         trials = self._page(self._select, _FILTER[who], limit, after)
         return [_described(trial, self._actions(trial.id)) for trial in trials]
 
     def _page(
-        self, select: str, which: str, limit: int, after: str | None, *given: str
+        self, select: str, which: str, limit: int, after: str | None, *filled: str
     ) -> list[Trial]:
-        """Return the newest episodes of a query that an SQL condition names, after one that need
-        not be among these."""
-        following, values = "", list(given)
+        """The newest episodes of a query that fit an SQL condition.
+
+        Args:
+            which: The condition, with an AND before it.
+            after: Id of an episode of the query; it need not fit the condition.
+            filled: For the question marks of the query.
+        """
+        following, values = "", list(filled)
         if after is not None:
             values.append(after)
             last = self.query(f"SELECT ended_ms FROM ({select} AND e.id = ?)", values)
@@ -235,13 +244,15 @@ class Reader:
         return [row["action"] for row in self.query(sql, [episode_id])]
 
     def trial(self, episode_id: str) -> Trial | None:
-        """Return one finished episode without its moves, or None."""
-        found = self.query(f"{self._select} AND e.id = ?", [episode_id])
-        return Trial.of(found[0]) if found else None
+        """One finished episode without its moves; None if there is none."""
+        rows = self.query(f"{self._select} AND e.id = ?", [episode_id])
+        return Trial.of(rows[0]) if rows else None
 
     def episode(self, episode_id: str) -> dict[str, object] | None:
-        """Return one finished episode as `episodes` does, with the times of every move under
-        `moves`, or None."""
+        """One finished episode as `episodes` gives it, or None.
+
+        The times of every move are under `moves`.
+        """
         if (trial := self.trial(episode_id)) is None:
             return None
         steps = self.steps(episode_id)
@@ -250,8 +261,10 @@ class Reader:
         return {**_described(trial, actions), "moves": moves}
 
     def who_drove(self, episode_id: str, viewer: str | None = None) -> str:
-        """Return who drove an episode: "you" (the viewer), "synthetic" (a synthetic participant),
-        else its driver."""
+        """Who drove an episode: its driver, but for two cases.
+
+        It is "you" for the viewer's own, and "synthetic" for a synthetic participant's.
+        """
         sql = """SELECT e.driver, s.owner_id = ?2 AND e.driver NOT LIKE 'policy:%' AS own, EXISTS (SELECT 1 FROM participants p
             WHERE p.session_id = s.id AND p.kind = 'script') AS synthetic
             FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.id = ?1"""
@@ -261,14 +274,16 @@ class Reader:
         raise StoreError(f"no episode {episode_id!r} in {self.path}")
 
     def ids_beginning(self, prefix: str, limit: int) -> list[str]:
-        """Return the ids of finished episodes that begin with a text, in order, at most `limit` of
-        them."""
+        """Ids of finished episodes that begin with a text, in order, at most `limit`."""
         sql = f"SELECT id FROM ({self._select} AND substr(e.id, 1, length(?)) = ?) ORDER BY id LIMIT ?"
         return [str(row["id"]) for row in self._db.query(sql, [prefix, prefix, limit])]
 
     def load_record(self, episode_id: str) -> Record:
-        """Return the cause of a finished episode, ready to be replayed; StoreError when there is no
-        such episode."""
+        """The cause of a finished episode, ready to be replayed.
+
+        Raises:
+            StoreError: If there is no such episode.
+        """
         for row in list(
             self._db.query(
                 "SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]
@@ -287,12 +302,12 @@ def _succeeded(task: str, outcome: str) -> bool:
 
 
 def _move(step: MoveRow, actions: Sequence[str]) -> dict[str, object]:
-    rest = {name: value for name, value in step.items() if name not in ("episode_id", "action")}
+    rest = {name: field for name, field in step.items() if name not in ("episode_id", "action")}
     return {"action": actions[step["action"]], **rest}
 
 
 def _described(trial: Trial, actions: list[int]) -> dict[str, object]:
-    """Return an episode for the API."""
+    """An episode for the API."""
     config = trial.config.to_dict()
     plain = ("seed", "driver", "assisted", "seed_chosen", "terrain_met_before", "counts", "config_hash", "core_version",
              "started_ms", "ended_ms", "outcome", "steps", "discovered", "score", "attestation", "attestation_reason",

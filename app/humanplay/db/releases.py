@@ -1,4 +1,4 @@
-"""Which releases of a study were published, as the table `releases` holds them."""
+"""Which releases of a study were published: the table `releases`."""
 
 from __future__ import annotations
 
@@ -25,19 +25,23 @@ class ReleaseRow(NamedTuple):
 
 
 def latest_release(conn: sqlite3.Connection, study: str) -> ReleaseRow | None:
-    """Return a study's newest release, None before the first."""
+    """A study's newest release; None before the first."""
     sql = "SELECT * FROM releases WHERE study = ? ORDER BY version DESC, released_ms DESC LIMIT 1"
     return next((ReleaseRow(**row) for row in rows(conn, sql, study)), None)
 
 
 def note_release(conn: sqlite3.Connection, release: ReleaseRow) -> None:
-    """Keep a release that was just published; sqlite3.IntegrityError when it is kept already."""
+    """Record a release that was just published.
+
+    Raises:
+        sqlite3.IntegrityError: If it is recorded already.
+    """
     conn.execute("INSERT INTO releases VALUES (?, ?, ?, ?, ?)", release)
     append_marks(conn)
 
 
 def note_imported_release(conn: sqlite3.Connection, release: ReleaseRow) -> None:
-    """Keep a release that came from elsewhere; a second time changes nothing."""
+    """Record a release that came from elsewhere; a second time changes nothing."""
     conn.execute("INSERT OR IGNORE INTO releases VALUES (?, ?, ?, ?, ?)", release)
     append_marks(conn)
 
@@ -45,11 +49,17 @@ def note_imported_release(conn: sqlite3.Connection, release: ReleaseRow) -> None
 def mark_outdated_releases(
     conn: sqlite3.Connection, study: str, joined_ms: int, now_ms: int
 ) -> tuple[int, ...]:
-    """Mark the releases made since `joined_ms` as outdated and return their versions: a participant
-    of theirs is erased."""
-    where, values = "study = ? AND released_ms >= ?", (study, joined_ms)
-    sql = f"SELECT version FROM releases WHERE {where} ORDER BY version"
-    found = tuple(version for (version,) in conn.execute(sql, values))
-    sql = f"UPDATE releases SET outdated_ms = ? WHERE outdated_ms IS NULL AND {where}"
+    """Mark the releases that hold an erased participant as outdated.
+
+    Args:
+        joined_ms: When the participant joined: releases made since then hold them.
+
+    Returns:
+        Their versions.
+    """
+    condition, values = "study = ? AND released_ms >= ?", (study, joined_ms)
+    sql = f"SELECT version FROM releases WHERE {condition} ORDER BY version"
+    versions = tuple(version for (version,) in conn.execute(sql, values))
+    sql = f"UPDATE releases SET outdated_ms = ? WHERE outdated_ms IS NULL AND {condition}"
     conn.execute(sql, (now_ms, *values))
-    return found
+    return versions

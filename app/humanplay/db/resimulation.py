@@ -1,5 +1,7 @@
-"""A finished episode simulated again from what fixes it, and every difference from what was stored,
-by name."""
+"""A finished episode simulated again, and every difference from what was stored.
+
+It is simulated from what fixes it: its configuration, instance and actions.
+"""
 
 from __future__ import annotations
 
@@ -31,34 +33,38 @@ class Finding:
         return f"{self.where}: {self.what} is {_short(self.stored)}, found {_short(self.found)}"
 
 
-def _short(value: object) -> str:
-    text = value if isinstance(value, str) else repr(value)
+def _short(content: object) -> str:
+    text = content if isinstance(content, str) else repr(content)
     return text if len(text) <= 200 else text[:197] + "..."
 
 
 def simulate(row: EpisodeRow, steps: Sequence[MoveRow]) -> tuple[Run | None, list[Finding]]:
-    """Return a finished episode simulated again, None where it cannot be, and what differs from its
-    rows.
+    """Simulate a finished episode again and compare it with its rows.
 
     Args:
         row, steps: As `Reader.finished` and `Reader.steps` give them.
+
+    Returns:
+        The run, None if it cannot be simulated; and what differs.
     """
-    found: list[Found] = []
-    episode = _simulated(row, list(steps), found)
-    return episode, [Finding(f"episode {row['id']}", *each) for each in found]
+    differences: list[Difference] = []
+    run = _simulated(row, list(steps), differences)
+    name = f"episode {row['id']}"
+    return run, [Finding(name, *difference) for difference in differences]
 
 
-Found = tuple[str, object, object]
+Difference = tuple[str, object, object]
+"""A field, what is stored, and what it should be."""
 
 
-def _simulated(row: EpisodeRow, steps: list[MoveRow], found: list[Found]) -> Run | None:
+def _simulated(row: EpisodeRow, steps: list[MoveRow], differences: list[Difference]) -> Run | None:
     try:
         trial = Trial.of(row)
     except (ValueError, TypeError) as error:
-        found.append(("config", row["config"], f"no configuration: {error}"))
+        differences.append(("config", row["config"], f"no configuration: {error}"))
         return None
     version = trial.environment.version
-    found += _of_config(row, trial)
+    differences += _of_config(row, trial)
     if row["core_version"] != version:
         try:
             here = trial.environment.lock.why_not_replayable(
@@ -66,37 +72,37 @@ def _simulated(row: EpisodeRow, steps: list[MoveRow], found: list[Found]) -> Run
             )
         except (ValueError, TypeError, RuntimeError) as error:
             here = f"cannot be simulated here: {error}"
-        found.append(("core_version", row["core_version"], here))
+        differences.append(("core_version", row["core_version"], here))
         return None
     numbers = [step["step"] for step in steps]
     if numbers != list(range(len(steps))):
-        found.append(("steps", numbers, "0, 1, 2, ... without a gap"))
+        differences.append(("steps", numbers, "0, 1, 2, ... without a gap"))
     try:
         record = trial.record(steps)
-        found += _of_seed(row, trial)
+        differences += _of_seed(row, trial)
         episode = trial.environment.replay_record(record)
     except (ValueError, TypeError, RuntimeError) as error:
-        found.append(("cause", "something that cannot be played", str(error)))
+        differences.append(("cause", "something that cannot be played", str(error)))
         return None
-    found += _of_totals(row, episode)
-    found += _of_steps(steps, episode)
+    differences += _of_totals(row, episode)
+    differences += _of_steps(steps, episode)
     if row["driver"] == "human" and any(step["driver"] != "human" for step in steps):
-        found.append(("driver", "human", "script: a move of its did not come from a hand"))
+        differences.append(("driver", "human", "script: a move of its did not come from a hand"))
     return episode
 
 
-def _of_config(row: EpisodeRow, trial: Trial) -> Iterator[Found]:
+def _of_config(row: EpisodeRow, trial: Trial) -> Iterator[Difference]:
     pairs = {
         "config_hash": (row["config_hash"], trial.config_hash),
         "level": (row["level"], trial.config.level),
         "terrain_hash": (row["terrain_hash"], trial.terrain_hash),
     }
-    for name, (stored, value) in pairs.items():
-        if stored != value:
-            yield name, stored, value
+    for name, (stored, derived) in pairs.items():
+        if stored != derived:
+            yield name, stored, derived
 
 
-def _of_seed(row: EpisodeRow, trial: Trial) -> Iterator[Found]:
+def _of_seed(row: EpisodeRow, trial: Trial) -> Iterator[Difference]:
     if trial.seed is None:
         return
     terrain, start = trial.environment.instance(trial.config, trial.seed)
@@ -106,16 +112,16 @@ def _of_seed(row: EpisodeRow, trial: Trial) -> Iterator[Found]:
         yield "start", trial.start, start
 
 
-def _of_totals(row: EpisodeRow, episode: Run) -> Iterator[Found]:
+def _of_totals(row: EpisodeRow, episode: Run) -> Iterator[Difference]:
     record = episode.record()
     names = ("outcome", "steps", "discovered", "total", "trajectory_hash", "score")
-    stored = {name: value for name, value in row.items() if name in names}
+    stored = {name: content for name, content in row.items() if name in names}
     for name in names:
         if stored[name] != getattr(record, name):
             yield name, stored[name], getattr(record, name)
 
 
-def _of_steps(steps: list[MoveRow], episode: Run) -> Iterator[Found]:
+def _of_steps(steps: list[MoveRow], episode: Run) -> Iterator[Difference]:
     counts = episode.counts()
     for number, (step, reward) in enumerate(zip(steps, episode.rewards(), strict=True)):
         if step["reward"] != reward:

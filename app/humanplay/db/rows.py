@@ -1,4 +1,4 @@
-"""The rows of an episode's moves and input events, and what is noted of people, as they are read."""
+"""The rows of moves, input events and people, as they are read."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ AskedBy = Literal["participant", "operator", "review board"]
 
 
 class MoveTime(TypedDict):
-    """When the server made a move (ms since 1970), by what, and what was discovered then."""
+    """When the server made a move (ms since 1970), by what, and what it discovered."""
 
     input: Input | None
     server_ms: int
@@ -40,7 +40,10 @@ class MoveRow(MoveTime):
 
 
 class EpisodeRow(TypedDict):
-    """A row of the table `episodes`; what is None while it runs is None up to `ended_ms`."""
+    """A row of the table `episodes`.
+
+    While it runs, the columns from `ended_ms` on are None.
+    """
 
     id: str
     session_id: str
@@ -73,8 +76,7 @@ class EpisodeRow(TypedDict):
 
 
 class PlacedEpisode(EpisodeRow):
-    """An episode with its place in a series, the player whose it is, and the one on whose page it
-    ran."""
+    """An episode with its place in a series, its player, and whose page it ran on."""
 
     series: str
     phase: Phase
@@ -85,8 +87,11 @@ class PlacedEpisode(EpisodeRow):
 
 
 class CountedEpisode(EpisodeRow):
-    """A finished episode, whose page it ran on, its series, and whether it counts for the
-    volunteers' figure."""
+    """A finished episode, its page's owner and its series.
+
+    Attributes:
+        counts: Whether it counts for the volunteers' estimate.
+    """
 
     owner_id: str | None
     series: str | None
@@ -135,11 +140,12 @@ class StageEvent(NamedTuple):
 class ErasedPerson(TypedDict):
     """What is noted of a person whose rows were erased from a study.
 
-    stage         where they were
-    after_closing whether the study was closed by then
-    ranked_begun, ranked_ended  ranked episodes
-    completed     whether they had ended the study
-    asked_by      who asked for it, if that was said
+    Attributes:
+        stage: Where they were.
+        after_closing: Whether the study was closed by then.
+        ranked_begun, ranked_ended: Numbers of ranked episodes.
+        completed: Whether they had ended the study.
+        asked_by: Who asked for it, if that was said.
     """
 
     at_ms: int

@@ -1,4 +1,4 @@
-"""The writer of everything that is played: one row a step, committed before it is answered.
+"""The writer of everything that is played: a row a step, committed at once.
 
 Every write is an IMMEDIATE transaction on one connection. In a server one thread owns it
 (`Store.write`), and reads are made on other threads over connections of their own (`Store.read`),
@@ -71,11 +71,11 @@ Notice = Callable[[str], Awaitable[None]]
 PATIENCE_S = 30.0
 """Seconds after which a write that has not begun is refused."""
 NOTICE_S = 1.0
-"""Seconds after which whoever waits is told why."""
+"""Seconds after which a waiting player is told why."""
 MAX_WAITING = 1_000
 """Writes that wait at a time; further ones are refused at once."""
 GATHERED_S = 0.005
-"""Seconds that a write which nobody waits for may wait for another one, to be committed with it."""
+"""Seconds that a write may wait for another to share its commit, if nobody waits for it."""
 MOST_TOGETHER = 64
 """Writes that are committed together, at most."""
 SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 0.002, 0.05
@@ -136,7 +136,7 @@ class StepRow:
     driver: str
 
     def row(self) -> MoveRow:
-        """Return it as a query does."""
+        """The row as a query gives it."""
         return {
             "episode_id": self.episode_id,
             "step": self.step,
@@ -224,8 +224,14 @@ _NEWEST_EVENT = (
 
 @dataclass(eq=False, slots=True)
 class _Write:
-    """A write that waits: what makes it, what follows its commit, and who waits for it until when
-    (monotonic seconds)."""
+    """A write that waits.
+
+    Attributes:
+        work: Makes it.
+        then, undone: Follow its commit, or a commit that failed.
+        done: Whoever waits for it awaits this.
+        deadline: Monotonic seconds until which somebody waits.
+    """
 
     work: Callable[[], object]
     then: Callable[[Any], None] | None
@@ -234,25 +240,26 @@ class _Write:
     notice: Notice | None
     deadline: float
     claim: threading.Lock = field(default_factory=threading.Lock)
-    """Whoever acquires it decides: the thread makes the write, or the event loop refuses it."""
+    """Decides once: the thread acquires it to make the write, or the event loop to refuse it."""
     result: object = None
     error: BaseException | None = None
 
 
 class WriteQueue:
-    """The writes of one database, in the order in which they were asked for, on a thread of their
-    own.
+    """The writes of one database, in the order of asking, on a thread of their own.
 
-    The event loop never waits for SQLite: whoever wants to write puts a function into the queue and
-    awaits its result, which comes after the commit. Writes that wait together are committed
-    together. The thread waits for another program's lock and for a slow disk. Without a started
-    thread each write is made at once by whoever asks.
+    The event loop never waits for SQLite: a caller puts a function into the queue and awaits its
+    result, which comes after the commit. Writes that wait together are committed together. The
+    thread waits for another program's lock and for a slow disk. Without a started thread each write
+    is made at once by its caller.
 
     Attributes:
+        fault: One sentence when the thread has ended by an error, so that nothing can be recorded;
+            else None.
+
+    Args:
         commit: Commits what the writes since the last call wrote.
         roll_back: Takes it back.
-        fault: One sentence when the thread has ended by an error, so that nothing can be
-            recorded; else None.
     """
 
     def __init__(self, commit: Callable[[], None], roll_back: Callable[[], None]) -> None:
@@ -271,17 +278,17 @@ class WriteQueue:
         self.fault: str | None = None
 
     def __len__(self) -> int:
-        """Return how many writes wait."""
+        """How many writes wait."""
         return self._waiting
 
     @property
     def is_started(self) -> bool:
-        """Return whether the thread makes the writes, and nobody else may."""
+        """Whether the thread makes the writes, and nobody else may."""
         return self._thread is not None
 
     @property
     def is_own_thread(self) -> bool:
-        """Return whether the thread of the writes asks."""
+        """Whether the caller is the thread of the writes."""
         return self._thread is not None and threading.get_ident() == self._thread.ident
 
     def start(self) -> None:
@@ -291,8 +298,10 @@ class WriteQueue:
         self._thread.start()
 
     def stop(self) -> None:
-        """Make the writes that wait, then end the thread; call it in another thread, while the
-        event loop runs."""
+        """Make the writes that wait, then end the thread.
+
+        Call it in another thread, while the event loop runs.
+        """
         if self._thread is not None:
             try:
                 self._loop.call_soon_threadsafe(self._end)
@@ -309,26 +318,29 @@ class WriteQueue:
         is_awaited: bool = True,
         undone: Callable[[], None] | None = None,
     ) -> asyncio.Future[T]:
-        """Queue a write and return the result of `work()` to come: it is called on the thread of
-        the writes, then committed.
-
-        An error of `work` is passed on. WriteRefusedError after PATIENCE_S when the write has not
-        begun, or at once while MAX_WAITING writes wait. StoreError when the commit failed.
+        """Queue a write; the result of `work()` comes after its commit.
 
         Args:
+            work: Called on the thread of the writes.
             notice: Told one sentence when the wait has lasted NOTICE_S.
-            then: Called with the result on the event loop, right after the commit: also when
-                whoever waits was cancelled.
+            then: Called with the result on the event loop, right after the commit, also if the
+                waiting task was cancelled.
             is_awaited: Whether somebody waits; else it may wait for another one for GATHERED_S.
-            undone: Called where its commit failed, on the thread of the writes, before any further
+            undone: Called if its commit failed, on the thread of the writes, before any further
                 write.
+
+        Raises:
+            WriteRefusedError: After PATIENCE_S if the write has not begun, or at once while
+                MAX_WAITING writes wait.
+            StoreError: If the commit failed.
+            Exception: What `work` raised.
         """
         if self._thread is None:
-            made = asyncio.get_running_loop().create_future()
-            made.set_result(work())
+            answer = asyncio.get_running_loop().create_future()
+            answer.set_result(work())
             if then is not None:
-                then(made.result())
-            return made
+                then(answer.result())
+            return answer
         if self.fault is not None:
             raise StoreError(self.fault)
         if self._is_ending or self._waiting >= MAX_WAITING:
@@ -348,10 +360,12 @@ class WriteQueue:
         return write.done
 
     def wait_for_lock(self) -> bool:
-        """Wait a moment for another program's lock; return False when the write that is being made
-        has waited long enough.
+        """Wait a moment for another program's lock.
 
         Only `work` calls it, on the thread of the writes.
+
+        Returns:
+            False if the write that is being made has waited long enough.
         """
         if self._is_ending or time.monotonic() >= self._deadline:
             return False
@@ -361,16 +375,20 @@ class WriteQueue:
         return True
 
     def _hand_over(self) -> None:
-        """Hand what came in one turn of the event loop to the thread, at once: waking it costs more
-        than a write."""
+        """Hand the writes of one turn of the event loop to the thread, together.
+
+        Waking the thread costs more than a write.
+        """
         self._is_due = False
         if self._gathered:
             self._queue.put(self._gathered)
             self._gathered = []
 
     def _end(self) -> None:
-        """Take no further write, and let the thread end behind what was gathered; between two turns
-        nobody else gathers."""
+        """Take no further write, and let the thread end after those that were gathered.
+
+        Between two turns of the event loop nobody else gathers.
+        """
         self._is_ending = True
         self._hand_over()
         self._queue.put(None)
@@ -398,15 +416,18 @@ class WriteQueue:
             self._call(self._fail, [*batch, *waiting])
 
     def _take(self, waiting: deque[_Write]) -> bool:
-        """Take what was handed over, wait for it if need be, and return whether nothing comes after
-        it."""
+        """Take what was handed over; wait for it if need be.
+
+        Returns:
+            Whether nothing comes after it.
+        """
         handed = self._queue.get()
         waiting.extend(handed or ())
         return handed is None
 
     def _make(self, write: _Write) -> None:
         if not write.claim.acquire(blocking=False):
-            return  # it was refused
+            return  # the event loop has refused it
         self._deadline, self._pause_s = write.deadline, SHORTEST_PAUSE_S
         try:
             if time.monotonic() >= write.deadline:
@@ -448,8 +469,10 @@ class WriteQueue:
         self._drop_answered()
 
     def _drop_answered(self) -> None:
-        """Forget the oldest writes as far as they are answered; mostly none are left, since answers
-        come in order."""
+        """Forget the oldest writes as far as they are answered.
+
+        Answers come in order, so mostly none are left.
+        """
         while self._unanswered and self._unanswered[0].done.done():
             self._unanswered.popleft()
 
@@ -464,8 +487,10 @@ class WriteQueue:
         self._answer(waiting)
 
     def _set_timer(self) -> None:
-        """Let the oldest write that waits be looked at when it has waited for NOTICE_S: one timer
-        serves all of them."""
+        """Have the oldest waiting write looked at when it has waited for NOTICE_S.
+
+        One timer serves all of them.
+        """
         due = self._unanswered[0].deadline - PATIENCE_S + NOTICE_S
         self._timer = self._loop.call_at(due, self._look_at_waiting)
 
@@ -480,7 +505,7 @@ class WriteQueue:
             self._set_timer()
 
     def _tell_why(self, write: _Write) -> None:
-        """Tell whoever waits why, and refuse the write when it has not begun in time."""
+        """Tell the waiting player why, and refuse the write if it does not begin in time."""
         self._loop.call_later(PATIENCE_S - NOTICE_S, self._refuse, write)
         if write.notice is not None:
             task = self._loop.create_task(_send(write.notice, WAITS if self._is_locked else SLOW))
@@ -501,13 +526,15 @@ async def _send(notice: Notice, text: str) -> None:
 
 
 class Store(Reader):
-    """The one writer of a database; `path` is its file, and `metrics` counts its commits and the
-    moves of its sessions.
+    """The one writer of a database.
 
     Attributes:
-        accept_loss: Open the database also where commits that were acknowledged are missing, or
-            might be.
+        path: Of its file.
+        metrics: Count its commits and the moves of its sessions.
         missing: How many commits a power cut took.
+
+    Args:
+        accept_loss: Open the database also if acknowledged commits are missing, or might be.
     """
 
     def __init__(
@@ -544,27 +571,33 @@ class Store(Reader):
             raise
 
     def _note_running(self, runs: bool) -> None:
-        """Write that a server has the file, into the file itself, or that it has ended."""
-        how = (
+        """Write into the file that a server has it, or that the server has ended."""
+        sql = (
             "INSERT OR IGNORE INTO meta VALUES (?, '1')"
             if runs
             else "DELETE FROM meta WHERE name = ?"
         )
-        with suppress(sqlite3.Error):  # a full disk: the note alone tells then
+        # on a full disk the note alone says so
+        with suppress(sqlite3.Error):
             with transaction(self._conn):
-                self._conn.execute(how, [RUNS])
+                self._conn.execute(sql, [RUNS])
                 self._conn.execute(COUNT_COMMIT).fetchone()
             self._conn.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
 
     def start_threads(self) -> None:
-        """From now on write on one thread and read on others; call it on the running event loop."""
+        """From now on write on one thread and read on others.
+
+        Call it on the running event loop.
+        """
         self._conn.execute("PRAGMA busy_timeout = 0")  # the thread waits by itself, and says why
         self._reads = ReadThreads(self._open_for_reading)
         self.writes.start()
 
     def stop_threads(self) -> None:
-        """Make the writes that wait, end the threads, and go back to the caller's; call it beside
-        the running event loop."""
+        """Make the writes that wait, end the threads, and go back to the caller's.
+
+        Call it beside the running event loop, not on it.
+        """
         self.writes.stop()
         if self._reads is not None:
             self._reads.close()
@@ -572,7 +605,6 @@ class Store(Reader):
             self._conn.execute(f"PRAGMA busy_timeout = {BUSY_MS}")
 
     def _open_for_reading(self) -> Database:
-        """Open a connection of a thread that reads."""
         db = open_read_only(self.path)
         db.conn.execute(f"PRAGMA cache_size = -{READ_CACHE_KB}")
         return db
@@ -583,17 +615,18 @@ class Store(Reader):
         notice: Notice | None = None,
         then: Callable[[T], None] | None = None,
     ) -> T:
-        """Return the result of `work()`, which may write and sees everything written before it,
-        once that is committed.
+        """Call `work()` on the thread of the writes; its result comes after the commit.
 
-        It runs on the thread of the writes: it must not touch what belongs to the event loop.
-        `notice`, `then` and the errors are those of `WriteQueue.put`.
+        It may write, and sees everything written before it. It must not touch what belongs to the
+        event loop.
+
+        Args:
+            notice, then: As for `WriteQueue.put`, whose errors are passed on.
         """
         return await self.writes.put(work, notice, then)
 
     async def change(self, work: Callable[..., T], *arguments: object) -> T:
-        """Return the result of `work(connection, *arguments)`, called in a transaction as `write`
-        calls its work."""
+        """Call `work(connection, *arguments)` in a transaction, as `write` does."""
 
         def write() -> T:
             with self.transaction():
@@ -604,16 +637,18 @@ class Store(Reader):
     def put_write(
         self, work: Callable[[], T], undone: Callable[[], None] | None = None
     ) -> asyncio.Future[T]:
-        """Ask for a write that may wait a moment for the next one, and return its result to come;
-        the next is made after it.
+        """Queue a write that may wait a moment for the next one, which follows it.
 
-        `undone` is that of `WriteQueue.put`.
+        Args:
+            undone: As for `WriteQueue.put`.
+
+        Returns:
+            Its result to come.
         """
         return self.writes.put(work, undone=undone, is_awaited=False)
 
     async def read(self, work: Callable[[], T]) -> T:
-        """Return the result of `work()`, which reads what is committed, on another thread and
-        whatever is being written."""
+        """Call `work()`, which reads what is committed, without waiting for writes."""
         return work() if self._reads is None else await self._reads.run(work)
 
     def close(self) -> None:
@@ -629,8 +664,11 @@ class Store(Reader):
 
     @property
     def _db(self) -> Database:
-        """The connection for whoever asks: the one that writes, or while threads are started a
-        reading one of their own."""
+        """The connection for the caller.
+
+        It is the one that writes, or a reading one of the caller's thread while threads are
+        started.
+        """
         if self._reads is None or self.writes.is_own_thread:
             return self._own_db
         return self._reads.connection()
@@ -641,8 +679,10 @@ class Store(Reader):
 
     @property
     def fault(self) -> str | None:
-        """Return one sentence while nothing can be recorded: the database is not where it was
-        opened, say; else None."""
+        """One sentence while nothing can be recorded, else None.
+
+        The database may not be where it was opened, for instance.
+        """
         return self._lost or self._place.fault() or self.writes.fault
 
     def check_recording(self) -> None:
@@ -652,27 +692,30 @@ class Store(Reader):
 
     @property
     def connection(self) -> sqlite3.Connection:
-        """The connection for the modules of this package; it writes inside `transaction` alone."""
+        """The connection for this package; it writes inside `transaction` alone."""
         return self._db.conn
 
     @contextmanager
     def transaction(self, is_one_statement: bool = False) -> Iterator[None]:
-        """Commit what the block writes as a whole or not at all (StoreError); inside another
-        transaction it is part of it.
+        """Commit what the block writes as a whole or not at all.
 
-        On the thread of the writes it is committed together with those that wait; one that fails is
-        taken back alone.
-
-        LostDatabaseError when the file is no longer where it was opened: what is not in reach is
-        not acknowledged. WriteRefusedError while another program holds the lock for writing.
+        Inside another transaction it is part of it. On the thread of the writes it is committed
+        together with those that wait; one that fails is taken back alone.
 
         Args:
             is_one_statement: The block executes one statement, which SQLite itself takes back if it
                 fails.
+
+        Raises:
+            StoreError: If the database does not take it.
+            LostDatabaseError: If the file is no longer where it was opened: what is out of reach is
+                not acknowledged.
+            WriteRefusedError: While another program holds the lock for writing.
         """
         if self.writes.is_started and not self.writes.is_own_thread:
-            what = "its store is written on one thread alone: await Store.write"
-            raise RuntimeError(f"while a server runs, {what}")
+            raise RuntimeError(
+                "while a server runs, its store is written on one thread alone: await Store.write"
+            )
         if self._is_within:
             yield
             return
@@ -696,8 +739,10 @@ class Store(Reader):
             self._commit()
 
     def _begin(self, is_first: bool, has_savepoint: bool) -> None:
-        """Begin a transaction, or a part of one; on the thread of the writes wait for another
-        program's lock."""
+        """Begin a transaction, or a part of one.
+
+        On the thread of the writes it waits for another program's lock.
+        """
         if self._lost is not None:
             raise LostDatabaseError(self._lost)
         if not is_first:
@@ -716,10 +761,10 @@ class Store(Reader):
         self._began = time.perf_counter()
 
     def _take_back(self, is_first: bool, has_savepoint: bool, error: BaseException) -> None:
-        """Take back what a transaction wrote, and nothing of those before it that are not committed
-        yet."""
+        """Take back what a transaction wrote, and nothing of those that wait for a commit."""
         if not self._conn.in_transaction:
-            if not is_first:  # SQLite has taken back everything, as it may on a full disk
+            # SQLite has taken back the other transactions too, as it may on a full disk
+            if not is_first:
                 self._undone = self._not_taken(error)
         elif is_first:
             self._conn.execute("ROLLBACK")
@@ -728,15 +773,18 @@ class Store(Reader):
             self._conn.execute("RELEASE part")
 
     def _commit(self) -> None:
-        """Commit the transactions since the last call, if the file is where it was opened; else
-        take them back."""
+        """Commit the transactions since the last call.
+
+        They are taken back if the file is no longer where it was opened.
+        """
         undone, self._undone = self._undone, None
         if not self._conn.in_transaction and undone is None:
             return
         try:
             if undone is not None:
                 raise undone
-            self._place.check()  # now the write can still be taken back
+            # look before the commit, while the write can still be taken back
+            self._place.check()
             (commits,) = self._conn.execute(COUNT_COMMIT).fetchone()
             self._conn.execute("COMMIT")
         except BaseException as error:
@@ -744,7 +792,7 @@ class Store(Reader):
             if isinstance(error, sqlite3.Error):
                 raise self._not_taken(error) from error
             raise
-        # it went in between: memory lacks what the lost file has, so no way leads on
+        # the file went between look and commit: memory lacks what the lost file has, so nothing may follow
         self._lost = self._place.fault()
         if self._lost is not None:
             raise LostDatabaseError(self._lost)
@@ -759,7 +807,8 @@ class Store(Reader):
             self._conn.execute("ROLLBACK")
 
     def _not_taken(self, error: BaseException) -> StoreError:
-        if self._takes_writes:  # a line as it begins, and one as it ends
+        # log one line when the trouble begins, and one when it ends
+        if self._takes_writes:
             self._takes_writes = False
             _log.error(
                 "the database %s takes no writes (%s): moves are refused until it does, and none is lost. Make room on its "
@@ -772,12 +821,12 @@ class Store(Reader):
         )
 
     def secret(self) -> str:
-        """Return the key that signs cookies: made once, kept in the database."""
+        """The key that signs cookies: made once, kept in the database."""
         sql = "SELECT value FROM meta WHERE name = 'secret'"
         if self.connection.execute(sql).fetchone() is None:
             with self.transaction():
-                made = "INSERT OR IGNORE INTO meta VALUES ('secret', ?)"
-                self._conn.execute(made, [secrets.token_urlsafe(32)])
+                insert = "INSERT OR IGNORE INTO meta VALUES ('secret', ?)"
+                self._conn.execute(insert, [secrets.token_urlsafe(32)])
         return str(self.connection.execute(sql).fetchone()[0])
 
     def add_player(self, player_id: str, at_ms: int) -> None:
@@ -799,21 +848,27 @@ class Store(Reader):
             )
 
     def next_episode(self, closing: Sequence[Closing], rows: Sequence[Trial]) -> list[Trial]:
-        """Close the given episodes, open the next ones and return these as stored; all of it or
-        nothing."""
+        """Close episodes and open the next ones, all of it or nothing.
+
+        Returns:
+            The opened ones as stored.
+        """
         with self.transaction():
-            for each in closing:
-                self._close(Closing(*each))
+            for end in closing:
+                self._close(Closing(*end))
             opened = [replace(row, terrain_met_before=self._has_met(row)) for row in rows]
             for row in opened:
                 self._db.table("episodes").insert(row.row())
         return opened
 
     def add_step(self, row: StepRow, closing: Record | None = None) -> None:
-        """Commit a step, and close its episode when `closing` is its record.
+        """Commit a step, and close its episode if it ends it.
 
         A step that did not come from a person's key or touch makes a human episode a script's for
         ever.
+
+        Args:
+            closing: The record of the episode that the step ends.
         """
         values = _STEP_VALUES(row)
         if row.step > 0 and closing is None and self._add_step_alone(values):
@@ -822,71 +877,74 @@ class Store(Reader):
             if row.driver != "human":
                 self._conn.execute(_BECOME_SCRIPT, (row.episode_id,))
             if self._conn.execute(_ADD_STEP, values).rowcount != 1:
-                what = f"step {row.step} is not the next of an open episode {row.episode_id!r}"
-                raise StoreError(f"{what}: nothing changed")
+                raise StoreError(
+                    f"step {row.step} is not the next of an open episode {row.episode_id!r}: nothing changed"
+                )
             if row.step == 0:
                 chain.append_first_move(self._conn, row.episode_id)
             if closing is not None:
                 self._close(Closing(row.episode_id, closing, row.server_ms))
 
     def _add_step_alone(self, values: tuple[SqlValue, ...]) -> bool:
-        """Add a step by one statement, as most can be; return False when nothing was added."""
+        """Add a step by one statement, as most can be; False if nothing was added."""
         with self.transaction(is_one_statement=True):
             if self._conn.execute(_ADD_STEP, values).rowcount != 1:
                 return False
         return True
 
     def is_episode_of(self, session_id: str, episode_id: str) -> bool:
-        """Return whether an episode is one of a session's."""
+        """Whether an episode is one of a session's."""
         sql = "SELECT 1 FROM episodes WHERE id = ? AND session_id = ?"
         return self.connection.execute(sql, (episode_id, session_id)).fetchone() is not None
 
     def pauses(self, episode_id: str, least_ms: int, until_ms: int) -> tuple[int, float]:
-        """Return how many gaps of so many ms lie between the moves of an episode, or after them,
-        and their sum in ms."""
+        """The pauses of an episode: how many, and their sum in ms.
+
+        A pause is a gap of at least `least_ms` between two moves, or from the last one to
+        `until_ms`.
+        """
         sql = """SELECT count(*) AS number, total(gap) AS ms FROM (SELECT coalesce(lead(server_ms)
             OVER (ORDER BY step), ?) - server_ms AS gap FROM steps WHERE episode_id = ?) WHERE gap >= ?"""
-        (found,) = self.query(sql, [until_ms, episode_id, least_ms])
-        return found["number"], found["ms"]
+        (gaps,) = self.query(sql, [until_ms, episode_id, least_ms])
+        return gaps["number"], gaps["ms"]
 
     def resume_session(self, session_id: str, now_ms: int | None = None) -> Resumable | None:
-        """Return a session's latest episode when it is open, or when the session was alive within a
-        day; else None.
+        """A session's latest episode, as long as the session can be resumed.
 
-        A participant's is returned at any age.
+        It can while the episode is open, within a day after it, and at any age if it is a
+        participant's. Else None.
         """
         now = int(time.time() * 1000) if now_ms is None else now_ms
-        found = self.query(_LATEST, [session_id, now - DAY_MS])
-        return self._resumable(found[0]) if found else None
+        rows = self.query(_LATEST, [session_id, now - DAY_MS])
+        return self._resumable(rows[0]) if rows else None
 
     def player_session(self, session_id: str) -> str:
-        """Return the id of the session whose rival's a session is; its own where it is none."""
+        """The session whose rival a session is; itself if it is no rival's."""
         sql = "SELECT rival_of FROM sessions WHERE id = ? AND rival_of IS NOT NULL"
-        found = self.connection.execute(sql, [session_id]).fetchone()
-        return session_id if found is None else str(found[0])
+        row = self.connection.execute(sql, [session_id]).fetchone()
+        return session_id if row is None else str(row[0])
 
     def rival_of(self, session_id: str) -> str | None:
-        """Return the id of the session of a player's rival; None without one."""
+        """The session of a player's rival; None if there is none."""
         sql = "SELECT id FROM sessions WHERE rival_of = ?"
-        found = self.connection.execute(sql, [session_id]).fetchone()
-        return None if found is None else str(found[0])
+        row = self.connection.execute(sql, [session_id]).fetchone()
+        return None if row is None else str(row[0])
 
     def find_episode(self, episode_id: str) -> Resumable | None:
-        """Return an episode as it stands now, open or ended, and its session; None when there is
-        none."""
+        """An episode as it stands now, open or ended, with its session; None if unknown."""
         sql = f"SELECT {TRIAL} FROM episodes e {JOINED} WHERE e.id = ?"
-        found = self.query(sql, [episode_id])
-        return self._resumable(found[0]) if found else None
+        rows = self.query(sql, [episode_id])
+        return self._resumable(rows[0]) if rows else None
 
     def _resumable(self, row: EpisodeRow) -> Resumable:
         (session,) = self.query("SELECT * FROM sessions WHERE id = ?", [row["session_id"]])
         del session["owner_id"]
         steps = self.steps(row["id"])
         newest = self.query(_NEWEST_EVENT, [row["id"]]) + steps[-1:]
-        newest_ms = max((each["server_ms"] for each in newest), default=0)
+        newest_ms = max((step["server_ms"] for step in newest), default=0)
         actions = bytes(step["action"] for step in steps)
-        kept = self.query("SELECT batch FROM event_batches WHERE episode_id = ?", [row["id"]])
-        batches = tuple(each["batch"] for each in kept)
+        sql = "SELECT batch FROM event_batches WHERE episode_id = ?"
+        batches = tuple(batch["batch"] for batch in self.query(sql, [row["id"]]))
         return Resumable(SessionRow(**session), Trial.of(row), actions, newest_ms, batches)
 
     def _has_met(self, row: Trial) -> bool:
@@ -899,18 +957,19 @@ class Store(Reader):
             record.trajectory_hash, record.core_version, attestation, reason,
         )  # fmt: skip
         if self._conn.execute(_CLOSE, values).rowcount != 1:
-            what = f"episode {episode_id!r} is not open with {counted(record.steps, 'step')}"
-            raise StoreError(f"{what}: nothing changed")
+            raise StoreError(
+                f"episode {episode_id!r} is not open with {counted(record.steps, 'step')}: nothing changed"
+            )
         forget_batches(self._conn, episode_id)
         volunteers.add_episode(self._conn, episode_id)
         chain.append(self._conn, "episode", episode_id, begun=events)
 
 
 def forget_batches(conn: sqlite3.Connection, episode_id: str) -> None:
-    """Delete the ids of an ended episode's batches of input events, but for the newest."""
+    """Delete the ids of an ended episode's event batches, but for the newest."""
     conn.execute(_FORGET_BATCHES, [episode_id, KEPT_BATCHES - 1])
 
 
 def is_busy(error: sqlite3.Error) -> bool:
-    """Return whether an error of SQLite says that another connection holds the lock."""
+    """Whether an error of SQLite says that another connection holds the lock."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY

@@ -53,18 +53,22 @@ class Frozen(Protocol):
 
 
 def is_same_study(one: Frozen, other: Frozen) -> bool:
-    """Return whether two are one freezing: others of the same protocol have its hash too, and
-    another secret."""
+    """Whether two are one freezing.
+
+    Another freezing of the same protocol has its hash too, but another secret.
+    """
     return (one.protocol_hash, one.commitment) == (other.protocol_hash, other.commitment)
 
 
 @dataclass(frozen=True)
 class Participant:
-    """A person, or a script, in a study; `settings` is JSON, times are milliseconds since 1970.
+    """A person, or a script, in a study.
 
     Attributes:
+        settings: JSON.
         invitation: Id of the invitation that brought them; None without one.
         supervised_ms: When the operator's code was typed last; None if it never was.
+        consent_ms, joined_ms, completed_ms: Milliseconds since 1970.
     """
 
     id: str
@@ -117,10 +121,13 @@ class StageEventRow(NamedTuple):
     detail: str
 
     def event(self) -> StageEvent:
-        """Return it with its detail parsed."""
+        """The event with its detail parsed."""
         return StageEvent(self.at_ms, self.kind, json.loads(self.detail))
 
 
 def participant_label(participant_id: str) -> str:
-    """Return the short label a participant sees and can quote; nobody can find the id from it."""
+    """The short label that a participant sees and can quote.
+
+    Nobody can find the id from it.
+    """
     return hashlib.sha256(f"label|{participant_id}".encode()).hexdigest()[:8].upper()

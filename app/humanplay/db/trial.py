@@ -1,4 +1,4 @@
-"""An episode as everything but the board itself knows it: one type from the table to the report."""
+"""An episode as everything but the board itself knows it: one type for all."""
 
 from __future__ import annotations
 
@@ -26,26 +26,27 @@ DAILY: Literal["daily"] = "daily"
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """An episode, open or finished, with what it belongs to. Its columns are those of
-    `columns.txt`.
+    """An episode, open or finished, with what it belongs to.
 
-    What fixes it is known from its start; from `ended_ms` to `attestation_reason` all are None
-    while it runs.
-
-    Of a study's episode, outside of one "" and -1: participant    who played it, and their kind
-    trial          0.. in the order played, within its phase terrain_index  of its seed, within its
-    phase pause_share    paused or out of sight, 0..1 of the time between first and last move, where
-    it was worked out active_ms      from the start to the last move without pauses and time out of
-    sight, likewise labels         of `humanplay.study.plausibility`, where they were
+    Its columns are those of `columns.txt`. What fixes it is known from its start; from `ended_ms`
+    to `attestation_reason` all are None while it runs. What is marked * is there if the query asked
+    for it. What is marked + is a study's; outside of one it is "" or -1.
 
     Attributes:
-        task: Whose rules it was played under, and `core_version` theirs.
+        task: Whose rules it was played under; `core_version` is theirs.
         driver: "human", "script" or "policy:NAME".
-        owner_id: The player on whose page it ran, where that was asked for.
-        counts: For the figure of the playground's volunteers, where that was asked for.
-        series: The study or the day that it is of; "" where it is of none.
-        moves: Made so far, and when the last one was (None without one), where that was asked
-            for.
+        owner_id: * The player on whose page it ran.
+        counts: * Whether it counts for the estimate of the playground's volunteers.
+        series: The study or the day that it is of; "" if it is of none.
+        moves, moved_ms: * How many moves were made so far, and when the last one was (None without
+            one).
+        participant, kind: + Who played it.
+        trial: + 0.. in the order played, within its phase.
+        terrain_index: + Of its seed, within its phase.
+        pause_share: + Share (0..1) of the time from first to last move that was paused or out of
+            sight, if it was worked out.
+        active_ms: + From the start to the last move without pauses and time out of sight, likewise.
+        labels: + Of `humanplay.study.plausibility`, likewise.
     """
 
     id: str
@@ -88,10 +89,10 @@ class Trial:
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> Trial:
-        """Return the episode of a row of the table `episodes`, with whatever further fields the
-        query gave it.
+        """The episode of a row of the table `episodes`, with the query's further fields.
 
-        ValueError or TypeError where the configuration in it is none.
+        Raises:
+            ValueError, TypeError: If its configuration is none.
         """
         values = {name: row[name] for name in _FIELDS & row.keys() if row[name] is not None}
         values["seed"] = row["seed"]
@@ -102,7 +103,7 @@ class Trial:
         return cls(**values)
 
     def row(self) -> dict[str, object]:
-        """Return what the table `episodes` holds of it, by column."""
+        """What the table `episodes` holds of it, by column."""
         derived = {
             "level": self.config.level,
             "config": json.dumps(self.config.to_dict(), sort_keys=True, separators=(",", ":")),
@@ -117,7 +118,7 @@ class Trial:
 
     @property
     def day(self) -> str | None:
-        """The day (UTC) of the daily terrain that it is an attempt at; None for another episode."""
+        """The day (UTC) of the daily terrain that it is played on; None for another."""
         kind, _, rest = self.series.partition(":")
         return rest.partition(":")[0] if kind == DAILY else None
 
@@ -138,7 +139,7 @@ class Trial:
 
     @property
     def cells(self) -> int:
-        """How many cells coverage refers to; 0 where discovering is not what the task is about."""
+        """How many cells coverage refers to; 0 if the task is not about discovering."""
         return self.environment.cells(self)
 
     @property
@@ -153,26 +154,32 @@ class Trial:
 
     @property
     def steps_to_target(self) -> int | None:
-        """Moves of an episode that succeeded; the most that there may be for any other ending."""
+        """Moves to success; the most that there may be for any other ending."""
         if self.outcome is None or self.steps is None:
             return None
         return self.steps if self.succeeded else int(self.config.limit)
 
     def forfeited(self) -> Trial:
-        """Return it as it counts where it is spoilt: given up at its last move, so that spoiling is
-        worth what leaving is."""
+        """The episode as it counts if it is spoilt: given up at its last move.
+
+        So spoiling an episode is worth what leaving it is.
+        """
         if self.outcome is None or self.total is None or self.score is None:
             return self
         score = self.environment.given_up_score(self, self.outcome, self.total, self.score)
         return replace(self, outcome="abandoned", score=score)
 
     def as_left(self) -> Trial:
-        """Return it as it counts where it was not spoilt: leaving costs what spoiling does."""
+        """The episode as it counts if it is not spoilt: leaving costs what spoiling does."""
         left = self.outcome in LEFT
         return replace(self.forfeited(), outcome=self.outcome) if left else self
 
     def record(self, steps: Sequence[MoveRow]) -> Record:
-        """The cause of a finished episode, ready to be replayed; `steps` are its moves in order."""
+        """The cause of a finished episode, ready to be replayed.
+
+        Args:
+            steps: Its moves in order.
+        """
         names = ["outcome", "total", "score", "steps", "discovered", "trajectory_hash"]
         names.append("core_version")
         actions = bytes(step["action"] for step in steps)
@@ -185,6 +192,9 @@ _COLUMNS = TABLES["episodes"].names()
 
 @lru_cache(maxsize=256)
 def parse_config(task: str, text: str) -> Configuration:
-    """Return the configuration that a column holds as JSON; ValueError or TypeError where it is
-    none of the task's."""
+    """The configuration that a column holds as JSON.
+
+    Raises:
+        ValueError, TypeError: If it is none of the task's.
+    """
     return environment_of(task).configuration(json.loads(text))

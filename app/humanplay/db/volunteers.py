@@ -1,8 +1,8 @@
-"""What the volunteers' figures are made from: a player's sums for a configuration, kept by the
-write that ends an episode.
+"""The sums that the volunteers' estimates are made from.
 
-A finished episode does not change, so sums only grow; after an erasure or a merge they are made
-again from the episodes.
+There are a player's sums for each configuration; the write that ends an episode adds to them. A
+finished episode does not change, so sums only grow; after an erasure or a merge they are made again
+from the episodes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from humanplay.db.resimulation import Finding
 from humanplay.db.trial import Trial
 
 ROUNDING = 1e-9
-"""Relative difference of sums of the same numbers in another order, at most."""
+"""Most relative difference between sums of the same numbers in another order."""
 
 
 class Sums(NamedTuple):
@@ -43,19 +43,19 @@ class Sums(NamedTuple):
 
     @classmethod
     def of(cls, trial: Trial) -> Sums:
-        """Return them of one episode."""
+        """The sums of one episode."""
         is_spoilt = trial.attestation == "spoilt"
-        own = trial.as_left()
-        each = trial.forfeited() if is_spoilt else own
-        score, played = each.score or 0.0, own.score or 0.0
-        steps, played_steps = each.steps_to_target or 0, own.steps_to_target or 0
-        is_abandoned, has_failed = each.outcome == "abandoned", not each.succeeded
-        return cls(1, is_abandoned, is_spoilt, has_failed, score, steps, played, played_steps)
+        played = trial.as_left()
+        counted = trial.forfeited() if is_spoilt else played
+        score, played_score = counted.score or 0.0, played.score or 0.0
+        steps, played_steps = counted.steps_to_target or 0, played.steps_to_target or 0
+        is_abandoned, has_failed = counted.outcome == "abandoned", not counted.succeeded
+        return cls(1, is_abandoned, is_spoilt, has_failed, score, steps, played_score, played_steps)
 
 
 _COUNTED = f"SELECT {TRIAL} FROM episodes e {JOINED} WHERE e.ended_ms IS NOT NULL AND {HUMAN_SCORE_CONDITION}"
 _ADD = f"""{TABLES["volunteers"].insert()} ON CONFLICT (config_hash, player_id) DO UPDATE SET
-    {", ".join(f"{each} = {each} + excluded.{each}" for each in Sums._fields)}"""
+    {", ".join(f"{name} = {name} + excluded.{name}" for name in Sums._fields)}"""
 _CHANGE = """INSERT INTO volunteer_figures VALUES (?, ?, ?, lower(hex(randomblob(8))))
     ON CONFLICT (config_hash) DO UPDATE SET state = excluded.state"""
 _RANKED = f"""SELECT s.owner_id, e.seed, e.steps, e.outcome, e.attestation, e.ended_ms FROM episodes e {JOINED}
@@ -66,8 +66,10 @@ _PLAYER = f"SELECT {_SUMS} FROM volunteers WHERE config_hash = ? AND player_id =
 
 
 def add_episode(conn: sqlite3.Connection, episode_id: str) -> None:
-    """Add an episode that has just ended to its player's sums, if it counts; call it in the
-    transaction that ends it."""
+    """Add an episode that has just ended to its player's sums, if it counts.
+
+    Call it in the transaction that ends it.
+    """
     for trial, config in _counted(conn, " AND e.id = ?", episode_id):
         conn.execute(_ADD, (trial.config_hash, trial.owner_id, *Sums.of(trial)))
         conn.execute(_CHANGE, (trial.config_hash, trial.task, config))
@@ -78,27 +80,28 @@ def renew(conn: sqlite3.Connection) -> None:
     sums, configs = _from_episodes(conn)
     conn.execute("DELETE FROM volunteers")
     conn.execute("DELETE FROM volunteer_figures")
-    conn.executemany(_ADD, [(*key, *found) for key, found in sums.items()])
+    conn.executemany(_ADD, [(*key, *player) for key, player in sums.items()])
     conn.executemany(_CHANGE, [(config_hash, *played) for config_hash, played in configs.items()])
 
 
 def played_configs(reader: Reader) -> list[tuple[str, str, str, str]]:
-    """Return (hash, task, JSON, state) of each configuration with counted episodes; the state is
-    new whenever a sum is."""
-    found = reader.query("SELECT config_hash, task, config, state FROM volunteer_figures")
-    return [(row["config_hash"], row["task"], row["config"], row["state"]) for row in found]
+    """(hash, task, JSON, state) of each configuration with counted episodes.
+
+    The state is new whenever a sum is.
+    """
+    rows = reader.query("SELECT config_hash, task, config, state FROM volunteer_figures")
+    return [(row["config_hash"], row["task"], row["config"], row["state"]) for row in rows]
 
 
 def players_of(reader: Reader, config_hash: str) -> list[Sums]:
-    """Return the sums of everybody who has counted episodes of a configuration, in an order that
-    stays."""
+    """The sums of everybody with counted episodes of a configuration, in one order."""
     return [Sums(**row) for row in reader.query(_PLAYERS, [config_hash])]
 
 
 def player_sums(reader: Reader, config_hash: str, player: str) -> Sums | None:
-    """Return a player's sums for a configuration; None without counted episodes."""
-    found = reader.query(_PLAYER, [config_hash, player])
-    return Sums(**found[0]) if found else None
+    """A player's sums for a configuration; None without counted episodes."""
+    rows = reader.query(_PLAYER, [config_hash, player])
+    return Sums(**rows[0]) if rows else None
 
 
 class RankedRun(NamedTuple):
@@ -115,7 +118,7 @@ class RankedRun(NamedTuple):
 
 
 def state_of(reader: Reader, config_hash: str) -> str | None:
-    """What changes whenever a counted episode of a configuration ends; None before the first."""
+    """A text that changes whenever a counted episode of a configuration ends, or None."""
     sql = "SELECT state FROM volunteer_figures WHERE config_hash = ?"
     return next((str(row["state"]) for row in reader.query(sql, [config_hash])), None)
 
@@ -131,18 +134,20 @@ def ranked_runs(reader: Reader, config_hash: str, successes: Collection[str]) ->
 
 
 def differences(conn: sqlite3.Connection) -> Iterator[Finding]:
-    """Yield what is kept and not as the episodes give it."""
+    """Yield stored sums that differ from those of the episodes."""
     sums, configs = _from_episodes(conn)
-    kept = {(row[0], row[1]): Sums(*row[2:]) for row in conn.execute("SELECT * FROM volunteers")}
-    for key in sorted(kept.keys() | sums.keys()):
-        stored, made = kept.get(key), sums.get(key)
-        if stored is None or made is None or not _are_close(stored, made):
-            where = f"volunteers' figure {key[0][:12]}"
-            yield Finding(where, "a player's sums", tuple(stored or ()), tuple(made or ()))
+    stored_sums = {
+        (row[0], row[1]): Sums(*row[2:]) for row in conn.execute("SELECT * FROM volunteers")
+    }
+    for key in sorted(stored_sums.keys() | sums.keys()):
+        stored, derived = stored_sums.get(key), sums.get(key)
+        if stored is None or derived is None or not _are_close(stored, derived):
+            estimate = f"volunteers' figure {key[0][:12]}"
+            yield Finding(estimate, "a player's sums", tuple(stored or ()), tuple(derived or ()))
     noted = {row[0]: row[1:3] for row in conn.execute("SELECT * FROM volunteer_figures")}
-    for each in sorted(noted.keys() | configs.keys()):
-        if (named := noted.get(each)) != (played := configs.get(each)):
-            yield Finding(f"volunteers' figure {each[:12]}", "its configuration", named, played)
+    for hash_ in sorted(noted.keys() | configs.keys()):
+        if (named := noted.get(hash_)) != (played := configs.get(hash_)):
+            yield Finding(f"volunteers' figure {hash_[:12]}", "its configuration", named, played)
 
 
 def _are_close(one: Sums, other: Sums) -> bool:
@@ -153,25 +158,30 @@ def _are_close(one: Sums, other: Sums) -> bool:
 def _from_episodes(
     conn: sqlite3.Connection,
 ) -> tuple[dict[tuple[str, str], Sums], dict[str, tuple[str, str]]]:
-    """Return the sums by configuration's hash and player, and the task and configuration (JSON) of
-    each hash."""
+    """All sums, worked out from the episodes.
+
+    Returns:
+        The sums by configuration's hash and player, and the task and configuration (JSON) of each
+        hash.
+    """
     sums, configs = dict[tuple[str, str], Sums](), dict[str, tuple[str, str]]()
     for trial, config in _counted(conn):
-        key, found = (trial.config_hash, str(trial.owner_id)), Sums.of(trial)
-        if (known := sums.get(key)) is not None:
-            found = Sums(*map(add, known, found))
-        sums[key], configs[key[0]] = found, (trial.task, config)
+        key, added = (trial.config_hash, str(trial.owner_id)), Sums.of(trial)
+        before = sums.get(key)
+        sums[key] = added if before is None else Sums(*map(add, before, added))
+        configs[key[0]] = (trial.task, config)
     return sums, configs
 
 
 def _counted(
     conn: sqlite3.Connection, which: str = "", *values: str
 ) -> Iterator[tuple[Trial, str]]:
-    """Yield counted episodes with their configurations as JSON, all or those that an SQL condition
-    names.
+    """Yield counted episodes with their configurations as JSON.
 
-    One whose row is no episode's, or whose score has no mean, is left out: `verify` finds the
-    former.
+    A row that is no episode, or whose score has no mean, is left out: `verify` finds the former.
+
+    Args:
+        which: An SQL condition with an AND before it; "" for all.
     """
     for row in stream(conn, f"{_COUNTED}{which} ORDER BY e.started_ms, e.id", *values):
         try:

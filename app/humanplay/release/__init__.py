@@ -1,5 +1,4 @@
-"""Published studies: a study is written as a signed bundle of tables and documents, and a bundle is
-verified and imported.
+"""Published studies: signed bundles of tables and documents, written and read.
 
-`build` writes a bundle and `bundle` reads one; the other modules are its parts.
+`build` writes a bundle and `bundle` verifies and imports one; the other modules are its parts.
 """

@@ -1,5 +1,7 @@
-"""A study written as a citable bundle: verified, under new pseudonyms, signed. The folder appears
-whole or not at all."""
+"""A study written as a citable bundle: verified, under new pseudonyms, signed.
+
+The folder appears whole or not at all.
+"""
 
 from __future__ import annotations
 
@@ -115,8 +117,11 @@ def request_of(
     with_answers: bool = False,
     with_free_text: bool = False,
 ) -> ReleaseRequest:
-    """Return what releases a study with its report, from a database and the folder of studies;
-    StudyError as `Folder`."""
+    """What releases a study with its report, from a database and its folder.
+
+    Raises:
+        StudyError: As `Folder`.
+    """
     return ReleaseRequest(
         database=database,
         study=study,
@@ -143,8 +148,12 @@ class Unique(NamedTuple):
 
 @dataclass(frozen=True)
 class WrittenRelease:
-    """A release that was written: its header, its manifest's SHA-256 and the fingerprint of its
-    key."""
+    """A release that was written.
+
+    Attributes:
+        manifest_hash: SHA-256 (hex) of its manifest.
+        signer: Fingerprint of its key.
+    """
 
     header: ReleaseHeader
     manifest_hash: str
@@ -157,18 +166,22 @@ def build_release(
 ) -> WrittenRelease:
     """Verify a study and write its release to `request.out`.
 
-    ReleaseError when the study is unknown or open, an episode fails, the folder is there already,
-    or a library is missing; PolicyError when the file of a policy that the report compares is lost.
-
     Args:
-        advance: Called with (episodes verified or written, of how many).
+        advance: Called with (episodes verified or written, how many in all).
         bar: Of what the report takes.
+
+    Raises:
+        ReleaseError: If the study is unknown or open, an episode fails, the folder is there
+            already, or a library is missing.
+        PolicyError: If the file of a policy that the report compares is lost.
     """
     check_libraries()
     if request.out.exists() and (not request.out.is_dir() or any(request.out.iterdir())):
-        why = "a release is written into a new folder; choose another --out"
-        raise ReleaseError(f"{request.out} is there already: {why}")
-    with reading(request.database) as source:  # one moment, whatever a server writes meanwhile
+        raise ReleaseError(
+            f"{request.out} is there already: a release is written into a new folder; choose another --out"
+        )
+    # all of it is read at one moment, whatever a server writes meanwhile
+    with reading(request.database) as source:
         header, closed = _new_header(source, request)
         total = 2 * _count_episodes(source, request.study)
         _verify_study(source, request, advance, total)
@@ -219,11 +232,13 @@ def _unique(database: Path) -> Unique:
 def _write_report(
     folder: Path, header: ReleaseHeader, request: ReleaseRequest, bar: ProgressBar
 ) -> ReleaseHeader:
-    """Write the report, made from the release's own database, with what it is made from; return the
-    header that says so.
+    """Write the report, made from the release's own database.
 
-    The files of the policies go into the release; costs are kept next to the database that it is
+    The files of the policies go into the release; costs are cached next to the database that it is
     made from.
+
+    Returns:
+        The header with what the report adds to it.
     """
     with closing(Reader.open(folder / BUNDLE_DATABASE)) as reader:
         data = load(reader, header.study).with_policies_in(folder / FOLDER)
@@ -234,15 +249,15 @@ def _write_report(
         episodes: tuple[PolicyEpisode, ...] = ()
         costs: list[CostRow] = []
         if request.with_report:
-            kept = PolicyFiles.of(header.protocol, request.policy_folder)
-            kept.copy_to(folder / FOLDER, sorted({*names, *([expert] if expert else [])}))
+            files = PolicyFiles.of(header.protocol, request.policy_folder)
+            files.copy_to(folder / FOLDER, sorted({*names, *([expert] if expert else [])}))
         if request.with_report and played:
             episodes = play_compared(data, closed_seeds(data), names, bar)
         cache = cost_cache(request.database)
         for synthetic in (played or [False]) if request.with_report else ():
             is_judged = False in played and not synthetic
-            found = costs_of_people(reader, data, bar, cache) if is_judged else {}
-            report = make_report(reader, data, episodes, synthetic, bar, found)
+            costs_by_group = costs_of_people(reader, data, bar, cache) if is_judged else {}
+            report = make_report(reader, data, episodes, synthetic, bar, costs_by_group)
             for name, content in report_files(report).items():
                 (folder / name).write_bytes(content)
         if expert and request.with_report and False in played and why_not_judged(data) is None:
@@ -257,13 +272,14 @@ def _write_report(
 def _new_header(
     conn: sqlite3.Connection, request: ReleaseRequest
 ) -> tuple[ReleaseHeader, tuple[int | None, str | None]]:
-    found = rows(conn, "SELECT * FROM series WHERE name = ?", request.study)
-    if not found:
+    studies = rows(conn, "SELECT * FROM series WHERE name = ?", request.study)
+    if not studies:
         names = [row["name"] for row in rows(conn, "SELECT name FROM series ORDER BY name")]
-        known = f"studies in it: {', '.join(names) or 'none'}"
-        where = f"{request.study!r} in {request.database}"
-        raise ReleaseError(f"nobody has joined a study {where}; {known}")
-    row = found[0]
+        raise ReleaseError(
+            f"nobody has joined a study {request.study!r} in {request.database}; "
+            f"studies in it: {', '.join(names) or 'none'}"
+        )
+    row = studies[0]
     closed = (row["closed_ms"], row["secret"])
     if closed[0] is None and request.secrets and request.study in request.secrets:
         closed_ms, secret = request.secrets[request.study]
@@ -302,7 +318,10 @@ def _new_header(
 
 
 def _check_erased(conn: sqlite3.Connection, study: str) -> None:
-    """Check that nobody is left who asked to be erased: what is published cannot be called back."""
+    """Check that nobody is left who asked to be erased.
+
+    What is published cannot be called back.
+    """
     people = rows(conn, "SELECT id FROM participants WHERE study = ? ORDER BY joined_ms", study)
     asking = [participant_label(row["id"]) for row in people if asks_erasure(conn, row["id"])]
     if asking:
@@ -336,21 +355,27 @@ def _count_episodes(conn: sqlite3.Connection, study: str) -> int:
 def _verify_study(
     source: sqlite3.Connection, request: ReleaseRequest, advance: Advance, total: int
 ) -> None:
-    known = {name: secret for name, (_, secret) in (request.secrets or {}).items()}
-    result = verify_moment(
-        source, request.database, lambda done, _: advance(done, total), known, request.study
+    known_secrets = {name: secret for name, (_, secret) in (request.secrets or {}).items()}
+    verification = verify_moment(
+        source, request.database, lambda done, _: advance(done, total), known_secrets, request.study
     )
-    if result.findings:
-        more = f" and {len(result.findings) - 1} more" if len(result.findings) > 1 else ""
+    if verification.findings:
+        more = (
+            f" and {len(verification.findings) - 1} more" if len(verification.findings) > 1 else ""
+        )
         raise ReleaseError(
-            f"no release: {result.findings[0]}{more}; `humanplay verify` lists everything that is not as it was recorded"
+            f"no release: {verification.findings[0]}{more}; `humanplay verify` lists everything that is not as it was recorded"
         )
 
 
 def _write_files(
     folder: Path, header: ReleaseHeader, advance: Callable[[int], None]
 ) -> tuple[ReleaseHeader, dict[str, int]]:
-    """Write everything but the manifest; return the header with its counts, and the rows by file."""
+    """Write everything but the manifest.
+
+    Returns:
+        The header with its counts, and the rows by file.
+    """
     (folder / QUERIES.name).write_bytes(QUERIES.read_bytes())
     (folder / "minari").mkdir()
     minari = MinariWriter(folder / "minari", header)
@@ -361,7 +386,7 @@ def _write_files(
             outcomes[row["outcome"]] += 1
             advance(done)
         count = "SELECT count(*) FROM"
-        counts = {each: conn.execute(f"{count} {each}").fetchone()[0] for each in COUNTED_TABLES}
+        counts = {table: conn.execute(f"{count} {table}").fetchone()[0] for table in COUNTED_TABLES}
         written = write_tables(folder, conn)
         people = _counted_people(conn)
     minari.close()
@@ -384,9 +409,11 @@ def _write_files(
 def _write_derived(
     database: Path, data: StudyData, episodes: Sequence[PolicyEpisode], costs: Sequence[CostRow]
 ) -> None:
-    """Write the tables that only a bundle's database has: an import leaves them behind, the next
-    release makes them anew."""
-    names = list(dict.fromkeys(each.policy for each in episodes))
+    """Write the tables that only a bundle's database has.
+
+    An import leaves them behind, and the next release makes them anew.
+    """
+    names = list(dict.fromkeys(episode.policy for episode in episodes))
     ended = [trial for trial in data.trials if trial.ended_ms is not None]
     cohort = people_of(data)
     people = {person.id: person for person in cohort.people}
@@ -394,16 +421,17 @@ def _write_derived(
         "participant_statuses": list(statuses(data, cohort).items()),
         "input_summaries": [
             (
-                each.id,
-                json.dumps(list(each.labels)),
-                _lowest(data, people.get(each.participant), each),
-                each.pause_share,
-                each.active_ms,
+                trial.id,
+                json.dumps(list(trial.labels)),
+                _lowest(data, people.get(trial.participant), trial),
+                trial.pause_share,
+                trial.active_ms,
             )
-            for each in ended
+            for trial in ended
         ],
         "policy_episodes": [
-            (names.index(each.policy), *_policy_row(each, data.protocol)) for each in episodes
+            (names.index(episode.policy), *_policy_row(episode, data.protocol))
+            for episode in episodes
         ],
         "move_costs": map(astuple, costs),
         "answer_counts": [(place, *row) for place, row in enumerate(_count_rows(data.answers))],
@@ -425,26 +453,26 @@ def _count_rows(answers: Sequence[AnswerCounts]) -> Iterator[tuple[str | int | N
 
 
 def _lowest(data: StudyData, person: Person | None, trial: Trial) -> str | None:
-    """Return why a person's ranked episode counts at the lowest score; None where it does not."""
+    """Why a person's ranked episode counts at the lowest score; None if it does not."""
     if person is None or trial.phase != "ranked":
         return None
     return lowest_reason(data, person, trial)
 
 
-def _policy_row(each: PolicyEpisode, protocol: Protocol) -> tuple[str | int | float | None, ...]:
+def _policy_row(episode: PolicyEpisode, protocol: Protocol) -> tuple[str | int | float | None, ...]:
     environment, config = protocol.environment, protocol.env_config
-    episode, letters = each.replay(environment, config).record(), initials(environment)
+    record, letters = episode.replay(environment, config).record(), initials(environment)
     return (
-        each.policy,
-        each.policy_hash,
-        each.terrain,
-        each.seed,
-        episode.outcome,
-        episode.steps,
-        episode.steps if episode.outcome in environment.successes else config.limit,
-        episode.score,
-        "".join(letters[action] for action in each.actions),
-        each.trajectory_hash,
+        episode.policy,
+        episode.policy_hash,
+        episode.terrain,
+        episode.seed,
+        record.outcome,
+        record.steps,
+        record.steps if record.outcome in environment.successes else config.limit,
+        record.score,
+        "".join(letters[action] for action in episode.actions),
+        episode.trajectory_hash,
     )
 
 
@@ -475,20 +503,21 @@ def _counted_people(conn: sqlite3.Connection) -> _CountedPeople:
 
 @contextmanager
 def _whole_folder(out: Path) -> Iterator[Path]:
-    """Make a folder that takes its name when the block has ended well, and leaves nothing
-    otherwise."""
+    """Make a folder that gets its name when the block ends well; else it is gone."""
     try:
         with replace_whole(out) as unfinished:
             unfinished.mkdir(parents=True)
             yield unfinished
     except (OSError, sqlite3.Error) as error:
-        why = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
-        raise ReleaseError(f"cannot write {out}: {why}; choose another --out") from error
+        reason = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
+        raise ReleaseError(f"cannot write {out}: {reason}; choose another --out") from error
 
 
 def _note_published(request: ReleaseRequest, header: ReleaseHeader, manifest_hash: str) -> None:
-    """Keep the release in the database, so that the next one knows its number; a server may be
-    running."""
+    """Record the release in the database, so that the next one knows its number.
+
+    A server may be running.
+    """
     row = ReleaseRow(header.study, header.version, manifest_hash, now_ms())
     try:
         with writing(request.database) as conn:

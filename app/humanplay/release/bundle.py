@@ -1,4 +1,4 @@
-"""A released folder: opened, verified as a stranger would verify it, and imported into a database.
+"""A released folder: opened, verified as a stranger would, and imported.
 
 The verification checks the files, the signature and the chain, and simulates every episode again.
 """
@@ -31,21 +31,25 @@ from humanplay.task import Environment
 
 
 def initials(environment: Environment) -> str:
-    """Return what stands for each action in the moves of policies: its initial, or a sign for its
-    code where two share one."""
+    """What stands for each action in the moves of policies: its initial.
+
+    If two actions share one, all are called by signs in the order of their codes.
+    """
     letters = "".join(name[0].upper() for name in environment.actions)
     signs = string.digits + string.ascii_letters + "-_"
     return letters if len(set(letters)) == len(letters) else signs[: len(letters)]
 
 
 class Bundle:
-    """A released folder, opened once; use it in a `with` block. ReleaseError where the folder holds
-    no release.
+    """A released folder, opened once; use it in a `with` block.
 
     Attributes:
-        manifest: With its hash, SHA-256 (hex).
+        manifest, manifest_hash: With its SHA-256 (hex).
         reader: Of its database.
         data: The study, with the files of the policies that are in the bundle.
+
+    Raises:
+        ReleaseError: If the folder holds no release.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -58,12 +62,12 @@ class Bundle:
         except BaseException:
             self.reader.close()
             raise
-        played = {each.policy: each.policy_hash for each in self.policy_episodes}
+        played = {episode.policy: episode.policy_hash for episode in self.policy_episodes}
         recorded = dict(played)
         if (expert := data.protocol.environment.expert) is not None:
             recorded[expert] = self.expert_hash
-        known = {name: digest for name, digest in recorded.items() if digest}
-        hashes = {**data.policy_files.hashes, **known}
+        with_digest = {name: digest for name, digest in recorded.items() if digest}
+        hashes = {**data.policy_files.hashes, **with_digest}
         files = replace(data.policy_files, hashes=hashes, folder=folder / FOLDER)
         self.data = replace(data, policy_files=files)
 
@@ -79,7 +83,7 @@ class Bundle:
         return self.manifest.get("expert_hash")
 
     def _policy_episodes(self, letters: str) -> tuple[PolicyEpisode, ...]:
-        found = self.reader.query("SELECT * FROM policy_episodes ORDER BY place, terrain_index")
+        rows = self.reader.query("SELECT * FROM policy_episodes ORDER BY place, terrain_index")
         return tuple(
             PolicyEpisode(
                 policy=row["policy"],
@@ -89,18 +93,23 @@ class Bundle:
                 actions=bytes(letters.index(letter) for letter in row["actions"]),
                 trajectory_hash=row["trajectory_hash"],
             )
-            for row in found
+            for row in rows
         )
 
     def costs(self) -> tuple[CostRow, ...]:
-        """Return the recorded costs of moves, by episode and move."""
-        found = self.reader.query("SELECT * FROM move_costs ORDER BY episode_id, step")
-        return tuple(CostRow(episode=row.pop("episode_id"), **row) for row in found)
+        """The recorded costs of moves, by episode and move."""
+        rows = self.reader.query("SELECT * FROM move_costs ORDER BY episode_id, step")
+        return tuple(CostRow(episode=row.pop("episode_id"), **row) for row in rows)
 
 
 @dataclass(frozen=True)
 class VerifiedBundle:
-    """A release that was checked: its manifest, that file's SHA-256, and what was found."""
+    """A release that was checked.
+
+    Attributes:
+        manifest_hash: SHA-256 (hex) of the manifest's file.
+        verified: What was checked, and the findings.
+    """
 
     manifest: Manifest
     manifest_hash: str
@@ -110,11 +119,14 @@ class VerifiedBundle:
 def verify_bundle(
     folder: Path, advance: Advance = lambda done, total: None, signer: str | None = None
 ) -> VerifiedBundle:
-    """Verify a released folder; ReleaseError when it is not one.
+    """Verify a released folder.
 
     Args:
-        advance: Called with (episodes simulated, of how many).
+        advance: Called with (episodes simulated, how many in all).
         signer: Fingerprint of the key that must have signed it.
+
+    Raises:
+        ReleaseError: If the folder holds no release.
     """
     manifest, manifest_hash = read_manifest(folder)
     findings = list(check_files(folder, manifest, signer))
@@ -133,22 +145,27 @@ def import_release(
     advance: Advance = lambda done, total: None,
     signer: str | None = None,
 ) -> MergeCounts:
-    """Import a release into a database, which is made when absent, and return what was added.
-
-    ReleaseError when the release does not verify; MergeError when the database holds its episodes
-    under other names; StoreError while a server has the database. Nothing is changed then.
+    """Import a release into a database, which is created if it is absent.
 
     Args:
-        advance: Called with (episodes verified, of how many).
+        advance: Called with (episodes verified, how many in all).
         signer: Fingerprint of the key that must have signed it.
+
+    Returns:
+        What was added.
+
+    Raises:
+        ReleaseError: If the release does not verify.
+        MergeError: If the database holds its episodes under other names.
+        StoreError: If a server has the database. Nothing is changed in all three cases.
     """
     check_writable(database)
     checked = verify_bundle(folder, advance, signer)
     if checked.verified.findings:
-        more = len(checked.verified.findings) - 1
-        also = f" and {more} more" if more else ""
+        first, *others = checked.verified.findings
+        also = f" and {len(others)} more" if others else ""
         raise ReleaseError(
-            f"no import: {checked.verified.findings[0]}{also}; `humanplay verify --dataset {folder}` lists all"
+            f"no import: {first}{also}; `humanplay verify --dataset {folder}` lists all"
         )
     manifest = checked.manifest
     released_ms = int(datetime.fromisoformat(manifest["released"]).timestamp() * 1000)

@@ -1,9 +1,8 @@
-"""Croissant 1.1 metadata (JSON-LD): what files there are and what their columns mean, for machines
-that look for data sets.
+"""Croissant 1.1 metadata (JSON-LD), for machines that look for data sets.
 
-The metadata are built with mlcroissant's own classes. Two things cannot be said through them and
-are added to their output: `isLiveDataset` when it is false, and a list of creators when there is
-only one.
+They say what files there are and what their columns mean, and are built with mlcroissant's own
+classes. Two things cannot be said through them and are added to their output: `isLiveDataset` when
+it is false, and a list of creators when there is only one.
 """
 
 from __future__ import annotations
@@ -40,8 +39,11 @@ TERMS_OF_1_1 = {
 def croissant(
     folder: Path, header: ReleaseHeader, citation: str, licence_url: str
 ) -> dict[str, object]:
-    """Return the metadata of a release whose tables lie in `folder`; ReleaseError when mlcroissant
-    finds them not valid."""
+    """The metadata of a release whose tables lie in `folder`.
+
+    Raises:
+        ReleaseError: If mlcroissant finds them invalid.
+    """
     formats = ENCODING_FORMATS.items()
     with _mlcroissant() as mlc:
         build = _Builder(mlc, folder)
@@ -72,7 +74,7 @@ def croissant(
 
 
 def write_croissant(folder: Path, header: ReleaseHeader, citation: str, licence_url: str) -> None:
-    """Write croissant.json; ReleaseError when mlcroissant finds the metadata not valid."""
+    """Write croissant.json; ReleaseError if mlcroissant finds the metadata invalid."""
     metadata = croissant(folder, header, citation, licence_url)
     text = json.dumps(metadata, indent=2, ensure_ascii=False)
     (folder / "croissant.json").write_text(text + "\n")
@@ -80,8 +82,10 @@ def write_croissant(folder: Path, header: ReleaseHeader, citation: str, licence_
 
 @contextmanager
 def _mlcroissant() -> Iterator[ModuleType]:
-    """Give the library to a block, without its deprecation warnings; what is not valid becomes a
-    ReleaseError."""
+    """Give mlcroissant to a block, without its deprecation warnings.
+
+    Metadata that are not valid become a ReleaseError.
+    """
     mlc = library("mlcroissant")
     try:
         with warnings.catch_warnings():
@@ -103,7 +107,7 @@ class _Builder:
         self._types = {"text": of.TEXT, "integer": of.INTEGER, "real": of.FLOAT, "boolean": of.BOOL}
 
     def file(self, name: str, encoding: str) -> object:
-        """Return the FileObject of a file, by its size and SHA-256."""
+        """The FileObject of a file, with its size and SHA-256."""
         path = self._folder / name
         size = f"{path.stat().st_size} B"
         facts = {"id": name, "name": name, "content_url": name, "sha256": sha256(path)}
@@ -111,7 +115,7 @@ class _Builder:
         return self._mlc.FileObject(**kind, **facts, content_size=size)
 
     def record_set(self, table: str, file: str) -> object:
-        """Return the RecordSet of a table that is read from a file."""
+        """The RecordSet of a table that is read from a file."""
         made_from, columns = bundle_table(table)
         return self._mlc.RecordSet(
             ctx=self.context,

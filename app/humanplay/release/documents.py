@@ -1,4 +1,4 @@
-"""The documents of a release: datasheet, citation, licence, protocol and column dictionary.
+"""The documents of a release: datasheet, citation, licence, dictionary, protocol.
 
 The first three come from the templates in `templates/`. They are Markdown, YAML and plain text, so
 nothing is escaped as HTML; strings in the YAML are quoted as JSON. The datasheet follows Gebru et
@@ -42,20 +42,22 @@ LICENCES = {
 
 
 def licence_url(licence: str) -> str:
-    """Return where a licence can be read; its SPDX page for one that is not in the list."""
+    """The page of a licence; its SPDX page if it is not in the list."""
     return LICENCES.get(licence, ("", f"https://spdx.org/licenses/{licence}.html"))[1]
 
 
 def licence_title(licence: str) -> str:
-    """Return a licence's title; its identifier for one that is not in the list."""
+    """A licence's title; its identifier if it is not in the list."""
     return LICENCES.get(licence, (licence, ""))[0]
 
 
 def citation(header: ReleaseHeader) -> str:
-    """Return a line to cite the release by."""
+    """A line to cite the release by."""
     year = header.released[:4]
-    where = f" {header.url}" if header.url else ""
-    return f"{'; '.join(header.authors)} ({year}). {header.title}. Version {header.version}.{where}"
+    address = f" {header.url}" if header.url else ""
+    return (
+        f"{'; '.join(header.authors)} ({year}). {header.title}. Version {header.version}.{address}"
+    )
 
 
 def write_documents(
@@ -77,10 +79,12 @@ def write_documents(
 def documents(
     header: ReleaseHeader, minari: Mapping[str, int], without_moves: int, has_report: bool = False
 ) -> dict[str, str]:
-    """Return file name -> text of the documents that come from templates; the arguments are those
-    of `write_documents`."""
+    """File name -> text of the documents that come from templates.
+
+    The arguments are those of `write_documents`.
+    """
     licence = header.protocol.data_licence
-    given = {
+    values = {
         "header": header,
         "minari": minari,
         "without_moves": without_moves,
@@ -90,11 +94,11 @@ def documents(
         "database": BUNDLE_DATABASE,
         "has_report": has_report,
         "tables": {
-            each: (summary(each), markdown(bundle_table(each)[1])) for each in BUNDLE_TABLES
+            table: (summary(table), markdown(bundle_table(table)[1])) for table in BUNDLE_TABLES
         },
     }
     names = ("DATASHEET.md", "CITATION.cff", "LICENSE")
-    return {name: _environment().get_template(f"{name}.j2").render(given) for name in names}
+    return {name: _environment().get_template(f"{name}.j2").render(values) for name in names}
 
 
 @cache
@@ -105,5 +109,5 @@ def _environment() -> Environment:
     return environment
 
 
-def _write_json(path: Path, value: object) -> None:
-    path.write_text(json.dumps(value, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+def _write_json(path: Path, content: object) -> None:
+    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -7,7 +7,7 @@ from types import ModuleType
 
 
 class ReleaseError(Exception):
-    """A release cannot be written or imported; the message says what was expected, and what to do."""
+    """A release cannot be written or imported; says what was expected and what to do."""
 
 
 EXPORT_LIBRARIES = ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography")
@@ -15,15 +15,21 @@ EXPORT_LIBRARIES = ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography")
 
 
 def check_libraries() -> None:
-    """Check that everything that writing a release needs is installed; ReleaseError naming the
-    first that is not."""
+    """Check that everything that writing a release needs is installed.
+
+    Raises:
+        ReleaseError: With the first library that is not.
+    """
     for name in EXPORT_LIBRARIES:
         library(name)
 
 
 def library(name: str) -> ModuleType:
-    """Import an optional library and return its module; ReleaseError naming the extra when it is
-    not installed."""
+    """Import an optional library and return its module.
+
+    Raises:
+        ReleaseError: If it is not installed; names the extra.
+    """
     try:
         return import_module(name)
     except ImportError as error:

@@ -1,5 +1,7 @@
-"""The header of a release, from which its documents are made, and its manifest: the header, every
-file with its SHA-256, size and rows, and a signature over it all.
+"""The header of a release, and its manifest.
+
+The documents are made from the header. The manifest has the header, every file with its SHA-256,
+size and rows, and a signature over it all.
 """
 
 from __future__ import annotations
@@ -88,7 +90,7 @@ class ReleaseHeader:
         return f"{self.protocol.title}: every episode"
 
     def summary(self) -> str:
-        """Return what the dataset is, in a few sentences."""
+        """What the dataset is, in a few sentences."""
         config = self.protocol.env_config
         recorded = ", ".join(
             counted(self.rows.get(table, 0), words) for table, words in COUNTED_TABLES.items()
@@ -103,17 +105,20 @@ class ReleaseHeader:
         )
 
     def to_dict(self) -> dict[str, object]:
-        """Return the header as the manifest holds it."""
+        """The header as the manifest holds it."""
         names = (
             *("study", "title", "version", "released", "software_version", "core_version"),
             *("protocol_hash", "commitment", "secret", "data_licence", "authors", "supersedes"),
             *("rows", "left_out", "chain_head", "chain_entries", "without_policies"),
         )
         protocol = self.protocol
-        own = {"core_version": protocol.core_version, "data_licence": protocol.data_licence}
+        of_protocol = {"core_version": protocol.core_version, "data_licence": protocol.data_licence}
         return {
             "format": RELEASE_FORMAT,
-            **{name: own[name] if name in own else getattr(self, name) for name in names},
+            **{
+                name: of_protocol[name] if name in of_protocol else getattr(self, name)
+                for name in names
+            },
             "expert_hash": self.expert_hash or None,
             "arrivals": asdict(self.arrivals),
         }
@@ -134,29 +139,35 @@ def write_manifest(
         files[name] = {"sha256": digest, "bytes": size, "rows": rows.get(name)}
     signer = signing.fingerprint((folder / PUBLIC_KEY).read_bytes())
     content = {**header.to_dict(), "signer": signer, "files": files}
-    data = json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n"
-    (folder / MANIFEST).write_bytes(data)
-    (folder / SIGNATURE).write_bytes(key.sign(data))
-    return hashlib.sha256(data).hexdigest()
+    text = json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n"
+    (folder / MANIFEST).write_bytes(text)
+    (folder / SIGNATURE).write_bytes(key.sign(text))
+    return hashlib.sha256(text).hexdigest()
 
 
 def read_manifest(folder: Path) -> tuple[Manifest, str]:
-    """Return a release's manifest and its SHA-256; ReleaseError when the folder holds no release."""
+    """A release's manifest and its SHA-256 (hex).
+
+    Raises:
+        ReleaseError: If the folder holds no release.
+    """
     try:
-        data = (folder / MANIFEST).read_bytes()
-        manifest = json.loads(data)
+        text = (folder / MANIFEST).read_bytes()
+        manifest = json.loads(text)
     except OSError as error:
-        why = f"it has no {MANIFEST}; give the folder `release` wrote"
-        raise ReleaseError(f"{folder} is not a release: {why}") from error
+        raise ReleaseError(
+            f"{folder} is not a release: it has no {MANIFEST}; give the folder `release` wrote"
+        ) from error
     except ValueError as error:
-        damaged = f"{folder / MANIFEST} is damaged: {error}; get the release again"
-        raise ReleaseError(damaged) from error
+        raise ReleaseError(
+            f"{folder / MANIFEST} is damaged: {error}; get the release again"
+        ) from error
     form = manifest.get("format") if isinstance(manifest, dict) else None
     if form != RELEASE_FORMAT or not isinstance(manifest.get("files"), dict):
         raise ReleaseError(
             f"{folder / MANIFEST} has format {form!r}, this version reads {RELEASE_FORMAT!r}: update the software"
         )
-    return manifest, hashlib.sha256(data).hexdigest()
+    return manifest, hashlib.sha256(text).hexdigest()
 
 
 def check_files(folder: Path, manifest: Manifest, signer: str | None = None) -> Iterator[Finding]:
@@ -172,30 +183,30 @@ def check_files(folder: Path, manifest: Manifest, signer: str | None = None) -> 
         name = Path(str(error.filename)).name
         yield Finding(f"file {name}", "it", "missing", "a file of every release")
         return
-    found = signing.fingerprint(pem)
+    signed_by = signing.fingerprint(pem)
     if not signing.is_signed(pem, signature, (folder / MANIFEST).read_bytes()):
-        key = f"a signature of the key {found}"
+        key = f"a signature of the key {signed_by}"
         yield Finding(f"file {MANIFEST}", "its signature", "invalid", key)
     for expected in (manifest.get("signer"), signer):
-        if expected is not None and expected != found:
-            yield Finding(f"file {PUBLIC_KEY}", "the signing key", found, expected)
+        if expected is not None and expected != signed_by:
+            yield Finding(f"file {PUBLIC_KEY}", "the signing key", signed_by, expected)
     present = set(listing(folder)) - UNLISTED
     for name in sorted(present - set(manifest["files"])):
         yield Finding(f"file {name}", "it", "there", "not in the manifest")
     for name, listed in manifest["files"].items():
         if name not in present:
             yield Finding(f"file {name}", "it", "missing", "in the manifest")
-        elif (made := sha256(folder / name)) != listed["sha256"]:
-            yield Finding(f"file {name}", "sha256", listed["sha256"], made)
+        elif (digest := sha256(folder / name)) != listed["sha256"]:
+            yield Finding(f"file {name}", "sha256", listed["sha256"], digest)
 
 
 def listing(folder: Path) -> list[str]:
-    """Return the files below a folder by their path in it, in order."""
+    """The files below a folder by their path in it, in order."""
     files = [path for path in folder.rglob("*") if path.is_file()]
     return sorted(path.relative_to(folder).as_posix() for path in files)
 
 
 def sha256(path: Path) -> str:
-    """Return SHA-256 (hex) of a file."""
+    """SHA-256 (hex) of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,8 +1,8 @@
-"""A release's episodes as Minari datasets (HDF5), people's and scripts' in separate ones.
+"""A release's episodes as Minari datasets (HDF5), people's and scripts' apart.
 
-Observations are the codes of `gymnasium.make("MarsExplorer-v0", observation="uint8")`, kept as they
-are: Minari's picture compression would change them. Reference scores make Minari's normalized score
-the paper's.
+Observations are the codes of `gymnasium.make("MarsExplorer-v0", observation="uint8")`, stored as
+they are: Minari's picture compression would change them. Reference scores make Minari's normalized
+score the paper's.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ from humanplay.task import Configuration, Record, Run
 from humanplay.task.registration import environment_of
 
 EPISODES_PER_WRITE, MOVES_PER_WRITE = 64, 4000
-"""So many are held in memory, and an episode more: of Breakout a minute's observations take 360 MB."""
+"""Most that is held in memory, and an episode more: a minute of Breakout's observations takes 360
+MB."""
 TEXT_LENGTH = 1000
-"""Characters of an observed text, at most, where its space is unknown."""
+"""Most characters of an observed text whose space is unknown."""
 _METADATA = (
     "participant", "kind", "phase", "trial", "terrain_index", "episode", "driver", "script", "config_hash", "core_version",
     "outcome", "return", "score", "steps_to_99", "trajectory_hash",
@@ -37,7 +38,7 @@ _METADATA = (
 
 
 def dataset_id(header: ReleaseHeader, driver: str) -> str:
-    """Return the name `minari.load_dataset` takes."""
+    """The name that `minari.load_dataset` takes."""
     return f"humanplay/{header.study}/{driver}-v{header.version}"
 
 
@@ -49,20 +50,22 @@ class MinariWriter:
         library("h5py")
         self._root, self._header = root, header
         self._waiting: dict[str, list[tuple[TableRow, Configuration, Any]]] = {}
-        self._made: dict[str, Any] = {}
+        self._datasets: dict[str, Any] = {}
         self.episodes: dict[str, int] = {}
         self.without_moves = 0
 
     def add(self, row: TableRow, episode: Run) -> None:
-        """Add one episode; Minari cannot keep one without a move, so such an episode is only
-        counted."""
+        """Add one episode.
+
+        Minari cannot hold one without a move, so such an episode is only counted.
+        """
         if not episode.rewards():
             self.without_moves += 1
             return
         waiting = self._waiting.setdefault(row["driver"], [])
         buffer = _buffer(self._minari, row, episode)
         waiting.append((row, episode.record().config, buffer))
-        moves = sum(len(each.actions) for *_, each in waiting)
+        moves = sum(len(buffered.actions) for *_, buffered in waiting)
         if len(waiting) >= EPISODES_PER_WRITE or moves >= MOVES_PER_WRITE:
             self._flush(row["driver"])
 
@@ -77,12 +80,14 @@ class MinariWriter:
             return
         buffers = [buffer for *_, buffer in waiting]
         first = self.episodes.get(driver, 0)
-        if driver in self._made:
-            self._made[driver].update_episodes(buffers)
+        if driver in self._datasets:
+            self._datasets[driver].update_episodes(buffers)
         else:
-            self._made[driver] = self._create(driver, *waiting[0][:2], buffers)
+            self._datasets[driver] = self._create(driver, *waiting[0][:2], buffers)
         numbers = range(first, first + len(waiting))
-        self._made[driver].update_episode_metadata([_metadata(row) for row, *_ in waiting], numbers)
+        self._datasets[driver].update_episode_metadata(
+            [_metadata(row) for row, *_ in waiting], numbers
+        )
         self.episodes[driver] = first + len(waiting)
         waiting.clear()
 
@@ -102,11 +107,14 @@ class MinariWriter:
 
 
 def write_plays(name: str, plays: Iterable[tuple[Trial, Run]]) -> int:
-    """Write episodes of one configuration as a dataset where Minari keeps its own, and count them.
+    """Write episodes of one configuration as a dataset where Minari keeps its own.
 
     Args:
         name: What `minari.load_dataset` takes, such as "lake/people-v0".
         plays: Each episode with its replay; one without a move is left out.
+
+    Returns:
+        How many were written.
     """
     minari = library("minari")
     library("h5py")
@@ -153,7 +161,7 @@ def _created(
             dataset_id=name,
             buffer=buffers,
             env=env,
-            observation_space=_kept(env.observation_space),
+            observation_space=_storable(env.observation_space),
             description=f"{description} Its environment comes with: pip install {shlex.join(needs)}",
             requirements=needs,
             ref_min_score=low,
@@ -180,26 +188,32 @@ def _buffer(minari: ModuleType, row: TableRow, episode: Run) -> Any:
 
 
 def _stacked(observations: Sequence[Any]) -> object:
-    """Return observations as Minari takes them: arrays over the moves, in the dictionaries and
-    tuples of their space."""
+    """Observations as Minari takes them.
+
+    They are arrays over the moves, in the dictionaries and tuples of their space.
+    """
     first = observations[0]
     if isinstance(first, Mapping):
-        return {name: _stacked([each[name] for each in observations]) for name in first}
+        return {
+            name: _stacked([observation[name] for observation in observations]) for name in first
+        }
     if isinstance(first, tuple):
         return tuple(map(_stacked, zip(*observations, strict=True)))
     return list(observations) if isinstance(first, str) else np.stack(observations)
 
 
-def _kept(space: Any) -> Any:
-    """Return a space that Minari can keep: one of a package's own, such as MiniGrid's missions,
-    becomes one of texts."""
+def _storable(space: Any) -> Any:
+    """A space that Minari can store.
+
+    One of a package's own, such as MiniGrid's missions, becomes one of texts.
+    """
     from gymnasium import spaces
     from minari.serialization import serialize_space
 
     if isinstance(space, spaces.Dict):
-        return spaces.Dict({name: _kept(each) for name, each in space.spaces.items()})
+        return spaces.Dict({name: _storable(part) for name, part in space.spaces.items()})
     if isinstance(space, spaces.Tuple):
-        return spaces.Tuple(map(_kept, space.spaces))
+        return spaces.Tuple(map(_storable, space.spaces))
     try:
         serialize_space(space)
     except NotImplementedError:

@@ -1,4 +1,7 @@
-"""What was played without a study, as other tools read it: Parquet tables and a Minari dataset."""
+"""What was played without a study, for other tools.
+
+As Parquet tables and as a Minari dataset.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +23,11 @@ from humanplay.task import Run, counted
 
 
 def to_parquet(folder: Path) -> list[Path]:
-    """Write `episodes.csv` and `steps.csv` of a folder as Parquet beside them; ReleaseError without
-    pyarrow."""
+    """Write `episodes.csv` and `steps.csv` of a folder as Parquet beside them.
+
+    Raises:
+        ReleaseError: Without pyarrow.
+    """
     pa, pq = library("pyarrow"), library("pyarrow.parquet")
     csv = library("pyarrow.csv")
     kinds = {
@@ -48,7 +54,11 @@ def to_parquet(folder: Path) -> list[Path]:
 
 
 def parquet_of(database: Path, folder: Path) -> str:
-    """Write the finished episodes of a database, and their steps, as Parquet; say what was written."""
+    """Write the finished episodes of a database, and their steps, as Parquet.
+
+    Returns:
+        A sentence on what was written.
+    """
     with TemporaryDirectory() as place:
         sentence = export_to(database, Path(place), "all", lambda done, total: None)
         written = to_parquet(Path(place))

@@ -1,5 +1,4 @@
-"""Ed25519 signatures of releases, and whose they are as far as that is known here: a given key's, a
-pinned one's, or unknown.
+"""Ed25519 signatures of releases, and whose they are as far as that is known here.
 
 The key lies next to the database, its public half in every release. A valid signature proves that
 the holder of this key wrote exactly these files. That the key is a certain group's has to be learnt
@@ -40,7 +39,7 @@ class ListedFile(TypedDict):
 
 
 class Manifest(TypedDict):
-    """What signs a release stands for: its header, and every file (`MANIFEST.json`).
+    """What a release's signature stands for: its header, and every file.
 
     authors     named in the citation
     expert_hash SHA-256 (hex) of the policy that moves are judged by; None without costs
@@ -59,27 +58,27 @@ class Manifest(TypedDict):
 
 
 def key_path(database: Path) -> Path:
-    """Return where a database's signing key lies."""
+    """The file of a database's signing key."""
     return database.with_name(database.name + "-signing-key")
 
 
 def signing_key(database: Path) -> Ed25519PrivateKey:
-    """Return the Ed25519 key next to a database, made on first use and readable by its owner alone."""
+    """The Ed25519 key next to a database, made on first use, only its owner's."""
     serialization, ed25519 = _libraries()
     path = key_path(database)
     if not path.exists():
         form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
         key = ed25519.Ed25519PrivateKey.generate()
-        drawn = key.private_bytes(*form, serialization.NoEncryption())
+        pem = key.private_bytes(*form, serialization.NoEncryption())
         try:
             handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
             with os.fdopen(handle, "wb") as file:
-                file.write(drawn)
+                file.write(pem)
         except FileExistsError:
             pass  # another release drew it a moment ago
         except OSError as error:
-            why = (error.strerror or str(error)).lower()
-            raise ReleaseError(f"cannot write the signing key {path}: {why}") from error
+            reason = (error.strerror or str(error)).lower()
+            raise ReleaseError(f"cannot write the signing key {path}: {reason}") from error
     try:
         stored: Ed25519PrivateKey = serialization.load_pem_private_key(path.read_bytes(), None)
         return stored
@@ -90,21 +89,25 @@ def signing_key(database: Path) -> Ed25519PrivateKey:
 
 
 def public_pem(key: Ed25519PrivateKey) -> bytes:
-    """Return the public half as PEM, for the release."""
+    """The public half as PEM, for the release."""
     serialization, _ = _libraries()
     form = serialization.PublicFormat.SubjectPublicKeyInfo
     return key.public_key().public_bytes(serialization.Encoding.PEM, form)
 
 
 def fingerprint(pem: bytes) -> str:
-    """Return SHA-256 (hex) of a public key's raw 32 bytes; ReleaseError when it is no Ed25519 key."""
+    """SHA-256 (hex) of a public key's raw 32 bytes.
+
+    Raises:
+        ReleaseError: If it is no Ed25519 key.
+    """
     serialization, _ = _libraries()
     raw = _public(pem).public_bytes(serialization.Encoding.Raw, serialization.PublicFormat.Raw)
     return hashlib.sha256(raw).hexdigest()
 
 
 def is_signed(pem: bytes, signature: bytes, message: bytes) -> bool:
-    """Return whether the signature over the message is this key's."""
+    """Whether the signature over the message is this key's."""
     from cryptography.exceptions import InvalidSignature
 
     try:
@@ -127,8 +130,8 @@ def _public(pem: bytes) -> Ed25519PublicKey:
 
 
 def _libraries() -> tuple[ModuleType, ModuleType]:
-    where = "cryptography.hazmat.primitives"
-    return library(f"{where}.serialization"), library(f"{where}.asymmetric.ed25519")
+    package = "cryptography.hazmat.primitives"
+    return library(f"{package}.serialization"), library(f"{package}.asymmetric.ed25519")
 
 
 @dataclass(frozen=True)
@@ -147,38 +150,47 @@ class SignerCheck:
     other: str | None = None
 
     def sentence(self) -> str:
-        """Return what is known, in words."""
+        """What is known of the signer, in words."""
         if self.known_by == "key":
             return f"signer checked: {self.fingerprint} is the key that was given"
         if self.known_by == "pin":
             return f"signer checked: {self.fingerprint} is a pinned key"
-        known = f", and it is not {self.other}, the key that is pinned for this study"
-        changed = known if self.other else ""
+        changed = ""
+        if self.other:
+            changed = f", and it is not {self.other}, the key that is pinned for this study"
         return (
             f"signer not checked: nothing here says whose key {self.fingerprint} is{changed}; "
             "give the fingerprint that its owners published with --key"
         )
 
 
-def fingerprint_of(given: str) -> str:
-    """Return the fingerprint (hex) of a key: given as one, or as the file of a public key;
-    ReleaseError for neither."""
-    path = Path(given)
+def fingerprint_of(key: str) -> str:
+    """The fingerprint (hex) of a key.
+
+    Args:
+        key: A fingerprint, or the file of a public key.
+
+    Raises:
+        ReleaseError: If it is neither.
+    """
+    path = Path(key)
     if path.is_file():
         return fingerprint(path.read_bytes())
-    if re.fullmatch(r"[0-9a-fA-F]+", given):
-        return given.lower()
-    known = "a fingerprint (64 hexadecimal digits) or the file of a public key"
-    raise ReleaseError(f"--key takes {known}, got {given!r}")
+    if re.fullmatch(r"[0-9a-fA-F]+", key):
+        return key.lower()
+    raise ReleaseError(
+        f"--key takes a fingerprint (64 hexadecimal digits) or the file of a public key, got {key!r}"
+    )
 
 
 def check_signer(manifest: Manifest, key: str | None, pins: Path) -> SignerCheck:
-    """Return what is known of the signer whom a manifest names; whether the signature is valid is
-    `check_files`' to say.
+    """What is known of the signer whom a manifest names.
+
+    Whether the signature is valid is for `check_files` to say.
 
     Args:
-        key: The fingerprint that was asked for, which `check_files` compares; None: only the
-            pinned keys are looked at.
+        key: The fingerprint that was asked for, which `check_files` compares; None: only the pinned
+            keys are looked at.
         pins: The file of pinned keys; it need not exist.
     """
     signer = str(manifest.get("signer"))
@@ -207,8 +219,11 @@ def pin(pins: Path, manifest: Manifest) -> None:
 
 
 def read_pins(pins: Path) -> dict[str, dict[str, object]]:
-    """Return fingerprint -> what was noted when it was pinned; ReleaseError for a file that is none
-    of pinned keys."""
+    """Fingerprint -> what was noted when it was pinned.
+
+    Raises:
+        ReleaseError: If the file is none of pinned keys.
+    """
     if not pins.exists():
         return {}
     try:
@@ -217,5 +232,6 @@ def read_pins(pins: Path) -> dict[str, dict[str, object]]:
             raise ValueError(f"format {content['format']!r}")
         return dict(content["signers"])
     except (ValueError, KeyError, TypeError) as error:
-        way_out = "correct it, or move it away"
-        raise ReleaseError(f"{pins} is no file of pinned keys ({error}): {way_out}") from error
+        raise ReleaseError(
+            f"{pins} is no file of pinned keys ({error}): correct it, or move it away"
+        ) from error

@@ -1,5 +1,7 @@
-"""The tables of a release, written from its own database by the queries of `queries.sql`: Parquet
-and CSV."""
+"""The tables of a release as Parquet and CSV.
+
+They are written from its own database by the queries of `queries.sql`.
+"""
 
 from __future__ import annotations
 
@@ -32,15 +34,17 @@ PARQUET = tuple(name for name in BUNDLE_TABLES if name != "scores")
 
 @cache
 def queries() -> dict[str, str]:
-    """Return table -> its SELECT."""
+    """Table -> its SELECT."""
     parts = re.split(r"^-- table: (\w+)$", QUERIES.read_text(encoding="utf-8"), flags=re.M)
     pairs = zip(parts[1::2], parts[2::2], strict=True)
     return {name: text.strip().removesuffix(";") for name, text in pairs}
 
 
 def select(conn: sqlite3.Connection, table: str) -> Iterator[TableRow]:
-    """Yield the rows of a table from a bundle's database, columns in their order, truth values as
-    such and actions by name."""
+    """Yield the rows of a table from a bundle's database, columns in their order.
+
+    Truth values are bool, and actions are names.
+    """
     columns = bundle_table(table)[1]
     truths = [column.name for column in columns if column.type == "boolean"]
     actions = _actions(conn) if table == "steps" else ()
@@ -53,14 +57,16 @@ def select(conn: sqlite3.Connection, table: str) -> Iterator[TableRow]:
 
 
 def _actions(conn: sqlite3.Connection) -> Sequence[str]:
-    """Return the names of the actions of the task that a bundle's episodes are all of, by code."""
-    found = rows(conn, "SELECT task FROM episodes LIMIT 1")
-    return environment_of(found[0]["task"]).actions if found else ()
+    """The names of the actions, by code, of the task that a bundle's episodes are of."""
+    tasks = rows(conn, "SELECT task FROM episodes LIMIT 1")
+    return environment_of(tasks[0]["task"]).actions if tasks else ()
 
 
 def released_episodes(conn: sqlite3.Connection) -> Iterator[tuple[TableRow, Run]]:
-    """Yield every episode of a release's database, oldest first: its row of the table of episodes,
-    and its replay."""
+    """Yield every episode of a release's database, oldest first.
+
+    Each is its row of the table of episodes, and its replay.
+    """
     for header in select(conn, "episodes"):
         (row,) = rows(conn, "SELECT * FROM episodes WHERE id = ?", header["episode"])
         of_episode = "SELECT * FROM steps WHERE episode_id = ? ORDER BY step"
@@ -70,27 +76,29 @@ def released_episodes(conn: sqlite3.Connection) -> Iterator[tuple[TableRow, Run]
 
 
 def write_tables(folder: Path, conn: sqlite3.Connection) -> dict[str, int]:
-    """Write every table of a release, as CSV and all but `scores` as Parquet; return the rows by
-    file.
+    """Write every table of a release, as CSV and all but `scores` as Parquet.
 
     In CSV what is absent is empty, and truth values are true and false. In Parquet each column
     carries its meaning.
+
+    Returns:
+        The rows by file.
     """
     (folder / "parquet").mkdir()
     (folder / "csv").mkdir()
-    found: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for table in BUNDLE_TABLES:
         names = [f"csv/{table}.csv", *([f"parquet/{table}.parquet"] if table in PARQUET else [])]
         with ExitStack() as stack:
             opened = [_WRITERS[Path(name).suffix](folder / name, table) for name in names]
-            writers = [stack.enter_context(each) for each in opened]
+            writers = [stack.enter_context(writer) for writer in opened]
             count, selected = 0, select(conn, table)
             while group := list(islice(selected, ROWS_PER_GROUP)):
                 count += len(group)
                 for write in writers:
                     write(group)
-        found |= dict.fromkeys(names, count)
-    return found
+        counts |= dict.fromkeys(names, count)
+    return counts
 
 
 @contextmanager
@@ -98,9 +106,9 @@ def _csv(path: Path, table: str) -> Iterator[Callable[[list[TableRow]], None]]:
     columns = bundle_table(table)[1]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([each.name for each in columns])
+        writer.writerow([column.name for column in columns])
         yield lambda group: writer.writerows(
-            [csv_cell(row[each.name], each.type) for each in columns] for row in group
+            [csv_cell(row[column.name], column.type) for column in columns] for row in group
         )
 
 
@@ -110,8 +118,13 @@ def _parquet(path: Path, table: str) -> Iterator[Callable[[list[TableRow]], None
     text, integer, real, boolean = pa.string(), pa.int64(), pa.float64(), pa.bool_()
     kinds = {"text": text, "integer": integer, "real": real, "boolean": boolean}
     schema = pa.schema(
-        pa.field(each.name, kinds[each.exported_type], each.optional, {"description": each.meaning})
-        for each in bundle_table(table)[1]
+        pa.field(
+            column.name,
+            kinds[column.exported_type],
+            column.optional,
+            {"description": column.meaning},
+        )
+        for column in bundle_table(table)[1]
     )
     with pq.ParquetWriter(path, schema, compression="zstd") as writer:
         yield lambda group: writer.write_table(pa.Table.from_pylist(group, schema=schema))

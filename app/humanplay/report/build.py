@@ -1,5 +1,8 @@
-"""A study's report from its data: who enters, the figures, the comparisons, the deviations and the
-cautions."""
+"""A study's report from its data.
+
+It says who enters, and has the estimates, the comparisons, the protocol deviations and the
+cautions.
+"""
 
 from __future__ import annotations
 
@@ -76,16 +79,13 @@ def build(
     pictures: Mapping[str, Pictures] | None = None,
     costs: Mapping[str, CostSummary] | None = None,
 ) -> Report:
-    """Return the report of a study: over its people, or over its scripts when `synthetic`, never
-    over both.
+    """The report of a study: over its people, or over its scripts when `synthetic`.
 
     Args:
         runs: Policies on the ranked terrains (`humanplay.report.making.runs_of`); none: no
             comparisons.
-        pictures: By group's name, what `summarize_groups` gives; none: no curves and visit
-            maps.
-        costs: By group's name, what `humanplay.report.costs.costs_of_people` gives; none: no
-            costs.
+        pictures: By group's name, what `summarize_groups` gives; none: no curves and visit maps.
+        costs: By group's name, what `humanplay.report.costs.costs_of_people` gives; none: no costs.
     """
     data = data.shown()
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
@@ -121,7 +121,7 @@ def build(
 
 
 def _script_counts(data: StudyData) -> dict[str, int]:
-    """Return how many scripted participants there are of each kind."""
+    """How many scripted participants there are of each kind."""
     scripts = [person.script or "script" for person in data.people if person.kind == "script"]
     return dict(sorted(Counter(scripts).items()))
 
@@ -129,11 +129,11 @@ def _script_counts(data: StudyData) -> dict[str, int]:
 def _group(
     data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures: Pictures
 ) -> GroupReport:
-    """Return everything about one group: its people or one kind of script."""
+    """Everything about one group: its people or one kind of script."""
     finished = members(cohort, data.protocol.per_protocol)
     everybody = everybody_of(data, cohort)
     by_person = statuses(data, cohort)
-    trials = [trial for own in cohort.ranked.values() for trial in own]
+    trials = [trial for ranked in cohort.ranked.values() for trial in ranked]
     began = {trial.participant for trial in data.trials if trial.phase == "ranked"}
     is_human = cohort.kind == "human"
     protocol = data.protocol
@@ -177,18 +177,18 @@ def _group(
 def _with_costs(
     data: StudyData, cohort: Cohort, group: GroupReport, costs: Mapping[str, CostSummary]
 ) -> GroupReport:
-    """Return a group's report with its costs, under the report's names, and with its cautions."""
+    """A group's report with its costs, under the report's names, and its cautions."""
     people = members(everybody_of(data, cohort).cohort, {})
     names = {person: f"P{number:02d}" for number, person in enumerate(people, 1)}
-    found = costs.get(cohort.name)
-    own = None if found is None else renamed(found, names)
+    summary = costs.get(cohort.name)
+    shown = None if summary is None else renamed(summary, names)
     reason = None if data.protocol.environment.courses is None else why_not_judged(data)
-    named = replace(group, costs=own, no_costs=reason)
+    named = replace(group, costs=shown, no_costs=reason)
     return replace(named, cautions=cautions(data, named))
 
 
 def _left(data: StudyData, cohort: Cohort) -> int:
-    """Return how many have withdrawn, or had not finished when the study was closed."""
+    """How many have withdrawn, or had not finished when the study was closed."""
     is_closed = data.closed_ms is not None
     people = cohort.people
     return sum(p.stage == "withdrawn" or (is_closed and p.completed_ms is None) for p in people)
@@ -224,8 +224,7 @@ def _comparisons(
     everybody: Everybody,
     runs: Sequence[PolicyRun],
 ) -> tuple[PolicyComparison, ...]:
-    """Return every policy's comparison in each metric; none where nobody finished, and without
-    policies."""
+    """Every policy's comparison in each metric; none without finishers or policies."""
     if not finished or not runs:
         return ()
     began = members(everybody.cohort, {})
@@ -244,12 +243,13 @@ def _comparisons_in(
     everybody: Floats | None,
     runs: Sequence[PolicyRun],
 ) -> list[PolicyComparison]:
-    """Return every policy's comparison in one metric; of the primary one with the p values of the
-    protocol's family.
+    """Every policy's comparison in one metric.
+
+    Those of the primary metric have the p values of the protocol's family.
 
     Args:
-        finished, everybody: The tables of both estimates; no second one, no p: a difference is
-            claimed where both claim it.
+        finished, everybody: The tables of both estimates; without the second one no p, since a
+            difference is claimed only if both show it.
     """
     # terrains that at least one player and every policy played
     shared = ~np.isnan(finished).all(axis=0)
@@ -260,19 +260,17 @@ def _comparisons_in(
     players, random = played[~np.isnan(played).all(axis=1)], values.get("random")
     if not len(players):
         return []
-    worst, drawn = (
-        worst_value(protocol.environment, protocol.env_config, metric),
-        protocol.terrains_drawn,
-    )
+    worst = worst_value(protocol.environment, protocol.env_config, metric)
+    drawn = protocol.terrains_drawn
     rows = {
-        name: compare_policy(name, metric, own, players, random, worst, drawn)
-        for name, own in values.items()
+        name: compare_policy(name, metric, scores, players, random, worst, drawn)
+        for name, scores in values.items()
     }
     if everybody is None:
         return list(rows.values())
     began = everybody[:, shared]
-    for name, own in values.items():
-        second = compare_policy(name, metric, own, began, None, worst, drawn)
+    for name, scores in values.items():
+        second = compare_policy(name, metric, scores, began, None, worst, drawn)
         rows[name] = replace(
             rows[name], everybody=second.difference, everybody_interval=second.interval
         )
@@ -288,12 +286,12 @@ def _comparisons_in(
 
 
 def _policy_row(run: PolicyRun, successes: frozenset[str]) -> PolicyRow:
-    known = ~np.isnan(run.score)
+    has_score = ~np.isnan(run.score)
     return PolicyRow(
         name=run.name,
-        episodes=int(known.sum()),
-        score=float(run.score[known].mean()),
-        steps=float(run.steps[known].mean()),
+        episodes=int(has_score.sum()),
+        score=float(run.score[has_score].mean()),
+        steps=float(run.steps[has_score].mean()),
         completed=sum(outcome in successes for outcome in run.outcomes),
         failed=sum(outcome in ("collided", "out_of_bounds", "failed") for outcome in run.outcomes),
         pictures=run.pictures,
@@ -301,7 +299,7 @@ def _policy_row(run: PolicyRun, successes: frozenset[str]) -> PolicyRow:
 
 
 def _sentence(data: StudyData, groups: Sequence[GroupReport], synthetic: bool) -> str:
-    """Return the headline of the report."""
+    """The headline of the report."""
     if synthetic:
         return SYNTHETIC if groups else f"{SYNTHETIC} No script has played this study."
     per_protocol, everybody, *_ = groups[0].figures

@@ -1,5 +1,7 @@
-"""Cautions that a reader needs before using a figure, and deviations of a study from its protocol:
-a sentence each."""
+"""Cautions that a reader needs, and deviations of a study from its protocol.
+
+Each is a sentence.
+"""
 
 from __future__ import annotations
 
@@ -33,46 +35,45 @@ if TYPE_CHECKING:
 
 LEAST_PLAYERS = 10
 MOST_IN_NEITHER = 1 / 5
-"""Share of those who agreed and are in neither estimate, beyond which that is a caution."""
+"""Largest share of those who agreed that may be in neither estimate without a caution."""
 
 
 def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
-    """Return the cautions that this study earned about a group's estimates."""
+    """The cautions that this study earned about a group's estimates."""
     figure = group.figure
     if not group.everybody.players:
         return ()
-    found = []
+    sentences = []
+    are = "is" if figure.players == 1 else "are"
     if figure.players < data.protocol.players:
-        planned = f"{figure.players} of the {counted(data.protocol.players, 'player')} planned"
-        found.append(
-            f"{planned} {'is' if figure.players == 1 else 'are'} in the per-protocol estimate."
+        planned = counted(data.protocol.players, "player")
+        sentences.append(
+            f"{figure.players} of the {planned} planned {are} in the per-protocol estimate."
         )
     if 0 < figure.players < LEAST_PLAYERS:
-        are = "is" if figure.players == 1 else "are"
-        found.append(
+        sentences.append(
             f"{counted(figure.players, 'player')} {are} few: their spread, and with it every interval, is poorly known."
         )
-    found += _about_bounds(data)
-    found += _about_shared_terrains(data, group)
-    found += _about_who_is_missing(group)
+    sentences += _about_bounds(data)
+    sentences += _about_shared_terrains(data, group)
+    sentences += _about_who_is_missing(group)
     if group.kind == "human":
-        found += _about_erased(data, group)
-        found += _about_neither(group)
-        found += _about_flagged(data, group)
-        found += _about_freezings(data)
-        found += _about_other_studies(data)
-        found += _about_exports(data)
-    return tuple(found)
+        sentences += _about_erased(data, group)
+        sentences += _about_neither(group)
+        sentences += _about_flagged(data, group)
+        sentences += _about_freezings(data)
+        sentences += _about_other_studies(data)
+        sentences += _about_exports(data)
+    return tuple(sentences)
 
 
 def _players(group: GroupReport, number: int) -> str:
-    """Count the members of a group: people are called so, simulated players are not."""
+    """Count the members of a group: people, or simulated players."""
     return counted(number, *(("person", "people") if group.kind == "human" else ("player",)))
 
 
 def _about_shared_terrains(data: StudyData, group: GroupReport) -> Iterable[str]:
-    """Yield why policies are not tested where too few terrains were played by all of them and by
-    people."""
+    """Yield why policies are not tested if too few terrains were shared."""
     shared = min((row.terrains for row in group.comparisons), default=FEWEST)
     if data.protocol.terrains_drawn and shared < FEWEST:
         players = "people" if group.kind == "human" else "simulated players"
@@ -87,7 +88,7 @@ def _about_who_is_missing(group: GroupReport) -> Iterable[str]:
     finished, everybody = group.figure, group.everybody
     if not (missing := everybody.players - finished.players):
         return
-    why = ", ".join(
+    reasons = ", ".join(
         f"{STATUS_IN_WORDS[Status(row.status)]}: {row.people}"
         for row in group.statuses
         if row.in_everybody and not row.in_per_protocol
@@ -95,23 +96,23 @@ def _about_who_is_missing(group: GroupReport) -> Iterable[str]:
     are = "is" if missing == 1 else "are"
     yield (
         f"{missing} of {_players(group, everybody.players)} who began a ranked episode {are} not in the "
-        f"per-protocol estimate ({why}): {_means(finished, group.words)} per protocol, {_means(everybody, group.words)} of "
+        f"per-protocol estimate ({reasons}): {_means(finished, group.words)} per protocol, {_means(everybody, group.words)} of "
         "everybody."
     )
 
 
 def _means(figure: StudyFigure, words: Words) -> str:
-    """Return the means of an estimate in words."""
-    found = []
+    """The means of an estimate in words."""
+    means = []
     if figure.score is not None:
-        found.append(f"mean score {figure.score.mean:.3f}")
+        means.append(f"mean score {figure.score.mean:.3f}")
     if figure.steps is not None:
-        found.append(f"{figure.steps.mean:.1f} {words.steps}")
-    return ", ".join(found) or "nobody"
+        means.append(f"{figure.steps.mean:.1f} {words.steps}")
+    return ", ".join(means) or "nobody"
 
 
 def _about_erased(data: StudyData, group: GroupReport) -> Iterable[str]:
-    """Yield who is missing because they were erased, and what the means could be with them."""
+    """Yield who was erased, and what the means could be with them."""
     arrivals = data.arrivals
     if not arrivals.erased_began:
         return
@@ -126,8 +127,8 @@ def _about_erased(data: StudyData, group: GroupReport) -> Iterable[str]:
 
 
 def _ranges(group: GroupReport) -> str:
-    """Return the means without the erased, and had all been worst or best."""
-    found = []
+    """The means without the erased, and as if all had been best or worst."""
+    ranges = []
     for figure in (group.figure, group.everybody):
         for mean, ends, form, name in (
             (figure.score, figure.score_range, ".3f", "mean score"),
@@ -135,10 +136,10 @@ def _ranges(group: GroupReport) -> str:
         ):
             if mean is not None and ends is not None:
                 low, high = (f"{end:{form}}" for end in ends)
-                found.append(
+                ranges.append(
                     f"{figure.name}, {name}: {mean.mean:{form}} without them, {low} to {high} had all been best or all worst"
                 )
-    return f"{'; '.join(found)}." if found else "What the means would be with them is not known."
+    return f"{'; '.join(ranges)}." if ranges else "What the means would be with them is not known."
 
 
 def _about_neither(group: GroupReport) -> Iterable[str]:
@@ -158,8 +159,10 @@ def _about_neither(group: GroupReport) -> Iterable[str]:
 
 
 def _about_flagged(data: StudyData, group: GroupReport) -> Iterable[str]:
-    """Yield how people whose every episode is flagged move the estimate for everybody, beyond half
-    its interval."""
+    """Yield how much people whose every episode is flagged move an estimate.
+
+    Only if they move the estimate for everybody by more than half its interval.
+    """
     people = people_of(data)
     everybody = everybody_of(data, people).cohort
     began = members(everybody, {})
@@ -185,10 +188,10 @@ def _about_flagged(data: StudyData, group: GroupReport) -> Iterable[str]:
 
 
 def _about_bounds(data: StudyData) -> Iterable[str]:
-    """Yield that scores lie outside the bounds that their environment was said to have."""
+    """Yield that scores lie outside the bounds that their environment declares."""
     low, high = data.protocol.environment.bounds(data.protocol.env_config)
-    scores = [each.score for each in ended_ranked(data, data.people) if each.score is not None]
-    if outside := sum(not low <= each <= high for each in scores):
+    scores = [trial.score for trial in ended_ranked(data, data.people) if trial.score is not None]
+    if outside := sum(not low <= score <= high for score in scores):
         yield (
             f"{counted(outside, 'ranked episode')} of {len(scores)} ended with a score outside the bounds that were declared, "
             f"{low:g} to {high:g}: what counts at the lowest score may be too good."
@@ -196,7 +199,10 @@ def _about_bounds(data: StudyData) -> Iterable[str]:
 
 
 def _about_freezings(data: StudyData) -> Iterable[str]:
-    """Yield that a study of this name was frozen before, so that its terrains may have been chosen."""
+    """Yield that a study of this name was frozen before.
+
+    Its terrains may have been chosen, then.
+    """
     if data.freezings > 1:
         yield (
             f"A study of this name was frozen {data.freezings} times, says the chain of its database: whoever froze it may "
@@ -217,7 +223,7 @@ def _about_other_studies(data: StudyData) -> Iterable[str]:
 
 
 def _about_exports(data: StudyData) -> Iterable[str]:
-    """Yield that somebody could see figures of people before the study was closed."""
+    """Yield that somebody could see people's results before the study was closed."""
     if data.exports_ms:
         days = sorted({iso(at_ms)[:10] for at_ms in data.exports_ms})
         yield (
@@ -241,7 +247,7 @@ SPOILT = (
 
 
 def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
-    """Return how a cohort's episodes deviated from the protocol."""
+    """How a cohort's episodes deviated from the protocol, a sentence each."""
     ranked = ended_ranked(data, cohort.people)
     config, version = data.protocol.env_config.hash, data.protocol.core_version
     seeds = closed_seeds(data)
@@ -265,39 +271,43 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
             "were not on the instance that the secret gives",
         ): lambda trial: data.secret is not None and trial.seed != seeds.get(trial.terrain_index),
     }
-    found = []
+    sentences = []
     for ending, is_one in kinds.items():
         trials = [trial for trial in ranked if is_one(trial)]
         if trials:
             one, many = (ending, ending) if isinstance(ending, str) else ending
             people = counted(len({trial.participant for trial in trials}), "participant")
             words = f"ranked episode of {people} {one}", f"ranked episodes of {people} {many}"
-            found.append(f"{counted(len(trials), *words)}.")
+            sentences.append(f"{counted(len(trials), *words)}.")
     events = [event for person in cohort.people for event in person.events]
     noted = Counter(str(event.detail["sentence"]) for event in events if event.kind == "deviation")
     for sentence, count in noted.items():
-        found.append(sentence if count == 1 else f"{sentence} (noted {count} times)")
-    return tuple(found)
+        sentences.append(sentence if count == 1 else f"{sentence} (noted {count} times)")
+    return tuple(sentences)
 
 
 def study_deviations(data: StudyData) -> tuple[str, ...]:
-    """Return how the study as a whole deviated from what was frozen."""
-    found = []
+    """How the study as a whole deviated from what was frozen, a sentence each."""
+    sentences = []
     if protocol_hash(data.protocol) != data.protocol_hash:
-        found.append("The protocol in the database is not the one whose hash was frozen.")
+        sentences.append("The protocol in the database is not the one whose hash was frozen.")
     if data.secret and commitment(bytes.fromhex(data.secret)) != data.commitment:
-        found.append("The revealed secret is not the one that was committed to.")
+        sentences.append("The revealed secret is not the one that was committed to.")
     version = data.protocol.environment.version
     if data.protocol.core_version != version:
-        found.append(
+        sentences.append(
             f"The protocol is for core version {data.protocol.core_version}; this report was made by version {version}."
         )
     early = [person for person in data.people if person.joined_ms < data.frozen_ms]
     if early:
-        found.append(f"{counted(len(early), 'participant')} joined before the protocol was frozen.")
-    finished = sum(each.kind == "human" and each.completed_ms is not None for each in data.people)
+        sentences.append(
+            f"{counted(len(early), 'participant')} joined before the protocol was frozen."
+        )
+    finished = sum(
+        person.kind == "human" and person.completed_ms is not None for person in data.people
+    )
     if data.closed_ms is not None and finished != data.protocol.players:
-        found.append(
+        sentences.append(
             f"{counted(finished, 'person', 'people')} finished, {counted(data.protocol.players, 'was', 'were')} planned."
         )
-    return tuple(found)
+    return tuple(sentences)

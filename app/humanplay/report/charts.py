@@ -1,4 +1,4 @@
-"""The report's charts: drawn by matplotlib as SVG text that needs nothing from outside the page."""
+"""The report's charts: SVG text by matplotlib that needs nothing outside the page."""
 
 from __future__ import annotations
 
@@ -60,8 +60,12 @@ WIDTH = 5.6
 def draw_svg(
     name: str, height: float, draw: Callable[[Canvas], None], is_synthetic: bool, alt: str
 ) -> str:
-    """Return a chart as an SVG element with its description; its ids begin with `name`, so that no
-    two charts share one."""
+    """A chart as an SVG element with its description.
+
+    Args:
+        name: Its ids begin with it, so that no two charts of a page share one.
+        alt: The description.
+    """
     with _STYLE_LOCK, matplotlib.rc_context({**MATPLOTLIB_STYLE, "svg.hashsalt": name}):
         canvas = Canvas(figsize=(WIDTH, height))
         draw(canvas)
@@ -93,15 +97,17 @@ def draw_svg(
 
 
 def charts(report: Report, group: GroupReport) -> dict[str, str]:
-    """Return the group's charts as SVG by name; what has nothing to show is left out."""
-    found: dict[str, tuple[float, Callable[[Canvas], None], str]] = {}
+    """The group's charts as SVG by name; a chart with nothing to show is left out."""
+    drawings: dict[str, tuple[float, Callable[[Canvas], None], str]] = {}
     if group.flow is not None and group.joined:
         steps = flow_steps(group.flow)
         alt = "; ".join(
-            " ".join([f"{each.label}: {each.count}", *(f"({why}: {n})" for why, n in each.lost)])
-            for each in steps
+            " ".join(
+                [f"{step.label}: {step.count}", *(f"({reason}: {n})" for reason, n in step.lost)]
+            )
+            for step in steps
         )
-        found["flow"] = 0.56 * flow_height(steps), partial(draw_flow, steps=steps), alt
+        drawings["flow"] = 0.56 * flow_height(steps), partial(draw_flow, steps=steps), alt
     if group.players:
         means = [
             (report.called(policy.name), {"score": policy.score, "steps": policy.steps})
@@ -110,29 +116,31 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
         ]
         alt = "Each player's mean score and mean steps, both estimates with their intervals, and each policy's means"
         drawn = partial(_people_and_policies, group=group, policies=means)
-        found["players"] = 3.0 + 0.26 * len(means), drawn, alt
+        drawings["players"] = 3.0 + 0.26 * len(means), drawn, alt
     if group.metrics:
         alt = "Mean score and steps of first attempts by ranked trial, with intervals"
-        found["learning"] = 3.6, partial(_learning, group=group), alt
+        drawings["learning"] = 3.6, partial(_learning, group=group), alt
     if group.comparisons:
-        rows = len({each.policy for each in group.comparisons})
+        rows = len({comparison.policy for comparison in group.comparisons})
         alt = "Policies over people: ratio of scores, human-normalized score, difference in steps"
         forest = partial(_forest, group=group, called=report.called)
-        found["forest"] = (1.6 + 0.32 * rows, forest, alt)
+        drawings["forest"] = (1.6 + 0.32 * rows, forest, alt)
     policies = [(report.called(policy.name), policy.pictures) for policy in report.policies]
     shown = [(group.name, group.pictures), *policies]
     if group.pictures.get("curve") or any(pictures for _, pictures in policies):
-        curves = partial(_curves, curves=[(name, own.get("curve")) for name, own in shown])
-        found["curves"] = 3.0, curves, "Mean coverage against steps"
-        maps = [(name, own["visits"]) for name, own in shown if own.get("visits")]
+        curves = partial(
+            _curves, curves=[(name, pictures.get("curve")) for name, pictures in shown]
+        )
+        drawings["curves"] = 3.0, curves, "Mean coverage against steps"
+        maps = [(name, pictures["visits"]) for name, pictures in shown if pictures.get("visits")]
         alt = "Share of an episode's moves on each cell of the grid"
         height = 2.05 * -(-len(maps) // 3) + 0.3
-        found["visits"] = height, partial(_visits, maps=maps), alt
+        drawings["visits"] = height, partial(_visits, maps=maps), alt
     return {
         name: draw_svg(
             f"{group.name}-{name}".replace(" ", "-"), height, draw, report.synthetic, alt
         )
-        for name, (height, draw, alt) in found.items()
+        for name, (height, draw, alt) in drawings.items()
     }
 
 
@@ -192,15 +200,15 @@ def _people_and_policies(
 
 
 def _stacked(values: Sequence[float]) -> list[float]:
-    """Return heights that keep dots of sorted values apart."""
+    """Heights that keep dots of sorted values apart."""
     if not values:
         return [0.0]
     near = (values[-1] - values[0]) / 24 or 1.0
     last: list[float] = []
     heights = []
-    for value in values:
-        row = next((row for row, at in enumerate(last) if value - at > near), len(last))
-        last[row : row + 1] = [value]
+    for mean in values:
+        row = next((row for row, at in enumerate(last) if mean - at > near), len(last))
+        last[row : row + 1] = [mean]
         heights.append(0.6 * row)
     return heights
 
@@ -228,8 +236,9 @@ def _learning(canvas: Canvas, group: GroupReport) -> None:
             hollow = {"color": GREY, "linewidth": 0.8, "markerfacecolor": "none"}
             axes.plot(*zip(*practice, strict=True), **hollow, **line)
         axes.set_title(titles[metric.name])
-    grey = "grey bands: first and last third; hollow: warm-up"
-    axes.set_xlabel(f"ranked trial, in the order played ({grey})")
+    axes.set_xlabel(
+        "ranked trial, in the order played (grey bands: first and last third; hollow: warm-up)"
+    )
 
 
 def _curves(canvas: Canvas, curves: Sequence[tuple[str, Curve | None]]) -> None:
@@ -279,12 +288,12 @@ def _visits(canvas: Canvas, maps: Sequence[tuple[str, list[list[float]]]]) -> No
 
 
 def _forest(canvas: Canvas, group: GroupReport, called: Callable[[str], str]) -> None:
-    score = [each for each in group.comparisons if each.metric == "score"]
-    steps = [each for each in group.comparisons if each.metric == "steps"]
+    score = [row for row in group.comparisons if row.metric == "score"]
+    steps = [row for row in group.comparisons if row.metric == "steps"]
     who = group.name if group.kind == "human" else "players"
-    ratios = [(each.ratio, each.ratio_interval) for each in score]
-    normalized = [(each.normalized, each.normalized_interval) for each in score]
-    differences = [(each.difference, each.interval) for each in steps]
+    ratios = [(row.ratio, row.ratio_interval) for row in score]
+    normalized = [(row.normalized, row.normalized_interval) for row in score]
+    differences = [(row.difference, row.interval) for row in steps]
     left, middle, right = canvas.subplots(1, 3, sharey=True)
     _rows(left, ratios, f"policy / {who}", 1.0, "Score, ratio")
     _rows(middle, normalized, f"0 random, 1 {who}", 1.0, "Score, normalized")
@@ -293,8 +302,10 @@ def _forest(canvas: Canvas, group: GroupReport, called: Callable[[str], str]) ->
 
 
 def _short(name: str) -> str:
-    """Return a policy's name as a chart has room for it: words on lines, and the end of what is
-    long, such as a file's path."""
+    """A policy's name as a chart has room for it.
+
+    Words are put on lines; of a long word, such as a file's path, the end stays.
+    """
     if " " in name:
         return "\n".join(wrap(name, MAX_NAME))
     return name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}"
@@ -329,7 +340,7 @@ LINE, PADDING, GAP = 0.34, 0.26, 0.5
 
 @dataclass(frozen=True)
 class FlowStep:
-    """A stage of the flow: how many reached it, and those who went no further, by reason.
+    """A stage of the flow: how many reached it, and who went no further, by reason.
 
     Attributes:
         detail: A second line, "" for none.
@@ -342,7 +353,7 @@ class FlowStep:
 
 
 def flow_steps(flow: ParticipantFlow) -> list[FlowStep]:
-    """Return the stages of a study's flow."""
+    """The stages of a study's flow."""
     arrivals = flow.arrivals
     steps = []
     if arrivals.issued is not None:
@@ -367,12 +378,12 @@ def _step(label: str, count: int, lost: Sequence[tuple[str, int]]) -> FlowStep:
 
 
 def flow_height(steps: Sequence[FlowStep]) -> float:
-    """Return the height of the drawing in its own units."""
+    """The height of the drawing in its own units."""
     return sum(map(_height, steps)) + GAP * (len(steps) - 1)
 
 
 def draw_flow(canvas: Canvas, steps: Sequence[FlowStep]) -> None:
-    """Draw the stages one below the other, with those who were lost beside the arrow that leads on."""
+    """Draw the stages below one another, and beside each those who were lost there."""
     axes = canvas.subplots()
     axes.set_axis_off()
     axes.set_xlim(-0.05, 10.05)
@@ -401,13 +412,18 @@ def _box_height(lines: int) -> float:
 
 
 def _box(
-    axes: Axes, x: float, width: float, middle: float, lines: Sequence[str], is_bold: bool = False
+    axes: Axes,
+    left: float,
+    width: float,
+    middle: float,
+    lines: Sequence[str],
+    is_bold: bool = False,
 ) -> None:
     from matplotlib.patches import Rectangle
 
     height = _box_height(len(lines))
     box = Rectangle(
-        (x, middle - height / 2),
+        (left, middle - height / 2),
         width,
         height,
         facecolor=BOX if is_bold else "white",
@@ -419,7 +435,7 @@ def _box(
         y = middle + height / 2 - PADDING - (number + 0.5) * LINE
         weight = "bold" if is_bold and number == 0 else "normal"
         axes.text(
-            x + 0.2, y, line, va="center", ha="left", fontsize=8, color=INK, fontweight=weight
+            left + 0.2, y, line, va="center", ha="left", fontsize=8, color=INK, fontweight=weight
         )
 
 

@@ -1,5 +1,4 @@
-"""The human-baseline reporting checklist of Wei et al. 2025, filled from the study's database as
-far as possible.
+"""The human-baseline reporting checklist of Wei et al. 2025, for one study.
 
 Items and numbers are those of the checklist in appendix B of "Recommendations and Reporting
 Checklist for Rigorous & Transparent Human Baselines in Model Evaluations" (arXiv 2506.13776);
@@ -35,14 +34,18 @@ RECRUITMENT = {
     "panel": "Through a panel whose link names each participant.",
     "open": "By a link that anybody could open.",
 }
-"""What the software knows of how participants came, by the protocol's `recruitment`."""
+"""How participants came, by the protocol's `recruitment`."""
 UNSAID = "What people and agents see is not said in the environment's description."
 TEST = "Test of the paired differences over players and instances, the inverse of the interval, adjusted by Holm's method."
 
 
 def checklist(data: StudyData, people: GroupReport, policies: Sequence[str]) -> tuple[Item, ...]:
-    """Return every item in order, from a study, the report of its people and the policies they are
-    compared with."""
+    """Every item of the checklist, in order.
+
+    Args:
+        people: The report of the study's people.
+        policies: That they are compared with.
+    """
     texts = _texts(data, people, policies)
     text = Path(__file__).with_name("checklist.txt").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
@@ -52,8 +55,8 @@ def checklist(data: StudyData, people: GroupReport, policies: Sequence[str]) -> 
     detail = "The protocol leaves declarations empty; the authors must state it."
     undeclared = {"answer": "Missing", "detail": detail, "source": "missing"}
     return tuple(
-        replace(each, **undeclared) if each.answer == "Declared" else each  # type: ignore[arg-type]
-        for each in items
+        replace(item, **undeclared) if item.answer == "Declared" else item  # type: ignore[arg-type]
+        for item in items
     )
 
 
@@ -63,7 +66,7 @@ def _item(line: str, texts: dict[str, object]) -> Item:
 
 
 def exposure(data: StudyData) -> str:
-    """What is known of who met which ranked terrains when, and so may have told others."""
+    """Who met which ranked terrains when, and so may have told others."""
     ranked = [trial for trial in data.trials if (trial.phase, trial.kind) == ("ranked", "human")]
     if not ranked:
         return "Nobody has begun a ranked episode."
@@ -78,12 +81,12 @@ def exposure(data: StudyData) -> str:
 
 
 def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dict[str, object]:
-    """Return what `checklist.txt` has in braces."""
+    """What `checklist.txt` has in braces."""
     protocol, words, players = data.protocol, people.words, people.figure.players
     ranked = ended_ranked(data, [person for person in data.people if person.kind == "human"])
     labelled = sum(bool(trial.labels) for trial in ranked)
-    played = [each for each in people.figures if each.players]
-    sets = [f"{each.name}: {figure_sentence(each, protocol)}" for each in played]
+    played = [figure for figure in people.figures if figure.players]
+    sets = [f"{figure.name}: {figure_sentence(figure, protocol)}" for figure in played]
     erased, finishers = data.arrivals.erased, data.arrivals.erased_finishers
     lost = f" {counted(erased, 'more was', 'more were')} erased, {finishers} of whom had ended all ranked episodes."
     is_compared, nobody = bool(policies and players), "Nobody has played."
@@ -199,8 +202,11 @@ def time_in_words(environment: Environment) -> str:
 
 
 def _human_time(data: StudyData) -> str | None:
-    """How long a ranked episode took, as METR rates tasks; None without a success."""
-    ranked = [trial for own in people_of(data).ranked.values() for trial in own]
+    """How long a ranked episode took, in words; None without a success.
+
+    As METR rates tasks: by its successes, in geometric mean.
+    """
+    ranked = [trial for trials in people_of(data).ranked.values() for trial in trials]
     times_s = [max(trial.active_ms, 1.0) / 1000 for trial in ranked if trial.succeeded]
     if not times_s:
         return None

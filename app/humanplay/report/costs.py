@@ -44,11 +44,16 @@ def no_bar(name: str) -> Iterator[Progress]:
 
 @dataclass(frozen=True)
 class CostRow:
-    """One move of an episode: `step` from 0, `cost` in moves, actions in words, `kind` None outside
-    all mistakes.
+    """One move of an episode and its cost.
 
-    An episode that ended without a move has one more row, whose `action` is None: its costs then
-    add up as all others'.
+    An episode that ended without a move has one more row, so that its costs add up as all others'
+    do.
+
+    Attributes:
+        step: From 0.
+        action, expert_action: In words; `action` is None in the row of an end without a move.
+        cost: In moves.
+        kind: Of mistake; None if the move is none.
     """
 
     episode: str
@@ -61,8 +66,12 @@ class CostRow:
 
 @dataclass(frozen=True)
 class PlayerCosts:
-    """One player's mean cost per episode, in moves: what it counts more than the expert's, and the
-    parts of that."""
+    """One player's mean cost per episode, in moves.
+
+    Attributes:
+        mean: How many more moves it counts than the expert's.
+        by_kind, gained: The parts of that.
+    """
 
     player: str
     episodes: int
@@ -73,11 +82,12 @@ class PlayerCosts:
 
 @dataclass(frozen=True)
 class CostPart:
-    """All cost or a part of it, in moves an episode: the mean of players' means, and its 95 %
-    interval.
+    """All cost or a part of it, in moves an episode.
 
-    The interval is for other players and, where the protocol fixes no terrains, other terrains;
-    None without a spread and below five players.
+    Attributes:
+        mean: Of players' means.
+        interval: At 95 %, for other players and, unless the protocol fixes the terrains, for other
+            terrains; None without a spread and below five players.
     """
 
     mean: float
@@ -115,17 +125,17 @@ class CostSummary:
 
 
 def cost_cache(database: Path) -> Path:
-    """Return the folder next to a database in which costs are kept."""
+    """The folder next to a database in which costs are stored."""
     return database.with_name(f"{database.name}-costs")
 
 
 def forget_costs(database: Path) -> None:
-    """Delete the folder in which costs are kept; what is asked for again is worked out again."""
+    """Delete the folder in which costs are stored; they can be worked out again."""
     shutil.rmtree(cost_cache(database), ignore_errors=True)
 
 
 def why_not_judged(data: StudyData) -> str | None:
-    """Return the sentence that says why no move of a study is judged; None where moves are."""
+    """The sentence that says why no move of a study is judged; None if moves are."""
     environment = data.protocol.environment
     if environment.courses is None or environment.expert is None:
         return f"the moves of {environment.about.title} are not judged"
@@ -138,11 +148,10 @@ def why_not_judged(data: StudyData) -> str | None:
 
 
 def study_estimator(data: StudyData, cache: Path | None) -> CostEstimator:
-    """Return what works out a study's costs, by the expert's file of the time at which the study
-    was frozen.
+    """What works out a study's costs, by the expert's file of the freezing.
 
     Args:
-        cache: The folder in which costs are kept; None keeps nothing.
+        cache: The folder in which costs are stored; None stores nothing.
     """
     courses, expert = _courses(data)
     return courses.estimator(data.policy_files.expert(expert), cache)
@@ -155,11 +164,13 @@ def trial_costs(
     estimator: CostEstimator,
     progress: Progress | None = None,
 ) -> Iterator[tuple[Trial, Record, EpisodeCosts]]:
-    """Yield the costs of each finished trial that this core version can replay; StudyError for a
-    ranked one of an open study.
+    """Yield the costs of each finished trial that this core version can replay.
 
     Args:
-        progress: Called with (episodes done, in all).
+        progress: Called with (episodes done, episodes in all).
+
+    Raises:
+        StudyError: If a trial is a ranked one of an open study.
     """
     if data.closed_ms is None and any(trial.phase == "ranked" for trial in trials):
         raise StudyError(
@@ -167,11 +178,11 @@ def trial_costs(
             "close it first, or ask for the warm-up"
         )
     ended = [trial for trial in trials if trial.ended_ms is not None]
-    own = [trial for trial in ended if trial.core_version == trial.environment.version]
-    for done, (trial, record) in enumerate(trial_records(reader, own), 1):
+    replayable = [trial for trial in ended if trial.core_version == trial.environment.version]
+    for done, (trial, record) in enumerate(trial_records(reader, replayable), 1):
         yield trial, record, estimator.costs(record)
         if progress:
-            progress(done, len(own))
+            progress(done, len(replayable))
 
 
 def cost_rows(
@@ -181,7 +192,7 @@ def cost_rows(
     estimator: CostEstimator,
     progress: Progress | None = None,
 ) -> Iterator[CostRow]:
-    """Yield every move of the trials with its cost, as tables of it have them; see `trial_costs`."""
+    """Yield every move of the trials with its cost (`trial_costs`), for a table."""
     names = data.protocol.environment.actions
     for trial, _, costs in trial_costs(reader, data, trials, estimator, progress):
         moves = zip(costs.actions, costs.costs, costs.advice.actions, costs.kinds, strict=False)
@@ -197,26 +208,29 @@ def cost_rows(
 def costs_of_study(
     reader: Reader, data: StudyData, progress: Progress | None = None
 ) -> tuple[CostSummary, list[dict[str, Any]]]:
-    """Return the summary over everybody who played, under pseudonyms, and every move of theirs as a
-    dictionary.
+    """The costs of everybody who played, under pseudonyms.
 
-    ValueError where no move is judged, and where nobody's finished episode can be shown yet.
+    Returns:
+        The summary, and every move as a dictionary.
+
+    Raises:
+        ValueError: If no move is judged, or nobody's finished episode can be shown yet.
     """
     if (reason := why_not_judged(data)) is not None:
         raise ValueError(reason)
     cohort, estimator = people_of(data), study_estimator(data, cost_cache(reader.path))
     is_closed = data.closed_ms is not None
-    practised = sorted(id for id, own in cohort.warm_up.items() if own)
+    practised = sorted(id for id, trials in cohort.warm_up.items() if trials)
     ids = members(cohort, {}) if is_closed else practised
     summary = summarize_costs(reader, data, cohort, ids, estimator, progress)
     if summary is None:
         raise ValueError(f"nobody's finished episode of {data.protocol.name!r} can be shown yet")
     names = {person: f"P{number:02d}" for number, person in enumerate(ids, 1)}
-    own = cohort.ranked if is_closed else cohort.warm_up
+    trials = cohort.ranked if is_closed else cohort.warm_up
     rows = [
         {"player": names[person], **asdict(row)}
         for person in ids
-        for row in cost_rows(reader, data, unspoilt(own[person]), estimator)
+        for row in cost_rows(reader, data, unspoilt(trials[person]), estimator)
     ]
     players = tuple(replace(player, player=names[player.player]) for player in summary.by_player)
     return replace(summary, by_player=players), rows
@@ -230,14 +244,17 @@ def summarize_costs(
     estimator: CostEstimator,
     progress: Progress | None = None,
 ) -> CostSummary | None:
-    """Return what the moves of some players of a cohort cost: in ranked episodes of a closed study,
-    else in the warm-up.
+    """What the moves of some players of a cohort cost.
 
-    Spoilt ones are left out. None where no episode is left.
+    They are those of ranked episodes of a closed study, else of the warm-up; spoilt episodes are
+    left out.
+
+    Returns:
+        None if no episode is left.
     """
     phase = "warm_up" if data.closed_ms is None else "ranked"
-    own = cohort.warm_up if data.closed_ms is None else cohort.ranked
-    trials = [trial for player in ids for trial in unspoilt(own[player])]
+    by_player = cohort.warm_up if data.closed_ms is None else cohort.ranked
+    trials = [trial for player in ids for trial in unspoilt(by_player[player])]
     episodes: dict[str, dict[int, EpisodeCosts]] = defaultdict(dict)
     terrains: dict[int, None] = {}
     for trial, _, costs in trial_costs(reader, data, trials, estimator, progress):
@@ -276,20 +293,24 @@ def summarize_costs(
 
 
 def _amounts(costs: EpisodeCosts, kinds: Sequence[str]) -> list[float]:
-    """Return what `CostSummary` has of an episode: the two lengths, the difference, and its parts."""
+    """An episode's numbers for `CostSummary`: two lengths, the difference, its parts."""
     lengths = (costs.counts, costs.expert_moves, costs.total, costs.given_up, costs.gained)
     return [*lengths, *(costs.by_kind()[kind] for kind in kinds), *costs.by_tenth()]
 
 
 def _part(table: Floats, terrains_drawn: bool) -> CostPart:
-    """Return a part of the cost from float64[players, terrains], NaN for a gap."""
+    """A part of the cost from float64[players, terrains], NaN for a gap."""
     low, high = map(float, interval(table, None, terrains_drawn))
     ends = None if math.isnan(low) or low == high else (low, high)
     return CostPart(float(player_means(table).mean()), ends)
 
 
 def _courses(data: StudyData) -> tuple[Courses, str]:
-    """What prices the moves of a study, and the expert's name; ValueError if they are not judged."""
+    """What prices the moves of a study, and the expert's name.
+
+    Raises:
+        ValueError: If its moves are not judged.
+    """
     environment = data.protocol.environment
     if environment.courses is None or environment.expert is None:
         raise ValueError(f"the moves of {environment.about.title} are not judged")
@@ -302,7 +323,9 @@ def _player(player: str, episodes: Sequence[EpisodeCosts], kinds: Sequence[str])
         player=player,
         episodes=len(episodes),
         mean=float(np.mean([costs.total for costs in episodes])),
-        by_kind={str(kind): float(np.mean([own[kind] for own in by_kind])) for kind in kinds},
+        by_kind={
+            str(kind): float(np.mean([episode[kind] for episode in by_kind])) for kind in kinds
+        },
         gained=float(np.mean([costs.gained for costs in episodes])),
     )
 
@@ -310,10 +333,12 @@ def _player(player: str, episodes: Sequence[EpisodeCosts], kinds: Sequence[str])
 def costs_of_people(
     reader: Reader, data: StudyData, progress: ProgressBar, cache: Path | None
 ) -> dict[str, CostSummary]:
-    """Return the costs of a closed study's people under the primary set, by the group's name.
+    """The costs of a closed study's people per protocol, by the group's name.
 
-    Nothing where a study is open or its moves are not judged. cache: the folder in which costs are
-    kept; None keeps nothing
+    Empty if the study is open or its moves are not judged.
+
+    Args:
+        cache: The folder in which costs are stored; None stores nothing.
     """
     if data.closed_ms is None or why_not_judged(data) is not None:
         return {}
@@ -325,12 +350,14 @@ def costs_of_people(
 
 
 def ranked_of_people(data: StudyData) -> list[Trial]:
-    """Return the trials whose moves a release judges: a program's are judged only where that is
-    asked for."""
+    """The trials whose moves a release judges.
+
+    A program's are judged only if that is asked for.
+    """
     return [trial for trial in data.trials if trial.phase == "ranked" and trial.kind == "human"]
 
 
 def renamed(summary: CostSummary, names: Mapping[str, str]) -> CostSummary:
-    """Return the same with the players' ids replaced by names."""
+    """The same summary with the players' ids replaced by names."""
     players = (replace(player, player=names[player.player]) for player in summary.by_player)
     return replace(summary, by_player=tuple(sorted(players, key=lambda player: player.player)))

@@ -1,5 +1,7 @@
-"""A study's report made from a database: data read, episodes replayed, policies played on the same
-terrains, moves analysed."""
+"""A study's report made from a database.
+
+Its data are read, episodes replayed, policies played on the same terrains, and moves analysed.
+"""
 
 from __future__ import annotations
 
@@ -46,11 +48,14 @@ def make_study_report(
     with_policies: bool = True,
     with_moves: bool = True,
 ) -> Report:
-    """Return the report of a study in a database and in the folder of studies.
+    """The report of a study in a database and in the folder of studies.
 
-    It has policies only if somebody has finished a ranked episode, and what the moves say once the
-    study is closed. Errors are those of `load_with_folder`, and those of `policies.load` for a
-    policy that cannot be loaded.
+    It has policies only if somebody has finished a ranked episode, and costs only once the study is
+    closed.
+
+    Raises:
+        StudyError: As `load_with_folder`.
+        Exception: As `policies.load` for a policy that cannot be loaded.
     """
     with closing(Reader.open(database)) as reader:
         with reader.snapshot():
@@ -73,8 +78,7 @@ def make_report(
     bar: ProgressBar,
     costs: Mapping[str, CostSummary] | None = None,
 ) -> Report:
-    """Return the report of a study over its people or its scripts, compared with the policies'
-    episodes.
+    """The report of a study's people or scripts beside the policies' episodes.
 
     Args:
         costs: By group's name.
@@ -101,14 +105,14 @@ def _built(
 
 
 def report_files(report: Report) -> dict[str, bytes]:
-    """Return name -> content of the files of a report in a release."""
+    """Name -> content of the files of a report in a release."""
     stem = REPORT_STEMS[report.synthetic]
     files = {name: page.encode() for name, page in pages(report, f"{stem}.html").items()}
     return {f"{stem}.json": (report.to_json() + "\n").encode(), **files}
 
 
 def has_played(data: StudyData, synthetic: bool) -> bool:
-    """Return whether a person (or a script, when synthetic) has finished a ranked episode."""
+    """Whether a person (a script, when synthetic) has finished a ranked episode."""
     ended = {t.kind for t in data.trials if t.phase == "ranked" and t.ended_ms is not None}
     return ("script" if synthetic else "human") in ended
 
@@ -116,20 +120,25 @@ def has_played(data: StudyData, synthetic: bool) -> bool:
 def play_compared(
     data: StudyData, seeds: Mapping[int, int], names: Sequence[str], bar: ProgressBar
 ) -> tuple[PolicyEpisode, ...]:
-    """Return the policies' episodes on the terrains of these seeds, played now; errors as
-    `play_policies`."""
+    """Play the policies on the terrains of these seeds now.
+
+    Raises:
+        Exception: As `play_policies`.
+    """
     with bar("policies on the same instances") as advance:
         environment, config = data.protocol.environment, data.protocol.env_config
         return play_policies(names, environment, config, seeds, advance, data.policy_files)
 
 
 def runs_of(episodes: Sequence[PolicyEpisode], protocol: Protocol) -> tuple[PolicyRun, ...]:
-    """Return one run per policy from its episodes, which are replayed; a failure counts as it does
-    for people."""
-    found: dict[str, dict[int, PolicyEpisode]] = {}
-    for each in episodes:
-        found.setdefault(each.policy, {})[each.terrain] = each
-    return tuple(_run(name, by_terrain, protocol) for name, by_terrain in found.items())
+    """One run per policy from its episodes, which are replayed.
+
+    A failure counts as it does for people.
+    """
+    by_policy: dict[str, dict[int, PolicyEpisode]] = {}
+    for episode in episodes:
+        by_policy.setdefault(episode.policy, {})[episode.terrain] = episode
+    return tuple(_run(name, by_terrain, protocol) for name, by_terrain in by_policy.items())
 
 
 def _run(name: str, episodes: Mapping[int, PolicyEpisode], protocol: Protocol) -> PolicyRun:
@@ -137,8 +146,8 @@ def _run(name: str, episodes: Mapping[int, PolicyEpisode], protocol: Protocol) -
     score, steps = np.full(terrains, np.nan), np.full(terrains, np.nan)
     outcomes, groups = [""] * terrains, []
     lowest, _ = environment.bounds(config)
-    for index, each in sorted(episodes.items()):
-        run = each.replay(environment, config)
+    for index, episode in sorted(episodes.items()):
+        run = episode.replay(environment, config)
         record = run.record()
         outcomes[index], score[index] = record.outcome, record.score
         if record.outcome in LEFT and np.isfinite(lowest):
@@ -149,12 +158,14 @@ def _run(name: str, episodes: Mapping[int, PolicyEpisode], protocol: Protocol) -
 
 
 def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyData, dict[int, int]]:
-    """Return a study's data, and the seeds of its ranked terrains by index.
+    """A study's data, and the seeds of its ranked terrains by index.
 
-    Where the folder has the study, it gives every seed and says whether the study is closed;
-    otherwise the seeds are those of terrains that somebody has begun. A study that nobody has
-    joined is known from the folder alone. StudyError for a study that is in neither, and for two
-    different ones of that name.
+    If the folder has the study, it gives every seed and says whether the study is closed; otherwise
+    the seeds are those of terrains that somebody has begun. A study that nobody has joined is known
+    from the folder alone.
+
+    Raises:
+        StudyError: If the study is in neither, or there are two different ones of that name.
     """
     study = folder.study(name) if name in folder.names() else None
     policies = folder.root / name / FOLDER
@@ -193,7 +204,7 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
         arrivals = with_invitations(data.arrivals, Invitations(folder).of(name), opened)
         data = replace(data, arrivals=arrivals)
     if study.closed_ms is not None:
-        if data.closed_ms is None and any(each.ended_ms is None for each in data.trials):
+        if data.closed_ms is None and any(trial.ended_ms is None for trial in data.trials):
             raise StudyError(UNNOTED.format(name, reader.path))
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
     data = data.with_policies_in(policies)

@@ -1,4 +1,7 @@
-"""The coverage of the report's interval as `python -m research.coverage` measured it."""
+"""The coverage of the report's interval, as measured.
+
+`python -m research.coverage` measures it.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +55,9 @@ ONE_SHAPE = ("symmetric", "skewed", "very skewed")
 
 @dataclass(frozen=True)
 class Cell:
-    """Coverage in percent of simulated studies, for one population, ICC and number of players.
+    """Coverage in percent of simulated studies of one kind.
+
+    A kind is a population, an ICC and a number of players.
 
     Attributes:
         score, steps: Of the interval for other players and other terrains.
@@ -75,13 +80,15 @@ class Cell:
 
 @cache
 def saved() -> list[Cell]:
-    """Return the table that the report quotes."""
+    """The table that the report quotes."""
     return [Cell(**cell) for cell in json.loads(COVERAGE_FILE.read_text(encoding="utf-8"))["cells"]]
 
 
 def nearest(players: int) -> list[Cell]:
-    """Return the saved cells of the measured number of players nearest to this one, the smaller of
-    two."""
+    """The saved cells of the measured number of players nearest to this one.
+
+    Of two equally near the smaller.
+    """
     cells = saved()
     counts = {cell.players for cell in cells}
     count = min(counts, key=lambda measured: (abs(measured - players), measured))

@@ -1,5 +1,7 @@
-"""The contents of a report as frozen values; `to_json` is its machine-readable form (docs/report.md
-describes it)."""
+"""The contents of a report as frozen values.
+
+`to_json` is its machine-readable form (docs/report.md describes it).
+"""
 
 from __future__ import annotations
 
@@ -30,11 +32,11 @@ SYNTHETIC = f"SYNTHETIC: {_WHO}"
 
 @dataclass(frozen=True)
 class Item:
-    """An item of the reporting checklist: its number and name there, the answer, details, and where
-    the answer comes from.
+    """An item of the reporting checklist: its number and name there, and the answer.
 
     Attributes:
-        source: "missing" where neither database nor protocol nor software can know.
+        source: Where the answer comes from; "missing" if neither database nor protocol nor software
+            can know.
     """
 
     number: str
@@ -138,14 +140,16 @@ class GroupReport:
         return self.figures[1]
 
     def metric(self, name: str) -> Metric | None:
-        """Return the further statistics of "score" or "steps"; None while nobody has finished."""
-        return next((each for each in self.metrics if each.name == name), None)
+        """The further statistics of "score" or "steps"; None while nobody has finished."""
+        return next((metric for metric in self.metrics if metric.name == name), None)
 
 
 @dataclass(frozen=True)
 class PolicyRun:
-    """A policy's episodes by terrain index; NaN (and the outcome "") where the terrain's seed is
-    not known."""
+    """A policy's episodes by terrain index.
+
+    NaN (and the outcome "") if the terrain's seed is not known.
+    """
 
     name: str
     score: Floats
@@ -154,13 +158,17 @@ class PolicyRun:
     pictures: Pictures = field(default_factory=Pictures, repr=False)
 
     def values(self, metric: Literal["score", "steps"]) -> Floats:
-        """Return float64[terrains] of a metric."""
+        """float64[terrains] of a metric."""
         return self.score if metric == "score" else self.steps
 
 
 @dataclass(frozen=True)
 class PolicyRow:
-    """A policy on the study's ranked terrains; `completed` and `failed` count episodes."""
+    """A policy on the study's ranked terrains.
+
+    Attributes:
+        completed, failed: Numbers of episodes.
+    """
 
     name: str
     episodes: int
@@ -173,12 +181,14 @@ class PolicyRow:
 
 @dataclass(frozen=True)
 class Report:
-    """A study's report. `synthetic` ones are over scripts and never hold a human figure; the others
-    never hold a script's.
+    """A study's report: over scripts if `synthetic`, else over people.
+
+    It is never over both.
 
     Attributes:
-        estimand: What the estimates are of, in words; rule: how intervals are made;
-            interval_for: whom they are for.
+        estimand: What the estimates are of, in words.
+        rule: How intervals are made.
+        interval_for: Whom they are for.
         deviations: Of the study as a whole.
         scripts: Scripted participants, by kind: counted and left out.
     """
@@ -206,36 +216,40 @@ class Report:
     checklist: tuple[Item, ...]
 
     def title_of(self, policy: str) -> str:
-        """Return what the report calls a policy: code, or the file that played, by the hash that
-        the protocol has."""
+        """What the report calls a policy: code, or the file that played.
+
+        The file is named by the hash that the protocol has.
+        """
         digest = self.protocol["policy_hashes"].get(policy)
         if digest is None and environment_of(self.protocol["task"]).policies.is_rule(policy):
             return f"{self.called(policy)} (code)"
-        known = f"SHA-256 {digest[:12]}…" if digest else "whose SHA-256 was not recorded"
-        return f"{policy} (this file, {known})"
+        hash_in_words = f"SHA-256 {digest[:12]}…" if digest else "whose SHA-256 was not recorded"
+        return f"{policy} (this file, {hash_in_words})"
 
     def called(self, policy: str) -> str:
-        """Return what people read in place of a policy's name."""
+        """What people read in place of a policy's name."""
         return environment_of(self.protocol["task"]).policies.title(policy)
 
     def to_dict(self) -> dict[str, object]:
-        """Return everything as plain values, the watermark first in a synthetic report; NaN and
-        infinities become None."""
+        """Everything as plain values, the watermark first in a synthetic report.
+
+        NaN and infinities become None.
+        """
         mark = {"watermark": SYNTHETIC} if self.synthetic else {}
         return _plain_object({"format": FORMAT, **mark, **asdict(self)})
 
     def to_json(self) -> str:
-        """Return `to_dict` as JSON."""
+        """`to_dict` as JSON."""
         return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
 
 
 def _plain_object(values: dict[str, object]) -> dict[str, object]:
-    return {name: _plain(value) for name, value in values.items()}
+    return {name: _plain(content) for name, content in values.items()}
 
 
-def _plain(value: object) -> object:
-    if isinstance(value, dict):
-        return _plain_object(value)
-    if isinstance(value, (list, tuple)):
-        return [_plain(element) for element in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _plain(content: object) -> object:
+    if isinstance(content, dict):
+        return _plain_object(content)
+    if isinstance(content, (list, tuple)):
+        return [_plain(element) for element in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content

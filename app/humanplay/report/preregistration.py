@@ -1,7 +1,7 @@
-"""A study's preregistration as Markdown, from its protocol: what is fixed before anybody plays, and
-what is not.
+"""A study's preregistration as Markdown, from its protocol.
 
-The sections are those of OSF's template for a preregistration (Bowman et al. 2016, OSF Prereg).
+It says what is fixed before anybody plays, and what is not. The sections are those of OSF's
+template for a preregistration (Bowman et al. 2016, OSF Prereg).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ATTESTATION = {
 
 
 def preregistration(protocol: Protocol, study: Study | None) -> str:
-    """Return the document.
+    """The preregistration as Markdown.
 
     Args:
         protocol: With its texts filled in.

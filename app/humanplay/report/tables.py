@@ -1,5 +1,7 @@
-"""The tables of the page, as text cells: result, sets, spread, policies, learning, moves and
-methods."""
+"""The tables of the page, as text cells.
+
+There are tables of the result, sets, spread, policies, learning, moves and methods.
+"""
 
 from __future__ import annotations
 
@@ -98,10 +100,12 @@ COMPARISON = (
 
 
 def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | None]:
-    """Return the tables of a group by name, those of its comparisons as `score` and `steps`; None
-    where there is nothing."""
+    """The tables of a group by name; None if there is nothing in one.
+
+    Those of its comparisons are called `score` and `steps`.
+    """
     costs = group.costs
-    compared = {each.metric for each in group.comparisons}
+    compared = {comparison.metric for comparison in group.comparisons}
     return {
         "result": _result(group),
         "statuses": _statuses(group),
@@ -118,7 +122,8 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
         "players": _players(group),
         "policies": _policies(report),
         **{
-            each: _comparison(report, group, each) if each in compared else None for each in METRICS
+            metric: _comparison(report, group, metric) if metric in compared else None
+            for metric in METRICS
         },
         "learning": _by_metric(
             "Did players go on learning? Means over players",
@@ -149,8 +154,10 @@ def _answers(answers: Sequence[AnswerCounts]) -> PageTable | None:
 
 
 def checklist_table(report: Report) -> PageTable | None:
-    """Return the items of the reporting checklist that are answered; None for a synthetic report,
-    which has none."""
+    """The items of the reporting checklist that are answered.
+
+    None for a synthetic report, which has no checklist.
+    """
     if not report.checklist:
         return None
     return PageTable(
@@ -162,15 +169,17 @@ def checklist_table(report: Report) -> PageTable | None:
 
 
 def declarations_table(report: Report) -> PageTable:
-    """Return what the authors declared in the protocol."""
-    told = report.protocol["declarations"].items()
-    rows = [(name.replace("_", " "), text) for name, text in told if text]
+    """What the authors declared in the protocol."""
+    declarations = report.protocol["declarations"].items()
+    rows = [(name.replace("_", " "), text) for name, text in declarations if text]
     return PageTable("Declared before anybody played", ("what", "answer"), rows, is_text=True)
 
 
 def coverage_table(report: Report) -> PageTable | None:
-    """Return the measured coverage for about as many players as the report has; None below two
-    players."""
+    """The measured coverage for about as many players as the report has.
+
+    None below two players.
+    """
     players = max((group.figure.players for group in report.groups), default=0)
     if players < 2:
         return None
@@ -187,36 +196,39 @@ def coverage_table(report: Report) -> PageTable | None:
 
 
 def _heading(group: GroupReport, metric: str) -> str:
-    """Return what the task calls a metric, beginning a line."""
+    """What the task calls a metric, beginning a line."""
     name: str = getattr(group.words, metric)
     return name[0].upper() + name[1:]
 
 
-def _with_interval(value: float | None, ends: Interval | None, digits: int) -> str:
-    """Return a cell of two lines."""
-    return f"{number(value, digits)}\n{interval(ends, digits)}"
+def _with_interval(mean: float | None, ends: Interval | None, digits: int) -> str:
+    """A cell of two lines: a number and its interval."""
+    return f"{number(mean, digits)}\n{interval(ends, digits)}"
 
 
-def _share(found: Estimate | None) -> str:
-    """Return a share over players in percent, with its interval."""
-    if found is None:
+def _share(estimate: Estimate | None) -> str:
+    """A share over players in percent, with its interval."""
+    if estimate is None:
         return NONE
-    ends = None if found.interval is None else (100 * found.interval[0], 100 * found.interval[1])
-    return f"{percent(found.mean, 1)}\n{interval(ends, 1)}"
+    ends = (
+        None
+        if estimate.interval is None
+        else (100 * estimate.interval[0], 100 * estimate.interval[1])
+    )
+    return f"{percent(estimate.mean, 1)}\n{interval(ends, 1)}"
 
 
 def _by_metric(
     caption: str, group: GroupReport, names: Sequence[str], columns: Sequence[Sequence[str]]
 ) -> PageTable:
-    """Return a table with a column for each metric of the group; no rows where the group has no
-    metrics."""
+    """A table with a column for each metric of the group; no rows without metrics."""
     rows = list(zip(names, *columns, strict=True)) if columns else []
     heads = "quantity", *(_heading(group, metric.name) for metric in group.metrics)
     return PageTable(caption, heads, rows)
 
 
 def _result(group: GroupReport) -> PageTable | None:
-    """Return both estimates side by side; None where nobody began."""
+    """Both estimates side by side; None if nobody began."""
     figures = group.figure, group.everybody
     if not group.everybody.players:
         return None
@@ -226,7 +238,7 @@ def _result(group: GroupReport) -> PageTable | None:
 
 
 def _estimates(figure: StudyFigure) -> tuple[str, ...]:
-    """Return a row of a figure: its name, players, and mean and interval in each metric."""
+    """A row of an estimate: its name, players, and mean and interval in each metric."""
     return (
         figure.name,
         str(figure.players),
@@ -272,7 +284,7 @@ def _estimate(estimate: Estimate | None, digits: int) -> str:
 
 
 def _statuses(group: GroupReport) -> PageTable | None:
-    """Return where everybody is who came; None while nobody has."""
+    """Where everybody is who came; None while nobody has."""
     rows = [
         (
             STATUS_IN_WORDS[Status(row.status)],
@@ -280,7 +292,7 @@ def _statuses(group: GroupReport) -> PageTable | None:
             "yes" if row.in_per_protocol else "no",
             "yes" if row.in_everybody else "no",
             str(row.as_played),
-            ", ".join(f"{LOWEST_IN_WORDS[Lowest(why)]} {n}" for why, n in row.lowest.items())
+            ", ".join(f"{LOWEST_IN_WORDS[Lowest(name)]} {n}" for name, n in row.lowest.items())
             or "0",
         )
         for row in group.statuses
@@ -298,24 +310,23 @@ def _statuses(group: GroupReport) -> PageTable | None:
 
 
 def _exclusion_sets(group: GroupReport) -> PageTable:
-    """Return every estimate, those of the protocol's other exclusion sets too."""
-    rules = "; ".join(f"{each.name}: {each.rule}" for each in group.figures)
+    """Every estimate, those of the protocol's other exclusion sets too."""
+    rules = "; ".join(f"{figure.name}: {figure.rule}" for figure in group.figures)
     both = "score (95 % interval)", f"{group.words.steps} (95 % interval)"
     heads = ("estimate", "players", *both, f"{group.words.reached} (95 % interval)")
-    return PageTable(
-        f"The estimates; who enters: {rules}", heads, [_estimates(each) for each in group.figures]
-    )
+    rows = [_estimates(figure) for figure in group.figures]
+    return PageTable(f"The estimates; who enters: {rules}", heads, rows)
 
 
 def _attestation(group: GroupReport) -> PageTable | None:
-    """Return the levels of the ranked episodes; None for scripts and where nobody has finished one."""
-    found = group.attestation
-    if found is None or not any(found.episodes.values()):
+    """The levels of the ranked episodes; None for scripts, or if nobody finished one."""
+    summary = group.attestation
+    if summary is None or not any(summary.episodes.values()):
         return None
     rows = []
     for level, text in LEVELS_IN_WORDS.items():
-        name = f"{level} (required)" if level == found.required else level
-        rows.append((name, str(found.episodes[level]), str(found.people[level]), text))
+        name = f"{level} (required)" if level == summary.required else level
+        rows.append((name, str(summary.episodes[level]), str(summary.people[level]), text))
     caption = (
         "Ranked episodes by what the server could attest; those below the level required, but spoilt "
         "ones, are in no figure"
@@ -324,19 +335,19 @@ def _attestation(group: GroupReport) -> PageTable | None:
 
 
 def _spread_column(metric: Metric) -> tuple[str, ...]:
-    digits, found = DIGITS[metric.name], metric.variance
+    digits, variance = DIGITS[metric.name], metric.variance
     middle = _with_interval(metric.iqm, metric.iqm_interval, digits)
-    if found is None:
+    if variance is None:
         return (*[NONE] * 6, middle)
-    low, high = found.design_effect_interval
-    worth = found.episodes / high, found.episodes / low
+    low, high = variance.design_effect_interval
+    worth = variance.episodes / high, variance.episodes / low
     return (
-        _with_interval(found.between_sd, found.between_interval, digits),
-        _with_interval(found.terrain_sd, found.terrain_interval, digits),
-        _with_interval(found.rest_sd, found.rest_interval, digits),
-        _with_interval(found.icc, found.icc_interval, 2),
-        _with_interval(found.design_effect, (low, high), 1),
-        _with_interval(found.episodes / found.design_effect, worth, 0),
+        _with_interval(variance.between_sd, variance.between_interval, digits),
+        _with_interval(variance.terrain_sd, variance.terrain_interval, digits),
+        _with_interval(variance.rest_sd, variance.rest_interval, digits),
+        _with_interval(variance.icc, variance.icc_interval, 2),
+        _with_interval(variance.design_effect, (low, high), 1),
+        _with_interval(variance.episodes / variance.design_effect, worth, 0),
         middle,
     )
 
@@ -373,31 +384,31 @@ def _comparison(report: Report, group: GroupReport, metric: str) -> PageTable:
     digits = DIGITS[metric]
     rows = [
         (
-            report.title_of(each.policy),
-            _with_interval(each.difference, each.interval, digits),
-            _with_interval(each.everybody, each.everybody_interval, digits),
-            p_value(each.p_value),
-            p_value(each.p_adjusted),
-            _with_interval(each.ratio, each.ratio_interval, 3),
-            _with_interval(each.normalized, each.normalized_interval, 3),
+            report.title_of(row.policy),
+            _with_interval(row.difference, row.interval, digits),
+            _with_interval(row.everybody, row.everybody_interval, digits),
+            p_value(row.p_value),
+            p_value(row.p_adjusted),
+            _with_interval(row.ratio, row.ratio_interval, 3),
+            _with_interval(row.normalized, row.normalized_interval, 3),
         )
-        for each in group.comparisons
-        if each.metric == metric
+        for row in group.comparisons
+        if row.metric == metric
     ]
     return PageTable(f"{_heading(group, metric)}: policies minus {group.name}", COMPARISON, rows)
 
 
 def _against(report: Report, group: GroupReport) -> PageTable:
-    """Return policies minus people under both estimates in each metric, a row for each policy."""
+    """Policies minus people under both estimates in each metric, one row a policy."""
     rows: dict[str, list[str]] = {}
     adjusted: dict[str, float] = {}
-    for each in group.comparisons:
-        digits = {"score": 3, "steps": 1}[each.metric]
-        row = rows.setdefault(each.policy, [])
-        row.append(_with_interval(each.difference, each.interval, digits))
-        row.append(_with_interval(each.everybody, each.everybody_interval, digits))
-        if each.p_adjusted is not None:
-            adjusted[each.policy] = each.p_adjusted
+    for comparison in group.comparisons:
+        digits = {"score": 3, "steps": 1}[comparison.metric]
+        row = rows.setdefault(comparison.policy, [])
+        row.append(_with_interval(comparison.difference, comparison.interval, digits))
+        row.append(_with_interval(comparison.everybody, comparison.everybody_interval, digits))
+        if comparison.p_adjusted is not None:
+            adjusted[comparison.policy] = comparison.p_adjusted
     heads = ["policy"]
     for metric in group.metrics:
         heads += [f"{_heading(group, metric.name)}, per protocol", "everybody"]
@@ -410,21 +421,21 @@ def _against(report: Report, group: GroupReport) -> PageTable:
 
 
 def _learning_column(metric: Metric) -> tuple[str, ...]:
-    found, digits = metric.learning, DIGITS[metric.name] + 1
+    learning, digits = metric.learning, DIGITS[metric.name] + 1
     return (
-        number(found.slope, digits),
-        interval(found.slope_interval, digits),
-        number(found.change, digits),
-        interval(found.change_interval, digits),
-        interval(found.equivalence, digits),
-        NONE if found.margin is None else f"±{found.margin:g}",
-        p_value(found.p_equivalence),
-        found.verdict,
+        number(learning.slope, digits),
+        interval(learning.slope_interval, digits),
+        number(learning.change, digits),
+        interval(learning.change_interval, digits),
+        interval(learning.equivalence, digits),
+        NONE if learning.margin is None else f"±{learning.margin:g}",
+        p_value(learning.p_equivalence),
+        learning.verdict,
     )
 
 
 def cost_table(costs: CostSummary) -> PageTable:
-    """Return the players' moves beside Expert's, and what mistakes of each kind cost."""
+    """The players' moves beside the expert's, and what mistakes of each kind cost."""
     players = counted(len(costs.by_player), "player")
     caption = f"Moves an episode: {players}, {counted(costs.episodes, 'episode')}"
     rows = [
@@ -451,7 +462,7 @@ def _cost_row(label: str, part: CostPart) -> tuple[str, str]:
 
 
 def costs_by_player(costs: CostSummary) -> PageTable:
-    """Return each player's cost in all and by kind of mistake, means per episode."""
+    """Each player's cost in all and by kind of mistake, means per episode."""
     rows = []
     for player in costs.by_player:
         moves = (player.mean, *player.by_kind.values(), player.gained)
@@ -461,31 +472,28 @@ def costs_by_player(costs: CostSummary) -> PageTable:
 
 
 def _first_attempts(group: GroupReport) -> PageTable | None:
-    """Return the mean over terrains and a row for each; None for scripts and where nobody has
-    played."""
-    found = group.first_attempts
-    if found is None or not any(each.played for each in found.terrains):
+    """The mean over terrains and a row for each; None without people's episodes."""
+    attempts = group.first_attempts
+    if attempts is None or not any(terrain.played for terrain in attempts.terrains):
         return None
     rows = [
         (
-            str(each.terrain),
-            f"{each.completed} of {each.played}",
-            NONE
-            if each.upper_median is None
-            else _with_interval(each.upper_median, each.interval, 0),
-            number(each.second_best, 0),
-            number(each.score, DIGITS["score"]),
-            number(each.best_score, DIGITS["score"]),
+            str(row.terrain),
+            f"{row.completed} of {row.played}",
+            NONE if row.upper_median is None else _with_interval(row.upper_median, row.interval, 0),
+            number(row.second_best, 0),
+            number(row.score, DIGITS["score"]),
+            number(row.best_score, DIGITS["score"]),
         )
-        for each in found.terrains
+        for row in attempts.terrains
     ]
     means = [
-        NONE if each is None else _with_interval(each.mean, each.interval, 1)
-        for each in (found.upper_median, found.second_best)
+        NONE if mean is None else _with_interval(mean.mean, mean.interval, 1)
+        for mean in (attempts.upper_median, attempts.second_best)
     ]
-    total = [sum(getattr(t, name) for t in found.terrains) for name in ("completed", "played")]
-    mean = f"mean of {found.counted}", f"{total[0]} of {total[1]}", *means, NONE, NONE
+    total = [sum(getattr(t, name) for t in attempts.terrains) for name in ("completed", "played")]
+    first = f"mean of {attempts.counted}", f"{total[0]} of {total[1]}", *means, NONE, NONE
     caption = "Moves of those who completed an instance, and scores of all; first attempts only"
     of_score = f"{group.words.score}, upper median", f"{group.words.score}, best"
     heads = ("instance", group.words.reached, "upper median", "second best", *of_score)
-    return PageTable(caption, heads, [mean, *rows])
+    return PageTable(caption, heads, [first, *rows])

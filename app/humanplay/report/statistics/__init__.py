@@ -1,5 +1,6 @@
-"""The statistics of studies and of the playground's volunteers: intervals, comparisons with policies, learning, sample sizes.
+"""The statistics of studies and of the playground's volunteers.
 
-Every function works on tables of one metric by player, so that report, leaderboard and operator print the same numbers.
+There are intervals, comparisons with policies, learning and sample sizes. Every function works on
+tables of one metric by player, so that report, leaderboard and operator print the same numbers.
 `python -m research.coverage` measures how often the printed intervals cover the truth.
 """

@@ -1,10 +1,10 @@
-"""Policies compared with people on the same terrains: differences, ratios and shares by one test.
+"""Policies compared with people on the same terrains, by one test.
 
-A study is a table float64[participants, terrains] of one metric, NaN where a participant did not
-finish a terrain. A policy plays every terrain once, so what is tested are the cells policy - person.
-Every interval holds exactly those values that the test at 5 % does not reject; so a difference
-without 0, a ratio without 1 and a normalized score without 1 are one and the same statement, and so
-is a p below 0.05.
+There are differences, ratios and shares. A study is a table float64[participants, terrains] of one
+metric, NaN where a participant did not finish a terrain. A policy plays every terrain once, so what
+is tested are the cells policy - person. Every interval holds exactly those values that the test at
+5 % does not reject; so a difference without 0, a ratio without 1 and a normalized score without 1
+are one and the same statement, and so is a p below 0.05.
 """
 
 from __future__ import annotations
@@ -29,18 +29,25 @@ def _ends(ends: tuple[Floats, Floats]) -> Interval | None:
 
 @dataclass(frozen=True)
 class PolicyComparison:
-    """A policy compared with the people on the same terrains, in one metric. Intervals are 95 %.
+    """A policy compared with the people on the same terrains, in one metric.
 
-    mean                   of the policy over the terrains
-    difference             policy - people: the mean over players of a player's mean difference on the terrains they finished
-    interval               of the difference
-    everybody              policy - everybody who began, with its interval; the other fields are per protocol; None where no
-                           lowest score is declared
-    p_value                of the test that the difference is 0 (`policy_p`); None where the protocol plans no test of it
-    p_adjusted             `p_value` by Holm's method over the policies that the protocol names, without `random`
-    ratio                  policy / people (the 85.8 % of the paper is this figure), over players and terrains
-    normalized             (policy - random) / (people - random), over players and terrains; None for `random`, without it,
-                           and unless people are surely better
+    Intervals are 95 %.
+
+    Attributes:
+        mean: Of the policy over the terrains.
+        difference: Policy - people: the mean over players of a player's mean difference on the
+            terrains they finished.
+        interval: Of the difference.
+        everybody: Policy - everybody who began, with its interval; the other fields are per
+            protocol; None where no lowest score is declared.
+        p_value: Of the test that the difference is 0 (`policy_p`); None where the protocol
+            plans no test of it.
+        p_adjusted: `p_value` by Holm's method over the policies that the protocol names,
+            without `random`.
+        ratio: Policy / people (the 85.8 % of the paper is this figure), over players and
+            terrains.
+        normalized: (policy - random) / (people - random), over players and terrains; None for
+            `random`, without it, and unless people are surely better.
     """
 
     policy: str
@@ -126,9 +133,9 @@ def policy_p(
     worst_difference = None if worst is None else values - worst
     tables = [finished] if everybody is None else [finished, everybody]
     differences = [values[..., None, :] - table for table in tables]
-    found = [p_value(table, worst_difference, terrains_drawn) for table in differences]
+    p_values = [p_value(table, worst_difference, terrains_drawn) for table in differences]
     sides = [np.sign(np.nanmean(table, -1).mean(-1)) for table in differences]
-    p = np.where(sides[0] == sides[-1], np.maximum(found[0], found[-1]), 1.0)
+    p = np.where(sides[0] == sides[-1], np.maximum(p_values[0], p_values[-1]), 1.0)
     return np.where(finished.shape[-2] >= FEWEST_TO_TEST, p, np.nan)
 
 
@@ -138,7 +145,9 @@ def quotient_interval(
     worst: float | Floats | None = None,
     terrains_drawn: bool = True,
 ) -> tuple[float | None, Interval | None]:
-    """The quotient of two means, and the values q that the test of top - q people = 0 keeps.
+    """The quotient q of two means, with the values of q that a test does not reject.
+
+    The test is that top - q people = 0.
 
     No quotient where the people's mean is not above 0, and no interval where the test cannot tell it
     from 0, since then there are no bounds (Fieller 1954, J. R. Statist. Soc. B 16(2)).
@@ -157,7 +166,7 @@ def quotient_interval(
     if not p_value(people, worst, terrains_drawn) < 1 - CONFIDENCE:
         return quotient, None
 
-    def kept(q: float) -> float:
+    def reach(q: float) -> float:
         """How far the interval of top - q people reaches beyond 0 on its nearer side."""
         lowest = None if worst is None else top - q * np.asarray(worst)
         low, high = interval(above - q * people, lowest, terrains_drawn)
@@ -165,22 +174,26 @@ def quotient_interval(
 
     low, high = interval(people, worst, terrains_drawn)
     step = max(abs(quotient), 1e-3) * max(float(high - low) / middle, 1e-9)
-    return quotient, (_end(kept, quotient, -step), _end(kept, quotient, step))
+    return quotient, (_end(reach, quotient, -step), _end(reach, quotient, step))
 
 
-def _end(kept: Callable[[float], float], inside: float, step: float) -> float:
-    """Return where `kept` crosses 0 on the way from `inside` in the direction of `step`."""
+def _end(reach: Callable[[float], float], inside: float, step: float) -> float:
+    """Where `reach` crosses 0 on the way from `inside` in the direction of `step`."""
     outside = inside + step
-    while kept(outside) > 0 and np.isfinite(outside):
+    while reach(outside) > 0 and np.isfinite(outside):
         inside, step = outside, 2 * step
         outside = inside + step
-    if not kept(inside) > 0:
+    if not reach(inside) > 0:
         return inside
-    return float(scipy.optimize.brentq(kept, inside, outside, xtol=1e-13, rtol=1e-12))
+    return float(scipy.optimize.brentq(reach, inside, outside, xtol=1e-13, rtol=1e-12))
 
 
 def holm(p_values: Floats) -> Floats:
-    """Adjust p values float64[..., policies] for their number by Holm's step-down method."""
+    """Adjust p values for their number by Holm's step-down method.
+
+    Args:
+        p_values: float64[..., policies].
+    """
     order = np.argsort(p_values, axis=-1, kind="stable")
     count = p_values.shape[-1]
     multiplied = np.take_along_axis(p_values, order, -1) * np.arange(count, 0, -1)

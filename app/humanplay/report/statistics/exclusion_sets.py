@@ -1,8 +1,9 @@
-"""Who enters an estimate, and the tables players x terrains and players x trials that they give.
+"""Who enters an estimate, and the tables of players by terrains or trials.
 
-Per protocol: an episode enters as it was played when its attestation reaches the level that the protocol requires and no move
-was a script's; one that was spoilt enters as abandoned. Everybody: each terrain of each person who began a ranked episode
-enters, as it was played or at the lowest score and the limit. Scripts' tables are made by the same rules, their moves allowed.
+Per protocol: an episode enters as it was played if its attestation reaches the level that the
+protocol requires and no move was a script's; a spoilt one enters as abandoned. Everybody: each
+terrain of each person who began a ranked episode enters, as it was played or at the lowest score
+and the limit. Scripts' tables are made by the same rules, their moves allowed.
 """
 
 from __future__ import annotations
@@ -53,10 +54,12 @@ LOWEST_IN_WORDS: dict[Lowest, str] = {
 
 @dataclass(frozen=True)
 class Cohort:
-    """The participants of one kind, and their finished ranked and warm-up episodes by participant, in the order played.
+    """The participants of one kind, and their finished episodes in the order played.
 
-    lowest  the score that an episode which was left counts with, minus infinity where none is known
-    passed  who passed the practice
+    Attributes:
+        lowest: The score that an episode which was left counts with, minus infinity where none
+            is known.
+        passed: Who passed the practice.
     """
 
     name: str
@@ -75,63 +78,71 @@ class Cohort:
         metric: MetricName | Literal["completed"],
         by: Literal["terrain", "trial"] = "terrain",
     ) -> Floats:
-        """Return float64[players, ranked terrains or trials], NaN where not finished; completed is 0 or 1."""
+        """A metric of some players in their ranked episodes.
+
+        Returns:
+            float64[players, terrains or trials], NaN if not finished; `completed` is 0 or 1.
+        """
         column = "terrain_index" if by == "terrain" else "trial"
-        own = [self.ranked[person] for person in ids]
-        return _filled(own, self.terrains, attrgetter(column), partial(metric_value, metric=metric))
+        episodes = [self.ranked[person] for person in ids]
+        return _filled(
+            episodes, self.terrains, attrgetter(column), partial(metric_value, metric=metric)
+        )
 
     def warm_up_table(self, ids: Sequence[str], metric: MetricName) -> Floats:
-        """Return float64[players, warm-up trials], NaN where not finished."""
-        own = [self.warm_up[person] for person in ids]
-        value = partial(metric_value, metric=metric)
-        return _filled(own, self.practice, attrgetter("trial"), value)
+        """float64[players, warm-up trials] of a metric, NaN if not finished."""
+        episodes = [self.warm_up[person] for person in ids]
+        metric_of = partial(metric_value, metric=metric)
+        return _filled(episodes, self.practice, attrgetter("trial"), metric_of)
 
 
 def _filled(
     trials: Sequence[Sequence[Trial]],
     columns: int,
     column: Callable[[Trial], int],
-    value: Callable[[Trial], float],
+    metric_of: Callable[[Trial], float],
 ) -> Floats:
-    """Return a table with a row for each player's trials, NaN where there is none."""
-    found = np.full((len(trials), columns), np.nan)
-    for row, own in zip(found, trials, strict=True):
-        for each in own:
-            if 0 <= column(each) < columns:
-                row[column(each)] = value(each)
-    return found
+    """A table with a row for each player's trials, NaN if there is none."""
+    table = np.full((len(trials), columns), np.nan)
+    for row, player in zip(table, trials, strict=True):
+        for trial in player:
+            if 0 <= column(trial) < columns:
+                row[column(trial)] = metric_of(trial)
+    return table
 
 
 def metric_value(trial: Trial, metric: MetricName | Literal["completed"]) -> float:
-    """Return a finished trial's normalized score, its steps to 99 %, or whether it succeeded."""
+    """A finished trial's score, its steps to the target, or whether it succeeded."""
     if metric == "completed":
         return float(trial.succeeded)
-    found = trial.score if metric == "score" else trial.steps_to_target
-    assert found is not None
-    return float(found)
+    number = trial.score if metric == "score" else trial.steps_to_target
+    assert number is not None
+    return float(number)
 
 
 def ended_ranked(data: StudyData, people: Iterable[Person]) -> list[Trial]:
-    """Return the ranked episodes that some participants ended, whoever drove them."""
+    """The ranked episodes that some participants ended, whoever drove them."""
     ids = {person.id for person in people}
-    ended = [each for each in data.trials if each.phase == "ranked" and each.ended_ms is not None]
-    return [each for each in ended if each.participant in ids]
+    ended = [
+        trial for trial in data.trials if trial.phase == "ranked" and trial.ended_ms is not None
+    ]
+    return [trial for trial in ended if trial.participant in ids]
 
 
 def people_of(data: StudyData) -> Cohort:
-    """Return the people of a study, with the episodes that may be seen of it now."""
+    """The people of a study, with the episodes that may be seen of it now."""
     shown = data.shown()
     people = [person for person in shown.people if person.kind == "human"]
     return _cohort(shown, "people", "human", people)
 
 
 def scripts_of(data: StudyData) -> list[Cohort]:
-    """Return a study's scripts, one cohort for each kind of script."""
+    """A study's scripts, one cohort for each kind of script."""
     scripts: dict[str, list[Person]] = {}
     for person in data.people:
         if person.kind == "script":
             scripts.setdefault(person.script or "script", []).append(person)
-    return [_cohort(data, name, "script", own) for name, own in sorted(scripts.items())]
+    return [_cohort(data, name, "script", people) for name, people in sorted(scripts.items())]
 
 
 def _cohort(data: StudyData, name: str, kind: str, people: list[Person]) -> Cohort:
@@ -164,35 +175,38 @@ def practice_verdicts(data: StudyData, people: Iterable[Person]) -> dict[str, bo
 def _finished(
     data: StudyData, people: list[Person], kind: str, phase: str
 ) -> dict[str, tuple[Trial, ...]]:
-    """Return each one's finished episodes of a phase that they drove themselves, a person's at the required level or spoilt."""
-    found: dict[str, list[Trial]] = {person.id: [] for person in people}
+    """Everybody's finished episodes of a phase that they drove themselves.
+
+    A person's are at the required level, or spoilt.
+    """
+    episodes: dict[str, list[Trial]] = {person.id: [] for person in people}
     required = data.protocol.required_attestation
     for trial in data.trials:
-        if trial.participant not in found or trial.phase != phase or trial.ended_ms is None:
+        if trial.participant not in episodes or trial.phase != phase or trial.ended_ms is None:
             continue
         if _is_own(trial, required):
-            found[trial.participant].append(trial.as_left())
+            episodes[trial.participant].append(trial.as_left())
         elif trial.attestation == "spoilt":
-            found[trial.participant].append(trial.forfeited())
-    return {id: tuple(sorted(own, key=attrgetter("trial"))) for id, own in found.items()}
+            episodes[trial.participant].append(trial.forfeited())
+    return {id: tuple(sorted(trials, key=attrgetter("trial"))) for id, trials in episodes.items()}
 
 
 def _is_own(trial: Trial, required: Required) -> bool:
-    """Tell whether a participant made every move, a person at the required level."""
+    """Whether a participant made every move, a person at the required level."""
     if trial.driver != trial.kind:
         return False
     return trial.kind != "human" or level_reaches(trial.attestation, required)
 
 
 def _is_by_bot(trial: Trial, required: Required) -> bool:
-    """Tell whether an ended episode shows that a program made some of its moves."""
+    """Whether an ended episode shows that a program made some of its moves."""
     if _is_own(trial, required):
         return False
     return trial.driver != trial.kind or shows_program(trial.attestation_reason)
 
 
 def _is_by_bot_at_once(trial: Trial, required: Required) -> bool:
-    """Tell whether an ended episode shows that a program made its first moves."""
+    """Whether an ended episode shows that a program made its first moves."""
     was_begun_by_person = trial.attestation == "spoilt" and not shows_program_at_once(
         trial.attestation_reason
     )
@@ -200,26 +214,26 @@ def _is_by_bot_at_once(trial: Trial, required: Required) -> bool:
 
 
 def statuses(data: StudyData, cohort: Cohort) -> dict[str, Status]:
-    """Return where everybody is who agreed, by participant.
+    """Where everybody is who agreed, by participant.
 
     Nobody sees an outcome of an open study: whoever has ended all is finished there.
     """
     inside = set(members(cohort, data.protocol.per_protocol))
-    own = _ranked(data, cohort)
+    ranked = _ranked(data, cohort)
     return {
-        person.id: _status(data, cohort, person, own[person.id], person.id in inside)
+        person.id: _status(data, cohort, person, ranked[person.id], person.id in inside)
         for person in cohort.people
         if person.consent_version is not None
     }
 
 
 def _ranked(data: StudyData, cohort: Cohort) -> Mapping[str, list[Trial]]:
-    """Return each one's ranked episodes in the order begun, whoever drove them."""
-    found = defaultdict[str, list[Trial]](list)
+    """Each one's ranked episodes in the order begun, whoever drove them."""
+    episodes = defaultdict[str, list[Trial]](list)
     for trial in data.trials:
         if trial.phase == "ranked" and trial.kind == cohort.kind:
-            found[trial.participant].append(trial)
-    return found
+            episodes[trial.participant].append(trial)
+    return episodes
 
 
 _SCREENED_OUT: dict[Outcome | None, Status] = {
@@ -229,22 +243,23 @@ _SCREENED_OUT: dict[Outcome | None, Status] = {
 
 
 def _status(
-    data: StudyData, cohort: Cohort, person: Person, own: Sequence[Trial], is_inside: bool
+    data: StudyData, cohort: Cohort, person: Person, ranked: Sequence[Trial], is_inside: bool
 ) -> Status:
-    """Return one person's status.
+    """One person's status.
 
-    own        their ranked episodes in the order begun
-    is_inside  whether they are in the per-protocol estimate
+    Args:
+        ranked: Their ranked episodes in the order begun.
+        is_inside: Whether they are in the per-protocol estimate.
     """
     required = data.protocol.required_attestation
     is_interrupted = any(event.kind == INTERRUPTED for event in person.events)
     has_withdrawn = person.stage == "withdrawn" and not is_interrupted
-    if not own:
+    if not ranked:
         if is_interrupted:
             return Status.INTERRUPTED_EARLY
         early = Status.WITHDREW_EARLY if has_withdrawn else Status.NEVER_BEGAN
         return _SCREENED_OUT.get(left_as(person.events), early)
-    ended = [trial for trial in own if trial.ended_ms is not None]
+    ended = [trial for trial in ranked if trial.ended_ms is not None]
     # handing what goes badly to a program leaves nobody out of both estimates
     if ended and all(_is_by_bot_at_once(trial, required) for trial in ended):
         return Status.BOT
@@ -255,12 +270,12 @@ def _status(
             return Status.WITHDREW
         if data.closed_ms is None:
             return Status.PLAYING
-        last = lowest_reason(data, person, own[-1])
+        last = lowest_reason(data, person, ranked[-1])
         by_last = {Lowest.FAILED: Status.FAILED, Lowest.STOPPED: Status.STOPPED}
         return by_last.get(last, Status.LEFT) if last is not None else Status.LEFT
     if is_inside or data.closed_ms is None:
         return Status.FINISHED
-    if any(_is_by_bot(trial, required) for trial in own):
+    if any(_is_by_bot(trial, required) for trial in ranked):
         return Status.PARTLY_BOT
     if len(cohort.ranked[person.id]) < cohort.terrains:
         return Status.NOT_ATTESTED
@@ -270,7 +285,7 @@ def _status(
 
 
 def lowest_reason(data: StudyData, person: Person, trial: Trial) -> Lowest | None:
-    """Return why a ranked episode counts at the lowest score; None where it counts as played."""
+    """Why a ranked episode counts at the lowest score; None if it counts as played."""
     stopped = {event.detail.get("episode") for event in person.events if event.kind == STOPPED}
     if trial.id in stopped:
         return Lowest.STOPPED
@@ -290,7 +305,9 @@ def lowest_reason(data: StudyData, person: Person, trial: Trial) -> Lowest | Non
 class Everybody:
     """The cohort for the estimate over everybody who began a ranked episode.
 
-    reasons  by participant, why each terrain of theirs counts at the lowest score; None: as played
+    Attributes:
+        reasons: By participant, why each terrain of theirs counts at the lowest score; None: as
+            played.
     """
 
     cohort: Cohort
@@ -298,32 +315,35 @@ class Everybody:
 
 
 def everybody_of(data: StudyData, cohort: Cohort) -> Everybody:
-    """Return everybody who began a ranked episode and is no bot, with all ranked terrains; nobody of an open study's people."""
+    """Everybody who began a ranked episode and is no bot, with all ranked terrains.
+
+    Nobody of an open study's people.
+    """
     people = {person.id: person for person in cohort.people}
     is_shown = data.closed_ms is not None or cohort.kind != "human"
-    own = _ranked(data, cohort)
+    episodes = _ranked(data, cohort)
     ranked: dict[str, tuple[Trial, ...]] = dict.fromkeys(cohort.ranked, ())
     reasons: dict[str, tuple[Lowest | None, ...]] = {}
     for ident, status in statuses(data, cohort).items():
         if status not in BEGAN or not is_shown:
             continue
-        by_terrain = {trial.terrain_index: trial for trial in own[ident]}
-        why = [
+        by_terrain = {trial.terrain_index: trial for trial in episodes[ident]}
+        lowest = [
             lowest_reason(data, people[ident], by_terrain[at])
             if at in by_terrain
             else Lowest.NOT_ENDED
             for at in range(cohort.terrains)
         ]
-        reasons[ident] = tuple(why)
+        reasons[ident] = tuple(lowest)
         ranked[ident] = tuple(
-            by_terrain[at] if reason is None else _at_lowest(own[ident][0], at, cohort)
-            for at, reason in enumerate(why)
+            by_terrain[at] if reason is None else _at_lowest(episodes[ident][0], at, cohort)
+            for at, reason in enumerate(lowest)
         )
     return Everybody(replace(cohort, ranked=ranked), reasons)
 
 
 def _at_lowest(trial: Trial, terrain: int, cohort: Cohort) -> Trial:
-    """Return an episode of somebody on a terrain, given up before a move, at the lowest score."""
+    """Somebody's episode on a terrain, given up before a move, at the lowest score."""
     return replace(
         trial,
         terrain_index=terrain,
@@ -338,15 +358,19 @@ def _at_lowest(trial: Trial, terrain: int, cohort: Cohort) -> Trial:
 
 
 def unspoilt(trials: Iterable[Trial]) -> list[Trial]:
-    """Return those that were not spoilt, for what follows from moves: in the others some may be a script's."""
+    """The trials that were not spoilt, for what follows from moves.
+
+    In a spoilt one some moves may be a script's.
+    """
     return [trial for trial in trials if trial.attestation != "spoilt"]
 
 
 def members(cohort: Cohort, rules: Mapping[Rule, bool | float]) -> list[str]:
-    """Return the ids of those whom a set's rules let in, in the order of what they played.
+    """The ids of those whom a set's rules let in, in the order of what they played.
 
-    That order says nothing of who joined when, and it is the same under other ids: sums, draws and the report's own pseudonyms
-    come out the same from an imported release, whose ids are pseudonyms.
+    That order says nothing of who joined when, and it is the same under other ids: sums, draws and
+    the report's own pseudonyms come out the same from an imported release, whose ids are
+    pseudonyms.
     """
     people = [person for person in cohort.people if cohort.ranked[person.id]]
     inside = [person.id for person in people if _enters(cohort, person, rules)]
@@ -354,16 +378,16 @@ def members(cohort: Cohort, rules: Mapping[Rule, bool | float]) -> list[str]:
 
 
 def _played(trials: Sequence[Trial]) -> list[tuple[int, int, float, float, str]]:
-    """Return terrain, trial, score, steps to 99 % and the hash of the trajectory of some trials, terrain by terrain."""
+    """What some trials came to, terrain by terrain, to order people by."""
     return sorted(
         (
-            each.terrain_index,
-            each.trial,
-            metric_value(each, "score"),
-            metric_value(each, "steps"),
-            each.trajectory_hash or "",
+            trial.terrain_index,
+            trial.trial,
+            metric_value(trial, "score"),
+            metric_value(trial, "steps"),
+            trial.trajectory_hash or "",
         )
-        for each in trials
+        for trial in trials
     )
 
 
@@ -390,27 +414,33 @@ def _enters(cohort: Cohort, person: Person, rules: Mapping[Rule, bool | float]) 
 
 
 def is_flagged_throughout(cohort: Cohort, participant: str) -> bool:
-    """Tell whether each ranked episode that a person ended carries a data-quality flag, or was spoilt."""
+    """Whether all ranked episodes that a person ended are flagged or spoilt.
+
+    Flagged means: with a data-quality flag.
+    """
     trials = cohort.ranked[participant]
     flagged = [bool(trial.labels) or trial.attestation == "spoilt" for trial in trials]
     return cohort.kind == "human" and bool(flagged) and all(flagged)
 
 
 def given_up(cohort: Cohort, participant: str) -> float:
-    """Return the share (0..1) of the ranked terrains that somebody gave up."""
+    """The share (0..1) of the ranked terrains that somebody gave up."""
     trials = cohort.ranked[participant]
     return sum(trial.outcome == "abandoned" for trial in trials) / cohort.terrains
 
 
 def _lacks_score(cohort: Cohort, participant: str) -> bool:
-    """Tell whether somebody left an episode that no lowest score is declared for: giving up would pay."""
+    """Whether somebody left an episode and no lowest score is declared.
+
+    Giving up would pay, then.
+    """
     return np.isinf(cohort.lowest) and any(
         trial.outcome in LEFT for trial in cohort.ranked[participant]
     )
 
 
 def rule_in_words(rules: Mapping[Rule, bool | float]) -> str:
-    """Return who enters under a set's rules."""
+    """Who enters under a set's rules."""
     words = []
     if rules.get("passed_practice"):
         words.append("passed the practice")

@@ -1,8 +1,9 @@
-"""People's first attempts, as ARC-AGI-3 counts them: the upper median and the second best of those who completed a terrain.
+"""People's first attempts, as ARC-AGI-3 counts them.
 
-Every participant meets every ranked terrain once, so every ranked episode is a first attempt. ARC-AGI-3 (ARC Prize 2026, arXiv
-2603.24621) compares with the second best first attempt by number of actions, and since April 2026 with the median one. The
-upper median is the larger of the two middle values where their number is even.
+Every participant meets every ranked terrain once, so every ranked episode is a first attempt.
+ARC-AGI-3 (ARC Prize 2026, arXiv 2603.24621) compares with the second best first attempt by number
+of actions, and since April 2026 with the median one. The upper median is the larger of the two
+middle values if their number is even.
 """
 
 from __future__ import annotations
@@ -24,10 +25,14 @@ FEWEST = 2
 
 @dataclass(frozen=True)
 class TerrainAttempts:
-    """One terrain: how many people ended it, how many completed it, and the moves of these; None for fewer than two.
+    """One terrain: how many people ended it, and how those fared who completed it.
 
-    interval  95 % of the median of those who complete it, from order statistics; None below six
-    score, best_score  upper median and best of the scores of all who ended it; None for fewer than two
+    Attributes:
+        upper_median, second_best: Moves of those who completed it; None for fewer than two.
+        interval: 95 % of the median of those who complete it, from order statistics; None below
+            six.
+        score, best_score: Upper median and best of the scores of all who ended it; None for fewer
+            than two.
     """
 
     terrain: int
@@ -42,7 +47,11 @@ class TerrainAttempts:
 
 @dataclass(frozen=True)
 class MeanOfTerrains:
-    """A mean over terrains, with its 95 % t interval for other terrains and these people; None for one terrain."""
+    """A mean over terrains.
+
+    Attributes:
+        interval: 95 % t interval for other terrains and these people; None for one terrain.
+    """
 
     mean: float
     interval: Interval | None
@@ -50,7 +59,12 @@ class MeanOfTerrains:
 
 @dataclass(frozen=True)
 class FirstAttempts:
-    """All terrains, and the means over those that two people or more completed (`counted`); None without any."""
+    """All terrains, and the means over some of them.
+
+    Attributes:
+        counted: How many terrains two people or more completed: the means are over these.
+        upper_median, second_best: None without such a terrain.
+    """
 
     terrains: tuple[TerrainAttempts, ...]
     counted: int
@@ -59,23 +73,23 @@ class FirstAttempts:
 
 
 def first_attempts(cohort: Cohort) -> FirstAttempts:
-    """Return everybody's first attempts; an episode that was given up or spoilt was not completed."""
+    """Everybody's first attempts; an abandoned or spoilt episode is not completed."""
     trials = [trial for person in members(cohort, {}) for trial in cohort.ranked[person]]
-    found = []
+    terrains = []
     for terrain in range(cohort.terrains):
-        own = [trial for trial in trials if trial.terrain_index == terrain]
-        moves = sorted(trial.steps_to_target or 0 for trial in own if trial.succeeded)
-        each = _terrain(terrain, len(own), moves)
-        if len(own) >= FEWEST:
-            scores = [metric_value(trial, "score") for trial in own]
-            each = replace(each, score=statistics.median_high(scores), best_score=max(scores))
-        found.append(each)
-    counted = [each for each in found if each.completed >= FEWEST]
+        attempts = [trial for trial in trials if trial.terrain_index == terrain]
+        moves = sorted(trial.steps_to_target or 0 for trial in attempts if trial.succeeded)
+        summary = _terrain(terrain, len(attempts), moves)
+        if len(attempts) >= FEWEST:
+            scores = [metric_value(trial, "score") for trial in attempts]
+            summary = replace(summary, score=statistics.median_high(scores), best_score=max(scores))
+        terrains.append(summary)
+    counted = [summary for summary in terrains if summary.completed >= FEWEST]
     return FirstAttempts(
-        terrains=tuple(found),
+        terrains=tuple(terrains),
         counted=len(counted),
-        upper_median=_mean([each.upper_median or 0 for each in counted]),
-        second_best=_mean([each.second_best or 0 for each in counted]),
+        upper_median=_mean([summary.upper_median or 0 for summary in counted]),
+        second_best=_mean([summary.second_best or 0 for summary in counted]),
     )
 
 
@@ -92,8 +106,8 @@ def _terrain(terrain: int, played: int, moves: Sequence[int]) -> TerrainAttempts
 def _mean(values: Sequence[int]) -> MeanOfTerrains | None:
     if not values:
         return None
-    known = np.array(values, np.float64)
-    if len(known) < 2:
-        return MeanOfTerrains(float(known.mean()), None)
-    low, high = map(float, t_interval(known))
-    return MeanOfTerrains(float(known.mean()), (low, high))
+    numbers = np.array(values, np.float64)
+    if len(numbers) < 2:
+        return MeanOfTerrains(float(numbers.mean()), None)
+    low, high = map(float, t_interval(numbers))
+    return MeanOfTerrains(float(numbers.mean()), (low, high))

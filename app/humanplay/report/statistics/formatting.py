@@ -1,6 +1,7 @@
-"""Numbers as reports and commands print them: a real minus sign, "low to high", a dash where there is no number.
+"""Numbers as reports and commands print them.
 
-`templates` is what their documents are written with.
+They have a real minus sign, "low to high", and a dash for no number. `templates` is what their
+documents are written with.
 """
 
 from __future__ import annotations
@@ -17,34 +18,38 @@ NONE = "–"
 
 
 def number(value: float | None, digits: int) -> str:
-    """Return a number with so many decimals, a dash for None and NaN, ∞ for an infinite one."""
+    """A number with so many decimals, a dash for None and NaN, ∞ for an infinite one."""
     if value is None or value != value:
         return NONE
     return f"{value:.{digits}f}".replace("-", "−").replace("inf", "∞")
 
 
 def interval(ends: Interval | None, digits: int) -> str:
-    """Return "low to high" with so many decimals, a dash for None."""
+    """ "low to high" with so many decimals; a dash for None."""
     return NONE if ends is None else f"{number(ends[0], digits)} to {number(ends[1], digits)}"
 
 
 def p_value(p: float | None) -> str:
-    """Return p with three decimals, "< 0.001" below that, a dash for None."""
+    """p with three decimals, "< 0.001" below that, a dash for None."""
     return NONE if p is None else "< 0.001" if p < 0.001 else f"{p:.3f}"
 
 
 def percent(share: float, digits: int = 0) -> str:
-    """Return a share of 0..1 in percent, as in "46 %"."""
+    """A share of 0..1 in percent, as in "46 %"."""
     return f"{100 * share:.{digits}f} %"
 
 
 def utc(ms: int) -> str:
-    """Return milliseconds since 1970 as a time in UTC, as in "2026-01-31T08:05:00Z"."""
+    """Milliseconds since 1970 as a time in UTC, as in "2026-01-31T08:05:00Z"."""
     return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(ms / 1000))
 
 
 def templates(folder: Path, is_html: bool) -> Environment:
-    """Return the templates of a folder, escaping what HTML does not let through; a name that nobody gives is an error."""
+    """The templates of a folder; a name without a definition is an error.
+
+    Args:
+        is_html: Whether to escape what HTML does not let through.
+    """
     environment = Environment(
         loader=FileSystemLoader(folder),
         autoescape=is_html,

@@ -1,10 +1,12 @@
-"""The figure of the playground's volunteers: for each configuration, the mean of the players' means with its interval.
+"""The estimate over the playground's volunteers, for each configuration.
 
-Volunteers chose to play, and how often: they are no sample of anybody, and their figure is not called the human level, which is
-a closed study's alone. A mean is over the players with at least LEAST_EPISODES ranked episodes, and needs LEAST_PLAYERS of
-them. Every player weighs the same, however much they played, because one player's episodes resemble each other. The interval
-is a report's for fixed terrains (`humanplay.report.statistics.intervals`), since no two players have the same ones. Only
-counted episodes enter (`humanplay.db.reader.HUMAN_SCORE_CONDITION`); one that was abandoned is among them.
+Volunteers chose to play, and how often: they are no sample of anybody, and their mean is not called
+the human level, which is a closed study's alone. A mean is over the players with at least
+LEAST_EPISODES ranked episodes, and needs LEAST_PLAYERS of them. Every player weighs the same,
+however much they played, because one player's episodes resemble each other. The interval is a
+report's for fixed terrains (`humanplay.report.statistics.intervals`), since no two players have the
+same ones. Only counted episodes enter (`humanplay.db.reader.HUMAN_SCORE_CONDITION`); one that was
+abandoned is among them.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ from humanplay.task.registration import environment_of
 from marsexplorer.intervals import Floats, t_interval
 
 LEAST_PLAYERS, LEAST_EPISODES = 5, 5
-"""A mean needs so many players with so many ranked episodes each; who has fewer episodes is not in it."""
+"""A mean needs so many players with so many ranked episodes each; who has fewer episodes is not in
+it."""
 
 
 class Counts(TypedDict):
@@ -56,7 +59,11 @@ class AsPlayed(TypedDict):
 
 
 class Means(TypedDict):
-    """The means over players; None while players are missing, and `as_played` if no episode is spoilt."""
+    """The means over players; None while players are missing.
+
+    Attributes:
+        as_played: As if no episode was spoilt; None if none is.
+    """
 
     as_played: AsPlayed | None
     score: MeanInterval | None
@@ -65,7 +72,10 @@ class Means(TypedDict):
 
 
 class VolunteerFigure(Counts, Means):
-    """The volunteers' figure on a configuration: all counts, and those and the means of who enters."""
+    """The volunteers' estimate on a configuration.
+
+    It has the counts of all, and the counts and means of those who enter.
+    """
 
     task: str
     level: str
@@ -90,38 +100,42 @@ NOBODY_PLAYED = "Volunteers on this playground: nobody has played a ranked episo
 
 
 class VolunteerFigures:
-    """The volunteers' figures, each kept until a sum that it is made from is another (`humanplay.db.volunteers`).
+    """The volunteers' estimates, each cached until one of its sums changes.
 
-    Nobody's id is kept, and figures that nothing counts for any longer are dropped.
+    `humanplay.db.volunteers` holds the sums. Nobody's id is cached, and an estimate without
+    episodes is dropped.
     """
 
     def __init__(self) -> None:
-        self._made: dict[str, tuple[str, VolunteerFigure]] = {}
+        self._cached: dict[str, tuple[str, VolunteerFigure]] = {}
         self._making = threading.Lock()
 
     def human_level(self, store: Reader) -> HumanLevel:
-        """Return what the function `human_level` returns; the figures are shared, so do not change them."""
+        """As the function `human_level`.
+
+        The estimates are shared, so do not change them.
+        """
         with self._making:
-            self._made = {
-                config_hash: self._made_from(store, config_hash, task, config, state)
+            self._cached = {
+                config_hash: self._figure_with_state(store, config_hash, task, config, state)
                 for config_hash, task, config, state in played_configs(store)
             }
-            figures = [figure for _, figure in self._made.values()]
+            figures = [figure for _, figure in self._cached.values()]
         figures.sort(key=lambda figure: (-figure["episodes"], figure["config_hash"]))
         return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NOBODY_PLAYED}
 
-    def _made_from(
+    def _figure_with_state(
         self, store: Reader, config_hash: str, task: str, config: str, state: str
     ) -> tuple[str, VolunteerFigure]:
-        """Return the state of a configuration's sums with the figure that they give."""
-        made = self._made.get(config_hash)
-        if made is not None and made[0] == state:
-            return made
+        """A configuration's estimate, with the state of the sums that it is made from."""
+        cached = self._cached.get(config_hash)
+        if cached is not None and cached[0] == state:
+            return cached
         return state, _figure(task, config, players_of(store, config_hash))
 
 
 def human_level(store: Reader) -> HumanLevel:
-    """Return the volunteers' figures; none for nobody."""
+    """The volunteers' estimates; none for nobody."""
     return VolunteerFigures().human_level(store)
 
 
@@ -194,7 +208,10 @@ def _means(environment: Environment, config: Configuration, players: Sequence[Su
 def _interval_of(
     environment: Environment, config: Configuration, metric: MetricName, means: Floats
 ) -> MeanInterval:
-    """Mean, low and high over players; each has terrains of their own, so these are no term of it."""
+    """Mean, low and high over players.
+
+    Each has terrains of their own, so terrains are no term of it.
+    """
     bounds, worst = (
         metric_bounds(environment, config, metric),
         worst_value(environment, config, metric),
@@ -230,10 +247,10 @@ def _sentence(figure: VolunteerFigure) -> str:
     return f"{place}: {means}. Each of {entering} weighs the same; {who} in all{left}."
 
 
-def _with_interval(value: MeanInterval | None, form: str, unit: str = "") -> str:
-    if value is None:
+def _with_interval(estimate: MeanInterval | None, form: str, unit: str = "") -> str:
+    if estimate is None:
         return "none"
     ends = "no interval"
-    if value["low"] is not None:
-        ends = f"95 % interval {value['low']:{form}} to {value['high']:{form}}"
-    return f"{value['mean']:{form}}{unit and f' {unit}'} ({ends})"
+    if estimate["low"] is not None:
+        ends = f"95 % interval {estimate['low']:{form}} to {estimate['high']:{form}}"
+    return f"{estimate['mean']:{form}}{unit and f' {unit}'} ({ends})"

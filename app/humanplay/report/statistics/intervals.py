@@ -2,9 +2,10 @@
 
 A study is a table of one metric, participants by terrains. An end of the interval is the lowest or
 highest mean that is still likely when participants, terrains, or half of each weigh otherwise
-(`likelihood`). On the side of the worst value a quarter of a participant is added who had it in every
-episode, since no sample's spread knows of a failure that happened to nobody in it. Everything works
-along leading axes, so that `research.coverage` measures the very code that the report prints with.
+(`likelihood`). On the side of the worst value a quarter of a participant is added who had it in
+every episode, since no sample's spread knows of a failure that happened to nobody in it. Everything
+works along leading axes, so that `research.coverage` measures the very code that the report prints
+with.
 """
 
 from __future__ import annotations
@@ -40,8 +41,9 @@ INTERVAL_IN_WORDS = (
 class Estimate:
     """A mean over players with its interval.
 
-    interval  (low, high) at 95 %, cut off at the metric's bounds; None below FEWEST players, and
-              where its ends are one
+    Attributes:
+        interval: (low, high) at 95 %, cut off at the metric's bounds; None below FEWEST
+            players, and where its ends are one.
     """
 
     mean: float
@@ -51,7 +53,7 @@ class Estimate:
 
 
 def player_means(table: Floats) -> Floats:
-    """Return each player's mean: float64[players] from a table in which every player has at least one value."""
+    """Each player's mean: float64[players] from a table without an empty row."""
     return np.asarray(np.nanmean(table, axis=1))
 
 
@@ -66,7 +68,8 @@ def interval(
     Args:
         table: float64[..., participants, terrains] of one metric; NaN where there is no value.
             Rows without a value are nobody. Leading axes are studies.
-        worst: the worst value of a cell, a scalar or float64[..., terrains]; None if none is declared.
+        worst: the worst value of a cell, a scalar or float64[..., terrains]; None if none is
+            declared.
         terrains_drawn: whether the interval is for other terrains too; at least five terrains.
         unseen: participants at the worst value, by whom the end on that side is moved.
 
@@ -94,9 +97,10 @@ def p_value(
     terrains_drawn: bool = True,
     unseen: float = UNSEEN,
 ) -> Floats:
-    """The two-sided p that the mean is 0: below 0.05 exactly where `interval` leaves 0 out.
+    """The two-sided p that the mean is 0: below 0.05 if `interval` leaves 0 out.
 
-    It is no lower than 2^-n for n participants, the chance that all are on one side of the mean.
+    It is 0.05 or more exactly if `interval` holds 0. It is no lower than 2^-n for n participants,
+    the chance that all are on one side of the mean.
 
     Args:
         table: of policy minus people, as in `interval`.
@@ -122,7 +126,10 @@ def _by_participants(
     terrains_drawn: bool,
     shape: tuple[int, ...],
 ) -> Floats:
-    """Apply a function to the studies of each number of participants; NaN where there are too few."""
+    """Apply a function to the studies of each number of participants.
+
+    NaN if there are too few.
+    """
     leading, (rows, columns) = table.shape[:-2], table.shape[-2:]
     studies = table.reshape(-1, rows, columns)
     is_row = np.asarray(~np.isnan(studies).all(-1))
@@ -130,15 +137,15 @@ def _by_participants(
     limits = None
     if worst is not None:
         limits = np.broadcast_to(worst, (*leading, columns)).reshape(-1, columns)
-    found = np.full((len(studies), *shape), np.nan)
+    ends = np.full((len(studies), *shape), np.nan)
     if terrains_drawn and columns < FEWEST:
-        return found.reshape((*leading, *shape))
+        return ends.reshape((*leading, *shape))
     for count in np.unique(participants[participants >= FEWEST]):
-        own = participants == count
-        order = np.argsort(~is_row[own], axis=-1, kind="stable")[:, :count, None]
-        chosen = np.take_along_axis(studies[own], order, 1)
-        found[own] = function(chosen, None if limits is None else limits[own])
-    return found.reshape((*leading, *shape))
+        has_count = participants == count
+        order = np.argsort(~is_row[has_count], axis=-1, kind="stable")[:, :count, None]
+        chosen = np.take_along_axis(studies[has_count], order, 1)
+        ends[has_count] = function(chosen, None if limits is None else limits[has_count])
+    return ends.reshape((*leading, *shape))
 
 
 def _with_the_unseen(studies: Floats, worst: Floats | None, unseen: float) -> tuple[Floats, Floats]:
@@ -156,13 +163,13 @@ def _means(studies: Floats) -> Floats:
 
 
 class _Margins:
-    """Means of participants and of terrains, with the weights that give a study's mean."""
+    """Means of participants and of terrains, with the weights of a study's mean."""
 
     def __init__(self, studies: Floats, terrains_drawn: bool) -> None:
-        known = ~np.isnan(studies)
-        values = np.where(known, studies, 0.0)
+        has_value = ~np.isnan(studies)
+        values = np.where(has_value, studies, 0.0)
         count = studies.shape[1]
-        cells = known / (count * known.sum(-1, keepdims=True))
+        cells = has_value / (count * has_value.sum(-1, keepdims=True))
         self.terrains_drawn = terrains_drawn
         self.participants = count * (cells * values).sum(-1)
         self.shares = np.full_like(self.participants, 1 / count)
@@ -176,7 +183,7 @@ class _Margins:
 
     @property
     def largest_terrain_radius(self) -> float:
-        """The radius up to which no episode weighs more than in its participant's own mean."""
+        """The radius up to which no episode outweighs its share in its player's mean."""
         participants, terrains = self.participants.shape[-1], self.terrains.shape[-1]
         if participants >= terrains:
             return np.inf
@@ -215,9 +222,10 @@ def _lowest(margins: _Margins, levels: NDArray[np.int64]) -> Floats:
 
 
 def _level_at_zero(margins: _Margins) -> Floats:
-    """The one-sided level at which each study's low end is 0, between the nearest of LEVELS.
+    """The one-sided level at which each study's low end is 0.
 
-    0.5 where the mean is not above 0; the last level where the end is above 0 even there.
+    It is interpolated between the nearest of LEVELS. 0.5 if the mean is not above 0; the last level
+    if the end is above 0 even there.
     """
     mean = margins.participants.mean(-1)
     near, far = np.zeros(len(mean), np.int64), np.full(len(mean), len(LEVELS) - 1)

@@ -1,6 +1,7 @@
-"""Learning over the ranked trials: what each trial came to, the slope, and whether performance was flat within a margin.
+"""Learning over the ranked trials: means, the slope, and whether it is flat.
 
-Every participant meets the terrains in an order of their own, so a trial is not a terrain: what trends is the player.
+Every participant meets the terrains in an order of their own, so a trial is not a terrain: what
+trends is the player.
 """
 
 from __future__ import annotations
@@ -21,14 +22,19 @@ LEVEL = 1 - CONFIDENCE
 
 @dataclass(frozen=True)
 class Learning:
-    """What happened over the ranked trials. `table` there is float64[players, trials], in the order played.
+    """What happened over the ranked trials, from float64[players, trials].
 
-    by_trial      per trial, with its t interval over players
-    slope         change a trial: the mean of each player's least-squares slope, with its t interval over players
-    change        last third minus first third of the trials, mean over players, with its 95 % t interval
-    margin        that the protocol names; None: slope and change stand alone, without a test
-    equivalence   the 90 % interval of the change: flat when it lies within +-margin (two one-sided tests at 5 %)
-    verdict       "not tested", "flat", "changed" (the 95 % interval leaves 0 out), "changed, within the margin", or "undecided"
+    Attributes:
+        by_trial: Per trial, with its t interval over players.
+        slope: Change a trial: the mean of each player's least-squares slope, with its t
+            interval over players.
+        change: Last third minus first third of the trials, mean over players, with its 95 % t
+            interval.
+        margin: That the protocol names; None: slope and change stand alone, without a test.
+        equivalence: The 90 % interval of the change: flat when it lies within +-margin (two
+            one-sided tests at 5 %).
+        verdict: "not tested", "flat", "changed" (the 95 % interval leaves 0 out), "changed,
+            within the margin", or "undecided".
     """
 
     metric: str
@@ -44,7 +50,12 @@ class Learning:
 
 
 def assess_learning(metric: str, table: Floats, margin: float | None) -> Learning:
-    """Return what trials changed; `margin` in the metric's unit, None where the protocol fixes none for it."""
+    """What changed over the trials.
+
+    Args:
+        table: float64[players, trials], in the order played.
+        margin: In the metric's unit; None if the protocol fixes none for it.
+    """
     by_trial = trial_means(table)
     slopes = np.array([_slope(row) for row in table if (~np.isnan(row)).sum() > 2])
     slope = float(slopes.mean()) if len(slopes) else None
@@ -71,7 +82,7 @@ def assess_learning(metric: str, table: Floats, margin: float | None) -> Learnin
 
 
 def _verdict(change: Interval, equivalence: Interval, margin: float) -> str:
-    """Return the verdict on the 95 % and the 90 % interval of the change (`Learning.verdict`)."""
+    """The verdict on the 95 % and the 90 % interval (`Learning.verdict`)."""
     is_inside = -margin < equivalence[0] and equivalence[1] < margin
     has_changed = change[0] > 0 or change[1] < 0
     if is_inside:
@@ -85,7 +96,7 @@ def _interval(values: Floats, confidence: float = CONFIDENCE) -> Interval:
 
 
 def _changes(table: Floats) -> Floats:
-    """Return last third minus first third of the trials, for each player who has trials in both."""
+    """Last third minus first third of the trials, for each player with trials in both."""
     third = table.shape[1] // 3
     first, last = table[:, :third], table[:, table.shape[1] - third :]
     has_both = ~np.isnan(first).all(axis=1) & ~np.isnan(last).all(axis=1)
@@ -94,7 +105,11 @@ def _changes(table: Floats) -> Floats:
 
 
 def tost(changes: Floats, margin: float) -> tuple[Interval, float]:
-    """Return the 90 % t interval of the mean, and the p of two one-sided t tests against +-margin (Schuirmann 1987)."""
+    """Two one-sided t tests of a mean against +-margin (Schuirmann 1987).
+
+    Returns:
+        The 90 % t interval of the mean, and p.
+    """
     freedom, mean = len(changes) - 1, float(changes.mean())
     error = float(changes.std(ddof=1) / np.sqrt(len(changes)))
     ends = _interval(changes, 1 - 2 * LEVEL)
@@ -105,7 +120,7 @@ def tost(changes: Floats, margin: float) -> tuple[Interval, float]:
 
 
 def trial_means(table: Floats) -> tuple[TrialMean, ...]:
-    """Return every trial of float64[players, trials], NaN where a player has none."""
+    """The means of every trial of float64[players, trials], NaN for a gap."""
     return tuple(_trial_mean(column[~np.isnan(column)]) for column in table.T)
 
 

@@ -1,4 +1,4 @@
-"""The lowest mean that is still likely: empirical likelihood, calibrated to Student's t.
+"""The lowest mean still likely: empirical likelihood, calibrated to Student's t.
 
 A mean of values could as well have come from other weights on them than equal ones. Weights w are
 as unlikely as the sum of -log(w / w0) is large, w0 being the weights that the mean has (Owen 1988,
@@ -28,7 +28,9 @@ LEVELS: Floats = np.unique(np.append(np.geomspace(1e-6, 0.5, 34), TAIL))[::-1]
 
 @cache
 def radii(count: int, stretch: float = 1.0) -> Floats:
-    """The radius for so many values at each of LEVELS; infinite where it is the least value.
+    """The radius for so many values at each of LEVELS.
+
+    It is infinite if the lowest mean is the least value.
 
     Args:
         count: of the values, at least 2.
@@ -84,7 +86,7 @@ def lowest_mean(values: Floats, weights: Floats, radius: Floats) -> Floats:
 
 
 def _tilt(above: Floats, weights: Floats, gap: Floats) -> tuple[Floats, Floats, Floats]:
-    """Weights by the inverse distance, and how unlikely they are for each value, with its slope."""
+    """Weights by inverse distance, how unlikely they are for each value, its slope."""
     distances = above + np.exp(gap)[..., None]
     inverse = weights / distances
     total = inverse.sum(-1)

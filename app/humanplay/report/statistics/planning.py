@@ -1,13 +1,14 @@
-"""What a study can see before it is frozen, by simulating whole studies through the report's own functions.
+"""What a study can see before it is frozen: the power of simulated studies.
 
-The figures follow from the protocol's assumptions, in its primary metric. A participant's episode has
-the value mean + participant + rest (normal, with the assumed standard deviations), cut off at the
-metric's bounds. An episode fails with the assumed share, and then has the worst value. People begin
-until the planned number has finished; each leaves with the assumed share, after a number of ranked
-episodes of which each is as likely, and the others have the worst value. A policy's value on a terrain
-is the policy's mean plus a normal deviation (the assumed standard deviation of terrains), cut off
-likewise. One policy differs by the planned difference from the mean of those who finish, the others of
-the family do not. Whether the difference is seen is asked of `policy_p` and `holm`.
+The studies go through the report's own functions. The figures follow from the protocol's
+assumptions, in its primary metric. A participant's episode has the value mean + participant + rest
+(normal, with the assumed standard deviations), cut off at the metric's bounds. An episode fails
+with the assumed share, and then has the worst value. People begin until the planned number has
+finished; each leaves with the assumed share, after a number of ranked episodes of which each is as
+likely, and the others have the worst value. A policy's value on a terrain is the policy's mean plus
+a normal deviation (the assumed standard deviation of terrains), cut off likewise. One policy
+differs by the planned difference from the mean of those who finish, the others of the family do
+not. Whether the difference is seen is asked of `policy_p` and `holm`.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ POSSIBLE_POWER = 0.6
 LEAST_POWER = 0.5
 """A study below it is refused: it would more likely miss than see what it is planned to see."""
 WHILE_TYPING, AT_FREEZING, IN_A_SEARCH = 2_000, 10_000, 500
-"""Simulated studies behind a power that is printed, behind one that is frozen, and at each step of a search."""
+"""Simulated studies behind a power that is printed, behind one that is frozen, and at each step of
+a search."""
 MOST_PARTICIPANTS = 200
 """Up to which the fewest participants are sought."""
 SEED = 20_211
@@ -50,11 +52,10 @@ CELLS_AT_ONCE = 1_000_000
 class StudyDesign:
     """What a study's power follows from, in the primary metric.
 
-    mean         of people's episodes that do not fail
-    player_sd    between people; terrain_sd: of terrains, of policy minus people; episode_sd: of the rest
-    failed_share of episodes that fail, leaver_share: of people who begin and leave, each 0..1
-    bounds       of an episode's value
-    worst        the value of a failed episode; None where no lowest is declared: none fails, nobody leaves
+    mean         of people's episodes that do not fail player_sd    between people; terrain_sd: of
+    terrains, of policy minus people; episode_sd: of the rest failed_share of episodes that fail,
+    leaver_share: of people who begin and leave, each 0..1 bounds       of an episode's value worst
+    the value of a failed episode; None where no lowest is declared: none fails, nobody leaves
     policies     in the family that is tested
     """
 
@@ -117,9 +118,10 @@ def design_of(protocol: Protocol) -> StudyDesign:
 class _Studies:
     """Simulated studies in which as many people left.
 
-    finished   float64[studies, participants, terrains]
-    everybody  the same with those who left; None without a lowest value
-    terrains   deviations of the policies, float64[studies, policies, terrains]
+    Attributes:
+        finished: float64[studies, participants, terrains].
+        everybody: The same with those who left; None without a lowest value.
+        terrains: Deviations of the policies, float64[studies, policies, terrains].
     """
 
     finished: Floats
@@ -151,7 +153,7 @@ def _simulated(design: StudyDesign, studies: int, seed: int) -> Iterator[_Studie
 def _played(
     design: StudyDesign, studies: int, participants: int, rng: np.random.Generator
 ) -> Floats:
-    """Draw episodes that were played to their end: float64[studies, participants, terrains]."""
+    """Draw episodes played to their end: float64[studies, participants, terrains]."""
     shape = studies, participants, design.terrains
     people = design.player_sd * rng.standard_normal((*shape[:2], 1))
     values = design.mean + people + design.episode_sd * rng.standard_normal(shape)
@@ -164,7 +166,11 @@ def _played(
 def _left(
     design: StudyDesign, worst: float, shape: tuple[int, int], rng: np.random.Generator
 ) -> Floats:
-    """Draw people who leave, each on terrains in an order of their own: shape is (studies, participants)."""
+    """Draw people who leave, each on terrains in an order of their own.
+
+    Args:
+        shape: (studies, participants).
+    """
     studies, participants = shape
     values = _played(design, studies, participants, rng)
     order = rng.permuted(np.broadcast_to(np.arange(design.terrains), values.shape), axis=-1)
@@ -179,7 +185,11 @@ def simulate_power(
     seed: int = SEED,
     advance: Progress | None = None,
 ) -> tuple[float, float]:
-    """The shares of studies that see a policy that is better, and one that is worse, by `difference`."""
+    """The power of a study to see a policy that differs by `difference`.
+
+    Returns:
+        The shares of studies that see it if it is better, and if it is worse.
+    """
     if not design.is_tested:
         return 0.0, 0.0
     better = difference if design.higher_is_better else -difference
@@ -221,9 +231,9 @@ def _p_of(design: StudyDesign, some: _Studies, policy: int, effect: float) -> Fl
 
 
 def simulate_half_width(design: StudyDesign, studies: int = IN_A_SEARCH) -> float | None:
-    """The mean half-width of the 95 % interval of those who finish; None where there is none.
+    """The mean half-width of the 95 % interval of those who finish.
 
-    Terrains lie as far apart for people as `terrain_sd` says.
+    Terrains lie as far apart for people as `terrain_sd` says. None if there is no interval.
     """
     if not design.is_tested:
         return None
@@ -238,7 +248,10 @@ def simulate_half_width(design: StudyDesign, studies: int = IN_A_SEARCH) -> floa
 def power_of(
     protocol: Protocol, studies: int = WHILE_TYPING, advance: Progress | None = None
 ) -> Power:
-    """What a protocol can see that names each assumption and, if it tests policies, the difference."""
+    """What a protocol can see.
+
+    It must name each assumption and, if it tests policies, the difference.
+    """
     design = design_of(protocol)
     half_width = simulate_half_width(design)
     if not design.policies or protocol.policy_difference is None:
@@ -248,7 +261,10 @@ def power_of(
 
 
 def fewest_participants(design: StudyDesign, difference: float) -> int | None:
-    """About the fewest participants who see the difference in 80 % of studies; None above 200."""
+    """About the fewest participants who see the difference in 80 % of studies.
+
+    None if more than 200 are needed.
+    """
 
     def is_enough(participants: int) -> bool:
         power = simulate_power(replace(design, participants=participants), difference, IN_A_SEARCH)
@@ -322,7 +338,10 @@ def assumptions_in_words(protocol: Protocol) -> str:
 
 
 def reachable_difference(design: StudyDesign) -> tuple[float | None, float]:
-    """The least difference with 80 % power, or with 60 % where none has 80; and that power."""
+    """The least difference that the study can see, and with what power.
+
+    With 80 % power, or with 60 % if none has 80.
+    """
     for power in (WANTED_POWER, POSSIBLE_POWER):
         if (least := least_difference(design, power)) is not None:
             return least, power
@@ -330,7 +349,10 @@ def reachable_difference(design: StudyDesign) -> tuple[float | None, float]:
 
 
 def _smallest(is_enough: Callable[[int], bool], low: int, high: int) -> int | None:
-    """The smallest number of low..high that is enough, where more is better; None where none is."""
+    """The smallest number of low..high that is enough; None if none is.
+
+    If a number is enough, so are all larger ones.
+    """
     if high < low or not is_enough(high):
         return None
     while low < high:
@@ -353,17 +375,21 @@ def _mean_within(mean: float, sd: float, bounds: Interval) -> float:
 
 
 def assumptions_from(data: StudyData, protocol: Protocol) -> dict[str, float]:
-    """What a closed study shows of a protocol's assumptions, by field, in its primary metric.
+    """What a closed study shows of a protocol's assumptions, by field.
 
-    ValueError where its people are too few.
+    In its primary metric.
+
+    Raises:
+        ValueError: If its people are too few.
     """
     name = data.protocol.name
     if data.closed_ms is None:
         raise ValueError(f"the study {name!r} shows no figure until it is closed")
     cohort = people_of(data)
-    ranked = {person: own for person, own in cohort.ranked.items() if own}
+    ranked = {person: trials for person, trials in cohort.ranked.items() if trials}
     succeeded = {
-        person: tuple(trial for trial in own if trial.succeeded) for person, own in ranked.items()
+        person: tuple(trial for trial in trials if trial.succeeded)
+        for person, trials in ranked.items()
     }
     reached = replace(cohort, ranked=succeeded)
     ids = members(reached, {})

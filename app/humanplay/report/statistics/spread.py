@@ -1,6 +1,7 @@
-"""The spread of a study's table float64[players, terrains], NaN where not finished: variance components and the middle half.
+"""The spread of a study's table: variance components and the middle half.
 
-The unit is the player; see `humanplay.report.statistics.comparisons`.
+A table is float64[players, terrains], NaN if not finished. The unit is the player; see
+`humanplay.report.statistics.comparisons`.
 """
 
 from __future__ import annotations
@@ -19,19 +20,22 @@ from marsexplorer.intervals import FEWEST, Floats
 
 @dataclass(frozen=True)
 class VarianceComponents:
-    """Crossed random effects: players, terrains that all players share, and the rest (`humanplay.report.statistics.crossed`).
-
-    icc            share of the variance that lies between players, ICC(2,1) of Shrout and Fleiss 1979; below 0 where the means
-                   differ less than chance would
-    icc_interval   McGraw and Wong 1996 (Psychol. Methods 1(1), table 7)
-    between_sd     between players; 0 where the estimate of the variance is negative, as for the others
-    terrain_sd     between terrains; their intervals: Williams 1962 (Biometrika 49(1/2))
-    rest_sd        of an episode beside its player and its terrain; its interval by chi-squared
-    n0             episodes a player, the mean that unequal numbers call for
-    design_effect  how many times too small the variance of the mean over these terrains comes out from pooled episodes; at
-                   least 1. Its interval: F with Satterthwaite's degrees of freedom
+    """Crossed random effects: players, shared terrains, and the rest.
 
     Intervals are 95 %, for normal effects, with gaps by n0 and its like for terrains.
+
+    Attributes:
+        icc: Share of the variance that lies between players, ICC(2,1) of Shrout and Fleiss
+            1979; below 0 where the means differ less than chance would.
+        icc_interval: McGraw and Wong 1996 (Psychol. Methods 1(1), table 7).
+        between_sd: Between players; 0 where the estimate of the variance is negative, as for
+            the others.
+        terrain_sd: Between terrains; their intervals: Williams 1962 (Biometrika 49(1/2)).
+        rest_sd: Of an episode beside its player and its terrain; its interval by chi-squared.
+        n0: Episodes a player, the mean that unequal numbers call for.
+        design_effect: How many times too small the variance of the mean over these terrains
+            comes out from pooled episodes; at least 1. Its interval: F with Satterthwaite's
+            degrees of freedom.
     """
 
     icc: float
@@ -50,20 +54,28 @@ class VarianceComponents:
 
 
 def variance_components(table: Floats) -> VarianceComponents | None:
-    """Return the variance components; None without a spread, or where players and terrains cannot be told apart.
+    """The variance components of a table.
 
-    At least two players, two terrains, and more values than either. Terrains that nobody finished are left out.
+    Terrains that nobody finished are left out.
+
+    Returns:
+        None without a spread, or if players and terrains cannot be told apart: that needs at least
+            two players, two terrains, and more values than either.
     """
     table = table[:, ~np.isnan(table).all(axis=0)]
     if not can_be_crossed(table):
         return None
-    found = crossed_components(table)
-    player, terrain, rest = float(found.player), float(found.terrain), float(found.rest)
+    components = crossed_components(table)
+    player, terrain, rest = (
+        float(components.player),
+        float(components.terrain),
+        float(components.rest),
+    )
     total = player + terrain + rest
     if not total > 0:
         return None
-    known = ~np.isnan(table)
-    n0, p0 = (_mean_count(known.sum(axis)) for axis in (1, 0))
+    has_value = ~np.isnan(table)
+    n0, p0 = (_mean_count(has_value.sum(axis)) for axis in (1, 0))
     doubt = (p0 - 1) * (n0 - 1)
     return VarianceComponents(
         icc=player / total,
@@ -78,7 +90,7 @@ def variance_components(table: Floats) -> VarianceComponents | None:
         design_effect=max(1.0, (n0 * player + rest) / total),
         design_effect_interval=_effect_ends(player, terrain, rest, n0, p0),
         players=len(table),
-        episodes=int(known.sum()),
+        episodes=int(has_value.sum()),
     )
 
 
@@ -87,29 +99,34 @@ def _sd(variance: float) -> float:
 
 
 def _mean_count(counts: NDArray[np.int64]) -> float:
-    """Return the mean that unequal numbers of values call for, the plain mean where they are equal."""
+    """The mean that unequal numbers of values call for; the plain mean if equal."""
     total = counts.sum()
     return float((total - (counts**2).sum() / total) / (len(counts) - 1))
 
 
 def _sd_ends(
-    variance: float, rest: float, each: float, freedom: float, rest_freedom: float
+    variance: float, rest: float, count: float, freedom: float, rest_freedom: float
 ) -> Interval:
-    """Return the ends of the 95 % interval of a component's standard deviation.
+    """The ends of the 95 % interval of a component's standard deviation.
 
-    each     values behind a mean of the component, so that its mean square is rest + each * variance
-    freedom  of that mean square, rest_freedom: of the rest's
+    Args:
+        each: Values behind a mean of the component, so that its mean square is rest + each *
+            variance.
+        freedom: Of that mean square, rest_freedom: of the rest's.
     """
-    square, ends = rest + each * variance, []
+    square, ends = rest + count * variance, []
     for share in (1 - TAIL, TAIL):
         ratio = scipy.special.fdtri(freedom, rest_freedom, share)
         spread = scipy.special.chdtri(freedom, 1 - share) / freedom
-        ends.append(_sd(float((square - ratio * rest) / (each * spread))))
+        ends.append(_sd(float((square - ratio * rest) / (count * spread))))
     return ends[0], ends[1]
 
 
 def _effect_ends(player: float, terrain: float, rest: float, n0: float, p0: float) -> Interval:
-    """Return the ends of the 95 % interval of the design effect, 1 / (1/n0 + the other mean squares over the players')."""
+    """The ends of the 95 % interval of the design effect.
+
+    It is 1 / (1/n0 + the other mean squares over the players').
+    """
     of_players = rest + n0 * player
     parts = (rest + p0 * terrain) / p0, (1 - 1 / n0 - 1 / p0) * rest
     doubt = parts[0] ** 2 / (n0 - 1) + parts[1] ** 2 / ((p0 - 1) * (n0 - 1))
@@ -124,7 +141,7 @@ def _effect_ends(player: float, terrain: float, rest: float, n0: float, p0: floa
 
 
 def _icc_ends(player: float, terrain: float, rest: float, n0: float, p0: float) -> Interval:
-    """Return the ends of the 95 % interval from the components, through the mean squares that they make."""
+    """The ends of the ICC's 95 % interval, through the components' mean squares."""
     of_players, of_terrains = rest + n0 * player, rest + p0 * terrain
     icc = player / (player + terrain + rest)
     if icc >= 1:
@@ -141,15 +158,18 @@ def _icc_ends(player: float, terrain: float, rest: float, n0: float, p0: float) 
 
 
 def iqm(table: Floats) -> float:
-    """Return the interquartile mean over all episodes: the mean of the middle half (Agarwal et al. 2021)."""
+    """The interquartile mean over all episodes (Agarwal et al. 2021)."""
     return float(scipy.stats.trim_mean(table[~np.isnan(table)], 1 / 4))
 
 
 def iqm_interval(table: Floats) -> Interval | None:
-    """The 95 % interval of the IQM for other participants on these terrains; None below five.
+    """The 95 % interval of the IQM for other participants on these terrains.
 
-    The variance of a trimmed mean is that of the values drawn in to its ends (Tukey and McLaughlin 1963, Sankhya A 25(3)), here
-    with whole participants as the independent units.
+    The variance of a trimmed mean is that of the values drawn in to its ends (Tukey and McLaughlin
+    1963, Sankhya A 25(3)), here with whole participants as the independent units.
+
+    Returns:
+        None below five participants.
     """
     if len(table) < FEWEST:
         return None
@@ -158,20 +178,21 @@ def iqm_interval(table: Floats) -> Interval | None:
 
 
 def iqm_shares(table: Floats) -> Floats:
-    """Return values float64[..., players] whose mean is the IQM, and whose spread is that of the IQM over players.
+    """Values whose mean is the IQM, and whose spread is that of the IQM over players.
 
-    table  float64[..., players, terrains]; leading axes are studies
+    Args:
+        table: float64[..., players, terrains]; leading axes are studies.
     """
-    known = ~np.isnan(table)
+    has_value = ~np.isnan(table)
     flat = np.sort(table.reshape(*table.shape[:-2], -1), axis=-1)  # NaN last
-    counts = known.sum((-2, -1))[..., None]
+    counts = has_value.sum((-2, -1))[..., None]
     cut = counts // 4
     places = np.arange(flat.shape[-1])
     is_middle = (places >= cut) & (places < counts - cut)
     middle = np.where(is_middle, flat, 0.0).sum(-1) / (counts - 2 * cut)[..., 0]
     ends = (np.take_along_axis(flat, place, -1)[..., None] for place in (cut, counts - cut - 1))
-    drawn_in = np.where(known, np.clip(table, *ends), 0.0)
+    drawn_in = np.where(has_value, np.clip(table, *ends), 0.0)
     mean = drawn_in.sum((-2, -1)) / counts[..., 0]
-    away = np.where(known, drawn_in - mean[..., None, None], 0.0).sum(-1)
+    away = np.where(has_value, drawn_in - mean[..., None, None], 0.0).sum(-1)
     shares: Floats = middle[..., None] + 2 * table.shape[-2] / counts * away
     return shares

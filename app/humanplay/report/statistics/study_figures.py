@@ -1,4 +1,7 @@
-"""A study's two estimates, who finished and everybody who began, and what operator and leaderboard show of them."""
+"""A study's two estimates: of those who finished, and of everybody who began.
+
+Operator and leaderboard show them too.
+"""
 
 from __future__ import annotations
 
@@ -43,13 +46,14 @@ NO_HUMAN_FIGURE = "No human has played this study: it has no human figure."
 class StudyFigure:
     """The estimate of some of the players.
 
-    name       "per protocol", "everybody", or another exclusion set of the protocol
-    rule       who enters, in words
-    score      None where nobody enters, and for everybody where no lowest score is declared
-    completed  share of episodes that succeeded, 0..1, the mean over players
-    erased     people who are missing because they were erased
-    score_range, steps_range  low and high mean had all of them been best or all worst; None for nobody erased, and where a
-               bound is not known
+    Attributes:
+        name: "per protocol", "everybody", or another exclusion set of the protocol.
+        rule: Who enters, in words.
+        score: None where nobody enters, and for everybody where no lowest score is declared.
+        completed: Share of episodes that succeeded, 0..1, the mean over players.
+        erased: People who are missing because they were erased.
+        score_range, steps_range: Low and high mean had all of them been best or all worst; None
+            for nobody erased, and where a bound is not known.
     """
 
     name: str
@@ -68,9 +72,10 @@ class StudyFigure:
 class StatusRow:
     """The people of one status.
 
-    in_per_protocol, in_everybody  whether they are in these estimates
-    as_played  ranked terrains that enter the estimate for everybody as they were played
-    lowest     those that enter at the lowest score, by reason (`exclusion_sets.Lowest`)
+    Attributes:
+        in_per_protocol, in_everybody: Whether they are in these estimates.
+        as_played: Ranked terrains that enter the estimate for everybody as they were played.
+        lowest: Those that enter at the lowest score, by reason (`exclusion_sets.Lowest`).
     """
 
     status: str
@@ -82,26 +87,29 @@ class StatusRow:
 
 
 def study_figures(data: StudyData, cohort: Cohort, everybody: Everybody) -> tuple[StudyFigure, ...]:
-    """Return the estimate per protocol, that for everybody, and one for each other exclusion set of the protocol."""
+    """The estimates: per protocol, of everybody, and of each other exclusion set."""
     protocol, arrivals = data.protocol, data.arrivals
     is_human = cohort.kind == "human"
     erased = (arrivals.erased_finishers, arrivals.erased_began) if is_human else (0, 0)
     rule = rule_in_words(protocol.per_protocol)
     ids = members(cohort, protocol.per_protocol)
     began = members(everybody.cohort, {})
-    found = [
+    figures = [
         _figure(data, cohort, PER_PROTOCOL_NAME, rule, ids, erased[0]),
         _figure(data, everybody.cohort, EVERYBODY, EVERYBODY_RULE, began, erased[1]),
     ]
     for name, rules in protocol.exclusion.items():
         if name != PER_PROTOCOL:
             ids = members(cohort, rules)
-            found.append(_figure(data, cohort, name, rule_in_words(rules), ids))
-    return tuple(found)
+            figures.append(_figure(data, cohort, name, rule_in_words(rules), ids))
+    return tuple(figures)
 
 
 def status_rows(data: StudyData, cohort: Cohort, everybody: Everybody) -> tuple[StatusRow, ...]:
-    """Return a row for each status that somebody has, those of whom only counts are kept among them."""
+    """A row for each status that somebody has.
+
+    People of whom only a count is stored are among them.
+    """
     by_person = statuses(data, cohort)
     counts = Counter(by_person.values())
     if cohort.kind == "human":
@@ -110,8 +118,8 @@ def status_rows(data: StudyData, cohort: Cohort, everybody: Everybody) -> tuple[
         counts[Status.UNFIT_DEVICE] = data.arrivals.unfit
         counts[Status.ERASED] = data.arrivals.erased
     rows = []
-    for status in (each for each in Status if counts[each]):
-        people = [person for person, own in by_person.items() if own is status]
+    for status in (status for status in Status if counts[status]):
+        people = [person for person, theirs in by_person.items() if theirs is status]
         reasons = Counter(
             reason for person in people for reason in everybody.reasons.get(person, ())
         )
@@ -130,15 +138,19 @@ def status_rows(data: StudyData, cohort: Cohort, everybody: Everybody) -> tuple[
 
 
 def claim_of(data: StudyData) -> str:
-    """Return what a closed study's figure of people may be called, with the level that its episodes reach.
+    """What a closed study's estimate may be called, with its attestation level.
 
-    It is the human level where every episode was supervised, or attested of people who came by a personal invitation or a
-    panel's signed link. Anybody may come by an open link, and an unsigned id of a panel may be made up.
+    It is the human level if every episode was supervised, or attested of people who came by a
+    personal invitation or a recruitment platform's signed link. Anybody may come by an open link,
+    and an unsigned participant ID may be made up.
     """
-    level, came = data.protocol.required_attestation, data.protocol.recruitment
-    is_personal = came == "invitation" or (came, data.protocol.panel_links) == ("panel", "signed")
-    is_known = level == "supervised" or (level == "attested" and is_personal)
-    return f"{'Human level' if is_known else 'Figure of unverified participants'} ({level})"
+    level, recruitment = data.protocol.required_attestation, data.protocol.recruitment
+    is_personal = recruitment == "invitation" or (recruitment, data.protocol.panel_links) == (
+        "panel",
+        "signed",
+    )
+    is_verified = level == "supervised" or (level == "attested" and is_personal)
+    return f"{'Human level' if is_verified else 'Figure of unverified participants'} ({level})"
 
 
 class MeanInterval(TypedDict):
@@ -159,9 +171,12 @@ class ShownFigure(TypedDict):
 
 
 class LiveFigure(ShownFigure):
-    """The people's estimates as they may be seen: per protocol, or of everybody if nobody has finished.
+    """The people's estimates as they may be seen.
 
-    set  which of the two
+    They are per protocol, or of everybody if nobody has finished.
+
+    Attributes:
+        set: Which of the two.
     """
 
     claim: str
@@ -197,7 +212,7 @@ def _shown(figure: StudyFigure) -> ShownFigure:
 
 
 def headline(data: StudyData, per_protocol: StudyFigure, everybody: StudyFigure) -> str:
-    """Return the sentence with both estimates; that of an open study says how many have finished."""
+    """The sentence with both estimates; of an open study, how many have finished."""
     if data.closed_ms is None:
         return data.progress_sentence()
     protocol = data.protocol
@@ -228,33 +243,33 @@ def interval_for(protocol: Protocol) -> str:
 
 
 def figure_sentence(figure: StudyFigure, protocol: Protocol) -> str:
-    """Return a figure that has at least one player as a sentence."""
+    """An estimate of at least one player as a sentence."""
     words = protocol.environment.about.words
     who = f"{counted(figure.players, 'player')}, {counted(figure.episodes, 'ranked episode')}"
-    kind = "95 % interval "  # said once
+    kind = "95 % interval "  # named at the first interval alone
     if not protocol.terrains_drawn:
         kind += f"for {interval_for(protocol)} "
-    reasons, said = [], []
-    for found, form, unit in (
+    reasons, means = [], []
+    for shown, form, unit in (
         (figure.score, ".3f", "mean score {}"),
         (figure.steps, ".1f", f"{{}} {words.steps}"),
     ):
-        if found is None:
+        if shown is None:
             continue
-        text = unit.format(f"{found.mean:{form}}")
-        reasons.append(why_no_interval(found))
-        if reasons[-1] is None and found.interval is not None:
-            text += f" ({kind}{found.interval[0]:{form}} to {found.interval[1]:{form}})"
+        text = unit.format(f"{shown.mean:{form}}")
+        reasons.append(why_no_interval(shown))
+        if reasons[-1] is None and shown.interval is not None:
+            text += f" ({kind}{shown.interval[0]:{form}} to {shown.interval[1]:{form}})"
             kind = ""
-        said.append(text)
+        means.append(text)
     if figure.score is None:
         reasons.append("No lowest score is declared: there is no mean score of everybody.")
-    why = dict.fromkeys(reason for reason in reasons if reason)
-    return " ".join([f"{who}: {', '.join(said)}.", *why])
+    causes = dict.fromkeys(reason for reason in reasons if reason)
+    return " ".join([f"{who}: {', '.join(means)}.", *causes])
 
 
 def why_no_interval(estimate: Estimate) -> str | None:
-    """Return the sentence that says why an estimate has no interval; None where it has one."""
+    """The sentence that says why an estimate has no interval; None if it has one."""
     if estimate.players == 1:
         return "One player gives no interval."
     if estimate.interval is not None:
@@ -265,14 +280,17 @@ def why_no_interval(estimate: Estimate) -> str | None:
 
 
 def metric_bounds(environment: Environment, config: Configuration, metric: MetricName) -> Interval:
-    """Return the lowest and the highest mean that a player can have; steps lie in 1..limit."""
+    """The lowest and the highest mean that a player can have; steps lie in 1..limit."""
     return (1.0, float(config.limit)) if metric == "steps" else environment.bounds(config)
 
 
 def worst_value(
     environment: Environment, config: Configuration, metric: MetricName
 ) -> float | None:
-    """Return the worst value of an episode: the limit, the lowest score; None where no lowest score is declared."""
+    """The worst value of an episode: the limit, or the lowest score.
+
+    None if no lowest score is declared.
+    """
     if metric == "steps":
         return float(config.limit)
     lowest, _ = environment.bounds(config)
@@ -282,9 +300,10 @@ def worst_value(
 def _figure(
     data: StudyData, cohort: Cohort, name: str, rule: str, ids: Sequence[str], erased: int = 0
 ) -> StudyFigure:
-    """Return the estimate of some of the cohort.
+    """The estimate of some of the cohort.
 
-    erased  people who would be among them, had they not been erased
+    Args:
+        erased: People who would be among them, had they not been erased.
     """
     if not ids:
         return StudyFigure(name, rule, erased=erased)
@@ -314,7 +333,10 @@ def _figure(
 
 
 def _range(means: Floats, bounds: Interval, erased: int) -> Interval | None:
-    """Return the mean had all the erased been at the low bound, and at the high one; None where that is unknown."""
+    """The mean had all the erased been at the low bound, and at the high one.
+
+    None if that is unknown.
+    """
     if not erased or not np.isfinite(bounds).all():
         return None
     people = len(means) + erased

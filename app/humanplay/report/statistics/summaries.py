@@ -1,6 +1,7 @@
-"""Summaries of many episodes, of people and of policies alike: means with intervals, coverage against steps, visits, trials.
+"""Summaries of many episodes, of people and of policies alike.
 
-An `EpisodeGroup` weighs once in a mean: a person with all their episodes, or one terrain of a policy. Intervals are 95 % t
+There are means with intervals, coverage against steps, visits and trials. An `EpisodeGroup` weighs
+once in a mean: a person with all their episodes, or one terrain of a policy. Intervals are 95 % t
 intervals over groups, as in `humanplay.report.statistics.human_level`.
 """
 
@@ -34,12 +35,14 @@ POINTS = 120
 
 @dataclass(frozen=True)
 class EpisodeSummary:
-    """One finished episode, as far as figures need it.
+    """One finished episode, as far as curves and means need it.
 
-    score        normalized
-    steps        moves of a success, the limit for any other ending
-    discoveries  discovered cells after 0, 1, ... moves, of `cells` that coverage refers to; none if nothing is discovered
-    path         (row, col) after 0, 1, ... moves; none without a grid
+    Attributes:
+        score: Normalized.
+        steps: Moves of a success, the limit for any other ending.
+        discoveries: Discovered cells after 0, 1, ... moves, of `cells` that coverage refers to;
+            none if nothing is discovered.
+        path: (row, col) after 0, 1, ... moves; none without a grid.
     """
 
     succeeded: bool
@@ -51,7 +54,10 @@ class EpisodeSummary:
 
 
 class Curve(TypedDict):
-    """Mean coverage (0..1) with its interval at some step counts; no interval for one group."""
+    """Mean coverage (0..1) at some step counts, with its interval.
+
+    Without an interval for one group.
+    """
 
     steps: list[int]
     mean: list[float]
@@ -60,7 +66,10 @@ class Curve(TypedDict):
 
 
 class Pictures(TypedDict, total=False):
-    """The coverage curve and the visits of each cell, where a task has them and episodes were replayed."""
+    """The coverage curve and the visits of each cell.
+
+    They are there if the task has them and episodes were replayed.
+    """
 
     curve: Curve
     visits: list[list[float]]
@@ -86,7 +95,7 @@ class TrialSummary(TypedDict):
 
 
 def summary_of(environment: Environment, run: Run) -> EpisodeSummary:
-    """Return what figures need of an ended run, in 8 bytes a move."""
+    """An ended run's summary, in 8 bytes a move."""
     record, cells = run.record(), environment.cells(run.record())
     places = [run.place(step) for step in range(record.steps + 1)] if record.config.size else []
     succeeded = record.outcome in environment.successes
@@ -101,7 +110,11 @@ def summary_of(environment: Environment, run: Run) -> EpisodeSummary:
 
 
 def summary_of_record(environment: Environment, record: Record) -> EpisodeSummary:
-    """Return what figures need of a record, replayed; ValueError where it is another version's."""
+    """A record's summary, by replay.
+
+    Raises:
+        ValueError: If the record is another version's.
+    """
     return summary_of(environment, environment.replay_record(record))
 
 
@@ -109,23 +122,23 @@ EpisodeGroup = Sequence[EpisodeSummary]
 
 
 def summarize_episodes(config: Configuration, groups: Sequence[EpisodeGroup]) -> EpisodesFigure:
-    """Return everything that is shown of some groups (at least one, none of them empty)."""
+    """Everything that is shown of some groups: at least one, and none of them empty."""
     return {
         "groups": len(groups),
         "episodes": sum(map(len, groups)),
-        "score": mean_interval([_mean(each.score for each in group) for group in groups]),
-        "steps": mean_interval([_mean(each.steps for each in group) for group in groups]),
+        "score": mean_interval([_mean(episode.score for episode in group) for group in groups]),
+        "steps": mean_interval([_mean(episode.steps for episode in group) for group in groups]),
         "completed": _mean(_mean(episode.succeeded for episode in group) for group in groups),
         **curve_and_visits(config, groups),
     }
 
 
 def curve_and_visits(config: Configuration, groups: Sequence[EpisodeGroup]) -> Pictures:
-    """The coverage curve and visit counts of some groups, where they have such."""
+    """The coverage curve and visit counts of some groups, if they have such."""
     pictures: Pictures = {}
-    if any(len(each.discoveries) for group in groups for each in group):
+    if any(len(episode.discoveries) for group in groups for episode in group):
         pictures["curve"] = coverage_curve(groups)
-    if config.size and any(len(each.path) for group in groups for each in group):
+    if config.size and any(len(episode.path) for group in groups for episode in group):
         pictures["visits"] = visit_counts(config.size, groups)
     return pictures
 
@@ -135,21 +148,30 @@ def _mean(values: Iterable[float]) -> float:
 
 
 def coverage_curve(groups: Sequence[EpisodeGroup]) -> Curve:
-    """Return mean coverage (0..1) with its interval at some step counts; an episode that has ended keeps what it had."""
-    longest = max(len(each.discoveries) for group in groups for each in group) - 1
+    """Mean coverage (0..1) with its interval at some step counts.
+
+    An episode that has ended keeps its coverage.
+    """
+    longest = max(len(episode.discoveries) for group in groups for episode in group) - 1
     steps = np.unique(np.linspace(0, longest, min(POINTS, longest + 1)).astype(np.int64))
-    held = [[_held(each.discoveries, steps) / each.cells for each in group] for group in groups]
-    means = np.array([np.mean(group, axis=0) for group in held])
+    coverages = [
+        [_held(episode.discoveries, steps) / episode.cells for episode in group] for group in groups
+    ]
+    means = np.array([np.mean(group, axis=0) for group in coverages])
     low, high = map(_short, t_interval(means.T)) if len(means) > 1 else ([], [])
     return {"steps": steps.tolist(), "mean": _short(means.mean(axis=0)), "low": low, "high": high}
 
 
 def visit_counts(size: tuple[int, int], groups: Sequence[EpisodeGroup]) -> list[list[float]]:
-    """Return how often the player is on each cell of a grid in a mean episode, [rows][cols]; the start counts."""
+    """How often the player is on each cell of a grid in a mean episode.
+
+    Returns:
+        [rows][cols]; the start counts.
+    """
     total = np.zeros(size)
     for group in groups:
-        for each in group:
-            cells = np.array(each.path)
+        for episode in group:
+            cells = np.array(episode.path)
             inside = ((cells >= 0) & (cells < total.shape)).all(axis=1)  # a last move may lead out
             np.add.at(total, tuple(cells[inside].T), 1 / len(group))
     return [_short(row, 3) for row in total / len(groups)]
@@ -160,8 +182,8 @@ def trial_summaries(groups: Sequence[EpisodeGroup], most: int = 60) -> list[Tria
     summaries: list[TrialSummary] = []
     for number in range(min(most, max(map(len, groups)))):
         there = [group[number] for group in groups if len(group) > number]
-        score = mean_interval([each.score for each in there])
-        steps = mean_interval([float(each.steps) for each in there])
+        score = mean_interval([episode.score for episode in there])
+        steps = mean_interval([float(episode.steps) for episode in there])
         summaries.append(
             {"trial": number + 1, "players": len(there), "score": score, "steps": steps}
         )
@@ -169,28 +191,30 @@ def trial_summaries(groups: Sequence[EpisodeGroup], most: int = 60) -> list[Tria
 
 
 def _held(discoveries: Sequence[int] | NDArray[np.int32], steps: NDArray[np.int64]) -> Floats:
-    """Return the discovered cells at `steps`, the last ones after the end."""
-    known = np.array(discoveries, np.float64)
-    return known[np.minimum(steps, len(known) - 1)]
+    """The discovered cells at `steps`; after the end the last ones."""
+    counts = np.array(discoveries, np.float64)
+    return counts[np.minimum(steps, len(counts) - 1)]
 
 
 def _short(values: Floats, digits: int = 4) -> list[float]:
-    return [round(float(value), digits) for value in values]
+    return [round(float(number), digits) for number in values]
 
 
 def summarize_groups(
     reader: Reader, data: StudyData, synthetic: bool, progress: Progress | None = None
 ) -> dict[str, Pictures]:
-    """The pictures of each group, over the ranked episodes of everybody (a player weighs once).
+    """The pictures of each group, over the ranked episodes of everybody.
 
-    Nothing without a grid. Those of another core version cannot be replayed, and spoilt ones are not their
-    player's: both are left out.
-    progress: (episodes replayed, in all)
+    A player weighs once. Nothing without a grid. Episodes of another core version cannot be
+    replayed, and spoilt ones are not their player's: both are left out.
+
+    Args:
+        progress: Called with (episodes replayed, episodes in all).
     """
     if data.protocol.env_config.size is None:
         return {}
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
-    total = sum(len(unspoilt(own)) for cohort in cohorts for own in cohort.ranked.values())
+    total = sum(len(unspoilt(trials)) for cohort in cohorts for trials in cohort.ranked.values())
     done = 0
 
     def advance() -> None:
@@ -207,11 +231,11 @@ def _pictures(
 ) -> Pictures:
     groups: list[Sequence[EpisodeSummary]] = []
     for person in members(cohort, {}):
-        own = []
+        episodes = []
         for trial, record in trial_records(reader, unspoilt(cohort.ranked[person])):
             if trial.core_version == trial.environment.version:
-                own.append(summary_of_record(trial.environment, record))
+                episodes.append(summary_of_record(trial.environment, record))
             advance()
-        if own:
-            groups.append(own)
+        if episodes:
+            groups.append(episodes)
     return curve_and_visits(data.protocol.env_config, groups)
