@@ -87,7 +87,7 @@ declare namespace Answers {
     /** paragraphs, split by blank lines */
     text: string,
   };
-  /** An episode beside the expert's, and what its moves cost; every length is in moves. */
+  /** An episode beside the expert's, and what its moves cost. Every length is in moves. */
   type Costs = {
     /** the expert's name */
     policy: string,
@@ -436,7 +436,7 @@ declare namespace Answers {
     /** ranked episodes that each of them needs */
     episodes: number,
   };
-  /** A move of an ended episode; client times are of the page's own clock, in milliseconds. */
+  /** A move of an ended episode. Client times are of the page's own clock, in milliseconds. */
   type Move = {
     action: string,
     /** moves made before it */
@@ -704,7 +704,7 @@ declare namespace Answers {
     steps: number,
     score: number,
   };
-  /** An ended episode as its replay draws it; no seed, no player and no session is in it. */
+  /** An ended episode as its replay draws it. No seed, no player and no session is in it. */
   type Replay = {
     episode: string,
     /** where it was played, in words */
@@ -912,7 +912,7 @@ declare namespace Answers {
   type Tutorial = {
     done: boolean,
   };
-  /** The figure of the volunteers on one configuration; `players` and the counts beside it are of all. */
+  /** The figure of the volunteers on one configuration. `players` and the counts beside it are of all. */
   type VolunteerFigure = {
     players: number,
     episodes: number,

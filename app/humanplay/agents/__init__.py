@@ -1,6 +1,5 @@
-"""Agents on instances that stay secret until an evaluation closes, with signed receipts; a room of
-its own.
+"""Agents on instances that stay secret until an evaluation closes, with receipts.
 
-Only the wiring of the server and the table of commands know it: whoever does not evaluate agents
-need not read it.
+Only the wiring of the server and the table of commands know this package: if you do not evaluate
+agents you need not read it.
 """

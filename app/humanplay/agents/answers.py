@@ -1,5 +1,7 @@
-"""What the room of agents answers: its evaluations for everybody, and OpenEnv's and MCP's messages
-for who has a card."""
+"""What the API of evaluations answers.
+
+Evaluations are for everybody; messages of OpenEnv and MCP are for holders of a card.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,10 @@ class InstanceOfPeople(Answer):
 
 
 class Compared(Answer):
-    """A policy or an agent in one metric, beside people where they played the same instances."""
+    """A policy or an agent in one metric.
+
+    It stands beside people if they played the same instances.
+    """
 
     mean: float
     values: list[float] = described("of each instance")
@@ -207,7 +212,10 @@ class OneInstance(Answer):
 
 
 class CardState(Answer):
-    """Which attempts were begun and finished, by the indices of their instances; no score."""
+    """Which attempts were begun and finished, by their instances' indices.
+
+    No score is in it.
+    """
 
     instances: int
     begun: list[int]

@@ -1,10 +1,9 @@
-"""What holders of cards do in evaluations of agents, on one server; `wire` and `mcp` are adapters
-to it.
+"""What holders of cards do in evaluations of agents, on one server.
 
-A card has one attempt at each instance; one that was abandoned counts. A move is told once its row
-is committed, and an attempt goes on where its rows stand, after a restart of the server too.
-Nothing tells a score, a reward or an outcome while the evaluation is open, and no answer depends on
-an instance but by what was seen of it.
+`wire` and `mcp` are adapters to it. A card has one attempt at each instance; one that was abandoned
+counts. A move is answered once its row is committed, and an attempt goes on where its rows stand,
+after a restart of the server too. While the evaluation is open nothing tells a score, a reward or
+an outcome, and no answer depends on an instance except by what was seen of it.
 """
 
 from __future__ import annotations
@@ -25,11 +24,11 @@ from humanplay.agents.evaluation import (
     Protocol,
     actions_of,
     attempts_of,
-    came_to_of,
     card_of_token,
     card_with_id,
     cause_of,
     end_attempt,
+    ending_of,
 )
 from humanplay.agents.turns import Turns
 from humanplay.db.store import Store
@@ -53,14 +52,18 @@ DESCRIBED = ("agent", "version", "model", "prompts_sha256", "cost")
 """What an author says of their agent; all but the cost is fixed by the first attempt."""
 MOST_CHARACTERS = 200
 MOST_RUNS = 32
-"""Attempts that are kept in memory; any other is made again from its moves when it goes on."""
+"""Most attempts in memory; any other is replayed from its moves when it goes on."""
 
 
 class CardError(Exception):
-    """What was asked for with a card is refused, and nothing has changed; `status` is that of HTTP."""
+    """What was asked for with a card is refused, and nothing has changed.
 
-    def __init__(self, status: int, why: str) -> None:
-        super().__init__(why)
+    Attributes:
+        status: Of HTTP.
+    """
+
+    def __init__(self, status: int, reason: str) -> None:
+        super().__init__(reason)
         self.status = status
 
 
@@ -147,13 +150,18 @@ class Cards:
         self._changing: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
 
     async def find(self, token: str) -> Card:
-        """Return the card with a token; CardError 404, one sentence for an unknown, a revoked and a
-        closed one."""
+        """The card with a token.
+
+        Raises:
+            CardError: 404, one sentence for an unknown, a revoked and a closed card; 503 if the
+                evaluation cannot go on now.
+        """
         try:
             card = await self._store.read(partial(self._read_card, token))
         except StudyError as error:
-            why = "the evaluation cannot go on now: tell whoever gave you the card"
-            raise CardError(503, why) from error
+            raise CardError(
+                503, "the evaluation cannot go on now: tell whoever gave you the card"
+            ) from error
         if card is None:
             raise CardError(404, NO_CARD)
         card.calls = self._calls.setdefault(card.row.id, card.calls)
@@ -163,14 +171,13 @@ class Cards:
         return card
 
     def task_name(self, card: Card) -> str:
-        """Return the short name of what is played, without a slash: `mars`, or the environment's
-        id."""
+        """The short name of what is played, without a slash: `mars`, say, or a title."""
         environment = card.protocol.environment
         package, _, rest = environment.name.partition(":")
         return package if not rest else environment.about.title.replace("/", "-").replace(" ", "-")
 
     def about(self, card: Card) -> AboutCard:
-        """Return what is played and under which rules, ready for JSON; the same for every instance."""
+        """What is played and under which rules, ready for JSON; alike for every instance."""
         self._count(card)
         protocol = card.protocol
         environment, config = protocol.environment, protocol.env_config
@@ -190,50 +197,57 @@ class Cards:
         }
 
     def instances(self, card: Card) -> list[dict[str, object]]:
-        """Return the instances, named alike for every card, in an order that says nothing of them."""
+        """The instances, named alike for every card, in an order that says nothing."""
         self._count(card)
         count = card.protocol.instances
         return [{"task": _ident(i), "split": SPLIT, "index": i} for i in range(count)]
 
     def index_of(self, card: Card, ident: str) -> int:
-        """Return the index of an instance by its id; CardError 404 where there is none."""
+        """The index of an instance by its id; CardError 404 if there is none."""
         for index in range(card.protocol.instances):
             if _ident(index) == ident:
                 return index
         raise CardError(404, f"expected the id of an instance like {_ident(0)}, got {ident[:40]!r}")
 
     def begun(self, card: Card) -> Collection[int]:
-        """Return the indices of the attempts that were begun; it is no call."""
+        """The indices of the attempts that were begun; this counts as no call."""
         return card.attempts
 
     async def begin(self, card: Card, index: int) -> Seen:
-        """Begin the attempt at an instance, or go on where it stands; CardError 409 once it is
-        finished."""
+        """Begin the attempt at an instance, or go on where it stands.
+
+        Raises:
+            CardError: 409 once it is finished.
+        """
         self._count(card)
         self._check_index(card, index)
-        return await asyncio.shield(
-            self._begin(card, index)
-        )  # a lost connection interrupts nothing
+        # a lost connection interrupts nothing
+        return await asyncio.shield(self._begin(card, index))
 
     async def act(self, card: Card, index: int, action: int | str, step: int | None = None) -> Seen:
-        """Make a move and return what may be seen then; CardError 409 where the attempt has ended,
-        422 for no action.
+        """Make a move and return what may be seen then.
 
         Args:
             step: The moves made so far, for a client that must not move twice; None: whatever they
                 are.
+
+        Raises:
+            CardError: 409 if the attempt has ended, 422 if the action is none.
         """
         self._count(card)
         actions = card.protocol.environment.actions
         code = actions.index(action) if action in actions else action
         if isinstance(code, bool) or not isinstance(code, int) or not 0 <= code < len(actions):
-            named = f"0 to {len(actions) - 1}, or one of {', '.join(actions)}"
-            raise CardError(422, f"expected an action, {named}; got {str(action)[:40]!r}")
+            raise CardError(
+                422,
+                f"expected an action, 0 to {len(actions) - 1}, or one of {', '.join(actions)}; "
+                f"got {str(action)[:40]!r}",
+            )
         self._check_index(card, index)
         return await asyncio.shield(self._act(card, index, code, step))
 
     async def state(self, card: Card) -> dict[str, object]:
-        """Return which attempts were begun and which are finished; no score."""
+        """Which attempts were begun and which are finished; no score."""
         self._count(card)
         finished = [i for i, attempt in card.attempts.items() if attempt.ended_ms is not None]
         return {
@@ -244,7 +258,7 @@ class Cards:
         }
 
     async def close(self, card: Card) -> None:
-        """Close the card: what runs is abandoned, and its address answers as one that is unknown."""
+        """Close the card: what runs is abandoned, and its address answers as unknown."""
         async with self._changing[card.row.id]:
             for attempt in (await self._read_attempts(card)).values():
                 if attempt.ended_ms is None:
@@ -254,8 +268,11 @@ class Cards:
             await self._write(lambda conn: conn.execute(sql, values).rowcount)
 
     async def describe(self, card: Card, texts: Mapping[str, object]) -> dict[str, str]:
-        """Keep what the author says of their agent and return all of it; CardError 422 for other
-        fields, 409 for late ones."""
+        """Store what the author says of their agent, and return all of it.
+
+        Raises:
+            CardError: 422 for other fields, 409 for fields that are fixed by now.
+        """
         self._count(card)
         if unknown := [name for name in texts if name not in DESCRIBED]:
             raise CardError(422, f"expected {', '.join(DESCRIBED)}, got {str(unknown[0])[:40]!r}")
@@ -271,10 +288,10 @@ class Cards:
 
             def describe(conn: sqlite3.Connection) -> dict[str, str]:
                 row = card_with_id(conn, card.row.id)
-                said = {**json.loads("{}" if row is None else row.description), **texts}
+                texts_now = {**json.loads("{}" if row is None else row.description), **texts}
                 sql = "UPDATE agents_cards SET description = ? WHERE id = ?"
-                conn.execute(sql, (json.dumps(said), card.row.id))
-                return said
+                conn.execute(sql, (json.dumps(texts_now), card.row.id))
+                return texts_now
 
             return await self._write(describe)
 
@@ -289,8 +306,11 @@ class Cards:
             return await self._shown(card, attempt, run)
 
     async def _begin_new(self, card: Card, index: int) -> tuple[Attempt, Run]:
-        """Begin an attempt; CardError 409 where this server plays something else, 503 where it has
-        no room."""
+        """Begin an attempt.
+
+        Raises:
+            CardError: 409 if this server plays something else, 503 if it has no room.
+        """
         protocol, task = card.protocol, self._task
         if protocol.task != task.name:
             raise CardError(
@@ -308,8 +328,7 @@ class Cards:
         try:
             run = await on_threads(task, task.begin, choice)
         except (TaskFullError, ValueError) as error:
-            why = f"it could not be begun: {error}; try again later"
-            raise CardError(503, why) from error
+            raise CardError(503, f"it could not be begun: {error}; try again later") from error
         now = self._clock_ms()
 
         def begin(conn: sqlite3.Connection) -> int:
@@ -327,8 +346,9 @@ class Cards:
                 raise CardError(409, f"instance {index} has not begun: reset it first")
             await self._check_running(card, attempt, "no move is made any more")
             if step not in (None, attempt.moves):
-                why = f"step {step} is not the current one, {attempt.moves}"
-                raise CardError(409, f"instance {index}: {why}")
+                raise CardError(
+                    409, f"instance {index}: step {step} is not the current one, {attempt.moves}"
+                )
             run = await self._take(card, attempt)
             allowed = run.view().allowed
             if allowed is not None and action not in allowed:
@@ -354,32 +374,48 @@ class Cards:
     def _add_move(
         self, card: Card, attempt: Attempt, action: int, run: Run, conn: sqlite3.Connection
     ) -> None:
-        """Write a move of an attempt, and what the attempt came to if it ends with it."""
+        """Write a move of an attempt, and the attempt's ending if it ends with it."""
         self._check_holds(conn, card)
         now = self._clock_ms()
         row = attempt.id, attempt.moves, action, now
         conn.execute("INSERT INTO agents_moves VALUES (?, ?, ?, ?)", row)
         if run.view().ended:
-            end_attempt(conn, attempt.id, now, came_to_of(run))
+            end_attempt(conn, attempt.id, now, ending_of(run))
 
     def _check_holds(self, conn: sqlite3.Connection, card: Card) -> None:
-        """CardError 404 where the card or its evaluation was closed meanwhile, by a command say."""
+        """Check that neither the card nor its evaluation was closed meanwhile.
+
+        A command can do that.
+
+        Raises:
+            CardError: 404.
+        """
         if card_of_token(conn, self._folder, card.evaluation.token(card.row.id)) is None:
             raise CardError(404, NO_CARD)
 
-    async def _check_running(self, card: Card, attempt: Attempt, why: str = "") -> None:
-        """CardError 409 where an attempt is finished; one whose time is over is finished now."""
+    async def _check_running(self, card: Card, attempt: Attempt, reason: str = "") -> None:
+        """Check that an attempt is not finished; if its time is over it is finished now.
+
+        Args:
+            reason: For the error.
+
+        Raises:
+            CardError: 409.
+        """
         minutes = card.protocol.minutes
         age_ms = self._clock_ms() - attempt.started_ms
         if attempt.ended_ms is None and minutes is not None and age_ms > 60_000 * minutes:
             await self._abandon(card, attempt)
         elif attempt.ended_ms is None:
             return
-        why = why or "a card has one attempt at each instance"
-        raise CardError(409, f"instance {attempt.instance} is finished: {why}")
+        reason = reason or "a card has one attempt at each instance"
+        raise CardError(409, f"instance {attempt.instance} is finished: {reason}")
 
     async def _shown(self, card: Card, attempt: Attempt, run: Run) -> Seen:
-        """Return what is seen of a run whose moves are committed, and keep it where it goes on."""
+        """What is seen of a run whose moves are committed.
+
+        A run that goes on stays in memory.
+        """
         sees, index = card.protocol.sees, attempt.instance
         try:
             shown = await on_threads(self._task, run.seen, sees != "observation", sees != "picture")
@@ -393,8 +429,10 @@ class Cards:
         return Seen(index, view.steps, view.ended, **shown)
 
     async def _take(self, card: Card, attempt: Attempt) -> Run:
-        """Take the run of an attempt out of memory, or make it again from its moves; `_shown` puts
-        it back."""
+        """Take the run of an attempt out of memory, or replay it from its moves.
+
+        `_shown` puts it back.
+        """
         run = self._runs.pop(attempt.id, None)
         if run is not None:
             return run
@@ -408,8 +446,9 @@ class Cards:
         try:
             return await on_threads(self._task, replay)
         except (TaskFullError, ValueError) as error:
-            why = f"instance {attempt.instance} cannot go on now: {error}; try again later"
-            raise CardError(503, why) from error
+            raise CardError(
+                503, f"instance {attempt.instance} cannot go on now: {error}; try again later"
+            ) from error
 
     async def _abandon(self, card: Card, attempt: Attempt) -> None:
         run = await self._take(card, attempt)
@@ -417,7 +456,7 @@ class Cards:
         await self._end(attempt, run)
 
     async def _end(self, attempt: Attempt, run: Run) -> None:
-        now, came_to = self._clock_ms(), came_to_of(run)
+        now, came_to = self._clock_ms(), ending_of(run)
         await self._write(lambda conn: end_attempt(conn, attempt.id, now, came_to))
 
     async def _write(self, change: Callable[[sqlite3.Connection], T]) -> T:
@@ -429,20 +468,21 @@ class Cards:
 
     def _read_card(self, token: str) -> Card | None:
         conn = self._store.connection
-        found = card_of_token(conn, self._folder, token)
-        if found is None:
+        signed = card_of_token(conn, self._folder, token)
+        if signed is None:
             return None
-        attempts = {each.instance: each for each in attempts_of(conn, found[1].id)}
-        calls = len(attempts) + sum(each.moves for each in attempts.values())
-        return Card(*found, attempts, calls)
+        evaluation, row = signed
+        attempts = {attempt.instance: attempt for attempt in attempts_of(conn, row.id)}
+        calls = len(attempts) + sum(attempt.moves for attempt in attempts.values())
+        return Card(evaluation, row, attempts, calls)
 
     async def _read_attempts(self, card: Card) -> dict[int, Attempt]:
-        """Return the attempts of a card as they stand; hold its lock."""
-        found = await self._store.read(lambda: attempts_of(self._store.connection, card.row.id))
-        return {attempt.instance: attempt for attempt in found}
+        """The attempts of a card as they stand; hold its lock."""
+        attempts = await self._store.read(lambda: attempts_of(self._store.connection, card.row.id))
+        return {attempt.instance: attempt for attempt in attempts}
 
     def _count(self, card: Card) -> None:
-        """Count a call of a card; CardError 429 where that is one too many."""
+        """Count a call of a card; CardError 429 if it is one too many."""
         most = card.protocol.calls * card.protocol.instances
         if self._calls[card.row.id] >= most:
             raise CardError(429, f"the card has made its {most} calls: it can only be closed")
@@ -450,7 +490,7 @@ class Cards:
         card.calls = self._calls[card.row.id]
 
     def _is_over(self, card: Card) -> bool:
-        """Return whether the time of the whole card is over."""
+        """Whether the time of the whole card is over."""
         since = min(attempt.started_ms for attempt in card.attempts.values())
         return self._clock_ms() - since > card.protocol.hours * 3_600_000
 

@@ -1,4 +1,7 @@
-"""The end of an evaluation: what runs is abandoned, and the terrains of its study are revealed."""
+"""The end of an evaluation.
+
+What runs is abandoned, and the terrains of its study are revealed.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +31,15 @@ from humanplay.task import counted
 
 
 def check_closable(database: Path, evaluation: Evaluation, now: bool) -> None:
-    """Check that an evaluation can be closed and its receipts written; EvaluationError while an
-    agent is at it, unless `now`.
+    """Check that an evaluation can be closed and its receipts written.
 
-    ReleaseError where there is no key, PolicyError where the file of a policy is lost.
+    Args:
+        now: Whether it may be closed although an agent is at it.
+
+    Raises:
+        EvaluationError: If an agent is at it, or its study runs.
+        ReleaseError: If there is no key.
+        PolicyError: If the file of a policy is lost.
     """
     signing_key(database)
     protocol = evaluation.protocol
@@ -63,8 +71,10 @@ def check_closable(database: Path, evaluation: Evaluation, now: bool) -> None:
 
 
 def close_evaluation(database: Path, folder: Folder, name: str) -> None:
-    """Close an evaluation, and abandon where they stand the attempts that run; a closed one stays
-    as it is."""
+    """Close an evaluation, and abandon the attempts that run where they stand.
+
+    A closed evaluation stays as it is.
+    """
     with changing(database) as conn:
         evaluation = evaluation_named(conn, folder, name)
         if evaluation.closed_ms is not None:
@@ -81,8 +91,10 @@ def close_evaluation(database: Path, folder: Folder, name: str) -> None:
 
 
 def reveal_study(database: Path, folder: Folder, evaluation: Evaluation) -> None:
-    """Reveal the secret of the study whose terrains were played, and note it in the database where
-    no server does."""
+    """Reveal the secret of the study whose terrains were played.
+
+    It is noted in the database, unless a server has it open: then the server notes it.
+    """
     study = evaluation.study
     if study is None or not study.is_open:
         return

@@ -1,5 +1,7 @@
-"""The command `humanplay agents`: evaluations on instances that stay secret, cards for authors,
-receipts."""
+"""The command `humanplay agents`: evaluations of agents on secret instances.
+
+It issues cards to authors and signs receipts.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,11 @@ if TYPE_CHECKING:
 
 @click.group(short_help="Evaluate agents on instances that stay secret, with signed receipts.")
 def agents() -> None:
-    """Let agents play the terrains that people played, unseen, and sign what came of it.
+    """Let agents play the terrains that people played, unseen, and sign the results.
 
-    An evaluation lies in the database, and a server on that database serves it. Authors of agents play by cards, one for each
-    author; no score is told before the evaluation closes, which publishes everything.
+    An evaluation lies in the database, and a server on that database serves it. Authors of agents
+    play by cards, one for each author; no score is told before the evaluation closes, which
+    publishes everything.
 
     \b
     Examples:
@@ -65,12 +68,15 @@ def new(
     instances: int,
     folder: Folder,
     database: Path,
-    **given: Any,
+    **limits: Any,
 ) -> None:
-    """Fix an evaluation for good, and print its hash and its commitment: publish them before any agent plays.
+    """Fix an evaluation for good, and print its hash and its commitment.
 
-    With --of the instances are the ranked terrains of that study, as long as they are secret: while it is open, or closed with
-    --keep-secret. The secret of instances of its own is in the database: keep it to yourself.
+    Publish them before any agent plays.
+
+    With --of the instances are the ranked terrains of that study, as long as they are secret: while
+    it is open, or closed with --keep-secret. The secret of instances of its own is in the database:
+    keep it to yourself.
 
     \b
     Examples:
@@ -82,13 +88,13 @@ def new(
 
     if (study is None) == (task is None):
         raise UsageError("expected either --of STUDY or --task ID")
-    wanted = {"name": name, **given}
+    wanted = {"name": name, **limits}
     if task is None:
         wanted["study"] = study
     else:
-        known = task_name(task)
-        config = config_of(known, level, size)
-        wanted |= {"task": known, "config": config.to_dict(), "instances": instances}
+        task_id = task_name(task)
+        config = config_of(task_id, level, size)
+        wanted |= {"task": task_id, "config": config.to_dict(), "instances": instances}
     with failures(f"cannot write {database}"), study_errors():
         begun = begin_evaluation(database, folder, wanted, now_ms())
     echo(f"The evaluation {name!r} is open.\n{_hashes(begun)}")
@@ -101,9 +107,12 @@ def new(
 @option("--base", default="http://127.0.0.1:8000", help="The server's address.")
 @DATABASE_AND_STUDIES
 def card(name: str, author: str, base: str, folder: Folder, database: Path) -> None:
-    """Issue a card and print its address: whoever has it plays with it, once at each instance.
+    """Issue a card and print its address.
 
-    A further card of an author is numbered, its receipt says that it has seen these instances, and it never ranks.
+    Whoever has the address plays with the card, once at each instance.
+
+    A further card of an author is numbered, its receipt says that it has seen these instances, and
+    it never ranks.
 
     \b
     Examples:
@@ -124,25 +133,27 @@ def card(name: str, author: str, base: str, folder: Folder, database: Path) -> N
 @argument("name", required=False)
 @DATABASE_AND_STUDIES
 def show(name: str | None, folder: Folder, database: Path) -> None:
-    """Print every evaluation, or of one what was fixed and its cards; never a secret of an open
-    one, never a card's address."""
+    """Print every evaluation, or of one what was fixed and its cards.
+
+    The secret of an open one and the addresses of cards are never printed.
+    """
     from humanplay.agents.evaluation import cards_of, evaluation_named, evaluations, looking
     from humanplay.study.files import iso
 
     with failures(f"cannot read {database}"), study_errors(), looking(database) as conn:
-        found = [evaluation_named(conn, folder, name)] if name else evaluations(conn, folder)
+        listed = [evaluation_named(conn, folder, name)] if name else evaluations(conn, folder)
         cards = cards_of(conn, name) if name else []
-    if not found:
+    if not listed:
         echo(f"no evaluations in {database}; `humanplay agents new NAME` begins one")
     elif name is None:
         rows = []
-        for listed in found:
-            protocol = listed.protocol
+        for evaluation in listed:
+            protocol = evaluation.protocol
             played = protocol.study.name if protocol.study else protocol.task
-            rows.append((listed.name, _status(listed), str(protocol.instances), played))
+            rows.append((evaluation.name, _status(evaluation), str(protocol.instances), played))
         print_table("Evaluations", ("name", "status", "instances", "of"), rows)
     else:
-        (evaluation,) = found
+        (evaluation,) = listed
         protocol = evaluation.protocol
         whose = f"ranked terrains of {protocol.study.name}" if protocol.study else protocol.task
         echo(f"{name}: {_status(evaluation)}, {protocol.instances} instances: {whose}")
@@ -167,7 +178,10 @@ def show(name: str | None, folder: Folder, database: Path) -> None:
 @argument("ident", metavar="CARD")
 @DATABASE_AND_STUDIES
 def revoke(name: str, ident: str, folder: Folder, database: Path) -> None:
-    """Take a card back by its id: nobody can go on with it, and what was played with it counts."""
+    """Take a card back by its id.
+
+    Nobody can go on with it, and what was played with it counts.
+    """
     from humanplay.agents.evaluation import card_named, changing, evaluation_named
     from humanplay.study.files import now_ms
 
@@ -184,7 +198,7 @@ def revoke(name: str, ident: str, folder: Folder, database: Path) -> None:
 @flag("--yes", "Do not ask.")
 @DATABASE_AND_STUDIES
 def forget(name: str, ident: str, yes: bool, folder: Folder, database: Path) -> None:
-    """Erase a card by its id, with its author and all that was played with it, for good.
+    """Erase a card by its id, with its author and all that was played, for good.
 
     Of a closed evaluation, `humanplay agents close` then writes the files again without it.
     """
@@ -204,8 +218,9 @@ def forget(name: str, ident: str, yes: bool, folder: Folder, database: Path) -> 
 @flag("--now", "Close it also while an agent is at it.")
 @DATABASE_AND_STUDIES
 def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> None:
-    """End an evaluation: attempts that run are abandoned and count, the secrets are revealed, and
-    every card gets its receipt.
+    """End an evaluation, reveal its instances, and give every card its receipt.
+
+    Attempts that run are abandoned and count.
 
     The secret of the study whose terrains were played is revealed too. Receipts and the opening are
     signed by the server's key and are to be had on the evaluation's page; called again, it writes
@@ -220,8 +235,10 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
             evaluation = evaluation_named(conn, folder, name)
         check_closable(database, evaluation, now)  # where it cannot be signed nothing is closed
     if evaluation.closed_ms is None and not yes:
-        question = f"Close the evaluation {name!r} for ever? What agents have not finished counts"
-        click.confirm(f"{question} as it stands", abort=True)
+        click.confirm(
+            f"Close the evaluation {name!r} for ever? What agents have not finished counts as it stands",
+            abort=True,
+        )
     with failures(f"cannot close {name!r}"), study_errors(), _policy_errors():
         close_evaluation(database, folder, name)
         reveal_study(database, folder, evaluation)
@@ -239,10 +256,11 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
 def verify(
     receipt: Path, opening: Path | None, key: str | None, ident: str | None, of: str | None
 ) -> int:
-    """Check the signature and the chain of a receipt; with the opening, the commitments and every episode too.
+    """Check a receipt's signature and chain; with the opening all that it says.
 
-    Exit code 1 where anything differs. A valid signature says who wrote the receipt only as far as the key is known: give the
-    fingerprint that the server's operator published with --key.
+    With --opening the commitments are checked, and every episode is simulated again. Exit code 1
+    where anything differs. A valid signature says who wrote the receipt only as far as the key is
+    known: give the fingerprint that the server's operator published with --key.
 
     \b
     Examples:
@@ -255,22 +273,24 @@ def verify(
 
     with failures("cannot read {file}"):
         content = receipts.read_signed(receipt, receipts.RECEIPT_FORMAT)
-        found = list(receipts.check_receipt(content, ident, of))
+        findings = list(receipts.check_receipt(content, ident, of))
         if opening is not None:
             opened = receipts.read_signed(opening, receipts.OPENING_FORMAT)
-            found += receipts.check_opened(content, opened)
+            findings += receipts.check_opened(content, opened)
         signer = signing.fingerprint(content["public_key"].encode())
         wanted = None if key is None else signing.fingerprint_of(key)
     if wanted is not None and wanted != signer:
-        found.append(Finding("receipt", "the signing key", signer, wanted))
-    for finding in found:
+        findings.append(Finding("receipt", "the signing key", signer, wanted))
+    for finding in findings:
         echo(str(finding))
-    if not found:
+    if not findings:
         echo(receipts.description(content))
         echo(signing.SignerCheck(signer, "key" if wanted else None).sentence())
-    what = "every episode simulated again" if opening else "no episode simulated without --opening"
-    echo(f"{len(found) or 'nothing'} wrong; {what}")
-    return 1 if found else 0
+    simulated = (
+        "every episode simulated again" if opening else "no episode simulated without --opening"
+    )
+    echo(f"{len(findings) or 'nothing'} wrong; {simulated}")
+    return 1 if findings else 0
 
 
 @contextmanager

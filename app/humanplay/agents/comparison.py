@@ -1,8 +1,8 @@
-"""Agents of a closed evaluation, policies and people on one scale: derived from receipts, policies'
-episodes and a study.
+"""Agents of a closed evaluation, policies and people on one scale.
 
-Where the instances are those that people played, each agent is compared with them instance by
-instance, by the test of `humanplay.report.statistics.comparisons`.
+The comparison is derived from receipts, policies' episodes and a study. If the instances are those
+that people played, each agent is compared with them instance by instance, by the test of
+`humanplay.report.statistics.comparisons`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NotRequired, TypedDict
 
 import numpy as np
 
-from humanplay.agents.evaluation import CameTo, Protocol, came_to_of
+from humanplay.agents.evaluation import EpisodeEnding, Protocol, ending_of
 from humanplay.db.trial import LEFT
 from humanplay.report.statistics.comparisons import compare_policy
 from humanplay.report.statistics.exclusion_sets import METRICS, MetricName, members, people_of
@@ -26,8 +26,12 @@ from humanplay.task import Drawn
 from marsexplorer.intervals import Floats
 
 
-class ReceiptEpisode(CameTo):
-    """An instance in a receipt: its moves (hex), one byte each, and what they came to."""
+class ReceiptEpisode(EpisodeEnding):
+    """An instance in a receipt and how its episode ended.
+
+    Attributes:
+        actions: Its moves (hex), one byte each.
+    """
 
     index: int
     begun: bool
@@ -55,7 +59,10 @@ class SeenBy(TypedDict):
 
 
 class Receipt(TypedDict):
-    """What came of a card; signed, it has the public half of the key and the signature too."""
+    """How a card's attempts ended.
+
+    A signed one has the public half of the key and the signature too.
+    """
 
     format: str
     evaluation: str
@@ -80,8 +87,10 @@ class Receipt(TypedDict):
 
 @dataclass(frozen=True)
 class _Played:
-    """What somebody came to on each instance; what has not succeeded took all the moves that there
-    are."""
+    """Somebody's results on each instance.
+
+    What has not succeeded took all the moves that there are.
+    """
 
     name: str
     score: Floats
@@ -89,9 +98,11 @@ class _Played:
     outcomes: tuple[str, ...]
 
     @classmethod
-    def of(cls, name: str, protocol: Protocol, episodes: Mapping[int, CameTo]) -> _Played:
-        """Take episodes by instance; what was left has the score that it has for people
-        (`Trial.as_left`)."""
+    def of(cls, name: str, protocol: Protocol, episodes: Mapping[int, EpisodeEnding]) -> _Played:
+        """Take episodes by instance.
+
+        What was left has the score that it has for people (`Trial.as_left`).
+        """
         environment, config = protocol.environment, protocol.env_config
         cause = Drawn(config, seed=0, terrain=b"", start=(0, 0))
         score, steps = np.full((2, protocol.instances), np.nan)
@@ -113,11 +124,13 @@ def compare(
     episodes: Sequence[PolicyEpisode],
     data: StudyData | None,
 ) -> dict[str, object]:
-    """Return the comparison, ready for JSON: its words, the people's row, a row for each policy and
-    agent, and each instance.
+    """The comparison, ready for JSON.
 
     Args:
         data: Of the closed study whose people the agents are compared with; None for none.
+
+    Returns:
+        Its words, the people's row, a row for each policy and agent, and each instance.
     """
     tables: dict[str, Floats] = {}
     if data is not None:
@@ -172,17 +185,20 @@ def compare(
 
 
 def _policies(protocol: Protocol, episodes: Sequence[PolicyEpisode]) -> list[_Played]:
-    """What each policy came to, its episodes replayed."""
+    """Each policy's results, its episodes replayed."""
     environment, config = protocol.environment, protocol.env_config
-    by_policy: dict[str, dict[int, CameTo]] = {}
+    by_policy: dict[str, dict[int, EpisodeEnding]] = {}
     for episode in episodes:
-        came_to = came_to_of(episode.replay(environment, config))
+        came_to = ending_of(episode.replay(environment, config))
         by_policy.setdefault(episode.policy, {})[episode.terrain] = came_to
     return [_Played.of(name, protocol, endings) for name, endings in by_policy.items()]
 
 
 class _Figure(TypedDict):
-    """A mean in a metric, and each instance's; the rest where people played the same instances."""
+    """A mean in a metric, and each instance's number.
+
+    The other fields are there if people played the same instances.
+    """
 
     mean: float
     values: list[float]
@@ -193,7 +209,7 @@ class _Figure(TypedDict):
 
 
 class _Figures(TypedDict):
-    """Somebody's outcomes, and their figure in each metric."""
+    """Somebody's outcomes, and their mean in each metric."""
 
     outcomes: list[str]
     score: _Figure
@@ -207,7 +223,7 @@ def _figures(
     random: _Played | None,
     is_drawn: bool,
 ) -> _Figures:
-    """The mean in each metric, and its difference to people where they are paired."""
+    """The mean in each metric, and its difference to people if they are paired."""
 
     def figure(metric: MetricName) -> _Figure:
         values: Floats = getattr(played, metric)
@@ -230,18 +246,18 @@ def _figures(
 
 
 def _instances(data: StudyData) -> list[dict[str, object]]:
-    """Return for each instance how many people played and completed it, their means, upper median
-    and best number of moves.
+    """For each instance how people fared: everybody who ended it.
 
-    All of it is of everybody who ended it, and None where nobody did.
+    How many played and completed it, their means, upper median and best number of moves; None if
+    nobody did.
     """
     cohort = people_of(data)
     ids = members(cohort, {})
-    own = [trial for person in ids for trial in cohort.ranked[person]]
+    trials = [trial for person in ids for trial in cohort.ranked[person]]
     tables = {name: cohort.table(ids, name) for name in METRICS}
     rows = []
     for attempts in first_attempts(cohort).terrains:
-        here = [trial for trial in own if trial.terrain_index == attempts.terrain]
+        here = [trial for trial in trials if trial.terrain_index == attempts.terrain]
         moves = [trial.steps for trial in here if trial.succeeded]
         row: dict[str, object] = {
             "index": attempts.terrain, "players": attempts.played, "completed": attempts.completed,

@@ -1,9 +1,9 @@
-"""An evaluation of agents: what fixes it, and its cards, in the room's own tables of the database.
+"""An evaluation of agents: what fixes it, and its cards.
 
-It plays the ranked terrains of a study whose secret is kept, or instances of a task that follow
-from a secret of its own. Each card belongs to an author; a further one of the same author is
-numbered, has seen these instances, and never ranks. A card's token is its id and a signature under
-the evaluation's secret.
+They are in tables of their own in the database. An evaluation plays the ranked terrains of a study
+whose secret is kept, or instances of a task that follow from a secret of its own. Each card belongs
+to an author; a further one of the same author is numbered, has seen these instances, and never
+ranks. A card's token is its id and a signature under the evaluation's secret.
 """
 
 from __future__ import annotations
@@ -47,11 +47,12 @@ TABLES = (
         attempt INTEGER NOT NULL REFERENCES agents_attempts(id), step INTEGER NOT NULL, action INTEGER NOT NULL,
         at_ms INTEGER NOT NULL, PRIMARY KEY (attempt, step)) WITHOUT ROWID""",
 )
-"""A move counts once its row is committed; `came_to` is JSON, what the attempt came to (`CameTo`)."""
+"""A move counts once its row is committed; `came_to` is JSON, how the attempt ended
+(`EpisodeEnding`)."""
 
 
-class CameTo(TypedDict):
-    """What an episode came to, as a receipt says it and as it is simulated again."""
+class EpisodeEnding(TypedDict):
+    """How an episode ended, as a receipt says it and as it is simulated again."""
 
     outcome: str
     steps: int
@@ -76,7 +77,7 @@ _ATTEMPTS = """SELECT a.*, coalesce((SELECT max(m.step) + 1 FROM agents_moves m 
 
 
 class EvaluationError(StudyError):
-    """An evaluation cannot be begun, changed or closed as it was asked for; the text says why."""
+    """An evaluation cannot be begun, changed or closed as asked; the text says why."""
 
 
 class PlayedStudy(BaseModel):
@@ -157,7 +158,10 @@ class Evaluation:
 
     @property
     def is_open(self) -> bool:
-        """Whether cards can be played: it is not closed, and the terrains of its study are secret."""
+        """Whether cards can be played.
+
+        It is not closed then, and the terrains of its study are secret.
+        """
         return self.closed_ms is None and (self.study is None or self.study.is_open)
 
     @property
@@ -187,8 +191,12 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class CardRow:
-    """A card as it was issued; `number` counts the cards of its author from 1, `moved_ms` is of its
-    last move."""
+    """A card as it was issued.
+
+    Attributes:
+        number: Counts the cards of its author from 1.
+        moved_ms: Of its last move.
+    """
 
     id: str
     evaluation: str
@@ -210,14 +218,19 @@ class CardRow:
 
 @dataclass(frozen=True)
 class Attempt:
-    """An attempt at an instance, and how many moves it has; `came_to` is None while it runs."""
+    """An attempt at an instance.
+
+    Attributes:
+        came_to: None while it runs.
+        moves: How many it has.
+    """
 
     id: int
     card: str
     instance: int
     started_ms: int
     ended_ms: int | None
-    came_to: CameTo | None
+    came_to: EpisodeEnding | None
     moves: int
 
 
@@ -227,15 +240,17 @@ def published_folder(database: Path, name: str) -> Path:
 
 
 def create_tables(conn: sqlite3.Connection) -> None:
-    """Make the room's tables where they are not there yet."""
+    """Create the evaluations' tables if they are not there yet."""
     for statement in TABLES:
         conn.execute(statement)
 
 
 @contextmanager
 def changing(database: Path) -> Iterator[sqlite3.Connection]:
-    """Yield a connection that writes the room's tables, in one transaction; the database is made
-    when absent."""
+    """Yield a connection that writes the evaluations' tables, in one transaction.
+
+    The database is created if it is absent.
+    """
     if not database.exists():
         open_database(database).close()
     with writing(database) as conn:
@@ -245,7 +260,10 @@ def changing(database: Path) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def looking(database: Path) -> Iterator[sqlite3.Connection]:
-    """Yield a connection that reads the room's tables, which are there afterwards."""
+    """Yield a connection that reads the evaluations' tables.
+
+    They are there afterwards.
+    """
     with changing(database):
         pass
     with reading(database) as conn:
@@ -253,18 +271,18 @@ def looking(database: Path) -> Iterator[sqlite3.Connection]:
 
 
 def evaluations(conn: sqlite3.Connection, folder: Folder) -> list[Evaluation]:
-    """All evaluations, by name; StudyError where the study of one is damaged."""
-    found = rows(conn, "SELECT * FROM agents_evaluations ORDER BY name")
-    return [_evaluation(row, folder) for row in found]
+    """All evaluations, by name; StudyError if the study of one is damaged."""
+    stored = rows(conn, "SELECT * FROM agents_evaluations ORDER BY name")
+    return [_evaluation(row, folder) for row in stored]
 
 
 def evaluation_named(conn: sqlite3.Connection, folder: Folder, name: str) -> Evaluation:
-    """The evaluation of a name; EvaluationError where there is none."""
+    """The evaluation of a name; EvaluationError if there is none."""
     for row in rows(conn, "SELECT * FROM agents_evaluations WHERE name = ?", name):
         return _evaluation(row, folder)
-    known = ", ".join(row[0] for row in conn.execute("SELECT name FROM agents_evaluations"))
+    names = ", ".join(row[0] for row in conn.execute("SELECT name FROM agents_evaluations"))
     raise EvaluationError(
-        f"no evaluation {name!r}; there are: {known or 'none'} (`humanplay agents new` begins one)"
+        f"no evaluation {name!r}; there are: {names or 'none'} (`humanplay agents new` begins one)"
     )
 
 
@@ -289,12 +307,15 @@ def begin_evaluation(
     now_ms: int,
     draw: Callable[[int], bytes] = secrets.token_bytes,
 ) -> Evaluation:
-    """Fix a new evaluation and return it; EvaluationError where it cannot be played.
+    """Fix a new evaluation.
 
     Args:
         wanted: The fields of its protocol; with `study` the name of a study, the task is that
             study's.
         draw: Gives so many random bytes for the secret.
+
+    Raises:
+        EvaluationError: If it cannot be played.
     """
     wanted, study = dict(wanted), None
     if (name := wanted.pop("study", None)) is not None:
@@ -321,9 +342,9 @@ def begin_evaluation(
             **{**wanted, "config": config.to_dict(), "core_version": environment.version},
             lock=environment.lock.current(),
         )
-        made = Evaluation(protocol, draw(32), now_ms, None, study)
+        evaluation = Evaluation(protocol, draw(32), now_ms, None, study)
         for index in range(protocol.instances):
-            environment.instance(config, made.seed(index))
+            environment.instance(config, evaluation.seed(index))
     except ValidationError as error:
         raise EvaluationError(describe_errors(error.errors(include_url=False))) from error
     except ValueError as error:
@@ -336,21 +357,19 @@ def begin_evaluation(
                 raise EvaluationError(
                     f"the evaluation {other.name!r} plays the terrains of {study.name!r} already: close that first"
                 )
-        values = (protocol.name, protocol.model_dump_json(), made.secret.hex(), now_ms)
+        values = (protocol.name, protocol.model_dump_json(), evaluation.secret.hex(), now_ms)
         conn.execute("INSERT INTO agents_evaluations VALUES (?, ?, ?, ?, NULL)", values)
-    return made
+    return evaluation
 
 
 def cards_of(conn: sqlite3.Connection, name: str) -> list[CardRow]:
     """The cards of an evaluation, in the order of issuing."""
-    found = rows(
-        conn, f"{_CARDS} WHERE c.evaluation = ? ORDER BY c.issued_ms, c.number, c.id", name
-    )
-    return [CardRow(**row) for row in found]
+    sql = f"{_CARDS} WHERE c.evaluation = ? ORDER BY c.issued_ms, c.number, c.id"
+    return [CardRow(**row) for row in rows(conn, sql, name)]
 
 
 def card_with_id(conn: sqlite3.Connection, ident: str) -> CardRow | None:
-    """The card with an id, None where there is none."""
+    """The card with an id, None if there is none."""
     for row in rows(conn, f"{_CARDS} WHERE c.id = ?", ident):
         return CardRow(**row)
     return None
@@ -359,8 +378,11 @@ def card_with_id(conn: sqlite3.Connection, ident: str) -> CardRow | None:
 def issue_card(
     conn: sqlite3.Connection, evaluation: Evaluation, author: str, now_ms: int
 ) -> CardRow:
-    """Issue a card to an author, numbered among theirs; EvaluationError unless the evaluation is
-    open."""
+    """Issue a card to an author, numbered among theirs.
+
+    Raises:
+        EvaluationError: If the evaluation is closed, or the author is no printable name.
+    """
     author = re.sub(r"\s+", " ", author).strip()
     if not evaluation.is_open:
         raise EvaluationError(
@@ -371,29 +393,29 @@ def issue_card(
             f"an author is named by 1 to 100 printable characters, got {author!r}"
         )
     number = 1 + sum(_same(card.author, author) for card in cards_of(conn, evaluation.name))
-    known = {row[0] for row in conn.execute("SELECT id FROM agents_cards")}
-    ident = new_id(known)
+    ids = {row[0] for row in conn.execute("SELECT id FROM agents_cards")}
+    ident = new_id(ids)
     sql = "INSERT INTO agents_cards (id, evaluation, author, number, issued_ms) VALUES (?, ?, ?, ?, ?)"
     conn.execute(sql, (ident, evaluation.name, author, number, now_ms))
     return CardRow(ident, evaluation.name, author, number, now_ms, None, None, "{}", None)
 
 
 def card_named(conn: sqlite3.Connection, evaluation: str, ident: str) -> CardRow:
-    """A card of an evaluation by its id; EvaluationError where there is none."""
+    """A card of an evaluation by its id; EvaluationError if there is none."""
     cards = {card.id: card for card in cards_of(conn, evaluation)}
     if ident not in cards:
-        known = ", ".join(cards) or "none"
-        raise EvaluationError(
-            f"the evaluation {evaluation!r} has no card {ident!r}; it has {known}"
-        )
+        ids = ", ".join(cards) or "none"
+        raise EvaluationError(f"the evaluation {evaluation!r} has no card {ident!r}; it has {ids}")
     return cards[ident]
 
 
 def card_of_token(
     conn: sqlite3.Connection, folder: Folder, token: str
 ) -> tuple[Evaluation, CardRow] | None:
-    """The card that a token was signed for and that holds, with its evaluation; None for any other
-    text."""
+    """The card that a token was signed for, with its evaluation.
+
+    None for any other text, and if the card was revoked or closed.
+    """
     card = card_with_id(conn, token[:ID_LENGTH])
     if card is None:
         return None
@@ -406,10 +428,9 @@ def card_of_token(
 
 def attempts_of(conn: sqlite3.Connection, card: str) -> list[Attempt]:
     """The attempts of a card, in the order in which they were begun."""
-    found = rows(conn, f"{_ATTEMPTS} WHERE a.card = ? ORDER BY a.id", card)
     return [
         Attempt(**{**row, "came_to": row["came_to"] and json.loads(row["came_to"])})
-        for row in found
+        for row in rows(conn, f"{_ATTEMPTS} WHERE a.card = ? ORDER BY a.id", card)
     ]
 
 
@@ -419,8 +440,8 @@ def actions_of(conn: sqlite3.Connection, attempt: int) -> bytes:
     return bytes(row[0] for row in conn.execute(sql, (attempt,)))
 
 
-def end_attempt(conn: sqlite3.Connection, attempt: int, at_ms: int, came_to: CameTo) -> None:
-    """Write what an attempt that runs came to; one that has ended stays as it is."""
+def end_attempt(conn: sqlite3.Connection, attempt: int, at_ms: int, came_to: EpisodeEnding) -> None:
+    """Write how a running attempt ended; one that has ended stays as it is."""
     sql = "UPDATE agents_attempts SET ended_ms = ?, came_to = ? WHERE id = ? AND ended_ms IS NULL"
     conn.execute(sql, (at_ms, json.dumps(came_to), attempt))
 
@@ -440,13 +461,17 @@ def cause_of(protocol: Protocol, number: int) -> Drawn:
     return drawn(protocol.environment, protocol.env_config, number)
 
 
-def simulated(protocol: Protocol, number: int, actions: bytes) -> CameTo:
-    """What an episode on a seed comes to; ValueError or RuntimeError where its actions do not fit."""
-    return came_to_of(protocol.environment.replay(cause_of(protocol, number), actions, True))
+def simulated(protocol: Protocol, number: int, actions: bytes) -> EpisodeEnding:
+    """How an episode on a seed ends.
+
+    Raises:
+        ValueError, RuntimeError: If its actions do not fit.
+    """
+    return ending_of(protocol.environment.replay(cause_of(protocol, number), actions, True))
 
 
-def came_to_of(run: Run) -> CameTo:
-    """What an ended run came to."""
+def ending_of(run: Run) -> EpisodeEnding:
+    """How a run ended."""
     record = run.record()
     return {
         "outcome": record.outcome,
@@ -458,6 +483,6 @@ def came_to_of(run: Run) -> CameTo:
 
 
 def _same(one: str, other: str) -> bool:
-    """Whether two authors are one, whatever the case and the marks between the letters."""
+    """Whether two authors are one, whatever the case and marks between the letters."""
     plain = [re.sub(r"\W+", "", author).casefold() for author in (one, other)]
     return plain[0] == plain[1] or one == other

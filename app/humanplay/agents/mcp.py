@@ -1,5 +1,7 @@
-"""The Model Context Protocol under a card's address: its handshake and two tools, over HTTP without
-streams and sessions."""
+"""The Model Context Protocol under a card's address: its handshake and two tools.
+
+It is spoken over HTTP without streams and sessions.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +16,12 @@ from pydantic import BaseModel, Field, ValidationError
 from humanplay.agents import wire
 from humanplay.agents.answers import RpcAnswer
 from humanplay.agents.cards import AboutCard, CardError
-from humanplay.agents.wire import Agent, AgentOf, NameOf, read, told_of
+from humanplay.agents.wire import Agent, AgentOf, NameOf, observation_of, read
 from humanplay.board.messages import Message, describe_errors
 from humanplay.task import counted
 
 VERSIONS = ("2025-11-25", "2025-06-18", "2025-03-26", "2024-11-05")
-"""Whose handshake is answered; whoever asks for another one is offered the first."""
+"""Versions of the protocol that are spoken; a client that asks for another is offered the first."""
 INVALID_REQUEST, NO_METHOD, INVALID_PARAMS = -32600, -32601, -32602
 """Codes of JSON-RPC 2.0."""
 
@@ -36,7 +38,9 @@ class Call(BaseModel):
 
 
 class Begin(Message):
-    """Begin the attempt at an instance, or see where it stands. There is one attempt at each."""
+    """Begin the attempt at an instance, or see where it stands.
+
+    There is one attempt at each."""
 
     index: int = Field(description="of the instance, from 0")
 
@@ -58,40 +62,44 @@ TOOLS: dict[str, type[Begin]] = {"begin": Begin, "move": Move}
     },
 )
 async def mcp(request: Request, agent: AgentOf, name: NameOf) -> Response:
-    """Answer initialize, ping, tools/list and tools/call, and OpenEnv's openenv/session/create and
-    close, one a request."""
+    """Answer a request of MCP: initialize, ping, tools/list or tools/call.
+
+    OpenEnv's openenv/session/create and openenv/session/close are answered too.
+    """
     try:
         call = Call.model_validate_json(await request.body())
     except ValidationError as error:
-        what = describe_errors(error.errors(include_url=False))
-        return _told(None, error=(INVALID_REQUEST, what))
+        reason = describe_errors(error.errors(include_url=False))
+        return _answer(None, error=(INVALID_REQUEST, reason))
     if call.id is None:
         return Response(status_code=202)
     match call.method:
         case "tools/call":
-            return _told(call.id, await _use(agent, call.params))
+            return _answer(call.id, await _use(agent, call.params))
         case "tools/list":
-            return _told(call.id, {"tools": _tools(agent.cards.about(agent.card)["actions"])})
+            return _answer(call.id, {"tools": _tools(agent.cards.about(agent.card)["actions"])})
         case "initialize":
             asked = call.params.get("protocolVersion")
-            return _told(call.id, {
+            return _answer(call.id, {
                 "protocolVersion": asked if asked in VERSIONS else VERSIONS[0],
                 "capabilities": {"tools": {}},
                 "serverInfo": {"name": name, "version": "1"},
                 "instructions": _instructions(agent.cards.about(agent.card)),
             })  # fmt: skip
         case "ping":
-            return _told(call.id, {})
+            return _answer(call.id, {})
         case "openenv/session/create":  # a card is one session: it holds nothing but the record
-            return _told(call.id, {"session_id": agent.card.row.id})
+            return _answer(call.id, {"session_id": agent.card.row.id})
         case "openenv/session/close" if call.params.get("session_id") == agent.card.row.id:
-            return _told(call.id, {"session_id": agent.card.row.id, "closed": True})
+            return _answer(call.id, {"session_id": agent.card.row.id, "closed": True})
         case "openenv/session/close":
-            return _told(call.id, error=(INVALID_PARAMS, "expected the session_id that was given"))
-    return _told(call.id, error=(NO_METHOD, f"no method {call.method[:40]!r} here"))
+            return _answer(
+                call.id, error=(INVALID_PARAMS, "expected the session_id that was given")
+            )
+    return _answer(call.id, error=(NO_METHOD, f"no method {call.method[:40]!r} here"))
 
 
-def _told(
+def _answer(
     ident: str | int | None, result: object = None, error: tuple[int, str] | None = None
 ) -> Response:
     answer: dict[str, object] = {"result": result}
@@ -117,8 +125,10 @@ def _tools(actions: list[str]) -> list[dict[str, object]]:
 
 
 async def _use(agent: Agent, params: dict[str, object]) -> dict[str, object]:
-    """Return what a tool tells, as text, picture and object; what is refused is the tool's own
-    error."""
+    """What a tool shows, as text, picture and object.
+
+    A refusal is the tool's own error.
+    """
     try:
         if (kind := TOOLS.get(str(params.get("name")))) is None:
             raise CardError(404, f"expected a tool of {', '.join(TOOLS)}")
@@ -129,12 +139,12 @@ async def _use(agent: Agent, params: dict[str, object]) -> dict[str, object]:
             seen = await agent.begin(wanted.index)
     except CardError as error:
         return {"content": [{"type": "text", "text": str(error)}], "isError": True}
-    told, picture = told_of(replace(seen, picture=None)), seen.picture or ""
+    structured, picture = observation_of(replace(seen, picture=None)), seen.picture or ""
     stands = "finished" if seen.done else "running"
     text = f"instance {seen.index}, step {seen.step}, {stands}\n{seen.text or json.dumps(seen.observation)}"
     if seen.allowed is not None:
         text += f"\nallowed: {', '.join(seen.allowed)}"
-    mime, _, data = picture.removeprefix("data:").partition(";base64,")
-    images = [{"type": "image", "data": data, "mimeType": mime}] if picture else []
+    mime, _, encoded = picture.removeprefix("data:").partition(";base64,")
+    images = [{"type": "image", "data": encoded, "mimeType": mime}] if picture else []
     content = [{"type": "text", "text": text}, *images]
-    return {"content": content, "structuredContent": told, "isError": False}
+    return {"content": content, "structuredContent": structured, "isError": False}

@@ -1,5 +1,7 @@
-"""Evaluations of agents for everybody: what was fixed, and their results and receipts once they are
-closed."""
+"""Evaluations of agents for everybody: what was fixed, and later the results.
+
+Results and receipts are there once an evaluation is closed.
+"""
 
 from __future__ import annotations
 
@@ -59,9 +61,9 @@ async def list_evaluations(request: Request) -> list[dict[str, object]]:
     summary="What an evaluation has published",
 )
 async def get_evaluation(request: Request, name: Name) -> dict[str, object]:
-    """What was fixed before any agent played, and the comparison once the evaluation is closed.
+    """What was fixed before any agent played, and later the comparison.
 
-    `cards` is how many were issued; `secret` and `comparison` are null while it is open.
+    `cards` is how many were issued; `secret` and `comparison` are null until it is closed.
     """
     evaluation, cards = await _found(request, name)
     comparison = _path(request, evaluation, COMPARISON)
@@ -81,7 +83,10 @@ async def get_evaluation(request: Request, name: Name) -> dict[str, object]:
     summary="A receipt, or the opening",
 )
 async def get_file(request: Request, name: Name, file: str) -> FileResponse:
-    """A published file: `opening.json`, `receipts/ID.json`, `policies.json` or `comparison.json`."""
+    """A published file.
+
+    It is `opening.json`, `receipts/ID.json`, `policies.json` or `comparison.json`.
+    """
     evaluation, _ = await _found(request, name)
     path = _path(request, evaluation, file)
     if path is None:
@@ -153,8 +158,10 @@ def _read(path: FilePath) -> Any:
 
 
 def _rows(comparison: Any) -> list[dict[str, object]]:
-    """The rows of the table, the best first, with where each stands on the common scale, in percent
-    of its width."""
+    """The rows of the table, the best first.
+
+    Each says where it stands on the common scale, in percent of its width.
+    """
     if comparison is None:
         return []
     rows = [{**row, "low": None, "high": None} for row in comparison["rows"]]
@@ -165,11 +172,11 @@ def _rows(comparison: Any) -> list[dict[str, object]]:
         figures = {name: {**people[name], "difference": None} for name in ("score", "steps")}
         rows.append({**row, **ends, **figures})
     spots = [(row["score"]["mean"], row["low"], row["high"]) for row in rows]
-    known = [value for spot in spots for value in spot if value is not None] or [0.0]
-    low, width = min(known), max(max(known) - min(known), 1e-9)
+    means = [mean for spot in spots for mean in spot if mean is not None] or [0.0]
+    low, width = min(means), max(max(means) - min(means), 1e-9)
     for row, spot in zip(rows, spots, strict=True):
         row["at"], row["from"], row["to"] = (
-            None if value is None else round(2 + 96 * (value - low) / width, 2) for value in spot
+            None if mean is None else round(2 + 96 * (mean - low) / width, 2) for mean in spot
         )
     sign = -1 if comparison["better"] == "higher" else 1
     return sorted(rows, key=lambda row: sign * row["score"]["mean"])

@@ -1,15 +1,13 @@
-"""The receipts of a closed evaluation, and its opening: written, signed by the server's key, and
-checked anywhere.
+"""The receipts and the opening of a closed evaluation: written, signed, checked.
 
-    DATABASE-agents/NAME/opening.json      the protocol and the secrets, from which every instance
-    follows, and the chains DATABASE-agents/NAME/receipts/ID.json  what came of a card: every action
-    and outcome, in a chain of hashes DATABASE-agents/NAME/policies.json     the moves of policies
-    on the same instances DATABASE-agents/NAME/comparison.json   people, policies and agents
-    (`comparison`)
+    DATABASE-agents/NAME/opening.json      the protocol, the secrets from which every instance
+    follows, the chains DATABASE-agents/NAME/receipts/ID.json  every action and outcome of a card,
+    in a chain of hashes DATABASE-agents/NAME/policies.json     the moves of policies on the same
+    instances DATABASE-agents/NAME/comparison.json   people, policies and agents (`comparison`)
 
-A receipt alone proves that the holder of the key wrote it and that nothing in it was changed; with
-the opening every episode is simulated again. Receipts are the same bytes whenever they are written
-again.
+They are signed by the server's key. A receipt alone proves that the holder of the key wrote it and
+that nothing in it was changed; with the opening every episode is simulated again. Receipts are the
+same bytes whenever they are written again.
 """
 
 from __future__ import annotations
@@ -66,9 +64,14 @@ _DAMAGED = KeyError, TypeError, ValueError, AttributeError, OverflowError, Study
 
 
 def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar) -> list[str]:
-    """Write all that a closed evaluation publishes, and return the ids of the cards with a receipt.
+    """Write all that a closed evaluation publishes.
 
-    ReleaseError for the key; PolicyError where the file of a policy that is compared is lost.
+    Returns:
+        The ids of the cards with a receipt.
+
+    Raises:
+        ReleaseError: About the key.
+        PolicyError: If the file of a policy that is compared is lost.
     """
     key = signing.signing_key(database)
     with looking(database) as conn:
@@ -86,8 +89,8 @@ def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar
             began = attempts[0].started_ms
             others = [
                 other
-                for other, own in played.items()
-                if other != card and own and own[0].started_ms < began
+                for other, theirs in played.items()
+                if other != card and theirs and theirs[0].started_ms < began
             ]
             seen_by: SeenBy = {**seen, "other_cards_before": len(others)}
             receipt = _receipt(evaluation, card, attempts, moves, seen_by)
@@ -114,20 +117,20 @@ def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar
         [{**asdict(episode), "actions": episode.actions.hex()} for episode in episodes],
     )
     write_object(path / COMPARISON, compare(protocol, receipts, episodes, data))
-    # last: where it is, the rest is too
+    # the opening comes last: a reader who finds it finds the rest too
     write_object(path / OPENING, sign(_opening(evaluation, receipts), key))
     return [receipt["card"]["id"] for receipt in receipts]
 
 
 def compared_policies(protocol: Protocol) -> list[str]:
-    """The policies that agents are compared with: the protocol's, and `random` as the zero."""
+    """The policies that agents are compared with: the protocol's, and `random` as 0."""
     return list(dict.fromkeys((*protocol.policies, "random")))
 
 
 def sign(content: Mapping[str, object], key: Ed25519PrivateKey) -> dict[str, object]:
     """Add the public half of a key, and its signature over the canonical JSON of both."""
-    public, made = _signed(content, key)
-    return {**content, "public_key": public, "signature": made}
+    public, signature = _signed(content, key)
+    return {**content, "public_key": public, "signature": signature}
 
 
 def _signed(content: Mapping[str, object], key: Ed25519PrivateKey) -> tuple[str, str]:
@@ -137,8 +140,10 @@ def _signed(content: Mapping[str, object], key: Ed25519PrivateKey) -> tuple[str,
 
 
 def chained(start: str, episodes: Sequence[Mapping[str, object]]) -> str:
-    """The head (hex) of the chain of some episodes: each link is SHA-256 over the one before it and
-    the episode."""
+    """The head (hex) of the chain of some episodes.
+
+    Each link is SHA-256 over the one before it and the episode.
+    """
     head = hashlib.sha256(start.encode()).hexdigest()
     for episode in episodes:
         head = hashlib.sha256(head.encode() + canonical_json(episode)).hexdigest()
@@ -146,7 +151,10 @@ def chained(start: str, episodes: Sequence[Mapping[str, object]]) -> str:
 
 
 def _people(database: Path, folder: Folder, study: Study | None) -> StudyData | None:
-    """The people of the study whose terrains were played; None where nobody has joined it."""
+    """The people of the study whose terrains were played.
+
+    None if nobody has joined it.
+    """
     if study is None:
         return None
     with closing(Reader.open(database)) as reader, reader.snapshot():
@@ -239,7 +247,7 @@ def _opening(evaluation: Evaluation, receipts: Sequence[Receipt]) -> dict[str, o
 
 
 def read_signed(path: Path, form: str) -> dict[str, Any]:
-    """A receipt or an opening; ReleaseError where the file is none."""
+    """Read a receipt or an opening; ReleaseError if the file is none."""
     try:
         content = json.loads(path.read_bytes())
         if content["format"] != form:
@@ -248,8 +256,8 @@ def read_signed(path: Path, form: str) -> dict[str, Any]:
             raise ValueError("it is not signed")
         return dict(content)
     except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        raise ReleaseError(f"cannot read {path}: {why}") from error
+        reason = (error.strerror or str(error)).lower()
+        raise ReleaseError(f"cannot read {path}: {reason}") from error
     except (ValueError, KeyError, TypeError) as error:
         raise ReleaseError(f"{path} is no file of format {form}: {error}") from error
 
@@ -269,37 +277,37 @@ def description(receipt: Mapping[str, Any]) -> str:
 def check_receipt(
     receipt: Mapping[str, Any], card: str | None = None, of: str | None = None
 ) -> Iterator[Finding]:
-    """Yield what is wrong with a receipt by itself: its signature, its chain, its instances.
+    """Yield what is wrong with a receipt by itself.
 
-    Args:
-        card, of: The card and the evaluation (its name or its protocol's hash) that it is
-            presented for; None: any.
+    Checked are its signature, its chain and its instances.
     """
-    where = "receipt"
-    yield from _check_signature(receipt, where)
+    name = "receipt"
+    yield from _check_signature(receipt, name)
     try:
-        episodes, own = receipt["episodes"], receipt["card"]
-        start = f"{receipt['protocol_hash']}|{own['id']}"
+        episodes, of_card = receipt["episodes"], receipt["card"]
+        start = f"{receipt['protocol_hash']}|{of_card['id']}"
         if (head := chained(start, episodes)) != receipt["chain"]:
-            yield Finding(where, "chain", receipt["chain"], head)
-        indices = sorted(each["index"] for each in episodes)
+            yield Finding(name, "chain", receipt["chain"], head)
+        indices = sorted(episode["index"] for episode in episodes)
         if indices != list(range(len(indices))):
-            yield Finding(where, "instances", indices, "each of them once")
-        if own["ranks"] != (own["number"] == 1):
-            ranks = own["number"] == 1
-            yield Finding(where, "ranks", own["ranks"], f"{ranks} of card {own['number']}")
-        if card is not None and own["id"] != card:
-            yield Finding(where, "card", own["id"], card)
+            yield Finding(name, "instances", indices, "each of them once")
+        if of_card["ranks"] != (of_card["number"] == 1):
+            ranks = of_card["number"] == 1
+            yield Finding(name, "ranks", of_card["ranks"], f"{ranks} of card {of_card['number']}")
+        if card is not None and of_card["id"] != card:
+            yield Finding(name, "card", of_card["id"], card)
         if of is not None and of not in (receipt["evaluation"], receipt["protocol_hash"]):
-            yield Finding(where, "evaluation", receipt["evaluation"], of)
+            yield Finding(name, "evaluation", receipt["evaluation"], of)
         description(receipt)
     except _DAMAGED as error:
-        yield Finding(where, "it", "damaged", repr(error))
+        yield Finding(name, "it", "damaged", repr(error))
 
 
 def check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Iterator[Finding]:
-    """Yield what is wrong with a receipt by the opening of its evaluation: every episode is
-    simulated again."""
+    """Yield what is wrong with a receipt by the opening of its evaluation.
+
+    Every episode is simulated again.
+    """
     yield from _check_signature(opening, "opening")
     try:
         yield from _check_opened(receipt, opening)
@@ -313,26 +321,27 @@ def _check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Ite
         yield from (Finding("receipt", name, receipt[name], opening[name]) for name in others)
         return
     protocol = Protocol.model_validate(opening["protocol"])
-    chains = {each["id"]: each["chain"] for each in opening["cards"]}
+    chains = {card["id"]: card["chain"] for card in opening["cards"]}
     chain = chains.get(receipt["card"]["id"], "no such card")
     if chain != receipt["chain"]:
         yield Finding("receipt", "chain", receipt["chain"], chain)
     yield from check_opening(opening)
     if protocol.core_version != protocol.environment.version:
-        install = "install the release that has the other"
-        version_here = f"version {protocol.environment.version} of the rules: {install}"
-        yield Finding("receipt", "core version", protocol.core_version, version_here)
+        here = protocol.environment.version
+        expected = f"version {here} of the rules: install the release that has the other"
+        yield Finding("receipt", "core version", protocol.core_version, expected)
         return
-    for each in receipt["episodes"]:
+    for episode in receipt["episodes"]:
+        instance = f"instance {episode['index']}"
         try:
-            number = seed_of(opening, each["index"])
-            made = simulated(protocol, number, bytes.fromhex(each["actions"]))
+            number = seed_of(opening, episode["index"])
+            ending = simulated(protocol, number, bytes.fromhex(episode["actions"]))
         except (ValueError, RuntimeError, IndexError) as error:
-            yield Finding(f"instance {each['index']}", "actions", "unplayable", str(error))
+            yield Finding(instance, "actions", "unplayable", str(error))
             continue
-        for name, value in made.items():
-            if each[name] != value:
-                yield Finding(f"instance {each['index']}", name, each[name], value)
+        for name, again in ending.items():
+            if episode[name] != again:
+                yield Finding(instance, name, episode[name], again)
     if len(receipt["episodes"]) != protocol.instances:
         yield Finding("receipt", "instances", len(receipt["episodes"]), protocol.instances)
 
@@ -343,15 +352,15 @@ def check_opening(opening: Mapping[str, Any]) -> Iterator[Finding]:
     if digest != opening["protocol_hash"]:
         yield Finding("opening", "protocol_hash", opening["protocol_hash"], digest)
     study = opening["study"]
-    for told in (opening, study) if study else (opening,):
-        bound = commitment(bytes.fromhex(told["secret"]))
-        if bound != told["commitment"]:
-            yield Finding("opening", "commitment", told["commitment"], f"{bound} from the secret")
+    for part in (opening, study) if study else (opening,):
+        bound = commitment(bytes.fromhex(part["secret"]))
+        if bound != part["commitment"]:
+            yield Finding("opening", "commitment", part["commitment"], f"{bound} from the secret")
     named, fixed = opening["protocol"]["study"], ("protocol_hash", "commitment")
     wanted = named and {name: named[name] for name in fixed}
-    found = study and {name: study[name] for name in fixed}
-    if found != wanted:
-        yield Finding("opening", "the study", found, wanted)
+    opened = study and {name: study[name] for name in fixed}
+    if opened != wanted:
+        yield Finding("opening", "the study", opened, wanted)
 
 
 def seed_of(opening: Mapping[str, Any], index: int) -> int:
@@ -360,12 +369,12 @@ def seed_of(opening: Mapping[str, Any], index: int) -> int:
     return seed(bytes.fromhex(whose["secret"]), whose["protocol_hash"], "ranked", index)
 
 
-def _check_signature(content: Mapping[str, Any], where: str) -> Iterator[Finding]:
-    whole = {name: value for name, value in content.items() if name != "signature"}
+def _check_signature(content: Mapping[str, Any], name: str) -> Iterator[Finding]:
+    whole = {field: part for field, part in content.items() if field != "signature"}
     pem = str(content["public_key"]).encode()
     try:
         is_good = signing.is_signed(pem, bytes.fromhex(content["signature"]), canonical_json(whole))
     except (ValueError, ReleaseError):
         is_good = False
     if not is_good:
-        yield Finding(where, "its signature", "invalid", "one of the key in it over all of it")
+        yield Finding(name, "its signature", "invalid", "one of the key in it over all of it")

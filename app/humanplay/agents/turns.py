@@ -1,4 +1,4 @@
-"""What agents ask for is done one at a time, so that people's moves do not wait for it."""
+"""Turns for agents: one at a time, so that people's moves do not wait for them."""
 
 from __future__ import annotations
 
@@ -9,19 +9,23 @@ from typing import TypeVar
 T = TypeVar("T")
 
 TURN_S, REST = 1.0, 3.0
-"""Seconds that a turn takes at most, and the rest after it as a multiple of the time that it took."""
+"""Most seconds of a turn, and the pause after it as a multiple of the time that it took."""
 
 
 class Turns:
-    """Lets what agents ask for be done one at a time, and leaves everybody else REST times as long
-    after each turn."""
+    """Does what agents ask for one at a time.
+
+    After each turn everybody else has REST times as long.
+    """
 
     def __init__(self) -> None:
         self._turn = asyncio.Lock()
 
     async def take(self, doing: Coroutine[object, object, T]) -> T:
-        """Return what comes of something once it has had its turn, which ends after TURN_S whether
-        or not it is done."""
+        """Run something in a turn of its own.
+
+        The turn ends after TURN_S even if it is not done; its result is returned when it is.
+        """
         try:
             await self._turn.acquire()
         except BaseException:

@@ -1,10 +1,9 @@
-"""The wire of agents: what stands under a card's address, `/agents/TOKEN`, as OpenEnv 0.10 words
-it; `mcp` has the rest.
+"""What stands under a card's address, `/agents/TOKEN`, in OpenEnv 0.10's words.
 
-An agent resets an instance of the card's evaluation and moves on it. The server holds nothing of a
-connection but which instance it reset last, so whoever comes back goes on where the record stands.
-No reward and no score is told, and no request names a seed. What agents ask for takes turns, so
-that people's moves do not wait for it.
+An agent resets an instance of the card's evaluation and moves on it. The server remembers nothing
+of a connection but which instance it reset last, so an agent that comes back goes on where the
+record stands. No reward and no score is told, and no request names a seed. What agents ask for
+takes turns, so that people's moves do not wait for it. `mcp` has the rest of the protocol.
 """
 
 from __future__ import annotations
@@ -53,10 +52,12 @@ class Reset(Message):
 
     @model_validator(mode="before")
     @classmethod
-    def _names_no_seed(cls, data: object) -> object:
-        if isinstance(data, dict) and ("seed" in data or not {"index", "task"} & data.keys()):
+    def _names_no_seed(cls, payload: object) -> object:
+        if isinstance(payload, dict) and (
+            "seed" in payload or not {"index", "task"} & payload.keys()
+        ):
             raise ValueError(NO_SEED)
-        return data
+        return payload
 
 
 class Step(Message):
@@ -70,7 +71,10 @@ class Step(Message):
 
 
 class InSplit(Message):
-    """The instances of a split: all, the one with an index, or those from `start` to before `stop`."""
+    """The instances of a split.
+
+    All of them, the one with `index`, or those from `start` to before `stop`.
+    """
 
     split: str = Field(max_length=64)
     index: int = 0
@@ -87,27 +91,29 @@ class At(TypedDict):
 
 @dataclass(frozen=True)
 class Agent:
-    """Whoever asks with an open card."""
+    """A client with an open card."""
 
     connection: HTTPConnection
     cards: Cards
     card: Card
 
     async def begin(self, index: int) -> Seen:
-        """Return what is seen of an attempt; one that begins is checked against the budgets of who
-        asks."""
+        """Begin an attempt or go on with it; what is seen of it.
+
+        One that begins is checked against the budgets of the client.
+        """
         if index not in self.cards.begun(self.card):
             protection: Protection = self.connection.app.state.protection
             protection.check_episode(self.connection.scope)
         return await self.cards.turns.take(self.cards.begin(self.card, index))
 
     async def move(self, index: int, action: str | int, step: int | None = None) -> Seen:
-        """Return what is seen after a move."""
+        """Make a move; what is seen after it."""
         return await self.cards.turns.take(self.cards.act(self.card, index, action, step))
 
 
 async def agent_of(connection: HTTPConnection, token: str) -> Agent:
-    """Return who asks; CardError 404 for whoever has no open card."""
+    """The client of a token; CardError 404 without an open card."""
     cards: Cards = connection.app.state.agents
     return Agent(connection, cards, await cards.find(token))
 
@@ -116,7 +122,7 @@ AgentOf = Annotated[Agent, Depends(agent_of)]
 
 
 async def name_of(agent: AgentOf) -> str:
-    """Return the name of what is played."""
+    """The name of what is played."""
     return agent.cards.task_name(agent.card)
 
 
@@ -124,7 +130,7 @@ NameOf = Annotated[str, Depends(name_of)]
 
 
 async def name_in_path(name: NameOf, env: str) -> str:
-    """Return the name of what is played; CardError 404 where the path has another one."""
+    """The name of what is played; CardError 404 if the path has another one."""
     if env != name:
         raise CardError(404, f"expected the environment {name!r}, got {env[:40]!r}")
     return name
@@ -134,7 +140,7 @@ NameInPath = Annotated[str, Depends(name_in_path)]
 
 
 def check_split(split: str) -> None:
-    """Check that a split is the one that there is; CardError 404."""
+    """Check that a split is the only one; CardError 404 if not."""
     if split != SPLIT:
         raise CardError(404, f"expected the split {SPLIT!r}, got {split[:40]!r}")
 
@@ -159,10 +165,10 @@ async def schema(agent: AgentOf) -> dict[str, object]:
     seen = {"index": whole, "step": whole, "observation": {}, "text": text, "picture": text}
     names: dict[str, object] = {"type": "array", "items": text}
     state = {"episode_id": text, "step_count": whole}
-    told = {"observation": ("Seen", {**seen, "allowed": names}), "state": ("State", state)}
+    parts = {"observation": ("Seen", {**seen, "allowed": names}), "state": ("State", state)}
     objects = {
-        each: {"title": title, "type": "object", "properties": properties}
-        for each, (title, properties) in told.items()
+        name: {"title": title, "type": "object", "properties": properties}
+        for name, (title, properties) in parts.items()
     }
     return {"action": action, **objects}
 
@@ -171,10 +177,10 @@ async def schema(agent: AgentOf) -> dict[str, object]:
 async def openapi(agent: AgentOf) -> dict[str, object]:
     """Return these calls, by their paths under the card's address."""
     routes, title = agent.connection.app.routes, "An evaluation of agents"
-    own = [each for each in routes if getattr(each, "path", "").startswith(router.prefix)]
-    told = get_openapi(title=title, version="1", routes=own)
-    paths = {path.removeprefix(router.prefix): each for path, each in told["paths"].items()}
-    return {**told, "paths": paths}
+    below = [route for route in routes if getattr(route, "path", "").startswith(router.prefix)]
+    schema = get_openapi(title=title, version="1", routes=below)
+    paths = {path.removeprefix(router.prefix): calls for path, calls in schema["paths"].items()}
+    return {**schema, "paths": paths}
 
 
 @router.get("/list_environments")
@@ -196,33 +202,41 @@ async def instances(
     what: Literal["tasks", "num_tasks", "task", "task_range"],
     wanted: InSplit,
 ) -> dict[str, object]:
-    """Return the instances of a split, their number, the one with `index`, or those from `start` to
-    before `stop`."""
+    """Return the instances of a split, their number, or some of them.
+
+    `task` is the one with `index`, `task_range` those from `start` to before `stop`.
+    """
     check_split(wanted.split)
-    found = agent.cards.instances(agent.card)
+    all_instances = agent.cards.instances(agent.card)
     if what == "num_tasks":
-        return {"num_tasks": len(found)}
+        return {"num_tasks": len(all_instances)}
     if what == "task":
-        if not 0 <= wanted.index < len(found):
-            raise CardError(400, f"expected an index 0 to {len(found) - 1}, got {wanted.index}")
-        return {"task": found[wanted.index]}
-    return {"tasks": found[wanted.start : wanted.stop], "env_name": name}
+        if not 0 <= wanted.index < len(all_instances):
+            raise CardError(
+                400, f"expected an index 0 to {len(all_instances) - 1}, got {wanted.index}"
+            )
+        return {"task": all_instances[wanted.index]}
+    return {"tasks": all_instances[wanted.start : wanted.stop], "env_name": name}
 
 
 @router.get("", response_model=CardAnswer, response_model_exclude_unset=True)
 async def get_card(agent: AgentOf) -> dict[str, object]:
-    """Return what the author says of the agent, what is played, and which attempts were begun and
-    finished; no score."""
+    """Return what the author says of the agent, what is played, and the attempts.
+
+    It says which attempts were begun and finished, and no score.
+    """
     card, state = agent.card, await agent.cards.state(agent.card)
-    told = {"author": card.row.author, "number": card.row.number, "agent": card.description}
-    return {**told, **agent.cards.about(card), "state": state}
+    author = {"author": card.row.author, "number": card.row.number, "agent": card.description}
+    return {**author, **agent.cards.about(card), "state": state}
 
 
 @router.post("", response_model=Described, response_model_exclude_unset=True)
-async def describe(agent: AgentOf, given: dict[str, object]) -> dict[str, object]:
-    """Keep `agent`, `version`, `model`, `prompts_sha256` and `cost`; all but the cost before the
-    first attempt."""
-    return {"agent": await agent.cards.describe(agent.card, given)}
+async def describe(agent: AgentOf, texts: dict[str, object]) -> dict[str, object]:
+    """Store `agent`, `version`, `model`, `prompts_sha256` and `cost`.
+
+    After the first attempt only the cost can be changed.
+    """
+    return {"agent": await agent.cards.describe(agent.card, texts)}
 
 
 @router.post("/close", response_model=Closed)
@@ -246,11 +260,11 @@ async def play(websocket: WebSocket, token: str) -> None:
         at: At = {"episode_id": None, "step_count": 0}
         while (message := await websocket.receive())["type"] != "websocket.disconnect":
             try:
-                kind, data = _read(message.get("text"))
+                kind, payload = _read(message.get("text"))
                 if kind == "close":
                     await websocket.close()
                     return
-                answer = await _answer(await agent_of(websocket, token), kind, data, at)
+                answer = await _answer(await agent_of(websocket, token), kind, payload, at)
             except (CardError, RefusedRequestError, StoreError) as error:
                 answer = failed(error)
             await websocket.send_json(answer)
@@ -264,12 +278,16 @@ def _read(text: str | None) -> tuple[str, object]:
         raise CardError(400, 'expected a JSON object with a "type" in a text frame') from None
 
 
-async def _answer(agent: Agent, kind: str, data: object, at: At) -> dict[str, object]:
-    """Return the answer to a message; `at` holds the instance that was reset last, and its moves."""
+async def _answer(agent: Agent, kind: str, payload: object, at: At) -> dict[str, object]:
+    """The answer to a message.
+
+    Args:
+        at: The instance that was reset last, and its moves; changed here.
+    """
     if kind == "state":
         return {"type": "state", "data": {**at, **await agent.cards.state(agent.card)}}
     if kind == "reset":
-        wanted = read(Reset, data)
+        wanted = read(Reset, payload)
         check_split(wanted.split)
         index = wanted.index
         if index is None:
@@ -278,27 +296,31 @@ async def _answer(agent: Agent, kind: str, data: object, at: At) -> dict[str, ob
     elif kind == "step":
         if at["episode_id"] is None:
             raise CardError(409, "reset an instance before a step")
-        move = read(Step, data)
+        move = read(Step, payload)
         seen = await agent.move(int(at["episode_id"]), move.action, move.step)
     else:
         raise CardError(404, f"expected reset, step, state or close, got {str(kind)[:40]!r}")
     at["episode_id"], at["step_count"] = str(seen.index), seen.step
-    return {"type": "observation", "data": told_of(seen)}
+    return {"type": "observation", "data": observation_of(seen)}
 
 
-def told_of(seen: Seen) -> dict[str, object]:
-    """Return what was seen as OpenEnv's clients read it."""
+def observation_of(seen: Seen) -> dict[str, object]:
+    """What was seen, as OpenEnv's clients read it."""
     shown = {"observation": seen.observation, "text": seen.text, "picture": seen.picture}
     shown |= {"allowed": seen.allowed}
-    told = {name: value for name, value in shown.items() if value is not None}
-    shown = {"index": seen.index, "step": seen.step, **told}
+    seen_fields = {name: part for name, part in shown.items() if part is not None}
+    shown = {"index": seen.index, "step": seen.step, **seen_fields}
     return {"observation": shown, "reward": None, "done": seen.done}
 
 
-def read(kind: type[M], given: object) -> M:
-    """Return what was sent as a message of a kind; CardError 422 that says what is wrong with it."""
+def read(kind: type[M], payload: object) -> M:
+    """A message of a kind.
+
+    Raises:
+        CardError: 422 that says what is wrong with it.
+    """
     try:
-        return kind.model_validate(given)
+        return kind.model_validate(payload)
     except ValidationError as error:
         raise CardError(422, describe_errors(error.errors(include_url=False))) from None
 

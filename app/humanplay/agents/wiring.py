@@ -1,4 +1,4 @@
-"""What the server's wiring calls: the room's routes, and its part of a server that runs."""
+"""What the server's wiring calls to let agents play: routes, and a start."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Commands about bundles: release a study, derive a bundle's figures again, import a bundle's
-episodes."""
+"""Commands about bundles: release a study, derive its results again, import one."""
 
 from __future__ import annotations
 
@@ -50,12 +49,13 @@ def release(
     answers: bool,
     free_text: bool,
 ) -> None:
-    """Write every finished episode of a closed study as SQLite, Parquet, CSV and Minari, described and signed.
+    """Write a closed study's episodes as SQLite, Parquet, CSV and Minari, signed.
 
-    The study is verified first; one episode that fails, and nothing is written. The report is made from the bundle's own
-    data and lies in it, with the episodes of the policies that it compares: `reproduce` derives it again. People appear
-    under pseudonyms drawn anew for each release; identities, cookies and completion codes are never in it. The signing
-    key lies beside the database and is drawn on first use: publish its fingerprint. docs/release.md says what is in a
+    The study is verified first; one episode that fails, and nothing is written. The report is made
+    from the bundle's own data and lies in it, with the episodes of the policies that it compares:
+    `reproduce` derives it again. People appear under pseudonyms drawn anew for each release;
+    identities, cookies and completion codes are never in it. The signing key lies beside the
+    database and is drawn on first use: publish its fingerprint. docs/release.md says what is in a
     bundle and how a stranger checks it. It needs `pip install "humanplay[export]"`.
 
     \b
@@ -108,11 +108,12 @@ def release(
 @KEY
 @flag("--recorded", "Do not play the policies again: replay their recorded moves only.")
 def reproduce(folder: Path, key: str | None, recorded: bool) -> int:
-    """Derive every figure of a bundle's report from the bundle alone, and compare number by number.
+    """Derive a bundle's report from the bundle alone, and compare every number.
 
-    The people's episodes come from the bundle's database. The policies' episodes are replayed from their recorded moves;
-    a policy whose file is here and has the same SHA-256 is played again as well. The exit code is 1 when a figure
-    differs, or when a file is not the one that was signed. Neither the original database nor the study's folder is needed.
+    The people's episodes come from the bundle's database. The policies' episodes are replayed from
+    their recorded moves; a policy whose file is here and has the same SHA-256 is played again as
+    well. The exit code is 1 when a figure differs, or when a file is not the one that was signed.
+    Neither the original database nor the study's folder is needed.
 
     \b
     Examples:
@@ -122,35 +123,40 @@ def reproduce(folder: Path, key: str | None, recorded: bool) -> int:
     from humanplay.release import reproduce as derivation
 
     with failures("cannot read {file}"):
-        made = derivation.reproduce(folder, pins_file(), key, not recorded, progress)
-    _show(folder, made)
-    return 1 if made.differ or made.findings else 0
+        reproduction = derivation.reproduce(folder, pins_file(), key, not recorded, progress)
+    _show(folder, reproduction)
+    return 1 if reproduction.differ or reproduction.findings else 0
 
 
-def _show(folder: Path, made: Reproduction) -> None:
+def _show(folder: Path, reproduction: Reproduction) -> None:
     """Print whose files they are, what was compared and what differs."""
-    for finding in made.findings[:MAX_PRINTED]:
+    for finding in reproduction.findings[:MAX_PRINTED]:
         echo(str(finding))
-    echo(f"{folder}: {counted(made.files, 'file')}, {len(made.findings) or 'none'} not as signed")
-    echo(made.signer.sentence())
-    if made.derived is not None:
-        nothing = "this bundle holds no report, so there is nothing to compare with"
-        echo(f"{nothing}; the report derived from it:")
-        for line in made.left_out:
+    echo(
+        f"{folder}: {counted(reproduction.files, 'file')}, {len(reproduction.findings) or 'none'} not as signed"
+    )
+    echo(reproduction.signer.sentence())
+    if reproduction.derived is not None:
+        echo(
+            "this bundle holds no report, so there is nothing to compare with; the report derived from it:"
+        )
+        for line in reproduction.left_out:
             echo(f"- {line}")
-        show(made.derived)
+        show(reproduction.derived)
         return
-    rows = [(name, f"{s.compared:,}", f"{s.differ:,}") for name, s in made.sections.items()]
+    rows = [(name, f"{s.compared:,}", f"{s.differ:,}") for name, s in reproduction.sections.items()]
     print_table("figures derived again from the bundle", ("section", "compared", "differ"), rows)
-    named = [line for each in made.sections.values() for line in each.differences]
+    named = [line for section in reproduction.sections.values() for line in section.differences]
     for line in named[:MAX_PRINTED]:
         echo(line)
-    if made.differ > len(named[:MAX_PRINTED]):
-        echo(f"... and {made.differ - len(named[:MAX_PRINTED])} more")
-    for line in made.not_compared:
+    if reproduction.differ > len(named[:MAX_PRINTED]):
+        echo(f"... and {reproduction.differ - len(named[:MAX_PRINTED])} more")
+    for line in reproduction.not_compared:
         echo(f"not compared: {line}")
-    compared = sum(each.compared for each in made.sections.values())
-    echo(f"{counted(compared, 'value')} compared, {counted(made.differ, 'differs', 'differ')}")
+    compared = sum(section.compared for section in reproduction.sections.values())
+    echo(
+        f"{counted(compared, 'value')} compared, {counted(reproduction.differ, 'differs', 'differ')}"
+    )
 
 
 @click.command("import", short_help="Bring a released bundle into a database.")
@@ -158,10 +164,11 @@ def _show(folder: Path, made: Reproduction) -> None:
 @database_option("The database to bring it into; made when absent.")
 @KEY
 def import_release(folder: Path, database: Path, key: str | None) -> None:
-    """Verify a bundle that `release` wrote and bring its study into a database, all of it or nothing.
+    """Verify a bundle that `release` wrote and bring its study into a database.
 
-    What is there already and equal is let be; the same episodes under other names are refused. People whom the database
-    has forgotten stay out. No server may have the database meanwhile.
+    All of it is brought in, or nothing. What is there already and equal stays; the same episodes
+    under other names are refused. People whom the database has forgotten stay out. No server may
+    have the database meanwhile.
 
     \b
     Examples:

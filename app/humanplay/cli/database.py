@@ -1,5 +1,7 @@
-"""Commands about what a server recorded: export, verify, back up, restore, merge, forget a
-participant."""
+"""Commands about what a server recorded.
+
+They export, verify, back up, restore and merge databases, and forget people.
+"""
 
 from __future__ import annotations
 
@@ -48,12 +50,12 @@ def export(
 ) -> None:
     """Write every finished episode, and every step of it, as two tables.
 
-    Episodes of open studies are left out: nobody sees figures of people while a study runs. --open-studies takes them in, and
-    the chain of the database and the study's report say when.
+    Episodes of open studies are left out: nobody sees figures of people while a study runs.
+    --open-studies takes them in, and the chain of the database and the study's report say when.
 
-    Each episode is replayed on its way out; `verified` is false where the replay differs from what was recorded.
-    Players appear under pseudonyms drawn anew for each export. docs/data.md lists the columns. Both files appear
-    whole or not at all.
+    Each episode is replayed on its way out; `verified` is false where the replay differs from what
+    was recorded. Players appear under pseudonyms drawn anew for each export. docs/data.md lists the
+    columns. Both files appear whole or not at all.
 
     \b
     Examples:
@@ -95,16 +97,17 @@ def verify(
     head: str | None,
     accept_loss: bool,
 ) -> int:
-    """Simulate every finished episode from its configuration, terrain and actions, and compare all that was recorded.
+    """Simulate every finished episode again, and compare all that was recorded.
 
-    Every reward, outcome, total, score and trajectory hash is compared, every seed with its terrain, every study
-    with its protocol, and every stored field of episodes, sessions, players, participants and studies with the
-    chain of hashes that grew while they were recorded. Each difference is printed; the exit code is 1 when there is
-    one. A dataset's files and signature are checked as well.
-    This proves the record consistent. The chain's head is printed: keep it, or publish it. --head with an earlier
-    one says whether everything up to it still stands, and what was changed or forgotten since. Who made a
-    dataset is proved by its signature, to whoever knows the key's fingerprint: --key. Without it, and while the key
-    is not pinned, the signer is said to be not checked.
+    An episode is simulated from its configuration, terrain and actions. Every reward, outcome,
+    total, score and trajectory hash is compared, every seed with its terrain, every study with its
+    protocol, and every stored field of episodes, sessions, players, participants and studies with
+    the chain of hashes that grew while they were recorded. Each difference is printed; the exit
+    code is 1 when there is one. A dataset's files and signature are checked as well. This proves
+    the record consistent. The chain's head is printed: keep it, or publish it. --head with an
+    earlier one says whether everything up to it still stands, and what was changed or forgotten
+    since. Who made a dataset is proved by its signature, to whoever knows the key's fingerprint:
+    --key. Without it, and while the key is not pinned, the signer is said to be not checked.
 
     \b
     Examples:
@@ -117,8 +120,8 @@ def verify(
     if database is not None and dataset is not None:
         raise UsageError("give --database or --dataset, not both")
     if dataset is None and (key is not None or to_pin):
-        given = "--key" if key is not None else "--pin"
-        raise UsageError(f"{given} goes with --dataset: a database is not signed")
+        option_name = "--key" if key is not None else "--pin"
+        raise UsageError(f"{option_name} goes with --dataset: a database is not signed")
     if dataset is not None and head is not None:
         raise UsageError("--head goes with --database: a dataset's signature stands for all of it")
     if dataset is not None and accept_loss:
@@ -126,19 +129,19 @@ def verify(
     signer = None
     with failures(f"cannot read {dataset or 'the database'}"):
         if dataset is None:
-            result, about = _of_database(database, head, accept_loss)
+            verification, about = _of_database(database, head, accept_loss)
         else:
-            result, about, signer = _of_dataset(dataset, key, to_pin)
-    for finding in result.findings[:MAX_PRINTED]:
+            verification, about, signer = _of_dataset(dataset, key, to_pin)
+    for finding in verification.findings[:MAX_PRINTED]:
         echo(str(finding))
-    if len(result.findings) > MAX_PRINTED:
-        echo(f"... and {len(result.findings) - MAX_PRINTED} more")
-    echo(_sentence(result, about))
-    for line in _chain_lines(result):
+    if len(verification.findings) > MAX_PRINTED:
+        echo(f"... and {len(verification.findings) - MAX_PRINTED} more")
+    echo(_sentence(verification, about))
+    for line in _chain_lines(verification):
         echo(line)
     if signer:
         echo(signer)
-    return 1 if result.findings else 0
+    return 1 if verification.findings else 0
 
 
 def _of_database(
@@ -150,67 +153,71 @@ def _of_database(
 
     path = database or place().database
     folder = Folder.beside(path)
-    known = {name: secret for name, (_, secret) in folder.known_secrets().items()}
+    known_secrets = {name: secret for name, (_, secret) in folder.known_secrets().items()}
     earlier = None if head is None else _earlier_head(head)
     if accept_loss:
         accept_missing(path)
     with progress("verifying (the rules are compiled first)") as advance:
-        result = verify_database(path, advance, known, head=earlier)
-    findings = (*result.findings, *check_policy_files(folder, known))
-    return replace(result, findings=findings), str(path)
+        verification = verify_database(path, advance, known_secrets, head=earlier)
+    findings = (*verification.findings, *check_policy_files(folder, known_secrets))
+    return replace(verification, findings=findings), str(path)
 
 
-def _earlier_head(given: str) -> str:
-    """Return the head that was given in hexadecimal, or the one that a release's manifest holds."""
+def _earlier_head(head: str) -> str:
+    """The earlier head of a chain that --head names.
+
+    Args:
+        head: 64 hexadecimal digits, or a release's folder, whose manifest holds one.
+    """
     from humanplay.release.errors import ReleaseError
     from humanplay.release.manifest import read_manifest
 
-    if not Path(given).is_dir():
-        if not re.fullmatch(r"[0-9a-fA-F]{64}", given):
+    if not Path(head).is_dir():
+        if not re.fullmatch(r"[0-9a-fA-F]{64}", head):
             raise UsageError(
-                f"--head is the 64 hexadecimal digits that `verify` printed, or a release's folder, got {given!r}"
+                f"--head is the 64 hexadecimal digits that `verify` printed, or a release's folder, got {head!r}"
             )
-        return given.lower()
-    found = read_manifest(Path(given))[0].get("chain_head")
-    if not found:
-        raise ReleaseError(f"{given} holds no head of a chain: give one that `release` wrote whole")
-    return str(found)
+        return head.lower()
+    in_manifest = read_manifest(Path(head))[0].get("chain_head")
+    if not in_manifest:
+        raise ReleaseError(f"{head} holds no head of a chain: give one that `release` wrote whole")
+    return str(in_manifest)
 
 
 def _of_dataset(dataset: Path, key: str | None, to_pin: bool) -> tuple[Verification, str, str]:
-    """Return what was found, the dataset in words, and what is known of its signer."""
+    """The verification, the dataset in words, and what is known of its signer."""
     from humanplay.release.bundle import verify_bundle
     from humanplay.release.signing import check_signer, fingerprint_of, pin
 
     expected = None if key is None else fingerprint_of(key)
     with progress("verifying (the rules are compiled first)") as advance:
-        found = verify_bundle(dataset, advance, expected)
-    if to_pin and not found.verified.findings:
-        pin(pins_file(), found.manifest)
-    signer = check_signer(found.manifest, expected, pins_file()).sentence()
-    key_words = f"signed by the key {found.manifest.get('signer')}"
-    about = f"{dataset}, version {found.manifest.get('version')} of {found.manifest.get('study')}, {key_words}"
-    return found.verified, about, signer
+        checked = verify_bundle(dataset, advance, expected)
+    if to_pin and not checked.verified.findings:
+        pin(pins_file(), checked.manifest)
+    signer = check_signer(checked.manifest, expected, pins_file()).sentence()
+    key_words = f"signed by the key {checked.manifest.get('signer')}"
+    about = f"{dataset}, version {checked.manifest.get('version')} of {checked.manifest.get('study')}, {key_words}"
+    return checked.verified, about, signer
 
 
-def _sentence(result: Verification, about: str) -> str:
+def _sentence(verification: Verification, about: str) -> str:
     verdict, rate, rest = "all as recorded", "", ""
-    if result.findings:
-        verdict = f"{counted(result.failed, 'of its parts DIFFERS', 'of its parts DIFFER')} from what was recorded"
-    if result.seconds > 0 and result.episodes:
-        rate = f", {result.episodes / result.seconds:,.0f} episodes/s"
-    if result.still_open:
-        rest = f"; {counted(result.still_open, 'unfinished one was', 'unfinished ones were')} not simulated"
-    return f"{about}: {verdict}; {counted(result.episodes, 'episode')} simulated{rate}{rest}"
+    if verification.findings:
+        verdict = f"{counted(verification.failed, 'of its parts DIFFERS', 'of its parts DIFFER')} from what was recorded"
+    if verification.seconds > 0 and verification.episodes:
+        rate = f", {verification.episodes / verification.seconds:,.0f} episodes/s"
+    if verification.still_open:
+        rest = f"; {counted(verification.still_open, 'unfinished one was', 'unfinished ones were')} not simulated"
+    return f"{about}: {verdict}; {counted(verification.episodes, 'episode')} simulated{rate}{rest}"
 
 
-def _chain_lines(result: Verification) -> Iterator[str]:
-    """Yield what the chain is, and what came after the earlier head that was asked for."""
-    if result.chain is not None and result.chain.entries:
-        gone = result.chain.forgotten
+def _chain_lines(verification: Verification) -> Iterator[str]:
+    """Yield the state of the chain, and what came after an earlier head."""
+    if verification.chain is not None and verification.chain.entries:
+        gone = verification.chain.forgotten
         forgotten = f", {gone} of them of forgotten people" if gone else ""
-        yield f"chain: {counted(result.chain.entries, 'entry', 'entries')}{forgotten}; head {result.chain.head}"
-    if (since := result.since) is not None:
+        yield f"chain: {counted(verification.chain.entries, 'entry', 'entries')}{forgotten}; head {verification.chain.head}"
+    if (since := verification.since) is not None:
         day = datetime.fromtimestamp(since.day_ms / 1000, UTC).date().isoformat()
         yield f"the head {since.head} is that of entry {since.entry:,}, of {day}; since then: {_counted(since.added)}"
         yield f"of what stood then, changed since: {_counted(since.replaced)}; forgotten since: {_counted(since.forgotten)}"
@@ -224,10 +231,11 @@ def _counted(counts: Mapping[str, int]) -> str:
 @argument("file", type=PATH)
 @database_option("The database to copy; a running server may go on writing.")
 def backup(file: Path, database: Path) -> None:
-    """Write the database as it is now into FILE, a new file, and verify it: every page, every reference, the chain.
+    """Write the database as it is now into FILE, a new file, and verify it.
 
-    FILE is there when the copy is whole, and not before: Ctrl-C leaves nothing. A server makes backups by itself with
-    `serve --backup-every MINUTES --backup-to DIR`; `humanplay restore FILE` puts one back.
+    Every page, every reference and the chain are checked. FILE is there when the copy is whole, and
+    not before: Ctrl-C leaves nothing. A server makes backups by itself with `serve --backup-every
+    MINUTES --backup-to DIR`; `humanplay restore FILE` puts one back.
 
     \b
     Examples:
@@ -246,10 +254,10 @@ def backup(file: Path, database: Path) -> None:
 @database_option("The database whose place it takes.")
 @flag("--yes", "Do not ask.")
 def restore(backup: Path, database: Path, yes: bool) -> None:
-    """Put a copy of BACKUP in the place of the database, once every page, every reference and the chain were verified.
+    """Put a copy of BACKUP in the place of the database, once it is verified.
 
-    What stood there stays beside it as NAME.before-TIME, so nothing is deleted. Stop the server first: while one runs,
-    nothing is changed.
+    What stood there stays beside it as NAME.before-TIME, so nothing is deleted. Stop the server
+    first: while one runs, nothing is changed.
 
     \b
     Examples:
@@ -264,8 +272,8 @@ def restore(backup: Path, database: Path, yes: bool) -> None:
             check_restorable(backup, database)
         click.confirm(f"Put {backup} in the place of {database}?", abort=True, err=True)
     with failures("cannot read the database"), progress("copying") as advance:
-        kept = put_back(backup, database, datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), advance)
-    before = "" if kept is None else f"; what stood there is {kept}"
+        old = put_back(backup, database, datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), advance)
+    before = "" if old is None else f"; what stood there is {old}"
     echo(f"restored {database} from {backup}, verified{before}")
 
 
@@ -273,11 +281,12 @@ def restore(backup: Path, database: Path, yes: bool) -> None:
 @argument("databases", type=PATH, nargs=-1, required=True, metavar="A.db B.db ...")
 @path_option("--out", "A new file for all of it; it appears whole or not at all.", required=True)
 def merge(databases: tuple[Path, ...], out: Path) -> None:
-    """Join databases in which the same study, or different ones, were played; the sources stay as they are.
+    """Join databases in which the same study, or different ones, were played.
 
-    What two of them hold alike is taken once; two contents under one id are refused. Whoever was forgotten in one of them is
-    left out. The key that signs cookies is not taken along, so the new file knows no browser again; names that players
-    chose stay in their servers' own files, where they can be changed. A server may go on writing meanwhile.
+    The sources stay as they are. What two of them hold alike is taken once; two contents under one
+    id are refused. Whoever was forgotten in one of them is left out. The key that signs cookies is
+    not taken along, so the new file knows no browser again; names that players chose stay in their
+    servers' own files, where they can be changed. A server may go on writing meanwhile.
 
     \b
     Examples:
@@ -285,8 +294,7 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
       humanplay verify --database both.db
     """
     if len(databases) < 2:
-        way_out = "humanplay merge A.db B.db --out C.db"
-        raise UsageError(f"give two databases or more: {way_out}")
+        raise UsageError("give two databases or more: humanplay merge A.db B.db --out C.db")
     from humanplay.db import merging
 
     with failures(f"cannot write {out}, choose another --out"), progress("joining") as advance:
@@ -327,16 +335,20 @@ def forget(
     database: Path,
     yes: bool,
 ) -> None:
-    """Erase a participant, named by id, the label of their page or the outside id of their link, for good.
+    """Erase a participant for good.
 
-    With --player it is a player of the playground, by the name that they chose: name and all that they played go.
+    Name them by id, the label of their page or the outside id of their link.
 
-    Their outside ids, cookie and completion code go, and their episodes with every move and key press, those outside the
-    study too, unless the study's protocol keeps episodes: then these stay under new ids. The file is written anew and its
-    log emptied, within a minute, while a server may go on. Hashes of the erased trajectories stop a bundle from bringing them
-    back; a keyed hash of their outside id keeps them out of the study until it is closed, when the key is deleted. Copies
-    elsewhere, backups and bundles that were published, are yours to replace: backups are named, and the next `release` is a
-    successor that says so. For --player stop the server first.
+    With --player it is a player of the playground, by the name that they chose: name and all that
+    they played go.
+
+    Their outside ids, cookie and completion code go, and their episodes with every move and key
+    press, those outside the study too, unless the study's protocol keeps episodes: then these stay
+    under new ids. The file is written anew and its log emptied, within a minute, while a server may
+    go on. Hashes of the erased trajectories stop a bundle from bringing them back; a keyed hash of
+    their outside id keeps them out of the study until it is closed, when the key is deleted. Copies
+    elsewhere, backups and bundles that were published, are yours to replace: backups are named, and
+    the next `release` is a successor that says so. For --player stop the server first.
 
     \b
     Examples:
@@ -354,8 +366,8 @@ def forget(
             erasure.find_player(database, participant)
             if not yes:
                 DatabaseLock(database).close()
-                what = f"Erase the player {participant} from {database} for good?"
-                click.confirm(what, abort=True, err=True)
+                question = f"Erase the player {participant} from {database} for good?"
+                click.confirm(question, abort=True, err=True)
             count = erasure.forget_player(database, participant)
             forget_costs(database)
         echo(f"erased from {database}: the player {participant}, {counted(count, 'episode')}")
@@ -363,16 +375,22 @@ def forget(
     with failures(f"cannot write {database}"):
         person = erasure.find_participant(database, participant, study)
         if not yes:
-            what = f"the participant {participant} ({person.kind}, stage {person.stage}) of the study {person.study}"
-            click.confirm(f"Erase {what} from {database} for good?", abort=True, err=True)
+            click.confirm(
+                f"Erase the participant {participant} ({person.kind}, stage {person.stage}) of the study "
+                f"{person.study} from {database} for good?",
+                abort=True,
+                err=True,
+            )
         _keep_out(database, person)
         try:
             done = erasure.forget(database, person.id, study, asked_by)
         finally:
             forget_costs(database)
-    kept = ", and the episodes of the study stay without a person, as its protocol says"
+    stays = ""
+    if done.keeps:
+        stays = ", and the episodes of the study stay without a person, as its protocol says"
     erased = f"one participant of {done.study}, {counted(done.episodes, 'episode')}"
-    echo(f"erased from {database}: {erased}{kept if done.keeps else ''}")
+    echo(f"erased from {database}: {erased}{stays}")
     if done.outdated:
         versions = ", ".join(map(str, done.outdated))
         echo(
@@ -384,7 +402,10 @@ def forget(
 
 
 def _keep_out(database: Path, person: Participant) -> None:
-    """Let a running study keep out whoever has a participant's outside id, by a keyed hash of it."""
+    """Let a running study keep out whoever has a participant's outside id.
+
+    It stores a keyed hash of the id.
+    """
     from humanplay.db.erasure import identity_of_person
     from humanplay.study.folder import Folder, StudyError
     from humanplay.study.kept_out import keep_out
@@ -399,7 +420,7 @@ def _keep_out(database: Path, person: Participant) -> None:
 
 
 def _backups_of(database: Path) -> list[Path]:
-    """The backups that a server made of a database, where the settings say that they are."""
+    """The backups that a server made of a database, in the folder of the settings."""
     from humanplay.db.backup import Backups
 
     folder = database.with_name("backups")

@@ -1,4 +1,4 @@
-"""`humanplay doctor`: whether an environment of Gymnasium follows from its seed and its actions."""
+"""`humanplay doctor`: does an environment follow from its seed and its actions?"""
 
 from __future__ import annotations
 
@@ -41,30 +41,31 @@ def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
         if not isinstance(environment, GymnasiumEnvironment):
             title = environment.about.title
             raise ValueError(f"expected an id of Gymnasium's; {title} follows from seed and moves")
-        told = environment.description
+        described = environment.description
         shown = " in ".join(
-            (environment.level, *(name.partition(":")[2] for name in told.wrappers))
+            (environment.level, *(name.partition(":")[2] for name in described.wrappers))
         )
         with progress(shown) as advance:
-            found = examine(environment.name, seeds, steps, advance, rule=rule)
+            examination = examine(environment.name, seeds, steps, advance, rule=rule)
     except (BadParameter, ValueError) as error:
-        why = " ".join(str(error).replace("|", "/").split())
-        echo(f"| {shown} | cannot be played: {why} |{' |' * (len(COLUMNS) - 2)}")
+        reason = " ".join(str(error).replace("|", "/").split())
+        echo(f"| {shown} | cannot be played: {reason} |{' |' * (len(COLUMNS) - 2)}")
         return 2
-    none = f"no difference in {counted(found.steps, 'move')}"
-    verdict = str(found.differences[0]) if found.differences else none
-    if found.used:
+    verdict = f"no difference in {counted(examination.steps, 'move')}"
+    if examination.differences:
+        verdict = str(examination.differences[0])
+    if examination.used:
         verdict += "; a used one after reset differs, which does not count"
-    keys = [f"{codes[0]} {name}" for name, codes in found.keys.items() if codes]
-    (rows, columns), size = found.picture, found.picture_bytes
+    keys = [f"{codes[0]} {name}" for name, codes in examination.keys.items() if codes]
+    (rows, columns), size = examination.picture, examination.picture_bytes
     cells = (
-        shown, verdict, f"{found.step_ms:.3g}", f"{found.picture_ms:.3g}",
+        shown, verdict, f"{examination.step_ms:.3g}", f"{examination.picture_ms:.3g}",
         f"{rows}x{columns}, {size:,} bytes" if size else f"{rows}x{columns} characters",
         ", ".join(keys) if len(keys) <= MOST_KEYS else f"{len(keys)} keys",
-        told.people_see or ("its picture" if size else "its text"), told.agents_see or "not said",
+        described.people_see or ("its picture" if size else "its text"), described.agents_see or "not said",
     )  # fmt: skip
     echo(f"| {' | '.join(cells)} |")
-    return int(bool(found.differences))
+    return int(bool(examination.differences))
 
 
 @click.command(short_help="Say whether an environment follows from seed and actions.")
@@ -91,10 +92,12 @@ def doctor(
     table: bool,
     toml: bool,
 ) -> int:
-    """Play ENV, whatever `humanplay play` takes, in fresh processes, and compare its episodes step by step.
+    """Play ENV in fresh processes, and compare its episodes step by step.
 
-    They are played again with four other hash seeds, in another folder and time zone, after other episodes, without rendering
-    and in a used environment. Exit code 0 says that no difference was found, 1 that there was one, 2 that ENV cannot be played.
+    ENV is whatever `humanplay play` takes. Its episodes are played again with four other hash
+    seeds, in another folder and time zone, after other episodes, without rendering and in a used
+    environment. Exit code 0 says that no difference was found, 1 that there was one, 2 that ENV
+    cannot be played.
 
     \b
     Examples:
@@ -119,30 +122,40 @@ def doctor(
             echo(_description_file(task), nl=False)
             return 0
         with progress("playing in fresh processes") as advance:
-            found = examine(task, seeds, steps, advance, rule=rule)
+            examination = examine(task, seeds, steps, advance, rule=rule)
     except ValueError as error:
         raise UsageError(str(error)) from error
     if as_json:
-        echo(json.dumps(found.to_dict(), indent=2))
-        return int(bool(found.differences))
-    echo(found.verdict)
-    for difference in found.differences[1:]:
+        echo(json.dumps(examination.to_dict(), indent=2))
+        return int(bool(examination.differences))
+    echo(examination.verdict)
+    for difference in examination.differences[1:]:
         echo(f"also: {difference}")
-    if found.used:
-        echo(f"no fault here, where each episode has a fresh environment: {found.used}")
-    rows, columns = found.picture
-    size = f"pixels, {found.picture_bytes} bytes as PNG" if found.picture_bytes else "characters"
-    echo(
-        f"a step takes {found.step_ms:.3g} ms of processor, a picture of {columns} x {rows} {size} {found.picture_ms:.3g} ms"
+    if examination.used:
+        echo(f"no fault here, where each episode has a fresh environment: {examination.used}")
+    rows, columns = examination.picture
+    size = (
+        f"pixels, {examination.picture_bytes} bytes as PNG"
+        if examination.picture_bytes
+        else "characters"
     )
-    for action, keys in found.keys.items():
+    echo(
+        f"a step takes {examination.step_ms:.3g} ms of processor, "
+        f"a picture of {columns} x {rows} {size} {examination.picture_ms:.3g} ms"
+    )
+    for action, keys in examination.keys.items():
         echo(f"  {action}: {', '.join(keys) or 'no key'}")
-    return int(bool(found.differences))
+    return int(bool(examination.differences))
 
 
 def _description_file(task: str) -> str:
-    """Return all that is known of an environment as a TOML file, with what is derived where nothing
-    is said; ValueError."""
+    """All that is known of an environment as a TOML file.
+
+    What the description leaves open is derived.
+
+    Raises:
+        ValueError: If there is no such environment.
+    """
     from humanplay.tasks.gymnasium.description import Description
     from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 
@@ -161,11 +174,11 @@ def _description_file(task: str) -> str:
     return "".join(lines)
 
 
-def _toml(value: object) -> str:
-    """Return a value as TOML: JSON but for tables."""
-    if isinstance(value, Mapping):
-        held = ", ".join(f"{json.dumps(name)} = {_toml(each)}" for name, each in value.items())
-        return f"{{ {held} }}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return json.dumps(value, ensure_ascii=False)
+def _toml(content: object) -> str:
+    """Content as TOML: JSON but for tables."""
+    if isinstance(content, Mapping):
+        fields = ", ".join(f"{json.dumps(name)} = {_toml(part)}" for name, part in content.items())
+        return f"{{ {fields} }}"
+    if isinstance(content, list | tuple):
+        return f"[{', '.join(map(_toml, content))}]"
+    return json.dumps(content, ensure_ascii=False)

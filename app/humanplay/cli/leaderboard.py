@@ -1,5 +1,4 @@
-"""The command `humanplay leaderboard`: make the figures of the shipped policies that the package
-comes with."""
+"""The command `humanplay leaderboard`: the results of the shipped policies."""
 
 from __future__ import annotations
 
@@ -22,12 +21,13 @@ from humanplay.command.options import COUNT, path_option, several
 def leaderboard(
     env: str | None, boards: tuple[str, ...], again: tuple[str, ...], out: Path, workers: int
 ) -> None:
-    """Play the shipped policies on the leaderboard's terrains and write their figures, so that a new server shows them at once.
+    """Play the leaderboard's terrains with the shipped policies and write figures.
 
-    The package comes with the figures that this command wrote to data/leaderboard. Run it again when the rules, a shipped
-    policy or the terrains have changed. The figures are the same for any number of processes. All boards take about half an
-    hour of one core; most of it is `lookahead` on 84 x 84 cells. With --policy the figures that --out has of other policies
-    stay, where they still hold.
+    A new server shows them at once. The package comes with the figures that this command wrote to
+    data/leaderboard. Run it again when the rules, a shipped policy or the terrains have changed.
+    The figures are the same for any number of processes. All boards take about half an hour of one
+    core; most of it is `lookahead` on 84 x 84 cells. With --policy the figures that --out has of
+    other policies stay, where they still hold.
 
     \b
     Examples:
@@ -45,17 +45,17 @@ def leaderboard(
     environment = environment_of(task)
     if environment.boards is None:
         raise UsageError(f"{environment.about.title} has no leaderboard")
-    known = offered_boards(task)
-    if unknown := [name for name in boards if name not in known]:
-        raise UsageError(f"no board {unknown[0]!r}; choose one of: {', '.join(known)}")
+    offered = offered_boards(task)
+    if unknown := [name for name in boards if name not in offered]:
+        raise UsageError(f"no board {unknown[0]!r}; choose one of: {', '.join(offered)}")
     names = [offer.name for offer in environment.policies.offers()]
     if unknown := [name for name in again if name not in names]:
         raise UsageError(f"no policy {unknown[0]!r} is shipped; there are {', '.join(names)}")
-    kept = ShippedFigures(out) if again else None
-    for name in boards or known:
-        path = out / file_name(known[name].config, task)
+    shipped = ShippedFigures(out) if again else None
+    for name in boards or offered:
+        path = out / file_name(offered[name].config, task)
         with Jobs(workers) as jobs, progress(f"playing {name}") as advance:
-            text = make_board(known[name], jobs, advance, kept, again)
+            text = make_board(offered[name], jobs, advance, shipped, again)
         with written(path):
             out.mkdir(parents=True, exist_ok=True)
         write_file(path, text.encode(), "--out")

@@ -1,4 +1,7 @@
-"""The command `humanplay`: any environment in the browser, studies, and what is made of them."""
+"""The command `humanplay`.
+
+It serves any environment in the browser, runs studies, and publishes their results.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +53,9 @@ COMMANDS = {
 @click.group(cls=Commands, package="humanplay.cli", table=COMMANDS, context_settings=SETTINGS)
 @click.version_option(package_name="humanplay", prog_name="humanplay")
 def cli() -> None:
-    """Let people play an environment in the browser, record every episode, and publish a human baseline.
+    """Let people play an environment in the browser, and publish a human baseline.
+
+    Every episode is recorded.
 
     \b
     Begin with:
@@ -63,6 +68,9 @@ def cli() -> None:
 
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
-    """Run the command and exit with its code. args: the words after `humanplay`, those of the
-    process by default."""
+    """Run the command and exit with its code.
+
+    Args:
+        args: The words after `humanplay`, those of the process by default.
+    """
     run(cli, "humanplay", sys.argv[1:] if args is None else args)

@@ -1,4 +1,4 @@
-"""The option --database of the commands about a server's database and its studies."""
+"""The option --database of the commands about a database and its studies."""
 
 from __future__ import annotations
 
@@ -32,8 +32,11 @@ def _database_with_studies(ctx: click.Context, param: click.Parameter, path: Pat
 
 
 def database_option(text: str) -> Callable[[F], F]:
-    """Return the option --database, which is that of the settings where it is not given; `text`
-    says what it is for."""
+    """The option --database, by default that of the settings.
+
+    Args:
+        text: What it is for.
+    """
     return option("--database", type=PATH, callback=_database, help=text)
 
 
@@ -41,12 +44,11 @@ DATABASE = database_option("The database it was played in; a running server may 
 STUDIES = option(
     "--database", "folder", type=PATH, callback=_studies, help="The database whose study it is."
 )
-"""The option --database of a command that is given the folder of studies beside it, as `folder`."""
+"""The option --database of a command that gets the folder of studies beside it, as `folder`."""
 DATABASE_AND_STUDIES = option(
     "--database",
     type=PATH,
     callback=_database_with_studies,
     help="The database it is played in; a running server may go on writing.",
 )
-"""The option --database of a command that is given `database`, and the folder beside it as
-`folder`."""
+"""The option --database of a command that gets `database`, and the folder beside it as `folder`."""

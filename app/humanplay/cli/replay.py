@@ -66,12 +66,12 @@ def replay(episode: str, out: Path, database: Path, ghost: str | None, speed: fl
 
 
 def _format_of(out: Path) -> Format:
-    """Return the format that a file's ending names; UsageError for any other."""
+    """The format that a file's ending names; UsageError for any other."""
     from humanplay.web.replays.files import FORMATS
 
-    form = next((each for each in FORMATS if out.suffix.lower() == f".{each}"), None)
+    form = next((name for name in FORMATS if out.suffix.lower() == f".{name}"), None)
     if form is None:
-        endings = ", ".join(f".{each}" for each in FORMATS)
+        endings = ", ".join(f".{name}" for name in FORMATS)
         raise UsageError(f"expected --out to end with one of {endings}, got {out.name!r}")
     return form
 
@@ -89,12 +89,12 @@ def _find(database: Path, prefix: str) -> ShownEpisode:
 
 
 def _courses(shown: ShownEpisode, ghost: str | None) -> list[Course]:
-    """Return the course of the episode and, unless none is wanted, that of the policy."""
+    """The course of the episode and, unless none is wanted, that of the policy."""
     from humanplay.web.replays.episodes import courses_of
 
     courses = courses_of(shown)
-    own = courses.course_of(shown.name, shown.record)
+    course = courses.course_of(shown.name, shown.record)
     chosen = ghost or courses.preferred(shown.name)
     if chosen is None or chosen == NO_GHOST:
-        return [own]
-    return [own, courses.play_ghost(chosen, shown.record)]
+        return [course]
+    return [course, courses.play_ghost(chosen, shown.record)]

@@ -73,7 +73,7 @@ def serve(
     policies: tuple[Path, ...],
     maps: tuple[Path, ...],
     trusted_proxies: tuple[str, ...],
-    **given: Any,
+    **options: Any,
 ) -> None:
     """Serve the playground until Ctrl-C: page, API and 3-D view on one port.
 
@@ -115,8 +115,8 @@ def serve(
       humanplay serve --map office.yaml --map garage.yaml
     """
     check_more(more, policies)
-    of_the_paper = _policies_of_the_paper() if given.pop("paper") else ()
-    flags = {name: value for name, value in given.items() if value is not None}
+    of_the_paper = _policies_of_the_paper() if options.pop("paper") else ()
+    flags = {name: chosen for name, chosen in options.items() if chosen is not None}
     if envs:
         flags["task"], *flags["more"] = map(task_name, envs)
     if trusted_proxies:
@@ -135,9 +135,9 @@ def serve(
 @path_option("--database", "SQLite file to record in; made when absent.  [default: as for serve]")
 @flag("--no-browser", "Print the address and open nothing.")
 def play(env: str, port: int, database: Path | None, no_browser: bool) -> None:
-    """Play ENV in a browser: an id of Gymnasium's, a package's MODULE:ID, your own MODULE:CLASS or FILE.py in this folder,
-    a TOML file, or MarsExplorer without one.
+    """Play ENV in a browser; without one it is MarsExplorer.
 
+    ENV is an id of Gymnasium's, a package's MODULE:ID, your own MODULE:CLASS or FILE.py in this folder, or a TOML file.
     Every move is recorded, and the page goes on where it stood. `humanplay serve --env ENV` lets others play too;
     `humanplay doctor ENV` says what its keys are and whether its episodes can be verified.
 
@@ -152,8 +152,8 @@ def play(env: str, port: int, database: Path | None, no_browser: bool) -> None:
     import webbrowser
     from threading import Thread
 
-    where = {} if database is None else {"database": database}
-    settings = settings_of(task=task_name(env), port=port, confined=False, **where)
+    place = {} if database is None else {"database": database}
+    settings = settings_of(task=task_name(env), port=port, confined=False, **place)
 
     def show(address: str) -> None:
         Thread(target=webbrowser.open, args=(address,), daemon=True).start()

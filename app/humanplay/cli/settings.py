@@ -1,5 +1,4 @@
-"""What the commands about a server share: its settings, and the errors of studies and databases as
-sentences.
+"""What the commands about a server share: settings, and errors as sentences.
 
 A user's mistake becomes a UsageError here; `humanplay.command.group.run` turns those into one
 sentence and exit code 2.
@@ -24,14 +23,17 @@ if TYPE_CHECKING:
 
 
 def settings_of(**flags: Any) -> Settings:
-    """Return a server's settings from flags and HUMANPLAY_* variables; UsageError for a wrong one."""
+    """A server's settings from flags and HUMANPLAY_* variables; UsageError if wrong."""
     from humanplay.web.settings import Settings
 
     return _read(Settings, flags)
 
 
 def place() -> Place:
-    """Return where the server and its files are; settings that concern only a server may be wrong."""
+    """Where the server and its files are.
+
+    Settings that concern only a server may be wrong.
+    """
     from humanplay.web.settings import Place
 
     return _read(Place, {})
@@ -56,7 +58,7 @@ def _read(settings: type[S], flags: Mapping[str, Any]) -> S:
 
 @contextmanager
 def study_errors() -> Iterator[None]:
-    """Turn a StudyError into one sentence: exit code 1 where the disk refused, 2 otherwise."""
+    """Turn a StudyError into one sentence: exit code 1 if the disk refused, else 2."""
     from humanplay.study.folder import StudyError
 
     try:
@@ -67,12 +69,13 @@ def study_errors() -> Iterator[None]:
 
 
 @contextmanager
-def failures(what: str, way_out: str = "") -> Iterator[None]:
-    """Turn an error of a study, a database or a release into its sentence, and one of the disk into
-    `what`, why and `way_out`.
+def failures(failed: str, way_out: str = "") -> Iterator[None]:
+    """Turn an error of a study, a database, a release or the disk into a sentence.
 
     Args:
-        what: "{file}" in it stands for the file that could not be read or written.
+        failed: What could not be done, for an error of the disk; "{file}" in it stands for the
+            file.
+        way_out: What the user can do about that.
     """
     from humanplay.db.database import StoreError
     from humanplay.release.errors import ReleaseError
@@ -83,18 +86,24 @@ def failures(what: str, way_out: str = "") -> Iterator[None]:
     except (ReleaseError, StoreError, StudyError) as error:
         raise ClickException(str(error)) from error
     except OSError as error:
-        text = what.format(file=error.filename)
+        text = failed.format(file=error.filename)
         raise ClickException(f"{text}: {reason(error)}{way_out}") from error
 
 
 def pins_file() -> Path:
-    """Return the file of pinned signing keys: HUMANPLAY_SIGNERS, or known_signers.json in the
-    user's configuration folder."""
+    """The file of pinned signing keys.
+
+    HUMANPLAY_SIGNERS, or known_signers.json in the user's configuration folder.
+    """
     return place().signers or Path(click.get_app_dir("humanplay")) / "known_signers.json"
 
 
 def named_task(name: str) -> str:
-    """The task of an id, a file, or the folder of a world; ValueError, saying why, if there is none."""
+    """The task of an id, a file, or the folder of a world.
+
+    Raises:
+        ValueError: If there is none; it says why.
+    """
     from humanplay.task.registration import is_registered, register
     from humanplay.tasks.gymnasium.description import told_of
 
@@ -112,7 +121,14 @@ def named_task(name: str) -> str:
 
 
 def task_name(name: str) -> str:
-    """The task that a flag names, as it is recorded; BadParameter if there is none."""
+    """The name of a task as it is recorded.
+
+    Args:
+        name: As the user types it (`told_of`), or a world's folder.
+
+    Raises:
+        BadParameter: If there is no such task.
+    """
     try:
         return named_task(name)
     except ValueError as error:
@@ -122,7 +138,11 @@ def task_name(name: str) -> str:
 def config_of(
     task: str, level: str | None = None, size: int | tuple[int, int] | None = None
 ) -> Configuration:
-    """What a task plays: its default, or a level at a size; UsageError if there is no such one."""
+    """What a task plays: its default, or a level at a size.
+
+    Raises:
+        UsageError: If there is no such one.
+    """
     from humanplay.task.registration import environment_of
 
     try:
@@ -137,9 +157,8 @@ def config_of(
             f"{environment.about.title} has no levels and sizes: leave --level and --size out"
         )
     try:
-        own = default.size
         return environment.boards.configuration(
-            level or default.level, own if size is None else size
+            level or default.level, default.size if size is None else size
         )
     except ValueError as error:
         raise UsageError(str(error)) from error

@@ -1,4 +1,4 @@
-"""What the commands print and write: a progress bar, a table, a file that is whole or not there."""
+"""What the commands print and write: progress, tables, whole files."""
 
 from __future__ import annotations
 
@@ -14,11 +14,14 @@ PRINTED_WIDTH = 140
 
 
 def write_file(path: Path, content: bytes, option: str = "file", private: bool = False) -> None:
-    """Write a file, whole or not at all; ClickException with the way out, which is another
-    `option`.
+    """Write a file, whole or not at all.
 
     Args:
+        option: That names another place, for the error.
         private: For its owner alone.
+
+    Raises:
+        ClickException: If it cannot be written.
     """
     from marsexplorer.files import write_whole
 
@@ -28,38 +31,44 @@ def write_file(path: Path, content: bytes, option: str = "file", private: bool =
                 os.fchmod(file.fileno(), 0o600)
             file.write(content)
     except OSError as error:
-        why = f"{reason(error)}; choose another {option}"
-        raise ClickException(f"cannot write {path}: {why}") from error
+        raise ClickException(
+            f"cannot write {path}: {reason(error)}; choose another {option}"
+        ) from error
 
 
 def reason(error: OSError) -> str:
-    """Return the operating system's reason in lower case, such as `permission denied`."""
+    """The operating system's reason in lower case, such as `permission denied`."""
     return (error.strerror or str(error)).lower()
 
 
 @contextmanager
 def written(place: Path | str, option: str = "--out") -> Iterator[None]:
-    """Turn an error of the disk into one sentence: what cannot be written, why, and the option to
-    give another of."""
+    """Turn an error of the disk into one sentence.
+
+    Args:
+        place: That cannot be written.
+        option: That names another place.
+    """
     try:
         yield
     except OSError as error:
-        why = f"{reason(error)}; choose another {option}"
-        raise ClickException(f"cannot write {place}: {why}") from error
+        raise ClickException(
+            f"cannot write {place}: {reason(error)}; choose another {option}"
+        ) from error
 
 
 @contextmanager
-def noted_progress(what: str, total: int, note: str = "") -> Iterator[Callable[..., None]]:
-    """Yield `advance(done, note, line)`: it moves a bar with a note on stderr, or prints the line
-    where that is no terminal.
+def noted_progress(label: str, total: int, note: str = "") -> Iterator[Callable[..., None]]:
+    """Yield `advance(done, note, line)`, which moves a bar with a note on stderr.
 
-    An empty note leaves the one before, and of an empty line nothing is printed.
+    If stderr is no terminal it prints the line instead. An empty note leaves the one before, and an
+    empty line is not printed.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     console, noted = Console(stderr=True), TextColumn("{task.fields[note]}")
-    columns = (TextColumn(what), BarColumn(), noted, TimeRemainingColumn())
+    columns = (TextColumn(label), BarColumn(), noted, TimeRemainingColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=total, note=note)
 
@@ -74,21 +83,23 @@ def noted_progress(what: str, total: int, note: str = "") -> Iterator[Callable[.
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Yield `advance(done, total)` that moves a bar on stderr; nothing is drawn where stderr is no
-    terminal."""
+def progress(label: str) -> Iterator[Callable[[int, int], None]]:
+    """Yield `advance(done, total)`, which moves a bar on stderr if that is a terminal."""
     from rich.console import Console
     from rich.progress import Progress
 
     console = Console(stderr=True)
     bar: Progress
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=None)
+        task = bar.add_task(label, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table on stdout: the first column to the left and never cut, the others to the right."""
+    """Print a table on stdout.
+
+    The first column is on the left and never cut, the others are on the right.
+    """
     from rich.console import Console
     from rich.table import Table
 

@@ -1,5 +1,7 @@
-"""Which extra of the package brings which optional library, so that a missing one is named in a
-sentence."""
+"""Which extra of the package brings which optional library.
+
+So a missing library is named in a sentence.
+"""
 
 from __future__ import annotations
 

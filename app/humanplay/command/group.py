@@ -1,8 +1,8 @@
-"""A program of commands, each in a module that is imported when it is called, so that `--help`
-answers at once.
+"""A program of commands, each in a module that is imported when it is called.
 
-Every failure ends with one sentence on stderr: exit code 2 for a command that cannot be carried out
-as given or needs an extra that is not installed, 1 for a failure on the way, 130 for Ctrl-C.
+So `--help` answers at once. Every failure ends with one sentence on stderr. Exit code 2: a command
+cannot be carried out as typed, or needs an extra that is not installed; 1: a failure on the way;
+130: Ctrl-C.
 """
 
 from __future__ import annotations
@@ -46,8 +46,7 @@ class Entry:
 
 
 class Commands(click.Group):
-    """A group that knows its commands by name and imports the module of one only to run it or to
-    show its help."""
+    """A group that imports a command's module only to run it or to show its help."""
 
     def __init__(self, *, package: str, table: Mapping[str, Entry], **rest: object) -> None:
         super().__init__(**rest)  # type: ignore[arg-type]
@@ -77,10 +76,10 @@ class Commands(click.Group):
 
 def _guess(error: click.UsageError) -> str:
     """Ask after the command that was meant, if one is near."""
-    found = re.match(r"No such command '(.+)'", error.format_message())
-    if found is None or error.ctx is None or not isinstance(error.ctx.command, click.Group):
+    unknown = re.match(r"No such command '(.+)'", error.format_message())
+    if unknown is None or error.ctx is None or not isinstance(error.ctx.command, click.Group):
         return ""
-    near = difflib.get_close_matches(found[1], error.ctx.command.list_commands(error.ctx), n=1)
+    near = difflib.get_close_matches(unknown[1], error.ctx.command.list_commands(error.ctx), n=1)
     return f" Did you mean {near[0]!r}?" if near else ""
 
 

@@ -1,5 +1,4 @@
-"""The options that several commands have, and short forms of others: flags, paths, what may be
-repeated."""
+"""The options that several commands have, and short forms of others."""
 
 from __future__ import annotations
 
@@ -17,19 +16,19 @@ PORT = click.IntRange(0, 65535)
 KEY = option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed it.")
 
 
-def flag(*given: str, default: bool | None = False) -> Callable[[F], F]:
-    """Return an option without a value: its names, then what it does."""
-    return option(*given[:-1], is_flag=True, default=default, help=given[-1])
+def flag(*texts: str, default: bool | None = False) -> Callable[[F], F]:
+    """An option without a value: its names, then what it does."""
+    return option(*texts[:-1], is_flag=True, default=default, help=texts[-1])
 
 
-def path_option(*given: str, **more: Any) -> Callable[[F], F]:
-    """Return an option that takes a path: its names, then what it is for."""
-    return option(*given[:-1], type=PATH, help=given[-1], **more)
+def path_option(*texts: str, **more: Any) -> Callable[[F], F]:
+    """An option that takes a path: its names, then what it is for."""
+    return option(*texts[:-1], type=PATH, help=texts[-1], **more)
 
 
-def several(*given: str, **more: Any) -> Callable[[F], F]:
-    """Return an option that may be repeated: its names, then what it is for."""
-    return option(*given[:-1], multiple=True, help=given[-1], **more)
+def several(*texts: str, **more: Any) -> Callable[[F], F]:
+    """An option that may be repeated: its names, then what it is for."""
+    return option(*texts[:-1], multiple=True, help=texts[-1], **more)
 
 
 class SizeType(click.ParamType):  # type: ignore[type-arg]
@@ -40,7 +39,7 @@ class SizeType(click.ParamType):  # type: ignore[type-arg]
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> int | tuple[int, int]:
-        """Return a side or (rows, cols)."""
+        """A side or (rows, cols)."""
         if isinstance(value, int):
             return value
         if isinstance(value, tuple):
@@ -53,7 +52,9 @@ class SizeType(click.ParamType):  # type: ignore[type-arg]
 
 
 def check_more(more: Sequence[object], policies: Sequence[object]) -> None:
-    """Raise UsageError for words without an option, unless they follow --policy NAME as in
-    `--policy a b c`."""
+    """Raise UsageError for words without an option.
+
+    Unless they follow --policy NAME, as in `--policy a b c`.
+    """
     if more and not policies:
         raise UsageError(f"unexpected argument {str(more[0])!r}: name policies with --policy")

@@ -1,9 +1,9 @@
-"""The one runner of what takes long: a bounded number of worker processes, and a fair turn for each
-owner of jobs.
+"""The one runner of what takes long: worker processes, and fair turns for owners.
 
 A job is a function that can be imported, with arguments that can be pickled. It runs in a worker
-process beside the server or the command: each is `python -m humanplay.jobs`. What goes wrong with
-one job is that job's alone: it may take too long, or its process may be killed.
+process beside the server or the command: each is `python -m humanplay.jobs`. The number of workers
+is bounded. What goes wrong with one job is that job's alone: it may take too long, or its process
+may be killed.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MOST_REMEMBERED = 1000
 RETRY_S = 5
 """Seconds after which an owner of too many jobs may ask again."""
 _LIBRARIES = ("OMP", "MKL", "OPENBLAS", "NUMBA")
-ONE_THREAD = dict.fromkeys((f"{each}_NUM_THREADS" for each in _LIBRARIES), "1")
+ONE_THREAD = dict.fromkeys((f"{library}_NUM_THREADS" for library in _LIBRARIES), "1")
 """The libraries of a worker compute in one thread: the workers share the cores already."""
 
 CLOSED = "the server was closed before this was done"
@@ -49,7 +49,7 @@ T = TypeVar("T")
 
 
 class JobError(RuntimeError):
-    """A job was not done: it took too long, its process ended early, or the runner was closed."""
+    """A job was not done: it took too long, or its process or the runner ended."""
 
 
 class JobsFullError(RuntimeError):
@@ -57,7 +57,7 @@ class JobsFullError(RuntimeError):
 
 
 def cores() -> int:
-    """Return how many processor cores this process may use."""
+    """How many processor cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -75,8 +75,9 @@ class _Job:
 
 
 class Jobs(Executor):
-    """Runs jobs in at most `workers` processes, which start with the first jobs and end when there
-    are none.
+    """Runs jobs in at most `workers` processes.
+
+    They start with the first jobs and end when there are none.
 
     Owners take turns: each gives one job, then comes the next owner. All calls may come from any
     thread.
@@ -113,7 +114,7 @@ class Jobs(Executor):
         self._is_closed = False
 
     def waiting(self) -> int:
-        """Return how many jobs wait, of all owners."""
+        """How many jobs wait, of all owners."""
         with self._changed:
             return sum(map(len, self._waiting.values()))
 
@@ -135,21 +136,24 @@ class Jobs(Executor):
     ) -> Future[T]:
         """Queue `function(*arguments)` and return its future.
 
-        The future raises what the function raises, and JobError when its process ended early.
-        JobsFullError when too many jobs of this owner wait.
+        The future raises what the function raises, and JobError if its process ended early or it
+        took longer than `limit_s`.
 
         Args:
-            key: Of jobs that come to the same: while one waits or runs, the others get its future,
-                and what failed is for REMEMBERED_S seconds refused with the same error.
-            limit_s: Seconds that it may run; JobError when it takes longer.
-            on_progress: Called with (done, in all), in a thread of this process. The function is
-                then given `progress=`, which it calls with the same.
+            key: Of jobs with the same result: while one waits or runs, the others get its future,
+                and what failed is refused with the same error for REMEMBERED_S seconds.
+            limit_s: Seconds that it may run.
+            on_progress: Called with (done, in all), in a thread of this process. The function then
+                gets `progress=`, which it calls with the same.
+
+        Raises:
+            JobsFullError: If too many jobs of this owner wait.
         """
         with self._changed:
             if self._is_closed:
                 raise JobsFullError("this server is closing; ask again in a minute")
-            if key is not None and (known := self._known(key)) is not None:
-                return known
+            if key is not None and (earlier := self._earlier(key)) is not None:
+                return earlier
             waiting = self._waiting.get(owner, deque())
             if self._most_waiting is not None and len(waiting) >= self._most_waiting:
                 raise JobsFullError(
@@ -178,7 +182,7 @@ class Jobs(Executor):
         limit_s: float | None = None,
         on_progress: Progress | None = None,
     ) -> T:
-        """Return what a job comes to; see `submit` and `result_of`."""
+        """A job's result; see `submit` and `result_of`."""
         job = self.submit(
             function,
             *arguments,
@@ -190,7 +194,7 @@ class Jobs(Executor):
         return await result_of(job)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
-        """See `close`: nothing goes on after it, whatever is asked for."""
+        """As `close`: nothing goes on after it, whatever is asked for."""
         del wait, cancel_futures
         self.close()
 
@@ -211,8 +215,8 @@ class Jobs(Executor):
         for thread in threads:
             thread.join()
 
-    def _known(self, key: Hashable) -> Future[Any] | None:
-        """Return the future of the job with this key that waits, runs, or failed a short time ago."""
+    def _earlier(self, key: Hashable) -> Future[Any] | None:
+        """The future of the job with this key that waits, runs, or failed lately."""
         if key in self._by_key:
             return self._by_key[key]
         until, error = self._failed.get(key, (0.0, None))
@@ -239,13 +243,13 @@ class Jobs(Executor):
                 worker.end()
 
     def _take(self, thread: threading.Thread) -> _Job | None:
-        """Return the next job; None when there was none for IDLE_S, or the runner is closed."""
+        """The next job; None if there was none for IDLE_S, or the runner is closed."""
         deadline = time.monotonic() + IDLE_S
         with self._changed:
             self._idle += 1
             try:
                 while not self._is_closed:
-                    # first, since what came at the deadline has started no thread
+                    # look for a job before the clock: one that came at the deadline has started no thread
                     if (job := self._next()) is not None:
                         return job
                     if (left := deadline - time.monotonic()) <= 0:
@@ -253,7 +257,8 @@ class Jobs(Executor):
                     self._changed.wait(left)
             finally:
                 self._idle -= 1
-            worker = self._threads.pop(thread)  # whoever submits from now on starts another
+            # the next submission starts another thread
+            worker = self._threads.pop(thread)
         if worker is not None:
             worker.end()
         return None
@@ -297,7 +302,7 @@ class Jobs(Executor):
             job.future.set_exception(error)
 
     def _worker_of(self, thread: threading.Thread) -> _Process:
-        """Return the worker of a thread, a new one where it has none that lives."""
+        """The worker of a thread, a new one if it has none that lives."""
         worker = self._threads[thread]
         if worker is None or not worker.is_alive():
             if worker is not None:
@@ -313,7 +318,10 @@ class Jobs(Executor):
 
 
 async def result_of(job: Future[T]) -> T:
-    """Return what a job comes to. Whoever stops waiting leaves it to the others who wait for it."""
+    """A job's result.
+
+    A caller that stops waiting does not cancel the job: others may wait for it.
+    """
     waiting = asyncio.wrap_future(job)
     # asyncio logs an error that nobody has looked at, as when all have stopped waiting
     waiting.add_done_callback(lambda done: done.cancelled() or done.exception())
@@ -325,8 +333,10 @@ def _too_long(limit_s: float | None) -> JobError:
 
 
 class _Process:
-    """A worker process of this machine, in a session of its own: Ctrl-C in this one's terminal is
-    not meant for it."""
+    """A worker process of this machine, in a session of its own.
+
+    Ctrl-C in this process's terminal is not meant for it.
+    """
 
     def __init__(self, nice: int) -> None:
         self._connection, others = Pipe()
@@ -343,8 +353,12 @@ class _Process:
         return self._process.poll() is None
 
     def run(self, job: _Job) -> object:
-        """Return what a job returns, or raise what it raises; JobError when it takes too long or
-        ends early."""
+        """What a job returns.
+
+        Raises:
+            JobError: If it takes too long or its process ends early.
+            Exception: What the job raises.
+        """
         deadline = None if job.limit_s is None else time.monotonic() + job.limit_s
         try:
             reports = job.on_progress is not None
@@ -353,23 +367,25 @@ class _Process:
                 left = None if deadline is None else max(0.0, deadline - time.monotonic())
                 if not self._connection.poll(left):
                     raise _too_long(job.limit_s)
-                kind, value = self._connection.recv()
+                kind, payload = self._connection.recv()
                 if kind != "progress":
                     break
                 assert job.on_progress is not None
-                job.on_progress(*value)
+                job.on_progress(*payload)
         except (EOFError, ConnectionError, pickle.UnpicklingError) as error:
             self.end()
             code = self._process.returncode
-            again = f"ask again in {REMEMBERED_S / 60:.0f} minutes"
-            raise JobError(f"its process ended early, with code {code}; {again}") from error
+            minutes = f"{REMEMBERED_S / 60:.0f} minutes"
+            raise JobError(
+                f"its process ended early, with code {code}; ask again in {minutes}"
+            ) from error
         except BaseException:
             self.end()  # else its answer would be taken for the next job's
             raise
         if kind == "raised":
-            raise value
-        result: object = value
-        return result
+            raise payload
+        answer: object = payload
+        return answer
 
     def end(self) -> None:
         """Kill the process and those that it started, and wait for its end."""
@@ -379,8 +395,10 @@ class _Process:
 
 
 def work(connection: Connection) -> None:
-    """Run the jobs that come over a connection, one after the other; the process ends when the
-    other end is gone."""
+    """Run the jobs that come over a connection, one after the other.
+
+    The process ends when the other end is gone.
+    """
     coming: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(connection, coming), daemon=True).start()
 
@@ -400,7 +418,10 @@ def work(connection: Connection) -> None:
 
 
 def _listen(connection: Connection, coming: queue.SimpleQueue[bytes]) -> None:
-    """Pass on what comes; when the other end is gone, end this process and those that it started."""
+    """Pass on what comes over a connection.
+
+    When the other end is gone, end this process and those that it started.
+    """
     try:
         while True:
             coming.put(connection.recv_bytes())
@@ -409,8 +430,10 @@ def _listen(connection: Connection, coming: queue.SimpleQueue[bytes]) -> None:
 
 
 def _portable(error: Exception) -> Exception:
-    """Return an error as it can be sent, its traceback in a note; a JobError in the place of one
-    that cannot."""
+    """An error as it can be sent, its traceback in a note.
+
+    A JobError stands for an error that cannot be pickled.
+    """
     error.add_note("".join(traceback.format_exception(error)))
     try:
         pickle.loads(pickle.dumps(error))
@@ -420,8 +443,10 @@ def _portable(error: Exception) -> Exception:
 
 
 def give_way(nice: int) -> None:
-    """Lower the priority of this process and of its session, which Linux weighs as one against
-    others (sched(7), autogroup)."""
+    """Lower the priority of this process and of its session.
+
+    Linux weighs a session as one against others (sched(7), autogroup).
+    """
     niceness = str(os.nice(nice))
     for _ in range(10):
         try:

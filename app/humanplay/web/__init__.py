@@ -1,5 +1,5 @@
-"""All request handlers, one module for each capability: pages, the API, sockets, studies, leaderboard, operator, 3-D view.
+"""All request handlers, one module for each capability.
 
-Handlers take what they need from `access.services_of`; `middleware` and `errors` surround every answer, and `listening`
-serves the app on a socket.
+Handlers take what they need from `access.services_of`; `middleware` and `errors` surround every
+answer, and `listening` serves the app on a socket.
 """

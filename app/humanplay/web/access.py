@@ -1,11 +1,13 @@
 """Who asks, and what they may see and move.
 
-A session that the page began is its player's: only their cookie sees and moves it. One that a script began (`control` is
-"bearer") is anybody's who knows its id. A study's board is its participant's; the operator watches boards on their own page
-(`humanplay.web.admin`). Whoever may not see a session gets the answer for an id that does not exist.
+A session that the page began is its player's: only their cookie sees and moves it. One that a
+script began (`control` is "bearer") is anybody's who knows its id. A study's board is its
+participant's; the operator watches boards on their own page (`humanplay.web.admin`). Whoever may
+not see a session gets the answer for an id that does not exist.
 
-The cookies are a player's and a participant's for two years, the operator's for some hours. No script can read any. Who plays
-and who takes part in studies are two people to the server: nothing links a browser's one cookie to its other.
+The cookies are a player's and a participant's for two years, the operator's for some hours. No
+script can read any. Who plays and who takes part in studies are two people to the server: nothing
+links a browser's one cookie to its other.
 """
 
 from __future__ import annotations
@@ -31,7 +33,11 @@ ADMIN_COOKIE = "humanplay_admin"
 
 @dataclass(frozen=True)
 class Cookie:
-    """A cookie that lasts some seconds; other sites' pages send it with links to us ("lax"), or never ("strict")."""
+    """A cookie that lasts some seconds.
+
+    Attributes:
+        samesite: Other sites' pages send it with links to us ("lax"), or never ("strict").
+    """
 
     name: str
     lasts_s: int
@@ -44,7 +50,8 @@ class Cookie:
     def set(self, response: Response, connection: HTTPConnection, token: str) -> None:
         """Set the cookie, Secure when the page came by TLS; an empty token deletes it.
 
-        In a frame of another site browsers send none but those that say so: where one may frame us, ours do.
+        In a frame of another site browsers send none but those that say so: where one may frame us,
+        ours do.
         """
         is_framed = bool(connection.app.state.framed_by) and self.samesite == "lax"
         response.set_cookie(
@@ -74,22 +81,31 @@ async def close(websocket: WebSocket, code: int, reason: str) -> None:
 
 
 def player_of(connection: HTTPConnection) -> str | None:
-    """Return the player's id in a cookie of this server; None without one or when it was tampered with."""
+    """The player's id in a cookie of this server.
+
+    None without a cookie, or when it was tampered with.
+    """
     return services_of(connection).player_tokens.read(PLAYER.token(connection))
 
 
 def participant_of(connection: HTTPConnection) -> str | None:
-    """Return, as `player_of`, the id under which the asker takes part in studies: another one, linked to nothing played."""
+    """The id under which the asker takes part in studies.
+
+    It is another one than the player's, linked to nothing played. None as for `player_of`.
+    """
     return services_of(connection).player_tokens.read(PARTICIPANT.token(connection))
 
 
 def asker_of(connection: HTTPConnection) -> Asker:
-    """Return who asks for a replay, and when by the server's clock."""
+    """Who asks for a replay, and when by the server's clock."""
     return Asker(player_of(connection), services_of(connection).lobby.sources.clock_ms())
 
 
 def owner_of(connection: HTTPConnection) -> str:
-    """Return whose turn it is when the asker's jobs take theirs: an address has one, whatever cookies come from it."""
+    """Whose turn it is when the asker's jobs take theirs.
+
+    An address has one turn, whatever cookies come from it.
+    """
     return client_address(connection)
 
 
@@ -101,7 +117,7 @@ def remember_player(
 
 
 def is_operator(connection: HTTPConnection) -> bool:
-    """Return whether the operator asks; False on a server without an operator's page."""
+    """Whether the operator asks; False on a server without an operator's page."""
     admin = services_of(connection).admin
     if admin is None:
         return False
@@ -109,19 +125,26 @@ def is_operator(connection: HTTPConnection) -> bool:
 
 
 def is_owner(connection: HTTPConnection, session: Session) -> bool:
-    """Return whether a cookie of the asker's is that of the player at whose screen the session runs."""
+    """Whether the asker is the player at whose screen the session runs.
+
+    A cookie of theirs says so.
+    """
     owner = services_of(connection).lobby.owner_of(session)
     return owner is not None and owner in (player_of(connection), participant_of(connection))
 
 
 def may_control(connection: HTTPConnection, session: Session) -> bool:
-    """Return whether the asker may move the session's rover, as far as their cookie and the id say."""
+    """Whether the asker may move the session, by their cookie and the id they know."""
     is_bearer = session.row.control == "bearer" and session.participation is None
     return is_bearer or is_owner(connection, session)
 
 
 async def session_of(connection: HTTPConnection, session_id: str) -> Session:
-    """The session that the asker sees and moves; UnknownSessionError if it is not theirs."""
+    """The session that the asker sees and moves.
+
+    Raises:
+        UnknownSessionError: If it is not theirs.
+    """
     session = await services_of(connection).lobby.get(session_id)
     if not may_control(connection, session):
         raise UnknownSessionError(session_id)

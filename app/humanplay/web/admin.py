@@ -1,7 +1,7 @@
-"""The operator's requests; a server that was started without an operator's page has none of these routes.
+"""The operator's requests, on a server that has an operator's page.
 
-Every request needs the operator's cookie. One that changes anything must come from our own page as well: its Origin says
-so, and browsers send the cookie from nowhere else.
+Every request needs the operator's cookie. One that changes anything must come from our own page as
+well: its Origin says so, and browsers send the cookie from nowhere else.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from humanplay.web.protection import client_address, has_own_origin
 from humanplay.web.sockets import ignore_all, send_while, serve_session
 
 NOT_LOGGED_IN, NOT_OUR_PAGE = 4401, 4403
-"""Close codes of a socket without the operator's cookie, and of one that no page of this server opened."""
+"""Close codes: without the operator's cookie, and where no page of this server opened the socket."""
 MAX_BOARDS = 60
 """Boards in a list."""
 
@@ -57,7 +57,10 @@ class Login(Message):
 
 
 class CloseStudy(Message):
-    """The study's name once more, since a closed study cannot be opened again; `now` closes it while somebody is at it."""
+    """The study's name once more, since a closed study cannot be opened again.
+
+    `now` closes it while somebody is at it.
+    """
 
     name: str
     now: bool = False
@@ -85,7 +88,10 @@ class ShownName(Message):
 
 
 class OutcomeTexts(Message):
-    """What people are to read at outcomes, by the outcome; an empty text takes one away."""
+    """What people read at their end, by the outcome.
+
+    An empty text takes one away.
+    """
 
     texts: dict[str, Annotated[str, Field(max_length=2000)]] = Field(max_length=20)
 
@@ -99,15 +105,24 @@ class ReleaseOptions(Message):
 
 
 async def check_page(request: Request) -> None:
-    """Raise HTTPException 403 unless our own page asks, or a reading request comes without an Origin."""
-    own = has_own_origin(request)
-    if own is False or (own is None and request.method not in ("GET", "HEAD")):
-        why = "this call must come from the operator's own page, at /admin of this server"
-        raise HTTPException(403, why)
+    """Check that our own page asks, or a reading request without an Origin.
+
+    Raises:
+        HTTPException: 403 otherwise.
+    """
+    is_ours = has_own_origin(request)
+    if is_ours is False or (is_ours is None and request.method not in ("GET", "HEAD")):
+        raise HTTPException(
+            403, "this call must come from the operator's own page, at /admin of this server"
+        )
 
 
 async def check_operator(request: Request, response: Response) -> AdminServices:
-    """Return the operator's services; HTTPException 401 or 403 unless the operator asks from our page."""
+    """The operator's services.
+
+    Raises:
+        HTTPException: 401 or 403 unless the operator asks from our page.
+    """
     response.headers["Cache-Control"] = "no-store"
     await check_page(request)
     if not is_operator(request):
@@ -145,10 +160,10 @@ router = APIRouter(route_class=StudyRoute, tags=["operator"])
 
 
 @router.post("/api/admin/login", dependencies=[Depends(check_page)], summary="Log in")
-async def login(request: Request, response: Response, given: Login) -> answers.LoggedIn:
+async def login(request: Request, response: Response, typed: Login) -> answers.LoggedIn:
     """Set the operator's cookie for the right password."""
     try:
-        token = _admin_of(request).login.issue(client_address(request), given.password)
+        token = _admin_of(request).login.issue(client_address(request), typed.password)
     except WrongPasswordError as error:
         raise HTTPException(401, str(error)) from error
     except TooManyAttemptsError as error:
@@ -192,28 +207,28 @@ async def overview(request: Request, admin: Operator) -> answers.Overview:
 @router.get("/api/admin/studies/{name}", summary="A study as it stands")
 async def show_study(admin: Operator, name: str) -> answers.ConsoleStudy:
     """Its participants, the estimate, data-quality flags, invitations and exports."""
-    found = admin.progress.folder.study(name)
+    study = admin.progress.folder.study(name)
     store, now = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
 
     def read() -> tuple[list[answers.Participant], answers.Recruiting, answers.OutcomeTexts]:
         texts = payments.show_outcomes(admin.progress.folder, name)
         with closing(Reader.open(store.path)) as reader:
-            how = recruiting(reader, admin.progress.recruitment.invitations, found, now)
-            present = participants.list_participants(reader, name, now, found.is_open)
-        return present, how, texts
+            invited = recruiting(reader, admin.progress.recruitment.invitations, study, now)
+            present = participants.list_participants(reader, name, now, study.is_open)
+        return present, invited, texts
 
-    present, how, texts = await asyncio.to_thread(read)
+    present, invited, texts = await asyncio.to_thread(read)
     figures = await asyncio.to_thread(admin.figures.of, name)
-    protocol = found.protocol
+    protocol = study.protocol
     return answers.ConsoleStudy(
-        **dict(how),
+        **dict(invited),
         **dict(figures),
         **dict(texts),
         name=name,
         title=protocol.title,
-        status=found.status,
-        frozen_ms=found.frozen_ms,
-        closed_ms=found.closed_ms,
+        status=study.status,
+        frozen_ms=study.frozen_ms,
+        closed_ms=study.closed_ms,
         task=Task(**describe(protocol.environment)),
         where=protocol.environment.texts(protocol.env_config).setting,
         max_steps=protocol.env_config.limit,
@@ -228,14 +243,18 @@ async def show_study(admin: Operator, name: str) -> answers.ConsoleStudy:
 
 
 @router.post("/api/admin/studies/{name}/close", summary="Close a study for good")
-async def close_study(admin: Operator, name: str, given: CloseStudy) -> answers.ClosedStudy:
-    """Close it; 422 unless its name was typed, 409 while somebody has moved within ten minutes unless `now`."""
-    if given.name != name:
-        why = f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}"
-        raise HTTPException(422, why)
+async def close_study(admin: Operator, name: str, typed: CloseStudy) -> answers.ClosedStudy:
+    """Close the study for good.
+
+    422 unless its name was typed; 409 while somebody has moved within ten minutes, unless `now`.
+    """
+    if typed.name != name:
+        raise HTTPException(
+            422, f"type the study's name, {name!r}, to close it for ever; got {typed.name[:60]!r}"
+        )
     admin.progress.folder.study(name)
     store, at_ms = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
-    close = partial(close_study_of, admin.progress.folder, store, name, at_ms, given.now)
+    close = partial(close_study_of, admin.progress.folder, store, name, at_ms, typed.now)
     closed = await store.read(close)
     await admin.progress.note_if_closed(closed)
     await asyncio.to_thread(admin.figures.forget, name)
@@ -247,29 +266,32 @@ async def issue_invitations(
     admin: Operator, name: str, wanted: NewInvitations
 ) -> answers.IssuedInvitations:
     """Issue invitations and return their tokens."""
-    found = admin.progress.folder.study(name)
+    study = admin.progress.folder.study(name)
     issue = admin.progress.recruitment.invitations.issue
     issued = await asyncio.to_thread(issue, name, wanted.count)
-    return answers.IssuedInvitations(tokens=[token_of(found, one.id) for one in issued])
+    return answers.IssuedInvitations(tokens=[token_of(study, one.id) for one in issued])
 
 
 @router.post("/api/admin/studies/{name}/invitations/revoke", summary="Take invitations back")
 async def revoke_invitations(
-    admin: Operator, name: str, given: Revocation
+    admin: Operator, name: str, wanted: Revocation
 ) -> answers.RevokedInvitations:
     """Let nobody in by them any more; whoever has agreed with one goes on."""
     admin.progress.folder.study(name)
     revoke = admin.progress.recruitment.invitations.revoke
-    revoked = await asyncio.to_thread(revoke, name, given.ids)
+    revoked = await asyncio.to_thread(revoke, name, wanted.ids)
     return answers.RevokedInvitations(revoked=[invitation.id for invitation in revoked])
 
 
 @router.post("/api/admin/studies/{name}/outcomes", summary="Change what people read at their end")
-async def change_outcomes(admin: Operator, name: str, given: OutcomeTexts) -> answers.ChangedTexts:
-    """Change what people read at their end; an entry of the chain says that it changed."""
+async def change_outcomes(admin: Operator, name: str, wanted: OutcomeTexts) -> answers.ChangedTexts:
+    """Change what people read at their end.
+
+    An entry of the chain says that it changed.
+    """
     folder = admin.progress.folder
     study = folder.study(name)
-    changes = await asyncio.to_thread(payments.change_outcomes, folder, study, given.texts)
+    changes = await asyncio.to_thread(payments.change_outcomes, folder, study, wanted.texts)
     if changes:
         note = partial(admin.progress.study_store.note_act, study.row(), "outcomes changed")
         await admin.progress.lobby.store.write(note)
@@ -278,7 +300,10 @@ async def change_outcomes(admin: Operator, name: str, given: OutcomeTexts) -> an
 
 @router.post("/api/admin/studies/{name}/payments", summary="Whom to pay")
 async def list_payments(admin: Operator, name: str) -> answers.Payments:
-    """List everybody who agreed; that amounts which follow from play were shown of an open study is an entry of the chain."""
+    """List everybody who agreed.
+
+    If amounts that follow from play are shown of an open study, an entry of the chain says so.
+    """
     folder, store = admin.progress.folder, admin.progress.lobby.store
     study = folder.study(name)
     listed = await asyncio.to_thread(payments.list_payments, folder, study, store.path)
@@ -292,20 +317,20 @@ async def list_payments(admin: Operator, name: str) -> answers.Payments:
 
 
 @router.post(
-    "/api/admin/studies/{name}/exports/{what}",
+    "/api/admin/studies/{name}/exports/{kind}",
     status_code=202,
     summary="Begin the report or the release",
 )
 async def begin_export(
-    admin: Operator, name: str, what: ExportKind, wanted: ReleaseOptions | None = None
+    admin: Operator, name: str, kind: ExportKind, wanted: ReleaseOptions | None = None
 ) -> answers.Exports:
     """Begin to make a report or a release; a release needs a closed study."""
-    found = admin.progress.folder.study(name)
-    if found.keeps_secret:
+    study = admin.progress.folder.study(name)
+    if study.keeps_secret:
         raise HTTPException(409, SECRET_KEPT.format(name))
-    if what == "release" and found.is_open:
+    if kind == "release" and study.is_open:
         raise HTTPException(409, f"the study {name!r} is open: close it first, then release it")
-    admin.exports.begin(name, what, tuple(wanted.authors) if wanted else ())
+    admin.exports.begin(name, kind, tuple(wanted.authors) if wanted else ())
     return admin.exports.state(name)
 
 
@@ -367,7 +392,10 @@ async def _send(websocket: WebSocket, session: Session) -> None:
 
 
 async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[answers.LiveBoard]:
-    """The boards that may be watched and that somebody plays now, those of participants first."""
+    """The boards that may be watched and that somebody plays now.
+
+    Those of participants come first. No player's id is in them.
+    """
     live = [one for one in lobby.sessions() if one.is_human and one.channel.subscribers]
 
     def newest(present: Participant | None) -> Trial | None:
@@ -397,16 +425,20 @@ async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[answers.Liv
 
 
 def _is_secret(session: Session, episode_id: str) -> bool:
-    """Whether nobody but its participant sees anything of a board's episode; it asks the database."""
+    """Whether nobody but its participant sees anything of a board's episode.
+
+    It asks the database.
+    """
     participation = session.participation
     return participation is not None and participation.is_secret(episode_id)
 
 
 async def board_messages(store: Store, session: Session) -> AsyncGenerator[str, None]:
-    """Yield the newest frame of a board whenever it changes, and its history wherever frames were missed, until closed.
+    """Yield the newest frame of a board whenever it changes, until it is closed.
 
-    Nothing is yielded while the episode is secret. The operator is no subscriber: a board that its player has left is not kept
-    alive by being watched.
+    Its history comes as well wherever frames were missed. Nothing is yielded while the episode is
+    secret. The operator is no subscriber: a board that its player has left is not kept alive by
+    being watched.
     """
     frame, episode, steps = "", "", 0
     woken = asyncio.Event()

@@ -1,4 +1,7 @@
-"""The HTTP API for playing: the page uses it, and so may any script. `/docs` describes it."""
+"""The HTTP API for playing, for the page and for any script.
+
+`/docs` describes it.
+"""
 
 import json
 from functools import lru_cache
@@ -40,19 +43,30 @@ def _json(text: str, status: int = 200) -> Response:
     return Response(text, status, media_type="application/json", headers=headers)
 
 
-def _check_no_study(session: Session, what: str, instead: str) -> None:
-    """Raise HTTPException 409, saying what to do instead, for a participant's board: a study has its own calls."""
+def _check_no_study(session: Session, reason: str, instead: str) -> None:
+    """Check that a board is no participant's: a study has its own calls.
+
+    Args:
+        reason: Why the call is not for such a board.
+        instead: What to do instead.
+
+    Raises:
+        HTTPException: 409 for a participant's board.
+    """
     if session.participation is not None:
-        raise HTTPException(409, f"this board is a participant's of a study: {what}; {instead}")
+        raise HTTPException(409, f"this board is a participant's of a study: {reason}; {instead}")
 
 
 async def session_summary(lobby: Lobby, session: Session) -> dict[str, object]:
-    """Return what a page needs to show a session: its driver, its configuration, its frame and its rival's."""
+    """What a page needs to show a session.
+
+    That is its driver, its configuration, its frame and its rival's.
+    """
     rival, current, store = lobby.rival_of(session), session.current, lobby.store
     pace = None if rival is None or rival.pace is None else rival.pace.model_dump()
     finished = await store.read(lambda: store.episode(current.id)) if session.shown.ended else None
-    # which move did not fit, a forger in a study may not learn
-    told = None if session.participation is not None else finished
+    # a forger in a study may not learn which move did not fit
+    attested = None if session.participation is not None else finished
     return {
         "session": session.id,
         "kind": session.kind,
@@ -62,8 +76,8 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, object]:
         **lobby.task.describe(current),
         "daily": current.day,
         "counts": session.counts if finished is None else bool(finished["counts"]),
-        "attestation": told and told["attestation"],
-        "not_attested": told and told["attestation_reason"],
+        "attestation": attested and attested["attestation"],
+        "not_attested": attested and attested["attestation_reason"],
         "watch": None if session.participation is not None else lobby.watch_ids.of(session.id),
         "frame": json.loads(session.frame),
         "rival": rival and {
@@ -80,12 +94,16 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, object]:
     summary="Is the server well?",
 )
 async def health(request: Request) -> dict[str, object]:
-    """Report the core version, which fixes what a recorded episode replays to, and how many sessions are in memory.
+    """Report the core version, and how many sessions are in memory.
 
-    `getting_ready` says why a board that was asked for takes longer than a moment on a fresh machine; null otherwise.
+    The core version fixes what a recorded episode replays to.
 
-    Like /healthz it says that the server is alive, with what a page shows; /readyz says whether moves are recorded. `status`
-    is "failing", with the reason under `detail`, while the database is not where it was opened.
+    `getting_ready` says why a board that was asked for takes longer than a moment on a fresh
+    machine; null otherwise.
+
+    Like /healthz it says that the server is alive, with what a page shows; /readyz says whether
+    moves are recorded. `status` is "failing", with the reason under `detail`, while the database is
+    not where it was opened.
     """
     lobby, store = _lobby(request), services_of(request).store
     fault = store.fault
@@ -111,8 +129,10 @@ async def healthz() -> dict[str, str]:
     responses={503: {"description": "no: `detail` says why"}},
 )
 async def readyz(request: Request) -> dict[str, str]:
-    """Commit a row to the database and answer 200; 503 with the reason when that fails or takes more than a second, and where
-    the check beside play has found damage.
+    """Commit a row to the database and answer 200.
+
+    503 with the reason when that fails or takes more than a second, and where the check beside play
+    has found damage.
     """
     services_of(request).store.check_recording()
     services_of(request).health.check_whole()
@@ -122,13 +142,19 @@ async def readyz(request: Request) -> dict[str, str]:
 
 @router.get("/task", response_model=Task, tags=["server"], summary="What is played here")
 async def task(request: Request) -> dict[str, object]:
-    """Return how it is called, drawn and measured, its actions by their codes, and the keys that pages begin with."""
+    """Return how it is called, drawn and measured, and how it is played.
+
+    Its actions come by their codes, with the keys that pages begin with.
+    """
     return describe(_lobby(request).task)
 
 
 @router.get("/levels", response_model=list[Level], tags=["server"], summary="What can be played")
 async def levels(request: Request) -> list[dict[str, object]]:
-    """List the levels, for an environment that has them; each name can be given as `level`."""
+    """List the levels, for an environment that has them.
+
+    Each name can be given as `level`.
+    """
     return _lobby(request).task.levels()
 
 
@@ -136,7 +162,10 @@ async def levels(request: Request) -> list[dict[str, object]]:
     "/maps", response_model=list[Map], tags=["server"], summary="The maps that can be played"
 )
 async def maps(request: Request) -> list[dict[str, object]]:
-    """List the maps that the server was started with (`serve --map`); each name can be given as `map`, instead of a level."""
+    """List the maps that the server was started with (`serve --map`).
+
+    Each name can be given as `map`, instead of a level.
+    """
     return _lobby(request).task.maps()
 
 
@@ -161,17 +190,18 @@ async def policies(request: Request) -> list[dict[str, str]]:
 async def get_my_session(
     request: Request, watch: Id = None, episode: Id = None
 ) -> dict[str, object] | None:
-    """Return what POST /api/sessions returned for your open ranked board, else for your newest: by your cookie alone.
+    """Return your open ranked board, else your newest one, by your cookie alone.
 
-    `watch` asks for the board of that id for watching, `episode` for the one on which that episode is the current one. Null
-    when there is no such board of yours.
+    The answer is that of POST /api/sessions. `watch` asks for the board of that id for watching,
+    `episode` for the one on which that episode is the current one. Null when there is no such board
+    of yours.
     """
     player_id = player_of(request)
     if player_id is None:
         return None
     boards, link = services_of(request).page_boards, watch or episode
-    found = await (boards.with_link(player_id, link) if link else boards.newest(player_id))
-    return None if found is None else await session_summary(_lobby(request), found)
+    session = await (boards.with_link(player_id, link) if link else boards.newest(player_id))
+    return None if session is None else await session_summary(_lobby(request), session)
 
 
 @router.get(
@@ -181,14 +211,20 @@ async def get_my_session(
     summary="The session as it stands now",
 )
 async def get_about(request: Request, session_id: str) -> dict[str, object]:
-    """Return what POST /api/sessions returned, as it stands now; a page that was reloaded begins here."""
+    """Return what POST /api/sessions returned, as it stands now.
+
+    A page that was reloaded begins here.
+    """
     session = await session_of(request, session_id)
     return await session_summary(_lobby(request), session)
 
 
 @router.post("/sessions/{session_id}/pace", tags=["play"], summary="Change how a policy moves")
 async def change_pace(request: Request, session_id: str, wanted: ChangePace) -> Pace:
-    """Set exactly one of `moves_per_second`, `pause`, `step`, `follow` (rivals only) where a policy drives."""
+    """Set how a policy moves: exactly one of the fields.
+
+    They are `moves_per_second`, `pause`, `step` and `follow` (rivals only).
+    """
     session = await session_of(request, session_id)
     _check_no_study(session, "it has no pace and no rival", "its participant moves it")
     with bad_input():
@@ -197,7 +233,10 @@ async def change_pace(request: Request, session_id: str, wanted: ChangePace) -> 
 
 @lru_cache(maxsize=8)
 def board_router(messages: Messages) -> APIRouter:
-    """Return the calls in which a task's own messages stand: what begins a board or an episode, and its frames and paths."""
+    """The calls in which a task's own messages stand.
+
+    They are what begins a board or an episode, and its frames and paths.
+    """
     router = APIRouter(prefix="/api")
     frame: dict[int | str, dict[str, Any]] = {200: {"model": messages.frame}}
     path: dict[int | str, dict[str, Any]] = {200: {"model": messages.history}}
@@ -217,17 +256,24 @@ def board_router(messages: Messages) -> APIRouter:
         response: Response,
         wanted: messages.board | None = None,  # type: ignore[name-defined]
     ) -> dict[str, object]:
-        """Begin a board. All fields are optional; an empty body begins a 21x21 `random` board for you, without a rival.
+        """Begin a board.
 
-        `session` in the answer cannot be guessed: whoever knows it can watch and drive. `frame.episode` and `frame.step` go
-        into the first act. A player cookie is set when you send none. Moves on such a board are a script's and never count.
+        All fields are optional; an empty body begins a 21x21 `random` board for you, without a
+        rival.
 
-        `kind` is ranked, practice, challenge, watch, daily or study: what the episode is. `challenges` makes it a challenge.
+        `session` in the answer cannot be guessed: whoever knows it can watch and drive.
+        `frame.episode` and `frame.step` go into the first act. A player cookie is set when you send
+        none. Moves on such a board are a script's and never count.
 
-        Whoever has `watch` can watch the board at /watch/{watch}, one episode after the other, and do nothing else.
+        `kind` is ranked, practice, challenge, watch, daily or study: what the episode is.
+        `challenges` makes it a challenge.
 
-        A page of this server sends its Origin, and the board then belongs to the player's cookie alone. `counts` says whether
-        the episode counts for the volunteers' figure so far. Instead of a second ranked board the page gets the open one: 200.
+        Whoever has `watch` can watch the board at /watch/{watch}, one episode after the other, and
+        do nothing else.
+
+        A page of this server sends its Origin, and the board then belongs to the player's cookie
+        alone. `counts` says whether the episode counts for the volunteers' figure so far. Instead
+        of a second ranked board the page gets the open one: 200.
         """
         wanted = wanted or messages.board()
         player_id = player_of(request) or _lobby(request).sources.player_id()
@@ -255,7 +301,10 @@ def board_router(messages: Messages) -> APIRouter:
         "/sessions/{session_id}/history", tags=["play"], summary="The path so far", responses=path
     )
     async def get_history(request: Request, session_id: str) -> Response:
-        """Return the position and the number of discovered cells after each step, the start first."""
+        """Return the path: where the rover was after each step, the start first.
+
+        With each position comes the number of discovered cells.
+        """
         return _json((await session_of(request, session_id)).history())
 
     @router.post(
@@ -264,7 +313,8 @@ def board_router(messages: Messages) -> APIRouter:
     async def act(request: Request, session_id: str, wanted: Act) -> Response:
         """Make a move that answers the current frame: its `episode` and its `step`.
 
-        When it does not, 409 returns the current frame and nothing changes: repeating a move after a lost answer is harmless.
+        When it does not, 409 returns the current frame and nothing changes: repeating a move after
+        a lost answer is harmless.
         """
         session = await session_of(request, session_id)
         _check_no_study(session, "its moves come over the socket", "open /ws/sessions/{id}")
@@ -288,10 +338,12 @@ def board_router(messages: Messages) -> APIRouter:
         session_id: str,
         wanted: messages.episode | None = None,  # type: ignore[name-defined]
     ) -> dict[str, object]:
-        """Begin the next episode, the rival's too. One still running is abandoned: its return so far minus `r_invalid` counts.
+        """Begin the next episode, the rival's too.
 
-        On a board of the page, a ranked terrain that waits for its first move is not exchanged: the answer is then the board on
-        which it waits, or a new board, with a `session` of its own.
+        One still running is abandoned: its return so far minus `r_invalid` counts.
+
+        On a board of the page, a ranked terrain that waits for its first move is not exchanged: the
+        answer is then the board on which it waits, or a new board, with a `session` of its own.
         """
         lobby, boards = _lobby(request), services_of(request).page_boards
         wanted = wanted or messages.episode()

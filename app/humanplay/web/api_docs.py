@@ -1,4 +1,7 @@
-"""The page at /docs: the API as one readable document, made from the OpenAPI schema, from our own files alone."""
+"""The page at /docs: the API as one readable document.
+
+It is made from the OpenAPI schema, from our own files alone.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,7 @@ def render_docs(request: Request) -> str:
     shown = {name: models[name] for name in answered_models(schema)}
     page: str = _TEMPLATE.render(
         **addresses(request), info=schema["info"], example=EXAMPLE, socket=SOCKET, groups=_groups(schema["paths"], models),
-        models=[(name, each.get("description", ""), _fields(each)) for name, each in shown.items()],
+        models=[(name, model.get("description", ""), _fields(model)) for name, model in shown.items()],
     )  # fmt: skip
     return page
 
@@ -58,28 +61,33 @@ def _groups(
     groups: dict[str, list[dict[str, Any]]] = {}
     for path, verbs in paths.items():
         for verb, call in verbs.items():
-            said = {name: call.get(name, "") for name in ("summary", "description")}
+            texts = {name: call.get(name, "") for name in ("summary", "description")}
             tables, answers = inputs_of(call, models), answers_in_words(call)
             about = {"verb": verb.upper(), "path": path, "tables": tables, "answers": answers}
-            groups.setdefault(call["tags"][0].capitalize(), []).append({**said, **about})
+            groups.setdefault(call["tags"][0].capitalize(), []).append({**texts, **about})
     return list(groups.items())
 
 
 def inputs_of(
     call: dict[str, Any], models: dict[str, Any]
 ) -> list[list[tuple[str, dict[str, Any]]]]:
-    """Return the tables of a call's inputs: its query parameters, then the fields of its body."""
-    given = [each for each in call.get("parameters", []) if each["in"] == "query"]
+    """The tables of a call's inputs: its query parameters, then its body's fields."""
+    parameters = [
+        parameter for parameter in call.get("parameters", []) if parameter["in"] == "query"
+    ]
     content = call.get("requestBody", {}).get("content", {})
     body = content.get("application/json", {}).get("schema", {})
-    named = [each["$ref"] for each in [body, *body.get("anyOf", [])] if "$ref" in each]
+    named = [schema["$ref"] for schema in [body, *body.get("anyOf", [])] if "$ref" in schema]
     fields = _fields(models[named[0].rsplit("/", 1)[1]]) if named else []
-    asked = [(each["name"], each["schema"]) for each in given]
+    asked = [(parameter["name"], parameter["schema"]) for parameter in parameters]
     return [table for table in (asked, fields) if table]
 
 
 def answers_in_words(call: dict[str, Any]) -> str:
-    """What a call answers where it is granted: models between backquotes, files by their media types."""
+    """What a call answers where it is granted.
+
+    Models stand between backquotes, files by their media types.
+    """
     answers = []
     for status, response in call["responses"].items():
         for media_type, media in response.get("content", {}).items():
@@ -113,7 +121,7 @@ def type_in_words(field: dict[str, Any]) -> str:
     if "items" in field:
         return f"list of {type_in_words(field['items'])}"
     if "enum" in field:
-        return " | ".join(f"`{each}`" for each in field["enum"])
+        return " | ".join(f"`{choice}`" for choice in field["enum"])
     if "const" in field:
         return f"`{str(field['const']).lower() if isinstance(field['const'], bool) else field['const']}`"
     bounds = [

@@ -1,4 +1,7 @@
-"""The daily terrain over HTTP: today's board, what it came to, and what anybody can check once a day is over."""
+"""The daily terrain over HTTP: today's board and its results.
+
+Once a day is over, anybody can check it.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,11 @@ from humanplay.web.templates import addresses
 
 
 async def _is_offered(request: Request) -> None:
-    """Check that the server's task has a daily terrain; HTTPException 404 otherwise."""
+    """Check that the server's task has a daily terrain.
+
+    Raises:
+        HTTPException: 404 otherwise.
+    """
     if (task := services_of(request).lobby.task).boards is None:
         raise HTTPException(404, f"{task.about.title} has no daily terrain")
 
@@ -46,14 +53,15 @@ Day = Annotated[str, _DAY]
 
 @router.get("", response_model=Today, summary="Today's terrain, and my attempt at it")
 async def get_today(request: Request) -> dict[str, object]:
-    """Return the commitment to today's key, when the next day begins, and yesterday's key; by your cookie your attempt.
+    """Return the commitment to today's key, and by your cookie your attempt.
 
-    `commitment` is SHA-256 of the day's key. The key is told when the day (UTC) is over, and the terrain follows from it.
+    Beside them stand when the next day begins, and yesterday's key. `commitment` is SHA-256 of the
+    day's key. The key is shown when the day (UTC) is over, and the terrain follows from it.
     """
     services, player_id = services_of(request), player_of(request)
     terrain, store = await services.daily_boards.today(), services.store
     attempts = [] if player_id is None else await store.read(lambda: attempts_of(store, player_id))
-    mine = next((each for each in attempts if each.day == terrain.day), None)
+    mine = next((attempt for attempt in attempts if attempt.day == terrain.day), None)
     ended = await store.read(lambda: results(store, terrain.series.name, terrain.ends_ms))
     return {
         **describe_terrain(services, terrain),
@@ -63,7 +71,7 @@ async def get_today(request: Request) -> dict[str, object]:
         "attempt": describe_attempt(mine, terrain),
         "players": len(ended),
         "streak": streak(attempts, terrain.day),
-        "played": sum(each.ended_ms is not None for each in attempts),
+        "played": sum(attempt.ended_ms is not None for attempt in attempts),
         "calendar": calendar(attempts),
         "yesterday": await _earlier(services, day_before(terrain.day)),
     }
@@ -77,9 +85,10 @@ async def get_today(request: Request) -> dict[str, object]:
     summary="Play today's terrain, once",
 )
 async def begin_today(request: Request, response: Response) -> dict[str, object]:
-    """Begin your attempt, or go on with it (200); the answer is that of POST /api/sessions. 409 once it is over.
+    """Begin your attempt, or go on with it (200).
 
-    Only a page of this server may: the board belongs to the player's cookie.
+    The answer is that of POST /api/sessions. 409 once the attempt is over. Only a page of this
+    server may: the board belongs to the player's cookie.
     """
     if not has_own_origin(request):
         raise HTTPException(
@@ -100,7 +109,11 @@ async def begin_today(request: Request, response: Response) -> dict[str, object]
 
 @router.get("/{day}", response_model=DayAnswer, summary="The terrain of a day")
 async def get_day(request: Request, day: Day) -> dict[str, object]:
-    """Return level, size and commitment, and once the day is over the key and the seed, from which anybody can draw it."""
+    """Return level, size and commitment.
+
+    Once the day is over there are the key and the seed as well, from which anybody can draw the
+    terrain.
+    """
     services = services_of(request)
     return describe_terrain(services, await _terrain_on(services, day))
 
@@ -112,9 +125,10 @@ async def get_day(request: Request, day: Day) -> dict[str, object]:
     summary="People and policies on the terrain of a day",
 )
 async def get_results(request: Request, day: Day) -> dict[str, object]:
-    """Return ranks and the distribution of moves. Those of today are for whoever has finished today's attempt: else 403.
+    """Return ranks and the distribution of moves.
 
-    People are named nowhere, and episodes once the day is over. Results of policies come when they are ready.
+    Those of today are for whoever has finished today's attempt: else 403. People are named nowhere,
+    and episodes once the day is over. Results of policies come when they are ready.
     """
     services, player_id = services_of(request), player_of(request)
     terrain = await _terrain_on(services, day)
@@ -130,7 +144,10 @@ async def get_results(request: Request, day: Day) -> dict[str, object]:
 
 @page_router.get("/daily/{day}")
 async def day_page(request: Request, day: Day) -> Response:
-    """Serve the daily page with the results of a day; its preview shows the best route once the day is over."""
+    """Serve the daily page with the results of a day.
+
+    Its preview shows the best route once the day is over.
+    """
     services = services_of(request)
     terrain = await _terrain_on(services, day)
     date = datetime.fromisoformat(day)
@@ -146,9 +163,10 @@ async def day_page(request: Request, day: Day) -> Response:
 
 
 def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, object]:
-    """Return what anybody may know of a day's terrain now; `key` and `seed` are None before the day is over.
+    """What anybody may know of a day's terrain now.
 
-    `protocol` is the canonical JSON that the seed is drawn for, beside the key.
+    `key` and `seed` are None before the day is over. `protocol` is the canonical JSON that the seed
+    is drawn for, beside the key.
     """
     is_over = terrain.day < services.daily_boards.day()
     return {
@@ -168,11 +186,16 @@ async def _earlier(services: Services, day: str) -> dict[str, object] | None:
 
 
 async def _terrain_on(services: Services, day: str) -> DailyTerrain:
-    """Return the terrain of a day; HTTPException 404 where there was none, or is none yet."""
+    """The terrain of a day.
+
+    Raises:
+        HTTPException: 404 where there was none, or is none yet.
+    """
     terrain = await services.daily_boards.on(day)
     if terrain is None:
-        why = f"this server has shown no daily terrain on {day}; GET /api/daily has today's"
-        raise HTTPException(404, why)
+        raise HTTPException(
+            404, f"this server has shown no daily terrain on {day}; GET /api/daily has today's"
+        )
     return terrain
 
 

@@ -1,7 +1,9 @@
-"""Files that are made for somebody and sent: tables for anybody, reports and releases for the operator.
+"""Files that are made for somebody and sent.
 
-They lie in a folder beside the database, which is emptied when a server starts and when it ends. A job writes a table, so no
-transaction reads the database for as long as a slow reader takes, which would keep its log from being emptied.
+Tables are for anybody, reports and releases for the operator. They lie in a folder beside the
+database, which is emptied when a server starts and when it ends. A job writes a table, so no
+transaction reads the database for as long as a slow reader takes, which would keep its log from
+being emptied.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ LIMIT_S = 1800.0
 MOST_WRITTEN = 2
 """Tables that are written at a time; one owner has one of them, and the others wait for their turn."""
 MOST_BYTES = 2**32
-"""Bytes of the tables of one owner, at most; a table takes half of what is free on the disk, at most."""
+"""Bytes of the tables of one owner, at most; a table takes half of what is free on the disk, at
+most."""
 SEND_S = 3600.0
 """Seconds after which a table that is still being sent is deleted, and its reader disconnected."""
 PIECE_BYTES = 1 << 16
@@ -57,10 +60,18 @@ class Downloads:
     async def answer(
         self, owner: str, name: str, write: Callable[..., None], *arguments: object
     ) -> Response:
-        """Have `write(path, most_bytes, *arguments)` write a table, as a job, and return the answer that sends it as `name`.
+        """Have a table written as a job, and return the answer that sends it.
 
-        JobsFullError while another table of the owner's waits or is being written; JobError where it cannot be written.
-        The file has no name any more once it is sent, and is gone when the answer ends, however it does.
+        The file has no name any more once it is sent, and is gone when the answer ends, however it
+        does.
+
+        Args:
+            name: Of the file for its reader.
+            write: Called as `write(path, most_bytes, *arguments)`.
+
+        Raises:
+            JobsFullError: While another table of the owner's waits or is being written.
+            JobError: If it cannot be written.
         """
         if owner in self._writing:
             raise JobsFullError(
@@ -72,7 +83,10 @@ class Downloads:
 
     @asynccontextmanager
     async def _turn(self, owner: str) -> AsyncGenerator[None]:
-        """Wait for an owner's turn to have a table written; they come in the order in which they ask."""
+        """Wait for an owner's turn to have a table written.
+
+        Turns come in the order in which they are asked for.
+        """
         self._writing.add(owner)
         try:
             async with self._turns:
@@ -116,7 +130,10 @@ class Downloads:
 
 
 class _OpenFile(StreamingResponse):
-    """Sends an open file for SEND_S at most, within a context that closes it, also when the reader goes before its end."""
+    """Sends an open file, for SEND_S at most.
+
+    Its context closes the file, also when the reader goes before its end.
+    """
 
     def __init__(self, file: IO[bytes], name: str, context: AbstractContextManager[None]) -> None:
         headers = {

@@ -1,4 +1,7 @@
-"""Errors as answers: one sentence under `detail`, with the status that fits; a page where a browser asked for one."""
+"""Errors as answers: one sentence under `detail`, with the status that fits.
+
+A browser that asked for a page gets one.
+"""
 
 from __future__ import annotations
 
@@ -29,10 +32,12 @@ STATUSES: dict[type[Exception], int] = {
     RequestValidationError: 422, StoreError: 503, JobError: 503, JobsFullError: 503, TaskFullError: 503,
     NotReadyError: 503, sqlite3.DatabaseError: 503,
 }  # fmt: skip
-"""Errors that may leave a handler as they are. A study's are none of them: their text may name files of the server."""
+"""Errors that may leave a handler as they are. A study's are none of them: their text may name
+files of the server."""
 
 PAUSE_S = 1.0
-"""Seconds before such an answer: whoever asks again at once does so as often as they have connections, and no faster."""
+"""Seconds before such an answer: whoever asks again at once does so as often as they have
+connections, and no faster."""
 
 TITLES = {
     400: "This server does not go by that name",
@@ -66,7 +71,7 @@ def add_error_handlers(app: FastAPI) -> None:
 
 
 def status_of(error: Exception) -> int:
-    """Return the status with which an error is answered; 500 for one that nobody foresaw."""
+    """The status with which an error is answered; 500 for one that nobody foresaw."""
     if isinstance(error, HTTPException):
         return error.status_code
     return next((STATUSES[kind] for kind in type(error).__mro__ if kind in STATUSES), 500)
@@ -74,7 +79,10 @@ def status_of(error: Exception) -> int:
 
 @contextmanager
 def bad_input() -> Iterator[None]:
-    """Answer ValueError with 422: an unknown policy, say, or a level without a solvable terrain."""
+    """Answer ValueError with 422.
+
+    It is an unknown policy, say, or a level without a solvable terrain.
+    """
     try:
         yield
     except ValueError as error:
@@ -82,7 +90,10 @@ def bad_input() -> Iterator[None]:
 
 
 def wants_page(request: Request) -> bool:
-    """Return whether a browser asks for a page to show: it names HTML, as it does not for `fetch`, and the API has no pages."""
+    """Whether a browser asks for a page to show.
+
+    It names HTML then, as it does not for `fetch`. The API has no pages.
+    """
     is_call = path_of(request).startswith("/api/")
     return "text/html" in request.headers.get("accept", "") and not is_call
 
@@ -90,7 +101,7 @@ def wants_page(request: Request) -> bool:
 def answer(
     request: Request, status: int, detail: object, headers: Mapping[str, str] | None = None
 ) -> Response:
-    """Return the answer for a status: a page for a browser, else {"detail": ...}."""
+    """The answer for a status: a page for a browser, else {"detail": ...}."""
     if not wants_page(request):
         return JSONResponse({"detail": detail}, status, headers)
     title, text = TITLES.get(status, "That did not work"), str(detail)
@@ -104,7 +115,10 @@ async def _answer_error(request: Request, error: Exception) -> Response:
 
 
 async def _answer_undone(request: Request, error: Exception) -> Response:
-    """Answer that something takes too long, or has to wait for too much else of the same asker; see PAUSE_S."""
+    """Answer that something takes too long, or waits behind the asker's other things.
+
+    See PAUSE_S.
+    """
     await asyncio.sleep(PAUSE_S)
     wait_s = RETRY_S if isinstance(error, JobsFullError) else REMEMBERED_S
     return answer(request, 503, str(error), {"Retry-After": f"{wait_s:.0f}"})
@@ -116,13 +130,19 @@ async def _answer_bad_input(request: Request, error: Exception) -> Response:
 
 
 async def _answer_database_error(request: Request, error: Exception) -> Response:
-    """Answer a query that SQLite could not make: of a damaged page, say, or of a disk that cannot be read."""
+    """Answer a query that SQLite could not make.
+
+    It was of a damaged page, say, or of a disk that cannot be read.
+    """
     _log.error("the database cannot be read: %s", error)
     return answer(request, 503, UNREADABLE)
 
 
 async def _answer_failure(request: Request, _: Exception) -> Response:
-    """Answer what nobody foresaw; it stands outside the middleware, so it sets the headers itself."""
+    """Answer what nobody foresaw.
+
+    It stands outside the middleware, so it sets the headers itself.
+    """
     headers = {**headers_of(request), "X-Request-ID": request.scope.get("request_id", "")}
     return answer(request, 500, FAILED, headers)
 

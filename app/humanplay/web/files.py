@@ -1,6 +1,7 @@
-"""The files of the pages, below an address that holds one hash of them all, so that a browser asks for each of them once.
+"""The files of the pages, below an address that holds one hash of them all.
 
-A file that has changed changes the hash at the next page. Below an old hash stands today's file, which no browser keeps.
+So a browser asks for each of them once. A file that has changed changes the hash at the next page.
+Below an old hash stands today's file, which no browser keeps.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ router = APIRouter(include_in_schema=False)
 KEPT = {"Cache-Control": "public, max-age=31536000, immutable"}
 """Of what stands below the hash that it had a part in."""
 WORTH_ZIPPING = 600
-"""Bytes from which on a text is sent gzipped; nothing that is gzipped holds a secret beside what somebody else chose."""
+"""Bytes from which on a text is sent gzipped; nothing that is gzipped holds a secret beside what
+somebody else chose."""
 TEXTS = ("text/", "application/javascript", "image/svg", "application/json")
 UNSERVED = (".html", ".ts")
 """Templates, and types, which no browser reads."""
@@ -41,7 +43,8 @@ Version = tuple[int, int, int]
 class PageFile:
     """A file as it was when it was read; a style sheet with those that it imports.
 
-    parts  the files that it is made of, and their versions
+    Attributes:
+        parts: The files that it is made of, and their versions.
     """
 
     content: bytes
@@ -51,7 +54,7 @@ class PageFile:
     etag: str
 
     def is_current(self) -> bool:
-        """Return whether its parts are as they were."""
+        """Whether its parts are as they were."""
         try:
             return all(
                 _version(Path(path).stat()) == version for path, version in self.parts.items()
@@ -60,7 +63,10 @@ class PageFile:
             return False
 
     def answer(self, request: Request, headers: Mapping[str, str]) -> Response:
-        """Answer with the file, gzipped where the browser reads that, or 304 if it has this version."""
+        """Answer with the file, or 304 if the browser has this version.
+
+        It is gzipped if the browser reads that.
+        """
         headers = {**headers, "ETag": self.etag}
         if self.zipped is not None:
             headers["Vary"] = "Accept-Encoding"
@@ -74,9 +80,11 @@ class PageFile:
 
 
 class PageFiles:
-    """The files of some folders by their names, kept in memory once they have been read.
+    """The files of some folders by their names, in memory once they have been read.
 
-    folders  by what their names begin with; a later folder's file takes the place of an earlier one's
+    Args:
+        folders: By what their names begin with; a later folder's file takes the place of an earlier
+            one's.
     """
 
     def __init__(self, folders: Mapping[str, Path]) -> None:
@@ -86,7 +94,7 @@ class PageFiles:
         self._read: dict[str, PageFile] = {}
 
     def address(self) -> str:
-        """Return the address below which a page finds the files as they are now: static/HASH/."""
+        """The address below which a page finds the files as they are now: static/HASH/."""
         listed = {
             name: file
             for prefix, folder in self._folders.items()
@@ -102,7 +110,12 @@ class PageFiles:
         return f"static/{self._hash}/"
 
     async def file(self, name: str) -> PageFile:
-        """Return a file as it is now; KeyError or FileNotFoundError if there is none."""
+        """A file as it is now.
+
+        Raises:
+            KeyError: If there is none.
+            FileNotFoundError: If there is none any more.
+        """
         if not self._listed:
             self.address()
         file = self._read.get(name)
@@ -111,10 +124,10 @@ class PageFiles:
         return file
 
     def is_hashed(self, address: str, file: PageFile) -> bool:
-        """Return whether the hash of an address was made of a file as it is."""
+        """Whether the hash of an address was made of a file as it is."""
         versions = dict(self._listed.values())
-        known = all(versions.get(path) == version for path, version in file.parts.items())
-        return address == self._hash and known
+        is_current = all(versions.get(path) == version for path, version in file.parts.items())
+        return address == self._hash and is_current
 
     def _load(self, name: str) -> PageFile:
         parts: dict[str, Version] = {}
@@ -158,7 +171,10 @@ for _path, _name in ASKED_FOR.items():
 
 @router.get("/static/{name}")
 async def no_page_file(name: str) -> Response:
-    """Answer that nothing stands without a hash; else the router would send to `/static/NAME/`."""
+    """Answer that nothing stands without a hash.
+
+    Else the router would send to `/static/NAME/`.
+    """
     raise HTTPException(404)
 
 
@@ -172,13 +188,17 @@ async def page_file(request: Request, version: str, name: str) -> Response:
         file = await files.file(name)
     except (KeyError, FileNotFoundError) as error:
         raise HTTPException(404) from error
-    kept = KEPT if files.is_hashed(version, file) else NO_CACHE
+    caching = KEPT if files.is_hashed(version, file) else NO_CACHE
     # pages of other sites may show the picture of a preview
-    return file.answer(request, {**kept, **(SHARED if file.media_type == "image/png" else {})})
+    return file.answer(request, {**caching, **(SHARED if file.media_type == "image/png" else {})})
 
 
 def joined(name: str, read: Callable[[str], bytes]) -> bytes:
-    """Return a file; in the place of what a style sheet imports, that sheet."""
+    """A file; a style sheet with those that it imports, in their places.
+
+    Args:
+        read: Returns what stands in a file, by its name.
+    """
     content = read(name)
     if not name.endswith(".css"):
         return content
@@ -191,12 +211,15 @@ def joined(name: str, read: Callable[[str], bytes]) -> bytes:
 
 
 def reads_gzip(request: Request) -> bool:
-    """Return whether a browser reads what is gzipped."""
+    """Whether a browser reads what is gzipped."""
     return "gzip" in request.headers.get("accept-encoding", "")
 
 
 def _files_below(folder: str, prefix: str) -> Iterator[tuple[str, tuple[str, Version]]]:
-    """Yield names, paths and versions; by `scandir`, since every page waits for it."""
+    """Yield names, paths and versions.
+
+    It uses `scandir`, since every page waits for it.
+    """
     with os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_dir():

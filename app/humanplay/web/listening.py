@@ -1,4 +1,4 @@
-"""Serving an app on a socket: uvicorn as it comes, and a server that announces its address."""
+"""Serving an app on a socket: uvicorn, and a server that announces its address."""
 
 from __future__ import annotations
 
@@ -54,7 +54,11 @@ class ServerError(RuntimeError):
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Return a listening socket; ServerError when the port is taken or the host is none of this machine's."""
+    """A listening socket.
+
+    Raises:
+        ServerError: If the port is taken, or the host is none of this machine's.
+    """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # named TCP, so that asyncio sets TCP_NODELAY: else every kept-alive answer waits 40 ms for an acknowledgement
     sock = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
@@ -66,17 +70,21 @@ def listen(host: str, port: int) -> socket.socket:
         sock.close()
         reason = (error.strerror or str(error)).lower()
         option = "--port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "--host"
-        why = f"{reason}; choose another with {option}"
-        raise ServerError(f"cannot listen on {host} port {port}: {why}") from error
+        raise ServerError(
+            f"cannot listen on {host} port {port}: {reason}; choose another with {option}"
+        ) from error
     sock.set_inheritable(True)
     return sock
 
 
 def inherited_socket() -> socket.socket | None:
-    """Return the listening socket that systemd (`humanplay.socket`) has passed on to this process; None when it has not.
+    """The listening socket that systemd (`humanplay.socket`) has passed on, if any.
 
-    It stays open while the server is started anew: who connects meanwhile waits, and nobody is refused. ServerError unless it
-    is one TCP socket.
+    It stays open while the server is started anew: who connects meanwhile waits, and nobody is
+    refused.
+
+    Raises:
+        ServerError: Unless it is one TCP socket.
     """
     if os.environ.get("LISTEN_PID") != str(os.getpid()):
         return None
@@ -90,19 +98,21 @@ def inherited_socket() -> socket.socket | None:
     sock = socket.socket(fileno=FIRST_INHERITED_FD)
     if sock.family not in (socket.AF_INET, socket.AF_INET6):
         sock.close()
-        way_out = "give ListenStream an address and a port"
-        raise ServerError(f"expected a TCP socket from systemd, got another kind: {way_out}")
+        raise ServerError(
+            "expected a TCP socket from systemd, got another kind: "
+            "give ListenStream an address and a port"
+        )
     return sock
 
 
 def address_of(sock: socket.socket) -> str:
-    """Return the http:// address of a listening socket."""
+    """The http:// address of a listening socket."""
     host, port = sock.getsockname()[:2]
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
 def bound_connections(sock: socket.socket, answer_s: float) -> None:
-    """Bound what a connection of a listening socket may hold, by options that the system knows.
+    """Bound what a connection of a listening socket may hold, by the system's options.
 
     Little of what it sends waits for us, and one that takes nothing of what we send is ended after
     `answer_s`: this also ends what waits for it, which no time limit of ours would.
@@ -121,11 +131,12 @@ def raise_file_limit() -> None:
 def websocket_protocol(
     config: uvicorn.Config, server_state: ServerState, app_state: dict[str, Any]
 ) -> WebSocketsSansIOProtocol:
-    """Return uvicorn's websocket, looked at for what uvicorn 0.54 does not do.
+    """uvicorn's websocket, with what uvicorn 0.54 does not do.
 
-    It neither answers nor closes a connection whose handshake the library `websockets` cannot read, fails at bytes that are
-    not ASCII there, at what comes before a handshake is answered, and at an answer to what cannot be read; and it reads pings
-    and parts of messages however many come, of which the app, which counts messages, hears nothing.
+    uvicorn neither answers nor closes a connection whose handshake the library `websockets` cannot
+    read. It fails at bytes that are not ASCII there, at what comes before a handshake is answered,
+    and at an answer to what cannot be read. And it reads pings and parts of messages however many
+    come, of which the app, which counts messages, hears nothing.
     """
     protocol = WebSocketsSansIOProtocol(config, server_state, app_state)
     read, limited = protocol.data_received, LimitedFrames(protocol.conn)
@@ -152,7 +163,7 @@ def websocket_protocol(
 
 
 def uvicorn_config(app: ASGIApp, **changes: Any) -> uvicorn.Config:
-    """Return uvicorn's configuration for the app, with some options changed."""
+    """uvicorn's configuration for the app, with some options changed."""
     options: dict[str, Any] = {
         "http": "h11", "h11_max_incomplete_event_size": HEAD_BYTES,
         "ws": websocket_protocol, "ws_max_size": 2 * MAX_MESSAGE_BYTES,
@@ -167,10 +178,11 @@ def uvicorn_config(app: ASGIApp, **changes: Any) -> uvicorn.Config:
 
 
 def is_worth_a_line(record: logging.LogRecord) -> bool:
-    """Return whether a record of uvicorn's is more than a stranger's malformed or refused request.
+    """Whether a record of uvicorn's is more than a stranger's bad request.
 
-    Of a message that is no text it logs a traceback, of each refused handshake an error, when it stops a traceback of each
-    request that it cancels, and one where it has refused the body of a request before that was answered.
+    Of a message that is no text it logs a traceback, of each refused handshake an error, when it
+    stops a traceback of each request that it cancels, and one where it has refused the body of a
+    request before that was answered.
     """
     error = None if record.exc_info is None else record.exc_info[1]
     is_answered = isinstance(error, LocalProtocolError) and "can't handle event" in str(error)
@@ -179,7 +191,11 @@ def is_worth_a_line(record: logging.LogRecord) -> bool:
 
 
 class AnnouncingServer(uvicorn.Server):
-    """Prints the page's address once the page can be opened, and calls `opened` with it."""
+    """Prints the page's address once the page can be opened.
+
+    Args:
+        opened: Called with the address then.
+    """
 
     def __init__(
         self, config: uvicorn.Config, address: str, opened: Callable[[str], object]
@@ -193,6 +209,7 @@ class AnnouncingServer(uvicorn.Server):
         gc.collect()
         gc.freeze()  # what is there now stays for ever, and is not looked at again while people play
         if self.started:
-            where = f"MarsExplorer Playground is open at {self._address}"
-            print(f"{where} (Ctrl-C closes it)", flush=True)
+            print(
+                f"MarsExplorer Playground is open at {self._address} (Ctrl-C closes it)", flush=True
+            )
             self._opened(self._address)

@@ -36,7 +36,10 @@ admin_router = APIRouter(include_in_schema=False)
 
 
 def offered(environment: Environment) -> tuple[str, ...]:
-    """Return the pages that the bar leads to: one without boards has no daily one and no leaderboard."""
+    """The pages that the bar leads to.
+
+    An environment without boards has no daily page and no leaderboard.
+    """
     has_puzzles = bool(puzzles_of(environment.name))
     pages = {
         "play": True,
@@ -51,14 +54,14 @@ def offered(environment: Environment) -> tuple[str, ...]:
 def page(
     request: Request, name: str, headers: dict[str, str] = NO_CACHE, **context: object
 ) -> Response:
-    """Return the page of a folder of `static/`, with the head and the bar that pages share."""
+    """The page of a folder of `static/`, with the head and the bar that pages share."""
     return _html(request, f"{name}/index.html", headers, **context)
 
 
 def _html(
     request: Request, template: str, headers: Mapping[str, str] = NO_CACHE, **context: object
 ) -> Response:
-    """Return a page, gzipped where the browser reads that."""
+    """A page, gzipped where the browser reads that."""
     text = environment.get_template(template).render(**addresses(request), **context)
     headers = {**headers, "Vary": "Accept-Encoding"}
     if not reads_gzip(request):
@@ -83,7 +86,10 @@ def _serve(router: APIRouter, path: str, folder: str, headers: dict[str, str]) -
 
 @router.get("/")
 async def play_page(request: Request, invitation: str = "") -> Response:
-    """Serve the playground; first ask for a name, or know whoever comes by their invitation, where the server asks for that."""
+    """Serve the playground.
+
+    A server that asks for names asks for one first, or knows whoever comes by their invitation.
+    """
     services = services_of(request)
     if not services.asks_name:
         return await _playground(request)
@@ -118,7 +124,7 @@ _serve(admin_router, "/admin", "admin", {"Content-Security-Policy": page_policy(
 
 
 class PlayedTask(NamedTuple):
-    """One of the environments that are played here, and the studies beside its database."""
+    """An environment that is played here, and the studies beside its database."""
 
     environment: Environment
     studies: Folder
@@ -148,8 +154,8 @@ async def offer_page(request: Request, name: str) -> Response:
 @router.get("/study/{name}")
 async def study_page(request: Request, name: str) -> Response:
     """Serve the page of a study, or lead to the environment played here that has it."""
-    own, offers = services_of(request).progress.folder, request.app.state.offers
-    if name not in own.names():  # the page shows what the API says of it
+    folder, offers = services_of(request).progress.folder, request.app.state.offers
+    if name not in folder.names():  # the page shows what the API says of it
         for number, (offer, played) in enumerate(offers.items()):
             if name in played.studies.names():
                 root = root_of(request) + "../../" * bool(request.scope.get("root_path"))

@@ -1,4 +1,7 @@
-"""The puzzles of a day over HTTP. Whoever answers one keeps that to themselves: nothing is sent here."""
+"""The puzzles of a day over HTTP.
+
+Whoever answers one keeps that to themselves: nothing is sent here.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,10 @@ router = APIRouter(prefix="/api/puzzles", tags=["daily"])
 
 @router.get("", response_model=Puzzles, summary="Today's puzzles")
 async def get_puzzles(request: Request) -> dict[str, object]:
-    """Return today's positions, without their answers; 404 where the environment has no puzzles."""
+    """Return today's positions, without their answers.
+
+    404 where the environment has no puzzles.
+    """
     services = services_of(request)
     task, now_ms = services.lobby.task, services.lobby.sources.clock_ms()
     day = utc_day(now_ms)
@@ -40,7 +46,10 @@ async def get_puzzles(request: Request) -> dict[str, object]:
 
 @router.get("/{puzzle}/answer", response_model=PuzzleAnswer, summary="The answer to a puzzle")
 async def get_answer(request: Request, puzzle: str) -> dict[str, object]:
-    """Return the best first move, and what it saves; 404 for a puzzle that there is not."""
+    """Return the best first move, and what it saves.
+
+    404 for a puzzle that there is not.
+    """
     if (one := puzzles_of(services_of(request).lobby.task.name).get(puzzle)) is None:
         raise HTTPException(404, f"no puzzle {puzzle!r}; GET /api/puzzles has today's")
     return one.answer._asdict()

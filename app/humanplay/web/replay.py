@@ -1,4 +1,7 @@
-"""Replays over HTTP: the page, the picture that a preview of the link shows, files to keep, and a policy's course."""
+"""Replays over HTTP: the page, files to keep, and a policy's course.
+
+A preview of the link shows a picture.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,10 @@ NO_GHOST = "none"
     summary="The course of a finished episode",
 )
 async def get_replay(request: Request, episode_id: str) -> dict[str, object]:
-    """Return where the rover was after each move and since when each cell was known, for a replay; 404 as for the episode."""
+    """Return where the rover was after each move, and since when each cell was known.
+
+    404 as for the episode.
+    """
     with bad_input():
         replays, owner = services_of(request).replays, owner_of(request)
         return (await replays.replay(episode_id, asker_of(request), owner)).document()
@@ -53,13 +59,17 @@ async def get_replay(request: Request, episode_id: str) -> dict[str, object]:
 async def get_ghost(
     request: Request, episode_id: str, policy: PolicyName | None = None
 ) -> dict[str, object]:
-    """Return the course of a policy, the usual one by default, from the same start on the same terrain; 404 as before."""
+    """Return the course of a policy from the same start on the same terrain.
+
+    Without `policy` it is the usual one. 404 as for the replay.
+    """
     asker, owner, replays = asker_of(request), owner_of(request), services_of(request).replays
     with bad_input():
         chosen = policy or (await replays.replay(episode_id, asker, owner)).preferred
         if chosen is None:
-            why = "no policy on offer plays boards of this size; GET /api/policies lists them"
-            raise HTTPException(404, why)
+            raise HTTPException(
+                404, "no policy on offer plays boards of this size; GET /api/policies lists them"
+            )
         course = await replays.ghost(episode_id, chosen, asker, owner)
         return course.to_dict()
 
@@ -74,10 +84,11 @@ async def get_ghost(
 async def replay_file(
     request: Request, episode_id: str, form: Format, ghost: PolicyName | None = None
 ) -> Response:
-    """Return a replay as a file, with the policy that `ghost` names beside it; the usual one by default, none for "none".
+    """Return a replay as a file, with the policy that `ghost` names beside it.
 
-    The page holds everything that it needs and opens from a disk without a network. The picture shows the end, and no policy.
-    404 as for the episode, and for an MP4 where the server cannot make one.
+    Without `ghost` it is the usual policy, and none for "none". The page holds everything that it
+    needs and opens from a disk without a network. The picture shows the end, and no policy. 404 as
+    for the episode, and for an MP4 where the server cannot make one.
     """
     asker, owner, replays = asker_of(request), owner_of(request), services_of(request).replays
     with bad_input():
@@ -98,7 +109,10 @@ async def replay_file(
     summary="Who took up the challenge of an episode",
 )
 async def get_challengers(request: Request, episode_id: str) -> list[dict[str, object]]:
-    """List who succeeded on its terrain when challenged to it, the fewest moves first; 404 as for the replay."""
+    """List who succeeded on its terrain when challenged to it, the fewest moves first.
+
+    404 as for the replay.
+    """
     services, replays = services_of(request), services_of(request).replays
     with bad_input():
         await replays.replay(episode_id, asker_of(request), owner_of(request))
@@ -109,7 +123,10 @@ async def get_challengers(request: Request, episode_id: str) -> list[dict[str, o
 
 @router.get("/challenge/{episode_id}.png", include_in_schema=False)
 async def challenge_picture(request: Request, episode_id: str) -> Response:
-    """Return what is seen before the first move, for a preview of the link; 404 as for the replay."""
+    """Return what is seen before the first move, for a preview of the link.
+
+    404 as for the replay.
+    """
     asker, owner = asker_of(request), owner_of(request)
     with bad_input():
         content = await services_of(request).replays.challenge(episode_id, asker, owner)
@@ -118,7 +135,10 @@ async def challenge_picture(request: Request, episode_id: str) -> Response:
 
 @router.get("/challenge/{episode_id}", include_in_schema=False)
 async def challenge_page(request: Request, episode_id: str) -> Response:
-    """Serve the page that challenges to an episode; 404 as for its replay. It begins no board."""
+    """Serve the page that challenges to an episode; it begins no board.
+
+    404 as for its replay.
+    """
     asker, owner = asker_of(request), owner_of(request)
     with bad_input():
         replay = await services_of(request).replays.replay(episode_id, asker, owner)
@@ -127,7 +147,10 @@ async def challenge_page(request: Request, episode_id: str) -> Response:
 
 @router.get("/replay/{episode_id}", include_in_schema=False)
 async def replay_page(request: Request, episode_id: str) -> Response:
-    """Serve the page of a replay; where the episode of somebody on the playground still runs, lead to its live view."""
+    """Serve the page of a replay.
+
+    It leads to the live view where the episode of somebody on the playground still runs.
+    """
     asker = asker_of(request)
     try:
         with bad_input():
@@ -136,8 +159,8 @@ async def replay_page(request: Request, episode_id: str) -> Response:
     except UnknownReplayError:
         services = services_of(request)
         store, now = services.store, services.lobby.sources.clock_ms()
-        found = partial(watchable_session, store, episode_id, now, asker.player_id)
-        watchable = await store.read(found)
+        find = partial(watchable_session, store, episode_id, now, asker.player_id)
+        watchable = await store.read(find)
         if watchable is not None and not watchable[1]:
             return RedirectResponse(f"../watch/{episode_id}", 303)
         raise

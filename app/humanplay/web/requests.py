@@ -1,7 +1,8 @@
-"""What surrounds every request and socket: an id that the answer carries, counts, and one line of the log.
+"""What surrounds every request and socket: an id, counts, and a line of the log.
 
-The log names the route's pattern, `/api/sessions/{session_id}/act`, and never the address that was asked for: addresses hold
-ids, and queries hold the outside ids of participants.
+The answer carries the id. The log names the route's pattern, `/api/sessions/{session_id}/act`, and
+never the address that was asked for: addresses hold ids, and queries hold the outside ids of
+participants.
 """
 
 from __future__ import annotations
@@ -67,8 +68,13 @@ class ObservedRequests:
 
     def _write(self, scope: Scope, status: int, seconds: float) -> None:
         method, route = scope.get("method", "WEBSOCKET"), scope["noted"].get("route", "none")
-        what = {"method": method, "route": route, "status": status, "ms": round(seconds * 1000, 3)}
-        _log.info("request", extra=what)
+        fields = {
+            "method": method,
+            "route": route,
+            "status": status,
+            "ms": round(seconds * 1000, 3),
+        }
+        _log.info("request", extra=fields)
 
 
 class HeadRequests:
@@ -85,7 +91,10 @@ class HeadRequests:
 
 
 class NotedRoute:
-    """Notes for ObservedRequests which route answered; it stands next to the router, with which it shares the scope."""
+    """Notes for ObservedRequests which route answered.
+
+    It stands next to the router, with which it shares the scope.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

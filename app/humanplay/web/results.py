@@ -1,4 +1,7 @@
-"""Results over HTTP: what has been played, how well, and by whom: everybody's, a player's own, people and policies compared."""
+"""Results over HTTP: what has been played, how well, and by whom.
+
+They are everybody's, a player's own, and people and policies compared.
+"""
 
 from __future__ import annotations
 
@@ -42,14 +45,17 @@ UNKNOWN = "no finished episode {!r}; GET /api/episodes lists them"
 
 @contextmanager
 def _reader(request: Request) -> Iterator[Reader]:
-    """Yield a read-only connection for one request: long queries run in a thread and delay no move."""
+    """Yield a read-only connection for one request.
+
+    Long queries run in a thread and delay no move.
+    """
     database, at_ms = _database_now(request)
     with closing(Reader.open(database, public=True, at_ms=at_ms)) as reader:
         yield reader
 
 
 def _database_now(request: Request) -> tuple[Path, int]:
-    """Return the path of the database, and the time by the server's clock."""
+    """The path of the database, and the time by the server's clock."""
     services = services_of(request)
     return services.store.path, services.lobby.sources.clock_ms()
 
@@ -62,11 +68,14 @@ def _database_now(request: Request) -> tuple[Path, int]:
     summary="How well this playground's volunteers play",
 )
 def get_human_level(request: Request) -> Figures:
-    """Return one figure per configuration, from ranked episodes: alone, on terrains that were neither chosen nor met before.
+    """Return one figure per configuration, from ranked episodes.
 
-    Volunteers select themselves: this is no human level, which is a closed study's figure. The means are over the players in
-    `entering`, who have five episodes each; they are null while `missing` says how many of the five such players are missing.
-    Each weighs the same, the interval is the report's, and `abandoned` says how many of all `episodes` were left.
+    Those are alone, on terrains that were neither chosen nor met before.
+
+    Volunteers select themselves: this is no human level, which is a closed study's figure. The
+    means are over the players in `entering`, who have five episodes each; they are null while
+    `missing` says how many of the five such players are missing. Each weighs the same, the interval
+    is the report's, and `abandoned` says how many of all `episodes` were left.
     """
     with _reader(request) as reader:
         return services_of(request).leaderboard.volunteers.human_level(reader)
@@ -85,9 +94,10 @@ def get_episodes(
     after: Annotated[str | None, Query(max_length=128)] = None,
     who: Who = "all",
 ) -> list[dict[str, object]]:
-    """List finished episodes, the newest first; `who=human` lists those that count.
+    """List finished episodes, the newest first.
 
-    `after` is the id of the last episode of the page before; 404 where there is no such finished episode any more.
+    `who=human` lists those that count. `after` is the id of the last episode of the page before;
+    404 where there is no such finished episode any more.
     """
     with _reader(request) as reader:
         try:
@@ -104,15 +114,16 @@ def get_episodes(
     summary="One finished episode: seed, actions, times",
 )
 def get_episode(request: Request, episode_id: str) -> dict[str, object]:
-    """Return a finished episode; 404 while it runs, because its seed gives the terrain away.
+    """Return a finished episode.
 
-    404 as well for one of an open study, and for one of a daily terrain before its day is over, whoever asks.
+    404 while it runs, because its seed gives the terrain away. 404 as well for one of an open
+    study, and for one of a daily terrain before its day is over, whoever asks.
     """
     with _reader(request) as reader:
-        found = reader.episode(episode_id)
-    if found is None:
+        episode = reader.episode(episode_id)
+    if episode is None:
         raise HTTPException(404, UNKNOWN.format(episode_id))
-    return found
+    return episode
 
 
 @router.get(
@@ -122,12 +133,12 @@ def get_episode(request: Request, episode_id: str) -> dict[str, object]:
     summary="What the moves of a finished episode cost",
 )
 async def get_costs(request: Request, episode_id: str) -> dict[str, object]:
-    """Return the episode beside the expert's, its greatest mistakes, and for each move what the expert would have done.
+    """Return the episode beside the expert's, and its greatest mistakes.
 
-    docs/evaluation.md says what a cost is.
+    For each move it says what the expert would have done. docs/evaluation.md says what a cost is.
 
-    Each mistake has what the environment says of it. Where no move is judged, `reason` says why. 404 as for the episode itself;
-    503 when too many ask.
+    Each mistake has what the environment says of it. Where no move is judged, `reason` says why.
+    404 as for the episode itself; 503 when too many ask.
     """
     record = await asyncio.to_thread(_public_record, request, episode_id)
     return {"episode": episode_id, **await costs_of(request, record)}
@@ -136,9 +147,13 @@ async def get_costs(request: Request, episode_id: str) -> dict[str, object]:
 async def costs_of(
     request: Request, record: Record, files: PolicyFiles | None = None
 ) -> dict[str, object]:
-    """Return what the moves of an episode cost that the asker may see; HTTPException when that cannot be said.
+    """What the moves of an episode cost that the asker may see.
 
-    files  of the study that the episode is of; None: the shipped ones
+    Args:
+        files: Of the study that the episode is of; None: the shipped ones.
+
+    Raises:
+        HTTPException: If that cannot be said.
     """
     services = services_of(request)
     task = services.lobby.task
@@ -167,7 +182,11 @@ async def costs_of(
 
 
 def _public_record(request: Request, episode_id: str) -> Record:
-    """Return the cause of a finished episode that the asker may see; HTTPException 404 otherwise."""
+    """The cause of a finished episode that the asker may see.
+
+    Raises:
+        HTTPException: 404 otherwise.
+    """
     with _reader(request) as reader:
         if reader.trial(episode_id) is None:
             raise HTTPException(404, UNKNOWN.format(episode_id))
@@ -182,9 +201,10 @@ def _public_record(request: Request, episode_id: str) -> Record:
     summary="Everything finished, as CSV",
 )
 async def export(request: Request, table: ExportTable, who: Who = "all") -> Response:
-    """Export every finished episode under pseudonyms; `who=human` exports those that count.
+    """Export every finished episode under pseudonyms.
 
-    503 with Retry-After while another table of the same address is being written. Two are written at a time; others wait.
+    `who=human` exports those that count. 503 with Retry-After while another table of the same
+    address is being written. Two are written at a time; others wait.
     """
     return await _sent(request, f"{table}.csv", table, who)
 
@@ -197,7 +217,10 @@ async def export(request: Request, table: ExportTable, who: Who = "all") -> Resp
     summary="The human-score data set",
 )
 async def export_human_scores(request: Request) -> Response:
-    """Export the episodes and moves of people that count: two CSV files in a ZIP with their datasheet; 503 as for a table."""
+    """Export the episodes and moves of people that count.
+
+    They are two CSV files in a ZIP with their datasheet; 503 as for a table.
+    """
     database, at_ms = _database_now(request)
     downloads = services_of(request).downloads
     asked = "human-scores.zip", write_human_scores, database, at_ms
@@ -205,9 +228,10 @@ async def export_human_scores(request: Request) -> Response:
 
 
 def describe_own(trial: Trial, expert_moves: int | None = None) -> dict[str, object]:
-    """Return an episode of a player's own list; `kind` is "daily", "ranked" or "practice".
+    """An episode of a player's own list.
 
-    `counts` says whether a ranked one enters the volunteers' figures.
+    `kind` is "daily", "ranked" or "practice"; `counts` says whether a ranked one enters the
+    volunteers' figures.
     """
     return {
         "episode": trial.id,
@@ -234,7 +258,12 @@ def _kind(trial: Trial) -> str:
 
 
 def _compared(trials: Sequence[Trial], board: PeopleBoard | None) -> tuple[dict[str, int], int]:
-    """Expert's moves by a ranked episode's id, and on how many more of the terrains it has yet to drive."""
+    """A player's ranked episodes beside the expert.
+
+    Returns:
+        The expert's moves by the episode's id, and on how many more of the terrains it has yet to
+        drive.
+    """
     if board is None:
         return {}, 0
     ranked = [
@@ -255,7 +284,10 @@ def personal_bests(reader: Reader, player: str) -> list[dict[str, object]]:
 
 
 def _figure(reader: Reader, player: str, played: Best) -> dict[str, object]:
-    """Describe one configuration; `people` places the player's ranked episodes among the volunteers'."""
+    """Describe one configuration.
+
+    `people` places the player's ranked episodes among the volunteers'.
+    """
     config = played.config
     return {
         "place": place_of(environment_of(played.task), config),
@@ -268,17 +300,18 @@ def _figure(reader: Reader, player: str, played: Best) -> dict[str, object]:
 
 
 def _standing(reader: Reader, config: Configuration, player: str) -> dict[str, object]:
-    """Return volunteers' mean moves, sorted and without names, and the player's own.
+    """Volunteers' mean moves, sorted and without names, and the player's own.
 
-    A mean is of LEAST_EPISODES ranked episodes that count, or more; `you` is None while `missing` are missing.
+    A mean is of LEAST_EPISODES ranked episodes that count, or more; `you` is None while `missing`
+    are missing.
     """
-    own = player_sums(reader, config.hash, player)
-    ranked = 0 if own is None else own.episodes
+    of_player = player_sums(reader, config.hash, player)
+    ranked = 0 if of_player is None else of_player.episodes
     missing = max(0, LEAST_EPISODES - ranked)
-    entering = [each for each in players_of(reader, config.hash) if each.episodes >= LEAST_EPISODES]
+    entering = [sums for sums in players_of(reader, config.hash) if sums.episodes >= LEAST_EPISODES]
     return {
-        "means": sorted(_mean_steps(each) for each in entering),
-        "you": None if own is None or missing else _mean_steps(own),
+        "means": sorted(_mean_steps(sums) for sums in entering),
+        "you": None if of_player is None or missing else _mean_steps(of_player),
         "ranked": ranked,
         "missing": missing,
     }
@@ -294,10 +327,11 @@ def get_own_history(
     limit: Annotated[int, Query(ge=1, le=1000)] = 50,
     after: Annotated[str | None, Query(max_length=128)] = None,
 ) -> dict[str, object]:
-    """Return what you have driven, the newest first, and per configuration your best and your place among the volunteers.
+    """Return what you have driven, the newest first.
 
-    By your cookie alone; without one everything is empty. Episodes of open studies are left out. `after` is the id of the
-    last episode of the page before; 404 where there is no such episode of yours.
+    Per configuration there are your best and your place among the volunteers. It goes by your
+    cookie alone; without one everything is empty. Episodes of open studies are left out. `after` is
+    the id of the last episode of the page before; 404 where there is no such episode of yours.
     """
     player_id = player_of(request)
     if player_id is None:
@@ -306,8 +340,9 @@ def get_own_history(
         try:
             shown = reader.played_by(player_id, limit, after)
         except LookupError as error:
-            why = f"no episode {after!r} of yours to go on after; begin without one"
-            raise HTTPException(404, why) from error
+            raise HTTPException(
+                404, f"no episode {after!r} of yours to go on after; begin without one"
+            ) from error
         played = reader.bests_of(player_id)
         expert, comparing = _compared(shown, services_of(request).people)
         return {
@@ -325,11 +360,15 @@ def get_own_history(
     summary="My own episodes, as CSV",
 )
 async def export_own(request: Request, table: ExportTable) -> Response:
-    """Export what you have driven, by your cookie alone; 404 without one, 503 as for everybody's."""
+    """Export what you have driven, by your cookie alone.
+
+    404 without one, 503 as for everybody's.
+    """
     player_id = player_of(request)
     if player_id is None:
-        why = "this browser has no player's cookie: nothing was played with it; play at / first"
-        raise HTTPException(404, why)
+        raise HTTPException(
+            404, "this browser has no player's cookie: nothing was played with it; play at / first"
+        )
     return await _sent(request, f"my-{table}.csv", table, "all", player_id)
 
 
@@ -345,7 +384,10 @@ async def _sent(
     "", response_model=list[LeaderboardEntry], summary="What people and policies are compared on"
 )
 async def get_boards(request: Request) -> list[dict[str, object]]:
-    """List one entry per closed study and per configuration; what people have played stands first."""
+    """List one entry per closed study and per configuration.
+
+    What people have played stands first.
+    """
     services = services_of(request)
     await services.progress.note_all_closed()
     return [entry.to_dict() for entry in await services.leaderboard.newest_entries()]
@@ -358,10 +400,11 @@ async def get_boards(request: Request) -> list[dict[str, object]]:
     summary="People, policies and rules on one scale",
 )
 async def get_board(request: Request, board: str, evaluate: bool = False) -> dict[str, object]:
-    """Return means with 95 % intervals: people's over players, policies' over held-out terrains.
+    """Return means with 95 % intervals.
 
-    A policy without a figure here has the `state` missing; `evaluate=true` has it evaluated in the background, and its `state`
-    is waiting or computing until then.
+    People's are over players, policies' over held-out terrains. A policy without a figure here has
+    the `state` missing; `evaluate=true` has it evaluated in the background, and its `state` is
+    waiting or computing until then.
     """
     try:
         return await services_of(request).leaderboard.detail(board, evaluate)

@@ -1,6 +1,7 @@
-"""The wiring: settings become an app with its services, and `run` serves that app on a socket.
+"""The wiring: settings become an app with its services, which `run` serves.
 
-Nothing here is global: each app has a store, a lobby and a viewer of its own, alive for its lifespan.
+Nothing here is global: each app has a store, a lobby and a viewer of its own, alive for its
+lifespan.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ from humanplay.web.operator.health import Health
 from humanplay.web.operator.login import AdminPassword
 from humanplay.web.operator.services import AdminServices
 from humanplay.web.protection import (
-    WHERE,
+    OWNERS,
     BudgetedCharges,
     Gate,
     LimitedClients,
@@ -112,9 +113,11 @@ MOST_WAITING_JOBS = 2
 
 
 READERS = 1
-"""Threads for lists and volunteers' figures: each keeps the event loop, hence moves, waiting for its turn.
+"""Threads for lists and volunteers' figures: each keeps the event loop, hence moves, waiting for
+its turn.
 
-FastAPI takes them for everything of a request that is no coroutine, so nothing else may be a plain function.
+FastAPI takes them for everything of a request that is no coroutine, so nothing else may be a plain
+function.
 """
 
 
@@ -122,8 +125,9 @@ FastAPI takes them for everything of a request that is no coroutine, so nothing 
 class Prepared:
     """What exists before the app starts; what is None is made then, from the settings.
 
-    A store that is given stays open when the app has ended: whoever opened it closes it. Several apps behind one address share
-    what limits their clients, and the jobs, which end with the first of them.
+    A store that is given stays open when the app has ended: whoever opened it closes it. Several
+    apps behind one address share what limits their clients, and the jobs, which end with the first
+    of them.
     """
 
     sources: Sources | None = None
@@ -135,7 +139,11 @@ class Prepared:
 
 
 def create_app(settings: Settings, prepared: Prepared | None = None) -> FastAPI:
-    """Return the app: pages, API, sockets and 3-D view on one database; ValueError when the admin password is too short."""
+    """The app: pages, API, sockets and 3-D view on one database.
+
+    Raises:
+        ValueError: If the admin password is too short.
+    """
     return _app_of(settings, prepared or Prepared(), AdminPassword.of(settings))
 
 
@@ -153,8 +161,8 @@ def _app_of(
         with _opened(settings, prepared.store, metrics) as store:
             sources, charges = prepared.sources or Sources(), protection.charges
             jobs = prepared.jobs or _jobs()
-            made = _services(settings, store, task, sources, charges, jobs, password)
-            async with _threads_of(store), aclosing(made) as services:
+            opening = _services(settings, store, task, sources, charges, jobs, password)
+            async with _threads_of(store), aclosing(opening) as services:
                 app.state.services = services
                 await agents.start(app, services)
                 lobby, page_boards = services.lobby, services.page_boards
@@ -163,7 +171,7 @@ def _app_of(
                 if (backups := _backups(settings, store)) is not None:
                     running.append(backups.run())
                 running.append(asyncio.to_thread(services.health.check))
-                sweepers = [asyncio.create_task(each, name="sweep") for each in running]
+                sweepers = [asyncio.create_task(work, name="sweep") for work in running]
                 for sweeper in sweepers:
                     sweeper.add_done_callback(_log_failure)
                 current_default_thread_limiter().total_tokens = READERS
@@ -205,23 +213,33 @@ def _app_of(
 
 
 def _log_failure(sweeper: asyncio.Task[None]) -> None:
-    """Log the error that has ended something beside play, since nobody waits for it."""
+    """Log the error that has ended something beside play.
+
+    Nobody else waits for it.
+    """
     if not sweeper.cancelled() and (error := sweeper.exception()) is not None:
-        what = "a task beside play has failed, and begins again when the server is started again"
-        _log.error(what, exc_info=error)
+        _log.error(
+            "a task beside play has failed, and begins again when the server is started again",
+            exc_info=error,
+        )
 
 
 def _add_protection(
     app: FastAPI, settings: Settings, metrics: Metrics, protection: Protection, name: str
 ) -> None:
-    """Put the middleware around the app; what is added last sees a request first. Its cookies end with its name."""
+    """Put the middleware around the app.
+
+    What is added last sees a request first. The app's cookies end with its name.
+    """
     app.state.protection, app.state.cookies = protection, f"_{name}" if name else ""
     app.state.framed_by = settings.framed_by
-    what = "Sockets that are open."
-    metrics.add_gauge("sockets", what, lambda: protection.sockets)
-    for kind in WHERE:
-        what = f"Bytes stored today (UTC) or charged to open boards, of the {kind} with the most."
-        metrics.add_gauge(f"stored_bytes_{kind}", what, partial(protection.charges.most, kind))
+    metrics.add_gauge("sockets", "Sockets that are open.", lambda: protection.sockets)
+    for kind in OWNERS:
+        metrics.add_gauge(
+            f"stored_bytes_{kind}",
+            f"Bytes stored today (UTC) or charged to open boards, of the {kind} with the most.",
+            partial(protection.charges.most, kind),
+        )
     app.add_middleware(NotedRoute)
     app.add_middleware(HeadRequests)
     app.add_middleware(LimitedClients, protection=protection, most_bytes=MAX_MESSAGE_BYTES)
@@ -231,8 +249,8 @@ def _add_protection(
         proxies=Proxies(settings.trusted_proxies, settings.public_url),
         public_url=settings.public_url,
         cookies=tuple(
-            each.name + app.state.cookies
-            for each in (access.PLAYER, access.PARTICIPANT, access.ADMIN)
+            cookie.name + app.state.cookies
+            for cookie in (access.PLAYER, access.PARTICIPANT, access.ADMIN)
         ),
         answer=answer,
     )
@@ -241,17 +259,26 @@ def _add_protection(
 
 @contextmanager
 def _opened(settings: Settings, store: Store | None, metrics: Metrics) -> Iterator[Store]:
-    """Yield the store that is given, or one that is open for this long."""
+    """Yield a store, or one of the settings' database that is open for this long.
+
+    Args:
+        store: Of whoever opened it, who closes it too; None opens one.
+    """
     if store is not None:
         yield store
         return
-    with closing(Store(settings.database, settings.durable, metrics, settings.accept_loss)) as own:
-        yield own
+    with closing(
+        Store(settings.database, settings.durable, metrics, settings.accept_loss)
+    ) as opened:
+        yield opened
 
 
 @asynccontextmanager
 async def _threads_of(store: Store) -> AsyncIterator[None]:
-    """Let threads write and read the database during the block, after which everything that was asked for is written."""
+    """Let threads write and read the database during the block.
+
+    After it everything that was asked for is written.
+    """
     store.start_threads()
     try:
         yield
@@ -268,7 +295,7 @@ def _services(
     jobs: Jobs,
     password: AdminPassword | None,
 ) -> Services:
-    """Return the services of an app; call it on the running loop."""
+    """The services of an app; call it on the running loop."""
     offers = () if task.boards is None else task.policies.offers()
     folder, study_store = Folder.beside(store.path), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
@@ -277,8 +304,9 @@ def _services(
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     downloads, replayer = Downloads(store.path, jobs), Replayer()
     _add_gauges(store.metrics, lobby, health)
-    what = "Jobs that wait: ghosts, costs, exports, policies' episodes."
-    store.metrics.add_gauge("waiting_jobs", what, jobs.waiting)
+    store.metrics.add_gauge(
+        "waiting_jobs", "Jobs that wait: ghosts, costs, exports, policies' episodes.", jobs.waiting
+    )
     return Services(
         store=store,
         jobs=jobs,
@@ -315,16 +343,19 @@ def _jobs() -> Jobs:
 
 
 class Offered:
-    """Apps of several environments behind one address: the first, and each of the others below /play/NAME."""
+    """Apps of several environments behind one address.
+
+    The first stands there, and each of the others below /play/NAME.
+    """
 
     def __init__(self, first: FastAPI, others: Mapping[str, FastAPI]) -> None:
         self._first, self._others = first, others
-        own = first.router.lifespan_context
+        lifespan = first.router.lifespan_context
 
         @asynccontextmanager
         async def together(app: FastAPI) -> AsyncIterator[None]:
             async with AsyncExitStack() as stack:
-                await stack.enter_async_context(own(app))
+                await stack.enter_async_context(lifespan(app))
                 for other in others.values():
                     await stack.enter_async_context(other.router.lifespan_context(other))
                 yield
@@ -332,7 +363,9 @@ class Offered:
         first.router.lifespan_context = together
         for app in (first, *others.values()):
             app.state.offers = first.state.offers | {
-                name: offer for each in others.values() for name, offer in each.state.offers.items()
+                name: offer
+                for other in others.values()
+                for name, offer in other.state.offers.items()
             }
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -346,12 +379,15 @@ class Offered:
 
 
 def offer_name(environment: Environment) -> str:
-    """Return what an environment is called in addresses: its title in small letters."""
+    """What an environment is called in addresses: its title in small letters."""
     return re.sub(r"[^a-z0-9.]+", "-", environment.about.title.lower()).strip("-")
 
 
 def _of_another(settings: Settings, task: str) -> Settings:
-    """Return the settings of a further environment: its database stands beside the first one's."""
+    """The settings of a further environment.
+
+    Its database stands beside the first one's.
+    """
     name, database = offer_name(environment_of(task)), settings.database
     return settings.model_copy(
         update={
@@ -368,7 +404,13 @@ def _task(
     hidden: Sequence[Path] = (),
     compiles_beside: bool = False,
 ) -> Task:
-    """Return the task that the settings name; ValueError, LookupError or OSError where it, or a file of it, is none."""
+    """The task that the settings name.
+
+    Raises:
+        ValueError: If it, or a file of it, is none.
+        LookupError: If there is none of this name.
+        OSError: If a file of it cannot be read.
+    """
     hides = (settings.database, settings.studies, settings.backups, *hidden)
     start = Start(
         settings.policies,
@@ -385,33 +427,49 @@ def _task(
 def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
     """Let the metrics hold what can be read of the services at any time."""
     metrics.add_gauge("sessions", "Sessions in memory.", lambda: len(lobby))
-    what = "Boards of policies that wait for a decision."
-    metrics.add_gauge("waiting_decisions", what, lambda: lobby.waiting_decisions)
-    what = "Writes that wait to be made."
-    metrics.add_gauge("waiting_writes", what, lambda: len(lobby.store.writes))
+    metrics.add_gauge(
+        "waiting_decisions",
+        "Boards of policies that wait for a decision.",
+        lambda: lobby.waiting_decisions,
+    )
+    metrics.add_gauge(
+        "waiting_writes", "Writes that wait to be made.", lambda: len(lobby.store.writes)
+    )
     metrics.add_gauge("disk_free_bytes", "Free space where the database is.", health.free_bytes)
-    what = "Size of the database without its log."
-    metrics.add_gauge("database_bytes", what, health.database_bytes)
+    metrics.add_gauge(
+        "database_bytes", "Size of the database without its log.", health.database_bytes
+    )
     metrics.add_gauge("database_log_bytes", "Size of the write-ahead log.", health.log_bytes)
 
 
 def _backups(settings: Settings, store: Store) -> Backups | None:
-    """Return the backups that the settings ask for, None where they ask for none; the metrics hold them in either case."""
+    """The backups that the settings ask for; None where they ask for none.
+
+    The metrics hold them in either case.
+    """
     backups = None
     if settings.backup_every is not None:
         backups = Backups(store.path, settings.backups, 60 * settings.backup_every)
-    metrics, what = store.metrics, "Seconds since the newest backup; -1: there is none."
-    metrics.add_gauge(
-        "backup_age_seconds", what, lambda: -1.0 if backups is None else backups.age_s()
+    store.metrics.add_gauge(
+        "backup_age_seconds",
+        "Seconds since the newest backup; -1: there is none.",
+        lambda: -1.0 if backups is None else backups.age_s(),
     )
-    what = "Backups that could not be made."
-    metrics.add_gauge("backup_failures", what, lambda: 0 if backups is None else backups.failures)
+    store.metrics.add_gauge(
+        "backup_failures",
+        "Backups that could not be made.",
+        lambda: 0 if backups is None else backups.failures,
+    )
     return backups
 
 
 @contextmanager
 def _metrics_served(settings: Settings, metrics: Metrics) -> Iterator[None]:
-    """Serve the metrics on their own port where the settings name one; ServerError when it is taken."""
+    """Serve the metrics on their own port where the settings name one.
+
+    Raises:
+        ServerError: If the port is taken.
+    """
     if settings.metrics_port is None:
         yield
         return
@@ -421,9 +479,10 @@ def _metrics_served(settings: Settings, metrics: Metrics) -> Iterator[None]:
             address = stack.enter_context(served)
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
-            where = f"{settings.metrics_host} port {settings.metrics_port}"
-            why = f"{reason}; choose another with --metrics-port"
-            raise ServerError(f"cannot serve metrics on {where}: {why}") from error
+            raise ServerError(
+                f"cannot serve metrics on {settings.metrics_host} port {settings.metrics_port}: "
+                f"{reason}; choose another with --metrics-port"
+            ) from error
         print(f"metrics for Prometheus are at {address}", flush=True)
         yield
 
@@ -438,7 +497,13 @@ def _file_errors() -> Iterator[None]:
 
 
 def _started(settings: Settings, hidden: Sequence[Path]) -> Task:
-    """The task of the settings, whose processes can start; ValueError, LookupError or OSError where they cannot."""
+    """The task of the settings, whose processes can start.
+
+    Raises:
+        ValueError: If they cannot start, or the task is none.
+        LookupError: If there is no task of this name.
+        OSError: If a file of it cannot be read.
+    """
     task = _task(settings, hidden=hidden, compiles_beside=True)
     try:
         if guards := task.guards():
@@ -450,7 +515,11 @@ def _started(settings: Settings, hidden: Sequence[Path]) -> Task:
 
 
 def _check_may_be_missing(settings: Settings, name: str, is_first: bool, error: ValueError) -> None:
-    """Raise a ValueError where an environment that does not start stops the whole start: the first, or one of a study."""
+    """Check that the server may start without an environment that does not start.
+
+    Raises:
+        ValueError: If it is the first one, or one of a running study.
+    """
     if is_first:
         raise error
     folder = Folder(settings.studies)
@@ -462,9 +531,14 @@ def _check_may_be_missing(settings: Settings, name: str, is_first: bool, error: 
 
 
 def run(settings: Settings, opened: Callable[[str], object] = lambda address: None) -> None:
-    """Serve until Ctrl-C or SIGTERM; ServerError or StoreError, before anything starts, when the server cannot.
+    """Serve until Ctrl-C or SIGTERM.
 
-    opened  called with the page's address once it can be opened
+    Args:
+        opened: Called with the page's address once it can be opened.
+
+    Raises:
+        ServerError: Before anything starts, if the server cannot.
+        StoreError: Before anything starts, if its database cannot be used.
     """
     try:
         password = AdminPassword.of(settings)
@@ -479,40 +553,45 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
         bound_connections(sock, settings.limits.answer_s)
         with _file_errors(), ExitStack() as stack:
             served = [settings, *(_of_another(settings, task) for task in settings.more)]
-            names = [offer_name(environment_of(each.task)) for each in served]
+            names = [offer_name(environment_of(site.task)) for site in served]
             if len(set(names)) < len(names):
-                said = f"two environments are called alike: {', '.join(names)}"
-                raise ValueError(f"{said}; give one another title in its file")
-            hidden = [path for each in served for path in (each.database, each.studies)]
+                raise ValueError(
+                    f"two environments are called alike: {', '.join(names)}; "
+                    "give one another title in its file"
+                )
+            hidden = [path for site in served for path in (site.database, site.studies)]
             tasks = {}
-            for each, name in zip(served, names, strict=True):
+            for site, name in zip(served, names, strict=True):
                 try:
-                    task = stack.enter_context(closing(_started(each, hidden)))
+                    task = stack.enter_context(closing(_started(site, hidden)))
                 except ValueError as error:
-                    _check_may_be_missing(each, name, each is settings, error)
+                    _check_may_be_missing(site, name, site is settings, error)
                     print(f"{name} is left out: {error}", flush=True)
                 else:
-                    tasks[name] = each, task
+                    tasks[name] = site, task
             stack.pop_all()  # each app closes its own
         with ExitStack() as stack:
             shared = Prepared(protection=_protection(settings, metrics), jobs=_jobs())
             apps = []
-            for name, (each, task) in tasks.items():
-                is_first = each is settings
+            for name, (site, task) in tasks.items():
+                is_first = site is settings
                 counted = metrics if is_first else Metrics()
                 # the store comes last: a start that fails leaves no new file behind
-                opened_store = Store(each.database, each.durable, counted, each.accept_loss)
+                opened_store = Store(site.database, site.durable, counted, site.accept_loss)
                 store = stack.enter_context(closing(opened_store))
                 if kind := network_file_system(store.path):
                     _log.warning(NETWORK, store.path, kind)
                 # else it is checked beside play
-                if store.missing and (found := quick_check(store.path)) != "ok":
-                    raise StoreError(damaged(store.path, found))
+                if store.missing and (fault := quick_check(store.path)) != "ok":
+                    raise StoreError(damaged(store.path, fault))
                 prepared = replace(shared, task=task, store=store)
-                apps.append(_app_of(each, prepared, password, "" if is_first else name))
+                apps.append(_app_of(site, prepared, password, "" if is_first else name))
             if password is not None and password.drawn:
-                what = "the operator's page is /admin, its password until the server stops"
-                print(f"{what}: {password.drawn}", flush=True)
+                print(
+                    "the operator's page is /admin, its password until the server stops: "
+                    f"{password.drawn}",
+                    flush=True,
+                )
             app = Offered(apps[0], dict(zip([*tasks][1:], apps[1:], strict=True)))
             # a policy that decides in a thread lets a move through within a millisecond
             sys.setswitchinterval(0.001)

@@ -1,4 +1,7 @@
-"""The settings of a server: from the command's flags, else from HUMANPLAY_* variables, else the defaults here."""
+"""The settings of a server.
+
+They come from the command's flags, else from HUMANPLAY_* variables, else from the defaults here.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +32,16 @@ PREFIX = "HUMANPLAY_"
 """With which the names of variables begin that hold a setting."""
 
 DEFAULT_DATABASE = ROOT / "data" / "playground.db" if IS_CHECKOUT else Path("playground.db")
-"""In a checkout `data/playground.db`; where the package is installed, `playground.db` in the directory it is started in."""
+"""In a checkout `data/playground.db`; where the package is installed, `playground.db` in the
+directory it is started in."""
 
 
 def _checked_url(url: str) -> str:
-    """Return a public address without its default port and final slash; ValueError when it is none."""
+    """A public address without its default port and final slash.
+
+    Raises:
+        ValueError: If it is none.
+    """
     try:
         parts = urlsplit(url.strip())
         port = parts.port
@@ -41,15 +49,20 @@ def _checked_url(url: str) -> str:
         parts, port = urlsplit(""), None
     has_more = "@" in parts.netloc or parts.query or parts.fragment
     if parts.scheme not in ("http", "https") or not parts.hostname or has_more:
-        known = "https://mars.example or https://lab.example/mars"
-        raise ValueError(f"expected the address of the pages, like {known}")
+        raise ValueError(
+            "expected the address of the pages, like https://mars.example or https://lab.example/mars"
+        )
     host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
     rest = "" if port in (None, {"http": 80, "https": 443}[parts.scheme]) else f":{port}"
     return f"{parts.scheme}://{host}{rest}{parts.path.rstrip('/')}"
 
 
 def _checked_site(url: str) -> str:
-    """Return the origin of a site; ValueError when there is more than that, or none."""
+    """The origin of a site.
+
+    Raises:
+        ValueError: If there is more than that, or none.
+    """
     site = _checked_url(url)
     if urlsplit(site).path or re.search(r"[^\w.:/\[\]-]", site):  # it stands in a header
         raise ValueError(f"expected a site without a path, like https://survey.example, got {site}")
@@ -57,7 +70,11 @@ def _checked_site(url: str) -> str:
 
 
 def _checked_proxy(proxy: str) -> str:
-    """Return an address or a network of a proxy as text; ValueError when it is neither."""
+    """An address or a network of a proxy, as text.
+
+    Raises:
+        ValueError: If it is neither.
+    """
     try:
         network = ip_network(proxy.strip(), strict=False)
     except ValueError as error:
@@ -70,9 +87,16 @@ def _checked_proxy(proxy: str) -> str:
 
 
 def read_bucket(text: str) -> tuple[int, float]:
-    """Return how many may come at once and how many a second after that; ValueError when a text like `20+2/s` says neither."""
-    found = re.fullmatch(r"\s*([0-9]+)\s*\+\s*([0-9]+(?:\.[0-9]+)?)\s*/\s*s\s*", text)
-    burst, rate = (int(found[1]), float(found[2])) if found else (0, 0.0)
+    """Read a text like `20+2/s`.
+
+    Returns:
+        How many may come at once, and how many a second after that.
+
+    Raises:
+        ValueError: If the text says neither.
+    """
+    match = re.fullmatch(r"\s*([0-9]+)\s*\+\s*([0-9]+(?:\.[0-9]+)?)\s*/\s*s\s*", text)
+    burst, rate = (int(match[1]), float(match[2])) if match else (0, 0.0)
     if burst < 1 or rate <= 0:
         raise ValueError(
             f"expected BURST+RATE/s, how many at once and how many a second after that, like 20+2/s; got {text!r}"
@@ -89,7 +113,9 @@ Bucket = Annotated[str, AfterValidator(_checked_bucket)]
 
 
 class Limits(BaseModel):
-    """What one client may ask of a server; `HUMANPLAY_LIMITS__MESSAGES=50+10/s` changes one of them.
+    """What one client may ask of a server.
+
+    `HUMANPLAY_LIMITS__MESSAGES=50+10/s` changes one of the limits.
 
     A bucket like 50+10/s lets 50 come at once and 10 a second after that. A classroom of 100 people
     behind one address stays below all of them.
@@ -147,7 +173,7 @@ class Limits(BaseModel):
 
 
 class Place(BaseSettings):
-    """Where a server and its files are, which is all that commands beside it need; see Settings."""
+    """Where a server and its files are, for commands beside it; see Settings."""
 
     model_config = SettingsConfigDict(
         env_prefix=PREFIX,
@@ -173,7 +199,10 @@ class Place(BaseSettings):
 
 
 class Settings(Place):
-    """One server's settings, frozen; `Settings(port=0)` overrides, `HUMANPLAY_PORT=9000` in the environment as well."""
+    """One server's settings, frozen.
+
+    `Settings(port=0)` overrides, `HUMANPLAY_PORT=9000` in the environment as well.
+    """
 
     task: str = DEFAULT_TASK
     """What is played: `mars`, or `gymnasium:` with an id or a description as JSON (`serve --env
@@ -271,12 +300,12 @@ def fault_of(error: ValidationError | SettingsError, flags: Mapping[str, JsonVal
 
 def unknown_variables(names: Iterable[str]) -> Iterator[str]:
     """Yield a note on each variable that is named like a setting and is none."""
-    known = [WORLDS, *(PREFIX + name.upper() for name in Settings.model_fields)]
+    variables = [WORLDS, *(PREFIX + name.upper() for name in Settings.model_fields)]
     for name in sorted(names):
         # a wrong name of a limit is an error of `Settings`
         if name.startswith(f"{PREFIX}LIMITS__") or not name.startswith(PREFIX):
             continue
-        if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
+        if name not in variables:
+            near = difflib.get_close_matches(name, variables, n=1)
             question = f"; did you mean {near[0]}?" if near else ""
             yield f"the variable {name} is no setting and is ignored{question}"

@@ -1,7 +1,7 @@
-"""Synthetic participants, who play a study through the calls and the socket that its page uses.
+"""Synthetic participants, who play a study through its page's calls and socket.
 
-They join as scripts, so they are labelled `script` for ever and enter no human figure. `Participant` is
-one of them; `simulate` lets many take part side by side.
+They join as scripts, so they are labelled `script` for ever and enter no human figure.
+`Participant` is one of them; `simulate` lets many take part side by side.
 """
 
 from __future__ import annotations
@@ -69,26 +69,38 @@ class StoppedError(Exception):
 
 
 class Clock:
-    """A page's clock, and how its participant lets time pass: `speed` times as fast as people."""
+    """A page's clock, and how its participant lets time pass.
+
+    Args:
+        speed: So many times as fast as people.
+        stop: Ends every wait at once.
+    """
 
     def __init__(self, speed: float = 1.0, stop: threading.Event | None = None) -> None:
-        """Begin; `stop` ends every wait at once."""
         self.speed, self._stop = speed, stop or threading.Event()
         self.waited_ms = 0.0
 
     def page_ms(self) -> float:
-        """Return what performance.now() would return: the true time, in ms."""
+        """What performance.now() would return: the true time, in ms."""
         return round(time.monotonic() * 1000, 1)
 
     def wait(self, ms: float) -> None:
-        """Let so many milliseconds of a person's time pass; StoppedError once the simulation was stopped."""
+        """Let so many milliseconds of a person's time pass.
+
+        Raises:
+            StoppedError: Once the simulation was stopped.
+        """
         self.waited_ms += ms
         if self._stop.wait(ms / 1000 / self.speed):
             raise StoppedError
 
 
 class Socket:
-    """The socket of one board: JSON messages, and moves with the input events of their presses."""
+    """The socket of one board: JSON messages, and moves with their input events.
+
+    Args:
+        keys: The keys of the actions (`event.code`).
+    """
 
     def __init__(
         self,
@@ -97,7 +109,6 @@ class Socket:
         tempo: random.Random,
         keys: Mapping[str, str] = KEY_CODES,
     ) -> None:
-        """Begin; `keys` are the actions' (`event.code`)."""
         self.connection, self.clock, self._tempo, self._keys = connection, clock, tempo, keys
         self._released: list[dict[str, object]] = []
         self._load = {"page_load": secrets.token_hex(16), "tab": secrets.token_hex(16)}
@@ -108,7 +119,11 @@ class Socket:
         self.connection.send(message if is_text else json.dumps(message))
 
     def receive(self, kind: str | None = None, seconds: float = ANSWER_TIMEOUT_S) -> dict[str, Any]:
-        """Return the next message, the next of a kind when one is named; TimeoutError when none comes."""
+        """The next message, or the next of a kind.
+
+        Raises:
+            TimeoutError: If none comes.
+        """
         while True:
             message: dict[str, Any] = json.loads(self.connection.recv(timeout=seconds))
             if kind in (None, message["kind"]):
@@ -121,7 +136,11 @@ class Socket:
         input: Literal["key", "touch"] | None = None,
         **rest: object,
     ) -> None:
-        """Send a move; with `input` it is one of a person, whose press is sent before it."""
+        """Send a move.
+
+        Args:
+            input: With it the move is one of a person, whose press is sent before it.
+        """
         if input is not None:
             rest = {**self.press(frame, action, input), **rest}
         answered = {"kind": "act", "episode": frame["episode"], "step": frame["step"]}
@@ -130,9 +149,15 @@ class Socket:
     def press(
         self, frame: Frame, action: str, input: Literal["key", "touch"] = "key", **changes: object
     ) -> dict[str, object]:
-        """Take a person's time to press, send the press, and return what its move says of it.
+        """Take a person's time to press, and send the press.
 
-        The release is sent with the next press. `changes` are fields of the press's event.
+        The release is sent with the next press.
+
+        Args:
+            changes: Fields of the press's event.
+
+        Returns:
+            What its move says of it.
         """
         self.clock.wait(self._tempo.randint(90, 250))
         now = self.clock.page_ms()
@@ -149,7 +174,11 @@ class Socket:
         return {"input": input, "key_down_ms": now, "client_ms": now}
 
     def frame_after(self, step: int) -> Frame:
-        """Return the first frame with more moves than `step`; RefusedError when the move is refused."""
+        """The first frame with more moves than `step`.
+
+        Raises:
+            RefusedError: If the move is refused.
+        """
         while (message := self.receive())["kind"] != "frame" or message["step"] <= step:
             # a move that waits for the disk is made all the same
             is_waiting = message.get("detail") in (SLOW, WAITS)
@@ -177,7 +206,15 @@ class RandomMoves:
 
 
 class NoisyPolicy:
-    """A policy of which some moves are replaced by random valid ones."""
+    """A policy of which some moves are replaced by random valid ones.
+
+    Args:
+        name: Or path of the policy.
+        noise: Probability (0..1) that a move is the random policy's.
+
+    Raises:
+        PolicyError: If there is no such policy.
+    """
 
     def __init__(
         self,
@@ -187,10 +224,6 @@ class NoisyPolicy:
         config: Configuration | None,
         seed: int = 0,
     ) -> None:
-        """Load a policy by name or path; PolicyError if there is none.
-
-        noise  probability (0..1) that a move is the random policy's
-        """
         self._environment, self._noise, self._dice = environment, noise, random.Random(seed)
         self._policy = environment.policies.load(name, config)
         self._random = environment.policies.load("random", config)
@@ -209,7 +242,15 @@ class NoisyPolicy:
 
 
 class Participant:
-    """One participant of a study, with a cookie of their own; `where` is the server's last answer."""
+    """One participant of a study, with a cookie of their own, who has not joined yet.
+
+    `where` is the server's last answer.
+
+    Args:
+        client: Its base_url is the server's address, and it keeps the participant's cookie.
+        policy: That the participant follows, with a person's tempo on the clock.
+        tempo: Seed of the times between a frame and the key.
+    """
 
     def __init__(
         self,
@@ -219,12 +260,6 @@ class Participant:
         clock: Clock,
         tempo: int = 0,
     ) -> None:
-        """Begin without joining.
-
-        client  its base_url is the server's address, and it keeps the participant's cookie
-        policy  that the participant follows, with a person's tempo on the clock
-        tempo   seed of the times between a frame and the key
-        """
         self.client, self.url = client, f"/api/studies/{quote(study, safe='')}"
         self._policy, self._clock, self._tempo = policy, clock, random.Random(tempo)
         self.where: dict[str, Any] = {}
@@ -234,7 +269,11 @@ class Participant:
         """When the last move was answered, or the last step was taken, in seconds."""
 
     def call(self, verb: str, body: object = None) -> dict[str, Any]:
-        """Return the answer to a POST; RefusedError when it is declined."""
+        """The answer to a POST.
+
+        Raises:
+            RefusedError: If it is declined.
+        """
         return self._keep(self.client.post(f"{self.url}/{verb}", json=body))
 
     def me(self) -> dict[str, Any]:
@@ -248,8 +287,8 @@ class Participant:
     @property
     def frame(self) -> Frame:
         """The frame of the last answer."""
-        found: Frame = self.where["about"]["frame"]
-        return found
+        frame: Frame = self.where["about"]["frame"]
+        return frame
 
     @contextmanager
     def socket(self) -> Iterator[Socket]:
@@ -270,9 +309,13 @@ class Participant:
             yield Socket(connection, self._clock, self._tempo, first)
 
     def play(self, moves: int | None = None, **act: Any) -> list[Frame]:
-        """Play the running episode to its end, or for some moves, and return its frames.
+        """Play the running episode to its end, or for some moves.
 
-        act  fields of every move; `input=None` sends no presses
+        Args:
+            act: Fields of every move; `input=None` sends no presses.
+
+        Returns:
+            Its frames.
         """
         self._policy.reset()
         with self.socket() as socket:
@@ -286,7 +329,10 @@ class Participant:
         return frames
 
     def answer_questions(self) -> None:
-        """Answer the questions until all are right: the first choice of each, then the next ones."""
+        """Answer the questions until all are right.
+
+        The first choice of each comes first, then the next ones.
+        """
         choices = [0] * len(self.where["questions"])
         while not all(right := self.call("answers", {"answers": choices})["right"]):
             pairs = zip(choices, right, strict=True)
@@ -337,11 +383,18 @@ def _answer_to(question: ShownQuestion, draws: random.Random) -> object:
 
 
 def _content(answer: httpx.Response) -> dict[str, Any]:
-    """Return what an answer holds; RefusedError for a refusal (4xx), httpx.HTTPError for a failure."""
+    """What an answer holds.
+
+    Raises:
+        RefusedError: For a refusal (4xx).
+        HTTPError: For a failure.
+    """
     if answer.is_client_error:
         is_ours = answer.headers.get("Content-Type", "").startswith("application/json")
-        found = answer.json()["detail"] if is_ours else f"{answer.url} answers {answer.status_code}"
-        raise RefusedError(answer.status_code, found)
+        detail = (
+            answer.json()["detail"] if is_ours else f"{answer.url} answers {answer.status_code}"
+        )
+        raise RefusedError(answer.status_code, detail)
     content: dict[str, Any] = answer.raise_for_status().json()
     return content
 
@@ -350,13 +403,16 @@ def _content(answer: httpx.Response) -> dict[str, Any]:
 class Plan:
     """What is simulated.
 
-    url       address of the server
-    policy    name or path of the policy that the participants follow; None for the task's, or random moves without one
-    noise     share (0..1) of their moves that are random ones
-    leaving   share (0..1) of them who leave in a ranked episode: half withdraw, half close the page
-    speed     times as fast as people
-    wait_s    how long a server that has gone away is waited for
-    token     of the server, which lets any number play from one address; None: without
+    Attributes:
+        url: Address of the server.
+        policy: Name or path of the policy that the participants follow; None for the task's, or
+            random moves without one.
+        noise: Share (0..1) of their moves that are random ones.
+        leaving: Share (0..1) of them who leave in a ranked episode: half withdraw, half close
+            the page.
+        speed: Times as fast as people.
+        wait_s: How long a server that has gone away is waited for.
+        token: Of the server, which lets any number play from one address; None: without.
     """
 
     url: str
@@ -373,7 +429,15 @@ class Plan:
 
 @dataclass
 class Outcome:
-    """What a participant came to: the last stage or "left", episodes, minutes of a person's time, the debrief's summary."""
+    """What a participant came to.
+
+    Attributes:
+        stage: The last stage, or "left".
+        warm_up: Practice episodes that are over.
+        ranked: Ranked episodes that are over.
+        minutes: Of a person's time.
+        debrief: Its summary.
+    """
 
     number: int
     stage: str = "joining"
@@ -387,12 +451,16 @@ class Outcome:
 
 @cache
 def _certificates() -> ssl.SSLContext:
-    """Return the certificates that servers are checked against, read once for all participants."""
+    """The certificates that servers are checked against, read once for all."""
     return httpx.create_ssl_context(trust_env=False)
 
 
 def open_client(plan: Plan) -> httpx.Client:
-    """Return a client that sends what a page of the server would; ValueError for no address."""
+    """A client that sends what a page of the server would.
+
+    Raises:
+        ValueError: If the plan has no address.
+    """
     base = httpx.URL(plan.url)
     if base.scheme not in ("http", "https") or not base.host:
         raise ValueError(f"an address must be like http://127.0.0.1:8000, got {plan.url!r}")
@@ -409,27 +477,34 @@ def open_client(plan: Plan) -> httpx.Client:
 
 
 def fetch_study(plan: Plan) -> dict[str, Any]:
-    """Return what the server says of the study; RefusedError if nobody can take part in it, or be simulated."""
+    """What the server says of the study.
+
+    Raises:
+        RefusedError: If nobody can take part in it, or be simulated.
+    """
     with open_client(plan) as client:
-        found = _content(client.get(f"/api/studies/{quote(plan.study, safe='')}"))
-    if found["status"] == "closed":
+        study = _content(client.get(f"/api/studies/{quote(plan.study, safe='')}"))
+    if study["status"] == "closed":
         raise RefusedError(409, f"the study {plan.study!r} is closed: nobody can take part in it")
-    title = found["task"]["title"]
-    if found["task"]["clock"] is not None:
+    title = study["task"]["title"]
+    if study["task"]["clock"] is not None:
         raise RefusedError(
             409, f"the study {plan.study!r} is of {title}, where time runs: nobody can be simulated"
         )
-    if plan.policy is not None and _followed(found) is None:
+    if plan.policy is not None and _followed(study) is None:
         raise RefusedError(
             409,
             f"the study {plan.study!r} is of {title}: no policy sees what its frames show; "
             "without --policy, participants move at random",
         )
-    return found
+    return study
 
 
 def _followed(study: dict[str, Any]) -> tuple[Environment, str] | None:
-    """A study's environment and the policy to follow; None if its frames do not hold what policies are given."""
+    """A study's environment and the policy to follow.
+
+    None if its frames do not hold what policies are given.
+    """
     try:
         environment = environment_of(study["task"]["name"])
     except ValueError:  # a task of many environments, which pages are not told apart
@@ -450,11 +525,15 @@ def _player(plan: Plan, study: dict[str, Any], seed: int) -> NoisyPolicy | Rando
 def simulate(
     plan: Plan, outcomes: list[Outcome], advance: Callable[[int, int], None] = lambda *_: None
 ) -> None:
-    """Let the participants take part side by side, and keep an outcome of each in `outcomes`.
+    """Let the participants take part side by side.
 
-    advance  called with (episodes ended, episodes in all)
+    Args:
+        outcomes: Gets an outcome of each.
+        advance: Called with (episodes ended, episodes in all).
 
-    RefusedError when the server declines somebody, ServerAwayError when it stays away.
+    Raises:
+        RefusedError: If the server declines somebody.
+        ServerAwayError: If it stays away.
     """
     study = fetch_study(plan)
     outcomes.extend(Outcome(number) for number in range(plan.participants))
@@ -463,14 +542,16 @@ def simulate(
     with ThreadPoolExecutor(plan.participants) as pool:
         try:
             running = {
-                pool.submit(_take_part, plan, study, each, f"simulated-{run}-{each.number}", stop)
-                for each in outcomes
+                pool.submit(
+                    _take_part, plan, study, outcome, f"simulated-{run}-{outcome.number}", stop
+                )
+                for outcome in outcomes
             }
             while running:
                 ended, running = wait(running, 0.3, FIRST_EXCEPTION)
-                for each in ended:
-                    each.result()
-                advance(sum(each.warm_up + each.ranked for each in outcomes), in_all)
+                for future in ended:
+                    future.result()
+                advance(sum(outcome.warm_up + outcome.ranked for outcome in outcomes), in_all)
         finally:
             stop.set()
 
@@ -518,8 +599,8 @@ def _take_part(
                     raise StoppedError from error
 
 
-def _show(where: dict[str, Any], outcome: Outcome) -> None:
+def _show(answer: dict[str, Any], outcome: Outcome) -> None:
     """Keep in an outcome where its participant stands."""
-    outcome.stage, outcome.debrief = where["stage"], where["debrief"]
-    outcome.code = (where["ending"] or {}).get("code")
-    outcome.warm_up, outcome.ranked = where["warm_up"]["done"], where["ranked"]["done"]
+    outcome.stage, outcome.debrief = answer["stage"], answer["debrief"]
+    outcome.code = (answer["ending"] or {}).get("code")
+    outcome.warm_up, outcome.ranked = answer["warm_up"]["done"], answer["ranked"]["done"]

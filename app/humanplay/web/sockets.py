@@ -1,7 +1,8 @@
-"""The play socket, /ws/sessions/{id}: acts arrive, frames are sent, and only the newest frame ever waits.
+"""The play socket, /ws/sessions/{id}: acts arrive, and frames are sent.
 
-The receiver answers each message. The sender subscribes to the session's channel and compares what it has sent last with
-the session as it stands, so a slow socket skips frames and never lags behind.
+Only the newest frame ever waits. The receiver answers each message. The sender subscribes to the
+session's channel and compares what it has sent last with the session as it stands, so a slow socket
+skips frames and never lags behind.
 """
 
 from __future__ import annotations
@@ -45,7 +46,10 @@ async def serve_session(
     find: Callable[[], Awaitable[Session]],
     serve: Callable[[Session], Awaitable[None]],
 ) -> None:
-    """Accept a socket and serve the session that it asks for; where there is none, say so and close the socket."""
+    """Accept a socket and serve the session that it asks for.
+
+    Where there is none, say so and close the socket.
+    """
     await websocket.accept()
     with contextlib.suppress(WebSocketDisconnect):
         try:
@@ -82,7 +86,10 @@ async def play_socket(websocket: WebSocket, session_id: str) -> None:
 
 
 class PlaySocket:
-    """One connection to a session; it knows whether its player's cookie came with it, and whether our page opened it."""
+    """One connection to a session.
+
+    It knows whether its player's cookie came with it, and whether our page opened it.
+    """
 
     def __init__(self, websocket: WebSocket, session: Session) -> None:
         self._websocket, self._session = websocket, session
@@ -97,7 +104,8 @@ class PlaySocket:
         if clock is not None:
             clock.stand()  # a reload, a connection made anew, a second tab
         try:
-            # in a task of its own, so that a message wakes the receiver alone and not all that surrounds this call
+            # in a task of its own, so that a message wakes the receiver alone and not all that
+            # surrounds this call
             await send_while(asyncio.create_task(self._receive()), self._send_newest())
         finally:
             if clock is not None:
@@ -139,18 +147,23 @@ class PlaySocket:
             text = message.get("text")
             if text is None:
                 size = len(message.get("bytes") or b"")
-                what = f"a message must be JSON in a text frame, got {size} binary bytes"
-                answer: str | None = encode_error(what)
+                answer: str | None = encode_error(
+                    f"a message must be JSON in a text frame, got {size} binary bytes"
+                )
             else:
                 answer = await self._answer(text)
             if answer is not None:
                 await self._tell(answer)
 
     async def _answer(self, text: str) -> str | None:
-        """Return the answer to a message; None for an act that was made, since its frame is the answer, and for events.
+        """The answer to a message.
 
-        An act waits until it is recorded, and so does what this socket sends after it. Events are answered once they are
-        recorded, in their order; the act that follows them waits for that no longer than its own record does.
+        An act waits until it is recorded, and so does what this socket sends after it. Events are
+        answered once they are recorded, in their order; the act that follows them waits for that no
+        longer than its own record does.
+
+        Returns:
+            None for an act that was made, since its frame is the answer, and for events.
         """
         session = self._session
         try:
@@ -174,7 +187,10 @@ class PlaySocket:
             return encode_error(str(error))
 
     def _driver(self, act: Act) -> str:
-        """Return "human" for a trusted key or touch on the owner's own page, else "script"."""
+        """Whether a person made an act: "human" or "script".
+
+        A person's is a trusted key or touch on the owner's own page.
+        """
         participation = self._session.participation
         is_human = (
             self._is_owner
@@ -186,7 +202,10 @@ class PlaySocket:
         return HUMAN if is_human else SCRIPT
 
     async def _tell(self, message: str) -> None:
-        """Send a message to whoever is still there; of whoever has gone, what they had sent counts still."""
+        """Send a message to whoever is still there.
+
+        Of whoever has gone, what they had sent counts still.
+        """
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
             await self._websocket.send_text(message)
 
@@ -194,7 +213,11 @@ class PlaySocket:
         await self._tell((await self._keep(events)).model_dump_json())
 
     async def _keep(self, events: Events) -> Kept:
-        """Store input events and return how many are kept: all, none for a reason, or none for now."""
+        """Store input events.
+
+        Returns:
+            How many are kept: all, none for a reason, or none for now.
+        """
         try:
             if not (self._is_owner and self._is_page):
                 raise RefusedError(
@@ -212,8 +235,12 @@ class PlaySocket:
 
 
 def as_move(act: Act, task: Task, driver: str) -> Move:
-    """Return the move of a task that a message asks for, made by `driver`; BadMessageError where it is none."""
+    """The move of a task that a message asks for, made by `driver`.
+
+    Raises:
+        BadMessageError: If it is none.
+    """
     if act.action not in task.actions:
         raise no_action(task.actions, act.action)
-    told = act.model_dump(exclude={"kind", "action"})
-    return Move(**told, action=task.actions.index(act.action), driver=driver)
+    fields = act.model_dump(exclude={"kind", "action"})
+    return Move(**fields, action=task.actions.index(act.action), driver=driver)

@@ -1,4 +1,7 @@
-"""The templates of the pages: those of `static/`, the documentation of the API, and the pages of errors."""
+"""The templates of the pages.
+
+They are those of `static/`, the documentation of the API, and the pages of errors.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,10 @@ environment = Environment(
 
 
 def names_of(task: str) -> dict[str, object]:
-    """What the pages of a task say of it: `world`, its environment, `brand` and `site_name`."""
+    """What the pages of a task say of it: `world`, `brand` and `site_name`.
+
+    `world` is its environment.
+    """
     world = environment_of(task)
     return {
         "world": world,
@@ -28,7 +34,10 @@ def names_of(task: str) -> dict[str, object]:
 
 
 def addresses(request: Request) -> dict[str, object]:
-    """What every page has: addresses, the pages that are offered, what is played and the site's name."""
+    """What every page has: its addresses, the pages that are offered, and names.
+
+    The names are those of what is played and of the site.
+    """
     root, state, address = root_of(request), request.app.state, absolute_address(request)
     folder = state.files.address()
     return {
@@ -43,24 +52,27 @@ def addresses(request: Request) -> dict[str, object]:
 
 
 def absolute_address(request: Request) -> str:
-    """Return the address that was asked for, without its query, as others open it.
+    """The address that was asked for, without its query, as others open it.
 
     It begins with the server's public address, else as whoever asked wrote it.
     """
     headers, public = request.headers, request.app.state.public_url
     prefix = headers.get("x-forwarded-prefix", "").split(",")[0].strip().rstrip("/")
     scheme = "https" if is_secure(request) else "http"
-    own = f"{scheme}://{headers.get('host', '')}{prefix}"
-    return f"{own if public is None else public.rstrip('/')}{request.url.path}"
+    asked = f"{scheme}://{headers.get('host', '')}{prefix}"
+    return f"{asked if public is None else public.rstrip('/')}{request.url.path}"
 
 
 def root_of(connection: HTTPConnection) -> str:
-    """Return the relative address of the app's root as a browser sees it from the address that was asked for: "" or "../"s."""
+    """The relative address of the app's root, as a browser sees it: "" or "../"s.
+
+    It is relative to the address that was asked for.
+    """
     return "../" * (path_of(connection).count("/") - 1)
 
 
 def path_of(connection: HTTPConnection) -> str:
-    """Return the path that was asked for, below the app's own prefix."""
+    """The path that was asked for, below the app's own prefix."""
     scope = connection.scope
     prefix = scope.get("app_root_path", scope.get("root_path", ""))
     return str(scope["path"]).removeprefix(str(prefix))

@@ -1,4 +1,7 @@
-"""The 3-D view of a session: viser's page and its websocket, for whoever may see the session."""
+"""The 3-D view of a session: viser's page and its websocket.
+
+They are for whoever may see the session.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +20,21 @@ router = APIRouter(include_in_schema=False)
 
 @router.get("/viewer/client/")
 async def newest_client(request: Request) -> Response:
-    """Send a browser to the client's address of this version, where it keeps it for as long as it likes."""
+    """Send a browser to the client's address of this version.
+
+    There it keeps the client for as long as it likes.
+    """
     query = f"?{request.url.query}" if request.url.query else ""
-    where = f"{_viewer(request).page.version}/{query}"
-    return RedirectResponse(where, 307, {"Cache-Control": "no-cache"})
+    address = f"{_viewer(request).page.version}/{query}"
+    return RedirectResponse(address, 307, {"Cache-Control": "no-cache"})
 
 
 @router.get("/viewer/client/{version}/")
 async def client_page(request: Request, version: str) -> Response:
-    """Serve viser's page for every board; the name of its frame says which. Another version is sent to this server's own."""
+    """Serve viser's page for every board; the name of its frame says which.
+
+    Another version is sent to this server's own.
+    """
     page = _viewer(request).page
     if version != page.version:
         return RedirectResponse(f"../{page.version}/", 307, {"Cache-Control": "no-cache"})
@@ -40,14 +49,21 @@ async def viewer_page(request: Request, session_id: str) -> Response:
 
 
 def _viewer(request: Request) -> View3D:
-    """Return the 3-D view; HTTPException 404 on a server of another task."""
+    """The 3-D view.
+
+    Raises:
+        HTTPException: 404 on a server of another task.
+    """
     if (viewer := services_of(request).viewer) is None:
         raise HTTPException(404, NO_VIEW)
     return viewer
 
 
 def client_response(request: Request, page: ViewPage, cache_control: str) -> Response:
-    """Return the page, gzipped where the browser reads that, or 304 where it has this version."""
+    """The page, or 304 if the browser has this version.
+
+    It is gzipped if the browser reads that.
+    """
     headers = {
         "ETag": page.etag,
         "Cache-Control": cache_control,

@@ -1,4 +1,7 @@
-"""Watching a board or an episode, over HTTP and over a socket: for anybody who has the link, and nothing but watching."""
+"""Watching a board or an episode, over HTTP and over a socket.
+
+It is for anybody who has the link, and nothing but watching.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +28,13 @@ router = APIRouter()
     summary="Watch a board of the playground",
 )
 async def get_watched(request: Request, watch_id: str) -> dict[str, object]:
-    """Return the episode on a board: the newest frame, the path so far, and once it has ended every frame.
+    """Return the episode on a board: the newest frame and the path so far.
 
-    `watch_id` is the board's `watch` in the answer of POST /api/sessions. The id of an episode shows that episode alone.
+    Once it has ended there is every frame. `watch_id` is the board's `watch` in the answer of POST
+    /api/sessions. The id of an episode shows that episode alone.
 
-    `player` is "you", "human", "script" or a policy's name. Episodes of studies cannot be watched, and one of a daily terrain
-    only by its own player before the day is over.
+    `player` is "you", "human", "script" or a policy's name. Episodes of studies cannot be watched,
+    and one of a daily terrain only by its own player before the day is over.
     """
     asked = watch_id, owner_of(request), player_of(request)
     return await services_of(request).spectators.describe(*asked)
@@ -40,7 +44,8 @@ async def get_watched(request: Request, watch_id: str) -> dict[str, object]:
 async def watch_page(request: Request, watch_id: str) -> Response:
     """Serve the live view of a board or an episode; 404 for an id that shows nothing.
 
-    The id of an episode that has ended leads to its replay; a board's goes on with the next episode.
+    The id of an episode that has ended leads to its replay; a board's goes on with the next
+    episode.
     """
     services, asker = services_of(request), asker_of(request)
     if await services.replays.has(watch_id, asker):
@@ -51,7 +56,10 @@ async def watch_page(request: Request, watch_id: str) -> Response:
 
 @router.websocket("/ws/watch/{watch_id}")
 async def watch_socket(websocket: WebSocket, watch_id: str) -> None:
-    """Send a board's frames as they come, or an episode's until it has ended; what the spectator sends is ignored."""
+    """Send a board's frames as they come, or an episode's until it has ended.
+
+    What the spectator sends is ignored.
+    """
     await websocket.accept()
     asked = watch_id, owner_of(websocket), player_of(websocket)
     messages = services_of(websocket).spectators.messages(*asked)

@@ -13,14 +13,21 @@ OWN = "x-environment"
 
 
 class Answer(BaseModel):
-    """An answer of the API, or a part of one: a field that is not declared is an error."""
+    """An answer of the API, or a part of one.
+
+    A field that is not declared is an error.
+    """
 
     model_config = ConfigDict(extra="forbid")
 
 
 @dataclass(frozen=True)
 class OfEnvironment:
-    """A part of an answer whose model is the environment's own (`humanplay.task.Messages`)."""
+    """A part of an answer whose model is the environment's own.
+
+    Attributes:
+        name: Of the model in `humanplay.task.Messages`.
+    """
 
     name: Literal["frame", "history", "course", "mistake"]
 

@@ -1,4 +1,7 @@
-"""Answers about how well people and policies play: the leaderboard, and the volunteers' figures."""
+"""Answers about how well people and policies play.
+
+They are the leaderboard's, and the volunteers' figures.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,10 @@ class Means(Answer):
 
 
 class VolunteerFigure(PlayerCounts):
-    """The figure of the volunteers on one configuration; `players` and the counts beside it are of all."""
+    """The figure of the volunteers on one configuration.
+
+    `players` and the counts beside it are of all.
+    """
 
     task: str
     level: str

@@ -1,4 +1,7 @@
-"""The app's own description of itself: the answers, with the models of the environment that it serves."""
+"""The app's own description of itself.
+
+It has the answers, with the models of the environment that it serves.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,10 @@ FRAMEWORKS_OWN = (UNREADABLE, "ValidationError")
 
 
 class PlaygroundApp(FastAPI):
-    """An app whose description has one environment's models where answers leave them to it."""
+    """An app whose description has one environment's models.
+
+    They stand where answers leave them to it.
+    """
 
     def __init__(self, messages: Messages, **rest: Any) -> None:
         super().__init__(**rest)
@@ -57,7 +63,7 @@ def declare_problems(responses: dict[str, Any]) -> None:
 
 
 def models_of(messages: Messages) -> dict[str, type[BaseModel]]:
-    """The models that an environment has for its parts of answers, by `OfEnvironment.name`."""
+    """An environment's models for its parts of answers, by `OfEnvironment.name`."""
     return {
         "frame": messages.frame,
         "history": messages.history,
@@ -70,8 +76,8 @@ def definitions(models: list[type[BaseModel]]) -> dict[str, Any]:
     """The schemas of models and of all that they are made of, by name."""
     mode: JsonSchemaMode = "serialization"
     _, schema = models_json_schema([(model, mode) for model in models], ref_template=REFERENCE)
-    found: dict[str, Any] = schema["$defs"]
-    return found
+    schemas: dict[str, Any] = schema["$defs"]
+    return schemas
 
 
 def with_models(schema: Any, models: dict[str, type[BaseModel]]) -> Any:
@@ -99,7 +105,10 @@ def references(schema: Any) -> Iterator[str]:
 
 
 def answered_models(description: dict[str, Any]) -> list[str]:
-    """The names of the models of all answers, those of agents aside, and of what they are made of."""
+    """The names of the models of all answers, and of what they are made of.
+
+    Those of agents are left out.
+    """
     waiting = [
         name
         for operations in description["paths"].values()
@@ -107,9 +116,9 @@ def answered_models(description: dict[str, Any]) -> list[str]:
         if operation["tags"] != ["agents"]
         for name in references(operation["responses"])
     ]
-    found: set[str] = set()
+    names: set[str] = set()
     while waiting:
-        if (name := waiting.pop()) not in found:
-            found.add(name)
+        if (name := waiting.pop()) not in names:
+            names.add(name)
             waiting.extend(references(description["components"]["schemas"][name]))
-    return sorted(found)
+    return sorted(names)

@@ -1,4 +1,7 @@
-"""Answers about how an episode went, move by move: its replay, a policy beside it, and what its moves cost."""
+"""Answers about how an episode went, move by move.
+
+They are its replay, a policy beside it, and what its moves cost.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,10 @@ class FrameCourse(Answer):
 
 
 class Replay(Answer):
-    """An ended episode as its replay draws it; no seed, no player and no session is in it."""
+    """An ended episode as its replay draws it.
+
+    No seed, no player and no session is in it.
+    """
 
     episode: str
     place: str = described("where it was played, in words")
@@ -56,7 +62,10 @@ class PlainMistake(Answer):
 
 
 class Costs(Answer):
-    """An episode beside the expert's, and what its moves cost; every length is in moves."""
+    """An episode beside the expert's, and what its moves cost.
+
+    Every length is in moves.
+    """
 
     policy: str = described("the expert's name")
     reason: str | None = described("why no move is judged; null where they are")

@@ -20,7 +20,10 @@ from humanplay.web.answers.server import Task
 
 
 class Move(Answer):
-    """A move of an ended episode; client times are of the page's own clock, in milliseconds."""
+    """A move of an ended episode.
+
+    Client times are of the page's own clock, in milliseconds.
+    """
 
     action: str
     step: int = described("moves made before it")

@@ -1,6 +1,7 @@
-"""What stands before every request: hosts, proxies, origins and cookies, and how much one may ask.
+"""What stands before every request.
 
-`Gate` looks at each request and at the handshake of each socket once; `LimitedClients` counts.
+That is hosts, proxies, origins and cookies, and how much one may ask. `Gate` looks at each request
+and at the handshake of each socket once; `LimitedClients` counts.
 """
 
 from humanplay.web.protection.gate import Gate, RefusedRequestError, has_own_origin
@@ -12,12 +13,12 @@ from humanplay.web.protection.headers import (
     viewer_policy,
 )
 from humanplay.web.protection.hosts import Proxies, client_address, is_secure, own_names
-from humanplay.web.protection.limits import WHERE, BudgetedCharges, LimitedClients, Protection
+from humanplay.web.protection.limits import OWNERS, BudgetedCharges, LimitedClients, Protection
 
 __all__ = [
     "NO_CACHE",
+    "OWNERS",
     "SHARED",
-    "WHERE",
     "BudgetedCharges",
     "Gate",
     "LimitedClients",

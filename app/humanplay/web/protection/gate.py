@@ -1,8 +1,8 @@
-"""The gate: what a request, or the handshake of a socket, says of itself is looked at here, once.
+"""The gate: what a request says of itself is looked at here, once.
 
-It leaves its judgement in the connection, for `client_address`, `has_own_origin` and `is_secure`;
-handlers read no Origin and no forwarded header themselves. The messages of a socket that was let in
-pass by it.
+So is the handshake of a socket; the messages of one that was let in pass by. The gate leaves its
+judgement in the connection, for `client_address`, `has_own_origin` and `is_secure`; handlers read
+no Origin and no forwarded header themselves.
 
 Only our own pages, and scripts without a page, may change anything. A browser sends an Origin with
 everything that can change something, and with every socket; older ones that leave it out send
@@ -58,9 +58,12 @@ between quotation marks (CVE-2024-7592, until 3.11.10 and 3.12.6), on the event 
 
 
 class RefusedRequestError(Exception):
-    """A request, or the handshake of a socket, is refused: with a status and one sentence.
+    """A request, or the handshake of a socket, is refused.
 
-    wait_s  when it may come again, in seconds; None: never
+    Args:
+        status: Of the answer.
+        detail: One sentence.
+        wait_s: When it may come again, in seconds; None: never.
     """
 
     def __init__(self, status: int, detail: str, wait_s: int | None = None) -> None:
@@ -69,12 +72,15 @@ class RefusedRequestError(Exception):
 
 
 class Gate:
-    """Refuses foreign hosts and two lengths with 400, other sites' pages with 403, and sets every answer's headers.
+    """Looks at every request, and sets every answer's headers.
 
-    names       what the server answers for, in lower case (`own_names`)
-    proxies     whose X-Forwarded headers count
-    public_url  where the operator says that the server is found; None: the Host is all we know
-    cookies     the names of the server's own
+    It refuses foreign hosts and two lengths with 400, other sites' pages with 403.
+
+    Args:
+        names: What the server answers for, in lower case (`own_names`).
+        proxies: Whose X-Forwarded headers count.
+        public_url: Where the operator says that the server is found; None: the Host is all we know.
+        cookies: The names of the server's own.
     """
 
     def __init__(
@@ -116,33 +122,39 @@ class Gate:
                 raise RefusedRequestError(400, FOREIGN_HOST.format(host[:SHOWN]))
 
     def _own(self, scope: Scope) -> bool | None:
-        """Return what `has_own_origin` says; RefusedRequestError for another site's change."""
+        """What `has_own_origin` says.
+
+        Raises:
+            RefusedRequestError: For another site's change.
+        """
         headers = Headers(scope=scope)
-        own, site = self._read_origin(headers), headers.get("sec-fetch-site", "none")
-        is_foreign = own is False or (own is None and site not in OWN_SITES)
+        is_ours, site = self._read_origin(headers), headers.get("sec-fetch-site", "none")
+        is_foreign = is_ours is False or (is_ours is None and site not in OWN_SITES)
         if is_foreign and (scope["type"] == "websocket" or scope["method"] not in SAFE_METHODS):
             came = "Sec-Fetch-Site of another site"
             if "origin" in headers:
                 came = f"Origin {headers['origin'][:SHOWN]!r}"
             raise RefusedRequestError(403, FOREIGN_PAGE.format(came))
-        return own
+        return is_ours
 
     def _read_origin(self, headers: Headers) -> bool | None:
-        """Return whether Origin names the host asked for, or that of the public address; None without one.
+        """Whether Origin names the host asked for, or that of the public address.
 
-        A Host without a port (nginx's `$host`) speaks for any. RefusedRequestError for what is neither
-        null nor scheme://host.
+        None without one. A Host without a port (nginx's `$host`) speaks for any.
+
+        Raises:
+            RefusedRequestError: For what is neither null nor scheme://host.
         """
-        given = headers.getlist("origin")
-        if not given:
+        origins = headers.getlist("origin")
+        if not origins:
             return None
-        if given == ["null"]:
+        if origins == ["null"]:
             return False
-        malformed = RefusedRequestError(403, MALFORMED_ORIGIN.format(given[0][:SHOWN]))
-        if len(given) > 1 or not _ORIGIN.fullmatch(given[0]):
+        malformed = RefusedRequestError(403, MALFORMED_ORIGIN.format(origins[0][:SHOWN]))
+        if len(origins) > 1 or not _ORIGIN.fullmatch(origins[0]):
             raise malformed
         try:
-            came = urlsplit(given[0])
+            came = urlsplit(origins[0])
             _ = came.port
         except ValueError as error:
             raise malformed from error
@@ -171,33 +183,36 @@ class Gate:
 
 
 def _with_headers(scope: Scope, send: Send) -> Send:
-    """Return `send` with the headers of every answer, where an answer has none of its own."""
+    """`send` with the headers of every answer, where an answer has none of its own."""
     added = Headers(headers_of(HTTPConnection(scope))).raw
 
     async def send_guarded(message: Message) -> None:
         if message["type"] == "http.response.start":
-            given = list(message.get("headers", ()))
-            names = {name for name, _ in given}
-            message["headers"] = given + [each for each in added if each[0] not in names]
+            headers = list(message.get("headers", ()))
+            names = {name for name, _ in headers}
+            message["headers"] = headers + [header for header in added if header[0] not in names]
         await send(message)
 
     return send_guarded
 
 
 def has_own_origin(connection: HTTPConnection) -> bool | None:
-    """Return whether a page of this server asks, by its Origin; None without one."""
-    own: bool | None = connection.scope["has_own_origin"]
-    return own
+    """Whether a page of this server asks, by its Origin; None without one."""
+    is_ours: bool | None = connection.scope["has_own_origin"]
+    return is_ours
 
 
 def with_own_cookies(scope: Scope, names: frozenset[bytes]) -> Scope:
-    """Return a scope with the cookies of some names alone, and no value that we cannot have set."""
-    given = [value for name, value in scope["headers"] if name == b"cookie"]
-    if not given:
+    """A scope with the cookies of some names alone.
+
+    A value that we cannot have set is left out.
+    """
+    sent = [value for name, value in scope["headers"] if name == b"cookie"]
+    if not sent:
         return scope
-    own = [each for value in given for each in value.split(b";") if _is_own(each, names)]
-    rest = [each for each in scope["headers"] if each[0] != b"cookie"]
-    return {**scope, "headers": [*rest, *([(b"cookie", b";".join(own))] if own else [])]}
+    ours = [cookie for value in sent for cookie in value.split(b";") if _is_own(cookie, names)]
+    rest = [header for header in scope["headers"] if header[0] != b"cookie"]
+    return {**scope, "headers": [*rest, *([(b"cookie", b";".join(ours))] if ours else [])]}
 
 
 def _is_own(cookie: bytes, names: frozenset[bytes]) -> bool:

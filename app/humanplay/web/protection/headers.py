@@ -1,6 +1,7 @@
-"""Headers that every answer has: they keep a browser to our own files, and what is private out of every cache.
+"""Headers that every answer has.
 
-What a handler has set stays.
+They keep a browser to our own files, and what is private out of every cache. What a handler has set
+stays.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from starlette.requests import HTTPConnection
 from humanplay.web.protection.hosts import is_loopback, is_secure, name_of
 
 NO_CACHE = {"Cache-Control": "no-cache"}
-"""Of pages and files that are the same for everybody: a browser may keep them, and asks each time whether they still stand."""
+"""Of pages and files that are the same for everybody: a browser may keep them, and asks each time
+whether they still stand."""
 
 SHARED = {"Cross-Origin-Resource-Policy": "cross-origin"}
 """Of pictures that pages of other sites may show."""
@@ -20,7 +22,11 @@ HSTS_S = 365 * 24 * 3600
 
 
 def page_policy(framed: str = "'self'") -> str:
-    """Return the Content-Security-Policy of a page; `framed` says which pages may show it in a frame."""
+    """The Content-Security-Policy of a page.
+
+    Args:
+        framed: Which pages may show it in a frame.
+    """
     return (
         "default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
         f"connect-src 'self'; frame-src 'self'; frame-ancestors {framed}; base-uri 'none'; form-action 'self'; "
@@ -29,13 +35,14 @@ def page_policy(framed: str = "'self'") -> str:
 
 
 def viewer_policy(script_hashes: tuple[str, ...], framed: str = "'self'") -> str:
-    """Return the Content-Security-Policy of viser's page, whose scripts of its own are known by their hashes ("sha256-...").
+    """The Content-Security-Policy of viser's page.
 
-    They unpack and start the rest ('strict-dynamic'), which compiles WebAssembly and, for decoders of its own, strings.
+    Its scripts of its own are known by their hashes ("sha256-..."). They unpack and start the rest
+    ('strict-dynamic'), which compiles WebAssembly and, for decoders of its own, strings.
     """
-    own = " ".join(f"'{each}'" for each in script_hashes)
+    hashes = " ".join(f"'{script_hash}'" for script_hash in script_hashes)
     return (
-        f"default-src 'none'; script-src {own} 'strict-dynamic' 'wasm-unsafe-eval' 'unsafe-eval'; "
+        f"default-src 'none'; script-src {hashes} 'strict-dynamic' 'wasm-unsafe-eval' 'unsafe-eval'; "
         "worker-src blob: data:; style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; "
         f"connect-src 'self' blob: data:; base-uri 'none'; form-action 'none'; frame-ancestors {framed}"
     )
@@ -51,16 +58,18 @@ HEADERS = {
     "referrer-policy": "same-origin",
     "x-content-type-options": "nosniff",
 }
-"""Of every answer that says nothing else: above all, nothing is stored unless a handler knows that it is the same for all."""
+"""Of every answer that says nothing else: above all, nothing is stored unless a handler knows that
+it is the same for all."""
 
 BY_TLS = {"strict-transport-security": f"max-age={HSTS_S}"}
 ISOLATED = {"cross-origin-opener-policy": "same-origin"}
 
 
 def headers_of(connection: HTTPConnection) -> dict[str, str]:
-    """Return the headers of an answer to a connection; the site that `app.state.framed_by` names may frame it.
+    """The headers of an answer to a connection.
 
-    Cross-Origin-Opener-Policy goes where browsers heed it: by TLS and on loopback. Elsewhere they complain in their console.
+    The site that `app.state.framed_by` names may frame it. Cross-Origin-Opener-Policy goes where
+    browsers heed it: by TLS and on loopback. Elsewhere they complain in their console.
     """
     by_tls = is_secure(connection)
     near = by_tls or is_loopback(name_of(connection.headers.get("host", "")) or "")
@@ -69,6 +78,9 @@ def headers_of(connection: HTTPConnection) -> dict[str, str]:
 
 
 def framing_sites(connection: HTTPConnection) -> str:
-    """Which sites' pages may show ours in a frame, as a Content-Security-Policy says it."""
+    """Which sites' pages may show ours in a frame.
+
+    It is written as a Content-Security-Policy says it.
+    """
     site: str | None = connection.app.state.framed_by
     return f"'self' {site}" if site else "'self'"

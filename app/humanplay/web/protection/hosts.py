@@ -1,4 +1,4 @@
-"""Under which names the server answers, and from which address and by which way a request came.
+"""The names of the server, and from which address and how a request came.
 
 A page of somebody else's whose name is made to lead here (DNS rebinding) must find nobody.
 Starlette's TrustedHostMiddleware compares names alone: it has no rule for IP literals, reads
@@ -20,8 +20,9 @@ from starlette.types import Scope
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 _HOST = re.compile(r"(?P<name>\[[0-9a-f:.]+\]|[^:\[\]/?#@\s]+)(:\d{1,5})?")
-_SAID = ("for", "host", "port", "prefix", "proto")
-_FORWARDED = frozenset(f"x-forwarded-{each}".encode() for each in _SAID)
+_FORWARDED = frozenset(
+    f"x-forwarded-{part}".encode() for part in ("for", "host", "port", "prefix", "proto")
+)
 
 MOST_HOSTS = 10
 """Hosts that a request may name: one for each proxy on its way."""
@@ -34,7 +35,7 @@ UNKNOWN = "unknown"
 
 
 def own_names(public_url: str | None = None, listening: str = "") -> frozenset[str]:
-    """Return the names that the server answers for, in lower case.
+    """The names that the server answers for, in lower case.
 
     They are those of loopback, of this machine, of `public_url` and of `listening`.
     """
@@ -46,13 +47,16 @@ def own_names(public_url: str | None = None, listening: str = "") -> frozenset[s
 
 
 def name_of(host: str) -> str | None:
-    """Return the name in a Host header, in lower case, without its port; None when malformed."""
-    found = _HOST.fullmatch(host.strip().lower())
-    return None if found is None else found["name"].strip("[]").removesuffix(".")
+    """The name in a Host header, in lower case, without its port.
+
+    None when malformed.
+    """
+    match = _HOST.fullmatch(host.strip().lower())
+    return None if match is None else match["name"].strip("[]").removesuffix(".")
 
 
 def is_literal(name: str) -> bool:
-    """Return whether a name is an IP address: no name server can make one lead elsewhere."""
+    """Whether a name is an IP address: no name server can make one lead elsewhere."""
     try:
         ip_address(name)
     except ValueError:
@@ -62,29 +66,33 @@ def is_literal(name: str) -> bool:
 
 @lru_cache(maxsize=1000)
 def is_loopback(name: str) -> bool:
-    """Return whether a name leads to the browser's own machine, whatever a name server says."""
+    """Whether a name leads to the browser's own machine, by any name server."""
     is_named = name == "localhost" or name.endswith(".localhost")
     return is_named or (is_literal(name) and ip_address(name).is_loopback)
 
 
 def hosts_of(scope: Scope) -> list[str]:
-    """Return what Host and X-Forwarded-Host name, at most one more than MOST_HOSTS."""
-    given = [value for name, value in scope["headers"] if name in (b"host", b"x-forwarded-host")]
-    named = b",".join(given).decode("latin-1").split(",", MOST_HOSTS)
+    """What Host and X-Forwarded-Host name, at most one more than MOST_HOSTS."""
+    values = [value for name, value in scope["headers"] if name in (b"host", b"x-forwarded-host")]
+    named = b",".join(values).decode("latin-1").split(",", MOST_HOSTS)
     return [host.strip() for host in named if host.strip()]
 
 
 def serves(names: frozenset[str], host: str) -> bool:
-    """Return whether a server with these names answers for a Host header."""
+    """Whether a server with these names answers for a Host header."""
     name = name_of(host)
     return name is not None and (name in names or name.endswith(".localhost") or is_literal(name))
 
 
 class Proxies:
-    """The named proxies, whose X-Forwarded headers count; everybody else's are dropped.
+    """The named proxies, whose X-Forwarded headers count.
 
-    named       their addresses and networks, as text
-    public_url  says scheme and path prefix of what is asked for under its host, where no proxy does
+    Everybody else's are dropped.
+
+    Args:
+        named: Their addresses and networks, as text.
+        public_url: Says scheme and path prefix of what is asked for under its host, where no proxy
+            does.
     """
 
     def __init__(self, named: Sequence[str], public_url: str | None = None) -> None:
@@ -92,29 +100,31 @@ class Proxies:
         self._public = urlsplit(public_url or "")
 
     def scope_of(self, scope: Scope) -> Scope:
-        """Return a scope as the browser asked: its address, its scheme and its host.
+        """A scope as the browser asked: its address, its scheme and its host.
 
         The address is the last one in X-Forwarded-For that is no named proxy's. X-Forwarded-Host
         becomes the Host, and X-Forwarded-Prefix alone remains for handlers to read.
         """
-        kept = [each for each in scope["headers"] if each[0] not in _FORWARDED]
-        peer, asked = scope.get("client"), {**scope, "headers": kept}
+        headers = [header for header in scope["headers"] if header[0] not in _FORWARDED]
+        peer, asked = scope.get("client"), {**scope, "headers": headers}
         if peer is not None and peer[0] in self._named:
-            said = Headers(scope=scope)
-            if (scheme := said.get("x-forwarded-proto")) in ("http", "https", "ws", "wss"):
+            forwarded = Headers(scope=scope)
+            if (scheme := forwarded.get("x-forwarded-proto")) in ("http", "https", "ws", "wss"):
                 asked["scheme"] = _scheme_for(scope, scheme in ("https", "wss"))
-            addresses = ", ".join(said.getlist("x-forwarded-for"))
+            addresses = ", ".join(forwarded.getlist("x-forwarded-for"))
             if (came := self._named.get_trusted_client_address(addresses))[0]:
                 asked["client"] = came
-            if host := said.get("x-forwarded-host", "").partition(",")[0].strip():
-                kept[:] = [each for each in kept if each[0] != b"host"]
-                kept.append((b"host", host.encode("latin-1")))
-            if "x-forwarded-prefix" in said:
-                kept.append((b"x-forwarded-prefix", said["x-forwarded-prefix"].encode("latin-1")))
+            if host := forwarded.get("x-forwarded-host", "").partition(",")[0].strip():
+                headers[:] = [header for header in headers if header[0] != b"host"]
+                headers.append((b"host", host.encode("latin-1")))
+            if "x-forwarded-prefix" in forwarded:
+                headers.append(
+                    (b"x-forwarded-prefix", forwarded["x-forwarded-prefix"].encode("latin-1"))
+                )
         return self._as_public(asked)
 
     def _as_public(self, scope: Scope) -> Scope:
-        """Return a scope with the scheme and the prefix of the public address, if that is asked."""
+        """A scope with the public address's scheme and prefix, if that is asked."""
         headers = Headers(scope=scope)
         public = self._public
         if public.netloc and headers.get("host", "").lower() in (public.netloc, public.hostname):
@@ -130,16 +140,19 @@ def _scheme_for(scope: Scope, secure: bool) -> str:
 
 
 def client_address(connection: HTTPConnection) -> str:
-    """Return whose connection this is, for limits: the only thing a stranger cannot choose freely.
+    """Whose connection this is, for limits: the one thing no stranger chooses freely.
 
-    It is an IPv4 address, the /64 network of an IPv6 one, or UNKNOWN; behind a named proxy
-    (`serve --trusted-proxy`) that which the proxy reports.
+    It is an IPv4 address, the /64 network of an IPv6 one, or UNKNOWN; behind a named proxy (`serve
+    --trusted-proxy`) that which the proxy reports.
     """
     return network_of(connection.client.host if connection.client else "")
 
 
 def network_of(host: str) -> str:
-    """Return whose address this is: an IPv4 address, the /64 network of an IPv6 one, or UNKNOWN."""
+    """Whose address this is.
+
+    It is an IPv4 address, the /64 network of an IPv6 one, or UNKNOWN.
+    """
     try:
         address = ip_address(host.partition("%")[0])
     except ValueError:
@@ -153,5 +166,5 @@ def network_of(host: str) -> str:
 
 
 def is_secure(connection: HTTPConnection) -> bool:
-    """Return whether the browser speaks TLS, with us or with a named proxy before us."""
+    """Whether the browser speaks TLS, with us or with a named proxy before us."""
     return connection.scope["scheme"] in ("https", "wss")

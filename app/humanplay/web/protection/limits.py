@@ -41,7 +41,8 @@ TOKEN_HEADER = "x-humanplay-token"
 """The header that holds the operator's token, `limits.token`."""
 
 MOST_OTHER_FRAMES, OTHER_FRAMES_PER_SECOND = 100, 10.0
-"""Pings, pongs and parts of messages of one websocket that are read at once, and a second after that.
+"""Pings, pongs and parts of messages of one websocket that are read at once, and a second after
+that.
 
 Browsers send no pings of their own, and programs one in many seconds.
 """
@@ -64,14 +65,16 @@ ACTIONS = {
 }
 """The POST requests of each action, by the end of their path."""
 
-WHAT = {
+COUNTED = {
     "requests": "requests",
     "handshakes": "new sockets",
     "joins": "joins, answers and settings of a study",
     "sessions": "new boards",
     "episodes": "new episodes",
 }
-WHERE = {"address": "this network", "player": "this browser", "study": "this study"}
+"""What is counted -> what a refusal calls it."""
+OWNERS = {"address": "this network", "player": "this browser", "study": "this study"}
+"""Against whom it counts -> what a refusal calls them."""
 
 POLICY_VIOLATION = 1008
 """The close code (RFC 6455, section 7.4.1) of a socket that was sent too much."""
@@ -102,14 +105,22 @@ class TokenBucket:
         self._tokens, self._at_s = float(burst), clock_s()
 
     def take(self) -> float:
-        """Take a token and return 0, or take none and return for how many seconds it is missing."""
+        """Take a token, or none where one is missing.
+
+        Returns:
+            0, or for how many seconds it is missing.
+        """
         if (missing := 1.0 - self._refilled()) > 1e-9:
             return missing / self._rate
         self._tokens -= 1.0
         return 0.0
 
     def reserve(self) -> float:
-        """Take a token, also one that is missing, and return for how many seconds it is."""
+        """Take a token, also one that is missing.
+
+        Returns:
+            For how many seconds it is missing.
+        """
         self._tokens = self._refilled() - 1.0
         return max(0.0, -self._tokens / self._rate)
 
@@ -130,7 +141,10 @@ class TokenBucket:
 
 
 class Buckets:
-    """A bucket for each address or player, all of one size; those that are full are forgotten."""
+    """A bucket for each address or player, all of one size.
+
+    Those that are full are forgotten.
+    """
 
     def __init__(self, size: str) -> None:
         self._burst, self._rate = read_bucket(size)
@@ -142,8 +156,8 @@ class Buckets:
         bucket = self._buckets.get(key)
         if bucket is None:
             if len(self._buckets) >= self._most:
-                kept = {each: one for each, one in self._buckets.items() if not one.is_full}
-                self._buckets, self._most = kept, max(MAX_BUCKETS, 2 * len(kept))
+                used = {owner: one for owner, one in self._buckets.items() if not one.is_full}
+                self._buckets, self._most = used, max(MAX_BUCKETS, 2 * len(used))
             bucket = self._buckets[key] = TokenBucket(self._burst, self._rate)
         return bucket
 
@@ -160,7 +174,11 @@ class Asker:
     is_limited: bool
 
     def owners(self, study: str) -> tuple[Owner, ...]:
-        """Return against whom what is stored counts, on a board of a study or ("") on another."""
+        """Against whom what is stored counts.
+
+        Args:
+            study: Of the board; "" without one.
+        """
         player = _player_of(self.scope, PARTICIPANT_COOKIE if study else PLAYER_COOKIE)
         address = client_address(HTTPConnection(self.scope))
         place = ("study", study) if study else ("address", address)
@@ -172,9 +190,12 @@ ASKER: ContextVar[Asker | None] = ContextVar("asker", default=None)
 
 
 class BudgetedCharges(Charges):
-    """What was charged to each address, player and study, against their budgets for a day.
+    """What was charged to each owner, against their budgets for a day.
 
-    count_refusal  called where something may not begin
+    Owners are addresses, players and studies.
+
+    Args:
+        count_refusal: Called where something may not begin.
     """
 
     def __init__(
@@ -189,7 +210,11 @@ class BudgetedCharges(Charges):
         return () if asker is None else asker.owners(study)
 
     def check(self, study: str) -> None:
-        """Check that an episode may begin; RefusedRequestError (507 for a full disk, 429 for a full budget)."""
+        """Check that an episode may begin.
+
+        Raises:
+            RefusedRequestError: 507 for a full disk, 429 for a full budget.
+        """
         asker = ASKER.get()
         if asker is None or not asker.is_limited:
             return
@@ -207,7 +232,10 @@ class BudgetedCharges(Charges):
         return asker is not None and asker.is_limited and bool(self._full(asker.owners(study)))
 
     def largest(self, count: int = 3) -> list[dict[str, str | int]]:
-        """Return `kind`, `bytes` and `budget` of those with the most bytes, and a study's `name`; of nobody else."""
+        """Those with the most bytes: their `kind`, `bytes` and `budget`.
+
+        A study has its `name` as well, and nobody else.
+        """
         return [
             {
                 "kind": kind,
@@ -219,15 +247,17 @@ class BudgetedCharges(Charges):
         ]
 
     def most(self, kind: str) -> int:
-        """Return the bytes of the address, player or study that was charged most."""
+        """The bytes of the address, player or study that was charged most."""
         return max((size for (owner, _), size in self.today().items() if owner == kind), default=0)
 
     def _check_disk(self) -> None:
         free = self._limits.free_mb
         if shutil.disk_usage(self._folder).free < free * 1e6:
-            why = f"the server's disk has less than {free:g} MB left: what is open goes on"
-            way_out = "new boards begin once its operator has made room"
-            raise RefusedRequestError(507, f"{why}, and {way_out}")
+            raise RefusedRequestError(
+                507,
+                f"the server's disk has less than {free:g} MB left: what is open goes on, and "
+                "new boards begin once its operator has made room",
+            )
 
     def _full(self, owners: tuple[Owner, ...]) -> list[Owner]:
         charged = self.today()
@@ -236,7 +266,7 @@ class BudgetedCharges(Charges):
     def _refusal(self, kind: str) -> RefusedRequestError:
         return RefusedRequestError(
             429,
-            f"{WHERE[kind]} may store {self._budget(kind) / 1e6:.3g} MB a day, and all of it was stored or is charged to "
+            f"{OWNERS[kind]} may store {self._budget(kind) / 1e6:.3g} MB a day, and all of it was stored or is charged to "
             "boards that are open: these go on, and new ones begin when they have ended, or after midnight (UTC)",
             DAY_S - int(time.time()) % DAY_S,
         )
@@ -249,9 +279,11 @@ class BudgetedCharges(Charges):
 class Protection:
     """What one server counts of its clients; it lives as long as its app.
 
-    refusals    how often something was refused, by reason; `count` is called with each reason too
-    sockets     how many are open, but for those that came with the operator's token
-    charges     what was written for whom
+    Attributes:
+        refusals: How often something was refused, by reason; `count` is called with each reason
+            too.
+        sockets: How many are open, but for those that came with the operator's token.
+        charges: What was written for whom.
     """
 
     def __init__(
@@ -275,12 +307,16 @@ class Protection:
         self._count(reason)
 
     def has_token(self, scope: Scope) -> bool:
-        """Return whether the operator's token came with a request."""
-        given = Headers(scope=scope).get(TOKEN_HEADER, "").encode()
-        return bool(self._token) and hmac.compare_digest(given, self._token)
+        """Whether the operator's token came with a request."""
+        sent = Headers(scope=scope).get(TOKEN_HEADER, "").encode()
+        return bool(self._token) and hmac.compare_digest(sent, self._token)
 
     async def admit(self, scope: Scope) -> None:
-        """Count a request, and let it wait for its turn; RefusedRequestError (429) where it is one too many."""
+        """Count a request, and let it wait for its turn.
+
+        Raises:
+            RefusedRequestError: 429 where it is one too many.
+        """
         address = client_address(HTTPConnection(scope))
         key = f"{address} probes" if scope["path"] in PROBES else address
         self._take("requests", key)
@@ -294,11 +330,19 @@ class Protection:
                 self._take(action, player, "player")
 
     def check_episode(self, scope: Scope) -> None:
-        """Count an episode that begins by another call than the API's; RefusedRequestError (429) where it is one too many."""
+        """Count an episode that begins by another call than the API's.
+
+        Raises:
+            RefusedRequestError: 429 where it is one too many.
+        """
         self._take("episodes", client_address(HTTPConnection(scope)))
 
     def open_socket(self, address: str) -> None:
-        """Count a socket that opens; RefusedRequestError (503 or 429) where it is one too many."""
+        """Count a socket that opens.
+
+        Raises:
+            RefusedRequestError: 503 or 429 where it is one too many.
+        """
         most, most_of_one = self.limits.sockets, self.limits.sockets_per_address
         if self.sockets >= most or self._sockets_of[address] >= most_of_one:
             self.count_refusal("sockets")
@@ -320,17 +364,21 @@ class Protection:
         self.count_refusal("messages")
         self._buckets["handshakes_per_address"].of(address).owe(PENALTY)
 
-    def _take(self, what: str, key: str, by: str = "address") -> None:
-        buckets = self._buckets[f"{what}_per_{by}"]
+    def _take(self, action: str, key: str, by: str = "address") -> None:
+        buckets = self._buckets[f"{action}_per_{by}"]
         if missing_s := buckets.of(key).take():
-            self.count_refusal(f"rate_{what}")
+            self.count_refusal(f"rate_{action}")
             wait_s = math.ceil(missing_s)
-            many = f"too many {WHAT[what]} from {WHERE[by]} ({buckets.size} at most)"
-            raise RefusedRequestError(429, f"{many}: try again in {wait_s} s", wait_s)
+            raise RefusedRequestError(
+                429,
+                f"too many {COUNTED[action]} from {OWNERS[by]} ({buckets.size} at most): "
+                f"try again in {wait_s} s",
+                wait_s,
+            )
 
 
 def _action_of(scope: Scope) -> str | None:
-    """Return which action a request asks for; None for any other."""
+    """Which action a request asks for; None for any other."""
     path = scope["path"].rstrip("/")
     if scope["method"] != "POST" or (at := path.rfind("/api/")) < 0:
         return None
@@ -338,7 +386,10 @@ def _action_of(scope: Scope) -> str | None:
 
 
 def _player_of(scope: Scope, name: str) -> str | None:
-    """Return a digest of a cookie of that name as it came: whoever forges many is one address."""
+    """A digest of a cookie of that name as it came.
+
+    Whoever forges many is one address.
+    """
     cookie = HTTPConnection(scope).cookies.get(name + scope["app"].state.cookies)
     return None if cookie is None else hashlib.sha256(cookie.encode()).hexdigest()
 
@@ -348,7 +399,9 @@ class _SlowReaderError(Exception):
 
 
 class LimitedFrames:
-    """Reads a websocket's frames, but not more than a few that are no message: the app hears nothing of those.
+    """Reads a websocket's frames, but only a few that are no message.
+
+    The app hears nothing of those.
 
     Args:
         connection: Its `recv_frame` is called for each frame.
@@ -363,7 +416,8 @@ class LimitedFrames:
         """Read a frame.
 
         Raises:
-            ProtocolError: There were too many; the socket is being closed, and what came with it is discarded.
+            ProtocolError: There were too many; the socket is being closed, and what came with it is
+                discarded.
         """
         is_message = frame.fin and frame.opcode in (Opcode.TEXT, Opcode.BINARY)
         if not is_message and frame.opcode is not Opcode.CLOSE and self._bucket.take():
@@ -374,9 +428,12 @@ class LimitedFrames:
 
 
 class LimitedClients:
-    """Refuses requests and sockets that are too many, and ends those that come or are read too slowly.
+    """Refuses requests and sockets that are too many.
 
-    most_bytes  of a request's body; beyond, it is refused with 413
+    It ends those that come or are read too slowly.
+
+    Args:
+        most_bytes: Of a request's body; beyond, it is refused with 413.
     """
 
     def __init__(self, app: ASGIApp, *, protection: Protection, most_bytes: int) -> None:

@@ -1,4 +1,7 @@
-"""A replay as a file: a page, a picture, or an animation, GIF by Pillow and MP4 by PyAV where it is installed."""
+"""A replay as a file: a page, a picture, or an animation.
+
+GIFs are written by Pillow, and MP4s by PyAV where it is installed.
+"""
 
 from __future__ import annotations
 
@@ -28,11 +31,13 @@ MEDIA_TYPES: dict[Format, str] = {
     "html": "text/html; charset=utf-8", "gif": "image/gif", "mp4": "video/mp4", "png": "image/png",
 }  # fmt: skip
 MOST_PICTURES = 300
-"""Pictures of moves in an animation at most; of longer replays every second, third, ... move is drawn."""
+"""Pictures of moves in an animation at most; of longer replays every second, third, ... move is
+drawn."""
 MOST_LARGE_PICTURES = 125
 """A GIF of large boards has fewer: each move changes much of its picture."""
 FASTEST = 25.0
-"""Pictures per second at most: a GIF counts in hundredths of a second, and browsers slow down what is faster than 50."""
+"""Pictures per second at most: a GIF counts in hundredths of a second, and browsers slow down what
+is faster than 50."""
 LONGEST_S = 15.0
 """Seconds that an animation takes at most, unless a speed is asked for."""
 SPEED = 10.0
@@ -47,8 +52,8 @@ class VideoMissingError(RuntimeError):
 
 
 def offered() -> list[Format]:
-    """Return the formats that can be written here: a video where PyAV is installed."""
-    return [each for each in FORMATS if each != "mp4" or has_video()]
+    """The formats that can be written here: a video where PyAV is installed."""
+    return [form for form in FORMATS if form != "mp4" or has_video()]
 
 
 def file_of(
@@ -58,17 +63,22 @@ def file_of(
     speed: float | None = None,
     progress: Progress | None = None,
 ) -> bytes:
-    """Return a replay as a file; VideoMissingError where the format is not `offered`.
+    """A replay as a file.
 
-    courses   the episode's own, and that of a policy on the same terrain where there is to be one
-    speed     moves per second of an animation; None shows all of it within some seconds
-    progress  called with (pictures drawn, in all)
+    Args:
+        courses: The episode's own, and that of a policy on the same terrain where there is to be
+            one.
+        speed: Moves per second of an animation; None shows all of it within some seconds.
+        progress: Called with (pictures drawn, in all).
+
+    Raises:
+        VideoMissingError: If the format is not `offered`.
     """
-    own, *others = courses
+    course, *others = courses
     if form == "html":
-        return single_file(episode_id, own, others[0] if others else None).encode()
+        return single_file(episode_id, course, others[0] if others else None).encode()
     if form == "png":
-        return own.preview()
+        return course.preview()
     if form == "gif":
         return gif(courses, Timing.of(courses, speed, most_gif_pictures(courses)), progress)
     return mp4(courses, Timing.of(courses, speed), progress)
@@ -76,7 +86,10 @@ def file_of(
 
 @dataclass(frozen=True)
 class Timing:
-    """Which moves are drawn (the first and the last always), and how many pictures a second are shown."""
+    """Which moves are drawn, and how many pictures a second are shown.
+
+    The first and the last move are always drawn.
+    """
 
     steps: tuple[int, ...]
     rate: Fraction
@@ -85,9 +98,11 @@ class Timing:
     def of(
         cls, courses: Sequence[Course], speed: float | None = None, most: int = MOST_PICTURES
     ) -> Timing:
-        """Return the timing of courses at some moves per second; None shows all of it within LONGEST_S.
+        """The timing of courses at some moves per second.
 
-        most  pictures of moves, the last one besides
+        Args:
+            speed: Moves per second; None shows all of it within LONGEST_S.
+            most: Pictures of moves, the last one besides.
         """
         last = max(course.moves for course in courses)
         speed = speed or max(SPEED, last / LONGEST_S)
@@ -101,17 +116,20 @@ class Timing:
 
 
 def most_gif_pictures(courses: Sequence[Course]) -> int:
-    """Return how many pictures of moves a GIF of these courses has at most."""
+    """How many pictures of moves a GIF of these courses has at most."""
     return MOST_LARGE_PICTURES if courses[0].is_large else MOST_PICTURES
 
 
 def gif(courses: Sequence[Course], timing: Timing, progress: Progress | None = None) -> bytes:
-    """Return the animation as a GIF that begins again at its end; each picture holds what has changed."""
+    """The animation as a GIF that begins again at its end.
+
+    Each picture holds what has changed.
+    """
     drawn = courses[0].animation(courses[1:], is_large=False)
     last = timing.steps[-1]
     palette = _palette([drawn.at(step, step) for step in (0, last // 2, last)])
     drawings = _pictures(drawn, timing, progress)
-    pictures = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in drawings]
+    pictures = [drawing.quantize(palette=palette, dither=Image.Dither.NONE) for drawing in drawings]
     each_ms = round(100 / timing.rate) * 10
     buffer = io.BytesIO()
     pictures[0].save(
@@ -122,17 +140,22 @@ def gif(courses: Sequence[Course], timing: Timing, progress: Progress | None = N
 
 
 def has_video() -> bool:
-    """Return whether PyAV is installed."""
+    """Whether PyAV is installed."""
     return find_spec("av") is not None
 
 
 def mp4(courses: Sequence[Course], timing: Timing, progress: Progress | None = None) -> bytes:
-    """Return the animation as an MP4 (H.264); VideoMissingError without PyAV."""
+    """The animation as an MP4 (H.264).
+
+    Raises:
+        VideoMissingError: Without PyAV.
+    """
     try:
         import av
     except ModuleNotFoundError as error:
-        way_out = "pip install 'humanplay[video]'"
-        raise VideoMissingError(f"an MP4 needs the extra [video]: {way_out}") from error
+        raise VideoMissingError(
+            "an MP4 needs the extra [video]: pip install 'humanplay[video]'"
+        ) from error
     drawn = courses[0].animation(courses[1:], is_large=True)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "replay.mp4"
@@ -174,7 +197,7 @@ def _with_end_held(pictures: Iterator[Image.Image], count: int) -> Iterator[Imag
 
 
 def _palette(pictures: Sequence[Image.Image]) -> Image.Image:
-    """Return a picture with the colours that all pictures are drawn in."""
+    """A picture with the colours that all pictures are drawn in."""
     width, height = pictures[0].size
     together = Image.new("RGB", (width, height * len(pictures)))
     for number, picture in enumerate(pictures):

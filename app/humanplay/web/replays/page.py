@@ -1,8 +1,9 @@
-"""The page of a replay, from the template `static/replay/index.html`: as the server gives it, or whole in one file.
+"""The page of a replay, from the template `static/replay/index.html`.
 
-The file opens from a disk: it holds the page with its modules, styles and courses. A module cannot be imported from a file on a
-disk, so each one becomes a data URL, which the page's import map finds by name. The file's own Content-Security-Policy lets it
-load nothing else.
+It is as the server gives it, or whole in one file. The file opens from a disk: it holds the page
+with its modules, styles and courses. A module cannot be imported from a file on a disk, so each one
+becomes a data URL, which the page's import map finds by name. The file's own
+Content-Security-Policy lets it load nothing else.
 """
 
 from __future__ import annotations
@@ -37,12 +38,15 @@ def render(
     address: str | None = None,
     inlined: dict[str, object] | None = None,
 ) -> str:
-    """Return the HTML of a replay; `data` is what the page draws, `course` that of the episode itself.
+    """The HTML of a replay.
 
-    addresses  of the app's root and of the page's files
-    formats  in which the server gives the replay as a file
-    address  of the page, absolute, for whoever shows a preview of the link
-    inlined  what a page that stands in one file holds itself, see `_inlined`
+    Args:
+        data: What the page draws.
+        course: That of the episode itself.
+        addresses: Of the app's root and of the page's files.
+        formats: In which the server gives the replay as a file.
+        address: Of the page, absolute, for whoever shows a preview of the link.
+        inlined: What a page that stands in one file holds itself, see `_inlined`.
     """
     site = {**addresses, **templates.names_of(course.task), "address": address}
     text: str = templates.environment.get_template("replay/index.html").render(
@@ -59,7 +63,7 @@ def render(
 def document(
     episode_id: str, course: Course, ghosts: Sequence[str], preferred: str | None
 ) -> dict[str, object]:
-    """Return what the page of a replay reads; no seed, no player and no session is in it."""
+    """What the page of a replay reads; no seed, no player and no session is in it."""
     environment = environment_of(course.task)
     return {
         "episode": episode_id,
@@ -72,7 +76,7 @@ def document(
 
 
 def single_file(episode_id: str, course: Course, ghost: Course | None) -> str:
-    """Return the HTML of a replay that needs neither server nor network."""
+    """The HTML of a replay that needs neither server nor network."""
     name, shown = (None, None) if ghost is None else (ghost.name, ghost.to_dict())
     data = document(episode_id, course, [] if name is None else [name], name)
     return render({**data, "ghost": shown}, course, inlined=_inlined(course.task))
@@ -80,7 +84,10 @@ def single_file(episode_id: str, course: Course, ghost: Course | None) -> str:
 
 @lru_cache(maxsize=16)
 def _inlined(task: str) -> dict[str, object]:
-    """Return styles and the script that chooses their theme; modules by name and the icon, as data URLs."""
+    """What a page in one file holds: its styles, modules and icon.
+
+    The script that chooses the theme comes as text; modules by name and the icon come as data URLs.
+    """
     style = joined(STYLES, lambda name: (STATIC / name).read_bytes()).decode()
     icon = base64.b64encode((STATIC / "common" / "icon.svg").read_bytes()).decode()
     return {
@@ -93,7 +100,11 @@ def _inlined(task: str) -> dict[str, object]:
 
 
 def modules(entry: str, task: str) -> dict[str, str]:
-    """Return the text of a module, of a task's and of all that they import, by path below `static/`, by which they import."""
+    """The texts of a module, of a task's and of all that they import.
+
+    Returns:
+        By path below `static/`, by which they import.
+    """
     texts: dict[str, str] = {}
     of_task = f"task/{environment_of(task).assets}"
     waiting = [entry, f"{of_task}/index.js"]

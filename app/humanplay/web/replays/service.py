@@ -1,6 +1,7 @@
-"""The replays of a server: who asks for an episode gets its course, a policy's on the same terrain, and files of both.
+"""The replays of a server.
 
-What takes long is a job (`humanplay.jobs`); what was made lately is kept.
+Who asks for an episode gets its course, a policy's on the same terrain, and files of both. What
+takes long is a job (`humanplay.jobs`); what was made lately is kept.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ T = TypeVar("T")
 class Replay:
     """A finished episode that the asker may see, as a replay shows it.
 
-    ghosts  names of the policies that can be shown beside it; preferred is the one that is shown when none is chosen
+    Attributes:
+        ghosts: Names of the policies that can be shown beside it.
+        preferred: The one that is shown when none is chosen.
     """
 
     episode: ShownEpisode
@@ -50,9 +53,10 @@ class Replay:
 
 
 class Replays:
-    """Replays of one server; every call asks the database again whether the episode may be seen.
+    """Replays of one server.
 
-    `owner` is whose turn it is where something takes long.
+    Every call asks the database again whether the episode may be seen. `owner` is whose turn it is
+    where something takes long.
     """
 
     def __init__(
@@ -70,17 +74,19 @@ class Replays:
         self._replays: dict[Hashable, Replay] = {}
 
     async def has(self, episode_id: str, asker: Asker) -> bool:
-        """Return whether there is a replay of an episode for whoever asks."""
+        """Whether there is a replay of an episode for whoever asks."""
         try:
-            found = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
+            episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
         except UnknownReplayError:
             return False
-        return self._plays(found.trial.task)
+        return self._plays(episode.trial.task)
 
     async def replay(self, episode_id: str, asker: Asker, owner: str) -> Replay:
-        """Return the replay of an episode.
+        """The replay of an episode.
 
-        UnknownReplayError where the asker may see none, ValueError where the rules that it was played by are gone.
+        Raises:
+            UnknownReplayError: If the asker may see none.
+            ValueError: If the rules that it was played by are gone.
         """
         episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
         if not self._plays(task := episode.trial.task):
@@ -88,9 +94,10 @@ class Replays:
         return await self._replayer.run(owner, self._replay, episode)
 
     async def ghost(self, episode_id: str, name: str, asker: Asker, owner: str) -> Course:
-        """Return the course of a policy on the terrain of an episode.
+        """The course of a policy on the terrain of an episode.
 
-        GhostError, JobError and JobsFullError as well, see `replay`.
+        Raises:
+            GhostError: If it cannot play there; JobError and JobsFullError as well, see `replay`.
         """
         episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
         return await self._ghost(episode, name, owner)
@@ -98,11 +105,15 @@ class Replays:
     async def file(
         self, episode_id: str, form: Format, ghost: str | None, asker: Asker, owner: str
     ) -> bytes:
-        """Return a replay as a file, with a policy on the same terrain unless `ghost` is None; see `ghost`."""
+        """A replay as a file; see `ghost`.
+
+        Args:
+            ghost: A policy on the same terrain; None: without.
+        """
         shown = await self.replay(episode_id, asker, owner)
         key = ("replay", episode_id, shown.episode.trial.trajectory_hash, form, ghost)
-        if (kept := self._files.get(key)) is not None:
-            return kept
+        if (cached := self._files.get(key)) is not None:
+            return cached
         courses = [shown.course.renamed(shown.episode.name)]  # a file is for everybody
         if ghost is not None:
             courses.append(await self._ghost(shown.episode, ghost, owner))
@@ -111,49 +122,56 @@ class Replays:
         return _keep(self._files, MAX_FILES, key, content)
 
     async def challenge(self, episode_id: str, asker: Asker, owner: str) -> bytes:
-        """Return the picture of a challenge to an episode; see `replay`, JobError and JobsFullError as well."""
+        """The picture of a challenge to an episode.
+
+        Raises:
+            UnknownReplayError: See `replay`; JobError and JobsFullError as well.
+        """
         shown = await self.replay(episode_id, asker, owner)
         key = ("challenge", episode_id, shown.episode.trial.trajectory_hash)
-        if (kept := self._files.get(key)) is not None:
-            return kept
+        if (cached := self._files.get(key)) is not None:
+            return cached
         asked: Any = {"owner": owner, "key": key, "limit_s": LONGEST_S}
         content = await self._jobs.run(shown.course.preview, True, **asked)
         return _keep(self._files, MAX_FILES, key, content)
 
     def _plays(self, task: str) -> bool:
-        """Whether it is the server's task, or one whose episodes are drawn in the server's process."""
+        """Whether a task is the server's, or drawn in the server's process."""
         return task == self._task.name or environment_of(task).courses is not None
 
     def _replay(self, episode: ShownEpisode) -> Replay:
-        """Return a replay that is kept, or is made and kept: call it on the replayer's one thread."""
+        """A replay that is kept, or is made and kept.
+
+        Call it on the replayer's one thread.
+        """
         key = episode.id, episode.trial.trajectory_hash, episode.asker_name
-        if (kept := self._replays.get(key)) is not None:
-            return kept
+        if (cached := self._replays.get(key)) is not None:
+            return cached
         courses = courses_of(episode, self._task)
         try:
             course = courses.course_of(episode.asker_name, episode.record)
         except RunEndedError as error:
             raise ValueError(str(error)) from error
         ghosts = courses.choices(list(self._offers.values()), episode.trial.config)
-        found = Replay(episode, course, tuple(ghosts), courses.preferred(episode.name, ghosts))
-        return _keep(self._replays, MAX_FILES, key, found)
+        replay = Replay(episode, course, tuple(ghosts), courses.preferred(episode.name, ghosts))
+        return _keep(self._replays, MAX_FILES, key, replay)
 
     async def _ghost(self, episode: ShownEpisode, name: str, owner: str) -> Course:
         if name not in self._offers:
             raise GhostError(f"no policy {name!r}; choose one of: {', '.join(self._offers)}")
         trial = episode.trial
         key = ("ghost", name, trial.config.hash, trial.terrain, trial.start)
-        if (kept := self._courses.get(key)) is not None:
-            return kept
+        if (cached := self._courses.get(key)) is not None:
+            return cached
         record = await self._replayer.run(owner, lambda: episode.record)
         play, source = courses_of(episode).play_ghost, self._offers[name].source
         course = await self._jobs.run(play, source, record, owner=owner, key=key, limit_s=LONGEST_S)
         return _keep(self._courses, MAX_COURSES, key, course)
 
 
-def _keep(kept: dict[Hashable, T], most: int, key: Hashable, value: T) -> T:
+def _keep(cache: dict[Hashable, T], most: int, key: Hashable, value: T) -> T:
     """Keep a value in the place of the oldest one, and return it."""
-    kept[key] = value
-    if len(kept) > most:
-        del kept[next(iter(kept))]
+    cache[key] = value
+    if len(cache) > most:
+        del cache[next(iter(cache))]
     return value
