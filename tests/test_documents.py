@@ -17,6 +17,7 @@ import pytest
 from humanplay.cli.main import cli
 from humanplay.tasks.mars import cli as mars
 from marsexplorer.policies.files.card import of_paper, read_card, shipped
+from tests.support.browser import QUIET, chromium_path
 
 ROOT = Path(__file__).parents[1]
 _spec = importlib.util.spec_from_file_location("draw_tables", ROOT / "docs/draw_tables.py")
@@ -285,6 +286,29 @@ def test_the_site_builds_without_a_warning_and_asks_nobody_else(tmp_path):
         assert not re.findall(
             r'<(?:script|link rel="stylesheet")[^>]*(?:src|href)="https?:', text
         ), name
+    if chromium_path() is not None:
+        assert too_long_or_cut(tmp_path / "site") == []
+
+
+LONG_PX = 8_000
+CUT = "[...document.querySelectorAll('pre > code')].some(code => code.scrollWidth > code.clientWidth + 1)"
+
+
+def too_long_or_cut(site: Path) -> list[str]:
+    """The pages that are too long on a desk, but for the paper's, and those with code that is cut."""
+    from playwright.sync_api import sync_playwright
+
+    wrong = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium_path(), args=QUIET)
+        page = browser.new_page(viewport={"width": 1440, "height": 900})
+        for path in sorted(site.glob("*.html")):
+            page.goto(path.as_uri())
+            height = page.evaluate("document.documentElement.scrollHeight")
+            if page.evaluate(CUT) or (height > LONG_PX and not path.name.startswith("paper")):
+                wrong.append(f"{path.name}: {height}")
+        browser.close()
+    return wrong
 
 
 @pytest.mark.parametrize("page", draw_tables.PAGES)

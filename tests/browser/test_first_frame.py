@@ -58,3 +58,17 @@ def test_both_boards_stand_level_and_the_pad_goes_at_the_end(server, player, wid
     me.wait("window.frames_shown.at(-1) !== 'end'")
     boards = [shown for shown in me.page.evaluate("() => window.frames_shown") if shown != "end"]
     assert [(mine, theirs) for mine, theirs in boards if mine != theirs] == []
+
+
+LARGEST_NUMBERS = """() => {
+  const head = document.querySelector("[data-testid=board-player] .board-head");
+  head.querySelector("[data-part=steps]").textContent = "441";
+  head.querySelector("[data-part=coverage]").textContent = "99.9";
+  Object.assign(head.querySelector("[data-part=view]"), { hidden: false, textContent: "Matrix" });
+  return head.offsetHeight;
+}"""
+
+
+def test_the_players_head_is_one_row_on_the_narrowest_screen(server, player):
+    me = player(server, NO_3D, 320, 640, has_touch=True).goto()
+    assert me.page.evaluate(LARGEST_NUMBERS) <= 44
