@@ -37,6 +37,12 @@ COLUMNS: dict[ExportTable, tuple[str, ...]] = {
     "episodes": TABLES["episodes"].names("export"),
     "steps": TABLES["steps"].names("export"),
 }
+_DERIVED = tuple(
+    name
+    for name in COLUMNS["episodes"]
+    if name not in TABLES["episodes"].names() and isinstance(getattr(Trial, name, None), property)
+)
+"""Columns of episodes that no table holds: what a `Trial` says of itself under their names."""
 
 
 def new_key() -> bytes:
@@ -238,9 +244,8 @@ def _rows_of(
                 **row,
                 **common,
                 "terrain": f"x{trial.terrain.hex()}" if trial.terrain else "",
-                "coverage": trial.coverage,
+                **{name: getattr(trial, name) for name in _DERIVED},
                 "return": trial.total,
-                "steps_to_target": trial.steps_to_target,
                 "daily": trial.day,
                 "actions": " ".join(actions[step["action"]] for step in steps),
             }
