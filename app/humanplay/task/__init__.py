@@ -37,13 +37,6 @@ hash       SHA-256 (hex) of its canonical JSON
 to_dict()  the values that `Environment.configuration` takes
 """
 
-Record = Any
-"""The cause of an episode with what it came to, as `Run.record` returns it; the task's own type.
-
-config, seed, terrain, start, actions  as in a `Cause`, and the moves, one byte each
-outcome, total, score, steps, discovered, trajectory_hash, core_version  as the columns of those names
-"""
-
 
 GETTING_READY = "getting ready: this is compiled for this machine once, which takes some seconds"
 
@@ -196,6 +189,50 @@ Allowed = tuple[int, ...] | None
 def not_allowed(actions: Sequence[str], allowed: Sequence[int], action: int) -> str:
     """Say that an action cannot be chosen now, and which can."""
     return f"{actions[action]} cannot be chosen now: expected {', '.join(actions[code] for code in allowed)}"
+
+
+class Cause(Protocol):
+    """What fixes a stored episode before its first move, as far as a task must know it; `Trial` is one."""
+
+    @property
+    def config(self) -> Configuration:
+        """Return the configuration."""
+
+    @property
+    def seed(self) -> int | None:
+        """Return the seed of the instance, None for a given one."""
+
+    @property
+    def terrain(self) -> bytes:
+        """Return the instance, packed."""
+
+    @property
+    def start(self) -> tuple[int, int]:
+        """Return where the episode starts."""
+
+
+class Record(Cause, Protocol):
+    """The cause of an episode with what it came to, as `Run.record` returns it; replaying compares it.
+
+    actions  the moves, one byte each; the others as the columns of their names
+    """
+
+    @property
+    def actions(self) -> bytes: ...
+    @property
+    def outcome(self) -> str: ...
+    @property
+    def total(self) -> float: ...
+    @property
+    def score(self) -> float: ...
+    @property
+    def steps(self) -> int: ...
+    @property
+    def discovered(self) -> int: ...
+    @property
+    def trajectory_hash(self) -> str: ...
+    @property
+    def core_version(self) -> str: ...
 
 
 class View(Protocol):
@@ -371,26 +408,6 @@ class Choice:
     def is_chosen(self) -> bool:
         """Return whether it was named beforehand, so that it never counts."""
         return self.seed is not None or self.given is not None
-
-
-class Cause(Protocol):
-    """What fixes a stored episode before its first move, as far as a task must know it; `Trial` is one."""
-
-    @property
-    def config(self) -> Configuration:
-        """Return the configuration."""
-
-    @property
-    def seed(self) -> int | None:
-        """Return the seed of the instance, None for a given one."""
-
-    @property
-    def terrain(self) -> bytes:
-        """Return the instance, packed."""
-
-    @property
-    def start(self) -> tuple[int, int]:
-        """Return where the episode starts."""
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from humanplay.board.messages import NewBoard, NewEpisode, Sent
-from humanplay.task import About, Messages, Metric, Policies, Texts
-from humanplay.tasks.base import BaseEnvironment, EpisodeRecord
+from humanplay.task import About, Messages, Metric, Policies, Record, Texts
+from humanplay.tasks.base import BaseEnvironment, seed_of
 from humanplay.tasks.gymnasium.about import about, texts_of
 from humanplay.tasks.gymnasium.boards import BoardRun, Boards, boards_of, observations
 from humanplay.tasks.gymnasium.codes import ActionCodes
@@ -215,9 +215,9 @@ class GymnasiumEnvironment(BaseEnvironment):
         """Return a run after some actions, in a process of its own."""
         return BoardRun(self._boards, config, seed, actions, is_live=False)
 
-    def observations(self, record: EpisodeRecord) -> Sequence[object]:
+    def observations(self, record: Record) -> Sequence[object]:
         """What was seen before each move and after the last."""
-        return [*observations(self._boards, record.config, record.seed, record.actions)]
+        return [*observations(self._boards, record.config, seed_of(record), record.actions)]
 
 
 def environment(told: str) -> GymnasiumEnvironment:

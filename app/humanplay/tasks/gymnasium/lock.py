@@ -6,9 +6,9 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from humanplay.task import counted
+from humanplay.task import Record, counted
 from humanplay.task.registration import environment_of
-from humanplay.tasks.base import EpisodeRecord, give_up
+from humanplay.tasks.base import give_up, seed_of
 from humanplay.tasks.gymnasium.description import Description, canonical, spec_of
 from humanplay.tasks.gymnasium.doctor import examine
 from humanplay.tasks.gymnasium.run import GymnasiumConfig
@@ -44,12 +44,12 @@ class GymnasiumLock:
             way = "mend the environment or name a wrapper that does; `humanplay doctor` says more"
             raise ValueError(f"{found.verdict}; {way}")
 
-    def why_not_replayable(self, record: EpisodeRecord, rewards: Sequence[float]) -> str:
+    def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
         """Say how another version's episode, with its rewards, differs when it is played with what is here."""
         played = dict(package.rsplit(" ", 1) for package in record.core_version.split(", "))
         here = dict(package.rsplit(" ", 1) for package in self._description.versions.split(", "))
         said = f"cannot be simulated here: {', '.join(differences(played, here))}"
-        run = environment_of(self._task).run(record.config, record.seed)
+        run = environment_of(self._task).run(record.config, seed_of(record))
         for step, (action, reward) in enumerate(zip(record.actions, rewards, strict=True), 1):
             if run.ended or run.step(action) != reward:
                 return f"{said}; first difference at step {step}"

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from humanplay.task import PolicyOffer
+from humanplay.task import PolicyOffer, Record
 from humanplay.tasks.mars.course import Course, course_of, play_ghost, preferred
 from humanplay.tasks.mars.explanation import explain, unjudged
+from humanplay.tasks.mars.run import own_record
 from marsexplorer.config import EnvConfig
-from marsexplorer.episode import Record
 from marsexplorer.evaluation.cost import CostEstimator, check_judged
 from marsexplorer.evaluation.mistakes import MistakeKind
 
@@ -23,7 +23,7 @@ class MarsCourses:
 
     def course_of(self, name: str, record: Record) -> Course:
         """The course of a finished episode; ValueError if this version's rules cannot replay it."""
-        return course_of(name, record)
+        return course_of(name, own_record(record))
 
     def choices(self, offers: Sequence[PolicyOffer], config: EnvConfig) -> list[str]:
         """The names of the policies that play boards of this size."""
@@ -35,7 +35,7 @@ class MarsCourses:
 
     def play_ghost(self, source: str, record: Record) -> Course:
         """The course of a policy from the start of a record on its terrain; GhostError if it cannot be had."""
-        return play_ghost(source, record)
+        return play_ghost(source, own_record(record))
 
     def check_judged(self, config: EnvConfig) -> None:
         """Raise ValueError for large boards and maps, of which no move is judged."""
@@ -47,8 +47,8 @@ class MarsCourses:
 
     def explain(self, cache: Path, record: Record, source: str) -> dict[str, Any]:
         """What a page shows of an episode's costs; ValueError if it cannot be replayed."""
-        return explain(cache, record, source)
+        return explain(cache, own_record(record), source)
 
     def unjudged(self, record: Record, reason: str) -> dict[str, Any]:
         """The same where no move is judged."""
-        return unjudged(record, reason)
+        return unjudged(own_record(record), reason)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import marsexplorer  # noqa: F401  # registers the environment
+from humanplay import task
 from humanplay.task import About, Cause, Courses, Messages, Metric, Policies, Texts
 from humanplay.tasks.base import BaseEnvironment, ExactLock
 from humanplay.tasks.mars.about import ABOUT, texts_of
@@ -26,7 +27,7 @@ from humanplay.tasks.mars.messages import (
     NewEpisode,
     NewSession,
 )
-from humanplay.tasks.mars.run import MarsRun
+from humanplay.tasks.mars.run import MarsRun, own_record
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode, Record, replay, unpack_terrain
 from marsexplorer.episode import score as score_of
@@ -78,9 +79,9 @@ class MarsEnvironment(BaseEnvironment):
         given |= {"size": (config.rows, config.cols), "observation": "uint8"}
         return gymnasium.make("MarsExplorer-v0", **given, disable_env_checker=True)
 
-    def observations(self, record: Record) -> list[NDArray[np.uint8]]:
+    def observations(self, record: task.Record) -> list[NDArray[np.uint8]]:
         """Return what was seen before each move and after the last: uint8[rows, cols]."""
-        again = Episode.again(record)
+        again = Episode.again(own_record(record))
         found = [again.codes.copy()]
         for action in record.actions:
             again.step(action)
@@ -201,22 +202,21 @@ class MarsEnvironment(BaseEnvironment):
         outcome = "abandoned" if ended else "running"
         return self.replay_record(Record(*cause, actions, outcome, 0.0, 0, 0, ""))
 
-    def replay_record(self, record: Record) -> MarsRun:
+    def replay_record(self, record: task.Record) -> MarsRun:
         """Return the run of a record; ValueError where the core's version is another one."""
-        return MarsRun(replay(record))
+        return MarsRun(replay(own_record(record)))
 
-    def frames(self, record: Record, episode_id: str) -> list[dict[str, Any]]:
+    def frames(self, record: task.Record, episode_id: str) -> list[dict[str, Any]]:
         """Return the frames of a finished episode from its start to its end; on large boards only every so many."""
-        config = record.config
-        stride = max(1, -(-len(record.actions) * config.n // MAX_REPLAY_CELLS))
-        run = MarsRun(Episode.again(record))
+        stride = max(1, -(-len(record.actions) * record.config.n // MAX_REPLAY_CELLS))
+        run = MarsRun(Episode.again(own_record(record)))
         texts = [run.view().frame(episode_id)]
         for number, action in enumerate(record.actions, 1):
             run.step(action)
             if number % stride == 0 or number == len(record.actions):
                 texts.append(run.view().frame(episode_id))
         if record.outcome == "abandoned":
-            texts.append(MarsRun(replay(record)).view().frame(episode_id))
+            texts.append(self.replay_record(record).view().frame(episode_id))
         return [json.loads(each) for each in texts]
 
 

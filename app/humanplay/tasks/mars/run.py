@@ -11,10 +11,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from humanplay import task
 from humanplay.task import Allowed, SeenByAgent, counted
 from humanplay.tasks.mars.colours import data_url
 from marsexplorer.config import ACTIONS
-from marsexplorer.episode import Episode
+from marsexplorer.episode import Episode, Record
 from marsexplorer.warmup import step_once
 
 CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
@@ -39,6 +40,13 @@ def occupancy_codes(frame: Mapping[str, Any]) -> NDArray[np.uint8]:
 def _load_step() -> None:
     """Load what a move needs, or raise NotReadyError: a board moves on its event loop, where nothing may take long."""
     step_once()
+
+
+def own_record(record: task.Record) -> Record:
+    """A record as the core's own; TypeError for another task's."""
+    if not isinstance(record, Record):
+        raise TypeError(f"expected an episode of MarsExplorer's, got a {type(record).__name__}")
+    return record
 
 
 class MarsRun:
