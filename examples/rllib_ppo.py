@@ -1,10 +1,11 @@
-"""PPO of RLlib on MarsExplorer.
+"""PPO of RLlib on MarsExplorer, with the convolutions of Koutras et al. 2021.
 
     pip install ".[mars]" "ray[rllib]" torch
     python examples/rllib_ppo.py --steps 2000
 
-The network is RLlib's default one, and its input is the flattened state matrix. RLlib does not mask invalid moves by itself,
-so an untrained policy collides often. RLlib pins an older Gymnasium; the environment works with any from 1.0 on.
+The network's input is the state matrix with an axis of channels, float32[rows, cols, 1], as RLlib's convolutions take it.
+RLlib does not mask invalid moves by itself, so an untrained policy collides often. RLlib pins an older Gymnasium; the
+environment works with any from 1.0 on.
 """
 
 import argparse
@@ -13,14 +14,22 @@ import gymnasium
 import numpy as np
 import ray
 from ray.rllib.algorithms.ppo import PPOConfig
+from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 from ray.tune.registry import register_env
+
+NETWORK = DefaultModelConfig(
+    conv_filters=[[8, 3, 2], [16, 2, 2], [512, 6, 6]],  # channels, kernel, stride
+    conv_activation="relu",
+    head_fcnet_hiddens=[],
+)
+"""The sizes of the authors' `trainners/runners/PPO.py`: of 21x21 cells the last layer leaves one."""
 
 
 def make_env(given: dict) -> gymnasium.Env:
-    """Return one environment with a flat observation, float32[rows * cols]."""
+    """One environment whose observation has an axis of channels."""
     env = gymnasium.make("marsexplorer:MarsExplorer-v0", **given)
-    flat = gymnasium.spaces.Box(0.0, 1.0, (int(np.prod(env.observation_space.shape)),), np.float32)
-    return gymnasium.wrappers.TransformObservation(env, np.ravel, flat)
+    planes = gymnasium.spaces.Box(0.0, 1.0, (*env.observation_space.shape, 1), np.float32)
+    return gymnasium.wrappers.TransformObservation(env, lambda state: state[..., None], planes)
 
 
 def main() -> None:
@@ -41,6 +50,7 @@ def main() -> None:
         PPOConfig()
         .environment("MarsExplorer", env_config={"level": given.level, "size": given.size})
         .env_runners(num_env_runners=given.workers, num_envs_per_env_runner=8)
+        .rl_module(model_config=NETWORK)
         .training(train_batch_size_per_learner=1000, minibatch_size=250, num_epochs=3, lr=3e-4)
         .debugging(seed=given.seed, log_level="ERROR")
     )
