@@ -48,10 +48,10 @@ export function paintPeople(table, task, study) {
     const progress = person.stage === "warm_up" ? `warm-up ${warmUp} of ${study.warm_up}` : ranked === null ? "\u2013" : `${ranked} of ${study.ranked}`;
     const numbers = [person.mean_steps?.toFixed(1) ?? "\u2013", person.mean_score === null ? "\u2013" : score(person.mean_score)].map((text) => create("td", text, { class: "number" }));
     const cells = [create("th", [person.label, ...kind], { scope: "row" }), create("td", stageName(person.stage)), create("td", [...bar, progress]), ...numbers,
-      create("td", endings(task, person.outcomes)), create("td", flags(person, study.labels), { class: "flags" }), create("td", `${person.minutes} min`, { class: "number" })];
+      create("td", endings(task, person.outcomes)), create("td", flags(person, study.labels), { class: "flags" }), create("td", String(person.connections), { class: "number" }), create("td", `${person.minutes} min`, { class: "number" })];
     return create("tr", cells, { "data-testid": `person-${person.label}`, "data-quiet": String(person.is_quiet), "data-stage": person.stage });
   });
-  if (rows.length === 0) rows.push(create("tr", create("td", "Nobody has joined yet.", { colspan: "8" })));
+  if (rows.length === 0) rows.push(create("tr", create("td", "Nobody has joined yet.", { colspan: "9" })));
   table.tBodies[0].replaceChildren(...rows);
 }
 

@@ -172,6 +172,7 @@ declare namespace Admin {
   /** A data-quality flag, and how often it was set. */
   type LabelCount = {
     label: string,
+    /** 0 if it is of people, for the whole of their taking part */
     episodes: number,
     /** their labels */
     participants: string[],
@@ -241,6 +242,8 @@ declare namespace Admin {
     joined_ms: number,
     /** from joining to the newest sign */
     minutes: number,
+    /** loads of the page that have sent a key or what happened to the page */
+    connections: number,
     /** has not finished, and sent nothing for half an hour */
     is_quiet: boolean,
     /** stage at which they withdrew */

@@ -71,7 +71,8 @@ export function attention({ participants, labels }, health) {
   const unnamed = people.filter(({ repeated }) => repeated.includes(NO_ID));
   if (unnamed.length) found.push({ text: `${many(unnamed.length, "person", "people")} without an outside id`, detail: named(unnamed), isWarning: false });
   for (const { label, episodes, participants: who } of labels) {
-    found.push({ text: `\u201c${label}\u201d on ${many(episodes, "episode")}`, detail: who.slice(0, 6).join(", ") + (who.length > 6 ? " \u2026" : ""), isWarning: false });
+    const whose = episodes ? `on ${many(episodes, "episode")}` : `of ${many(who.length, "person", "people")}`;
+    found.push({ text: `\u201c${label}\u201d ${whose}`, detail: who.slice(0, 6).join(", ") + (who.length > 6 ? " \u2026" : ""), isWarning: false });
   }
   return found.sort((a, b) => Number(b.isWarning) - Number(a.isWarning));
 }

@@ -518,6 +518,13 @@ def event_summaries(reader: Reader, study: str) -> dict[str, EventSummary]:
     return {summary.participant_id: summary for summary in summaries}
 
 
+def page_loads(reader: Reader, study: str) -> dict[str, int]:
+    """Return how many loads of the page have sent input events, by participant."""
+    sql = """SELECT x.participant_id AS participant, count(DISTINCT l.load_id) AS loads FROM series_episodes x
+        JOIN page_loads l USING (episode_id) WHERE x.series = ? GROUP BY x.participant_id"""
+    return {row["participant"]: row["loads"] for row in reader.query(sql, [study])}
+
+
 def withdrawals(reader: Reader, study: str) -> list[StageEventRow]:
     """Return the stage events by which participants of a study withdrew."""
     return [StageEventRow(**row) for row in reader.query(_WITHDRAWALS, [study])]

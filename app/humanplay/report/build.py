@@ -41,6 +41,7 @@ from humanplay.report.statistics.exclusion_sets import (
     Everybody,
     MetricName,
     everybody_of,
+    flagged,
     members,
     people_of,
     scripts_of,
@@ -151,6 +152,10 @@ def _group(
         stages=dict(sorted(Counter(person.stage for person in cohort.people).items())),
         outcomes=dict(Counter(str(trial.outcome) for trial in trials)),
         labels=dict(Counter(label for trial in trials for label in trial.labels)),
+        flags={
+            words: len(people)
+            for words, people in flagged(cohort, everybody.reasons, protocol.flags).items()
+        },
         figures=study_figures(data, cohort, everybody),
         worst=worst,
         statuses=status_rows(data, cohort, everybody),

@@ -85,20 +85,25 @@ class PlayerRow:
 class GroupReport:
     """The people of a study, or one kind of script.
 
-    words       what the task calls its figures joined, started, finished   participants who joined,
-    began a ranked episode, ended all of them stages      participants by stage figures
-    estimates: per protocol, everybody, and those of the protocol's other exclusion sets worst
-    by metric the value of a terrain that counts at the lowest score; None where none is declared
-    statuses    everybody who came, by where they are left        began to play and have neither
-    finished nor are still expected to: withdrawn, or the study is closed outcomes    ranked
-    episodes by outcome; labels: ranked episodes by label deviations  from the protocol, a sentence
-    each cautions    what a reader must know before using the figure, a sentence each costs       of
-    the players' moves; None where they were not worked out no_costs    why no move of the study is
-    judged, a sentence; None where moves are first_attempts   as ARC-AGI-3 counts them; None for
-    scripts exposure    who met which ranked terrains when, a sentence; None for scripts flow
-    of the people through the study; None for scripts attestation what the server could attest; None
-    for scripts repeated    people who show a sign of taking part more than once, by sign pictures
-    curves and visit maps, empty where no episodes were replayed
+    words       what the task calls its figures
+    joined, started, finished   participants who joined, began a ranked episode, ended all of them
+    stages      participants by stage
+    figures     estimates: per protocol, everybody, and those of the protocol's other exclusion sets
+    worst       by metric the value of a terrain that counts at the lowest score; None where none is declared
+    statuses    everybody who came, by where they are
+    left        began to play and have neither finished nor are still expected to: withdrawn, or the study is closed
+    outcomes    ranked episodes by outcome; labels: ranked episodes by label
+    flags       of those who began, people of whom it does not hold, by what the protocol's `flags` ask for
+    deviations  from the protocol, a sentence each
+    cautions    what a reader must know before using the figure, a sentence each
+    costs       of the players' moves; None where they were not worked out
+    no_costs    why no move of the study is judged, a sentence; None where moves are
+    first_attempts   as ARC-AGI-3 counts them; None for scripts
+    exposure    who met which ranked terrains when, a sentence; None for scripts
+    flow        of the people through the study; None for scripts
+    attestation what the server could attest; None for scripts
+    repeated    people who show a sign of taking part more than once, by sign
+    pictures    curves and visit maps, empty where no episodes were replayed
     """
 
     name: str
@@ -111,6 +116,7 @@ class GroupReport:
     stages: dict[str, int]
     outcomes: dict[str, int]
     labels: dict[str, int]
+    flags: dict[str, int]
     figures: tuple[StudyFigure, ...]
     worst: dict[str, float | None]
     statuses: tuple[StatusRow, ...]

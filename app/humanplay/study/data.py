@@ -53,6 +53,7 @@ class Person:
     events        stage events in order
     invitation    whether an invitation brought them
     supervised    whether the operator's code was typed at least once
+    minutes       from consent to the end of the last ranked episode; None before
     repeated      signs that they take part more than once, in words (`humanplay.study.flow`); none is no proof
     """
 
@@ -67,6 +68,7 @@ class Person:
     events: tuple[StageEvent, ...] = field(default=(), repr=False)
     invitation: bool = False
     supervised: bool = False
+    minutes: float | None = None
     repeated: tuple[str, ...] = ()
 
 
@@ -232,6 +234,9 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
             events=tuple(events[row.id]),
             invitation=row.invitation is not None,
             supervised=row.supervised_ms is not None,
+            minutes=None
+            if row.completed_ms is None or row.consent_ms is None
+            else (row.completed_ms - row.consent_ms) / 60_000,
             repeated=repeated_reasons(
                 events[row.id], shares_invitation=used[row.invitation or ""] > 1
             ),

@@ -16,12 +16,14 @@ class Platform:
     ids     pattern of each ID that a link holds, by its parameter; the first one names the person
     query   what the platform's form asks for after the study's address
     back    the address to which a fixed code leads; empty where the operator gives whole addresses
+    least_screen_out  that a screen-out must be paid, by currency
     """
 
     title: str
     ids: dict[str, str] = field(default_factory=dict)
     query: str = ""
     back: str = ""
+    least_screen_out: dict[str, float] = field(default_factory=dict)
 
 
 _PROLIFIC_IDS = ("PROLIFIC_PID", "STUDY_ID", "SESSION_ID")
@@ -33,6 +35,7 @@ PLATFORMS: dict[PlatformName, Platform] = {
         dict.fromkeys(_PROLIFIC_IDS, "[0-9a-f]{24}"),
         query="?" + "&".join(f"{name}={{{{%{name}%}}}}" for name in _PROLIFIC_IDS),
         back="https://app.prolific.com/submissions/complete?cc={code}",
+        least_screen_out={"GBP": 0.10, "USD": 0.14},
     ),
     "sona": Platform("SONA", {"survey_code": "[0-9]{1,12}"}, query="?survey_code=%SURVEY_CODE%"),
     "connect": Platform("Connect", dict.fromkeys(_CONNECT_IDS, "[0-9A-Za-z-]{6,64}")),

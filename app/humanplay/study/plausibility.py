@@ -37,6 +37,9 @@ LABELS = {
 }
 """Every label with what it means; a task has labels of its own (`Environment.own_labels`)."""
 
+NO_ATTEMPT = "no attempt"
+OF_THE_INPUT = tuple(label for label in LABELS if label != NO_ATTEMPT)
+"""Labels that say nothing of how an episode went."""
 LATE = "late frames"
 """The label of an episode of which more frames came late than its protocol allows (`max_late`), where time runs."""
 

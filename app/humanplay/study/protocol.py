@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -46,6 +47,8 @@ Rule = Literal[
     "no_labels",
     "max_pause_share",
     "passed_practice",
+    "least_minutes",
+    "most_minutes",
 ]
 ExclusionRules = dict[Rule, StrictBool | float]
 PER_PROTOCOL = "protocol"
@@ -269,6 +272,7 @@ class Protocol(Part):
     debrief_policy       compared with the participant on the warm-up terrains; None: nothing is
     policy_hashes        SHA-256 (hex) of the policies' files, by name or path; freezing writes them
     exclusion            estimates by name with who enters them; `protocol`, the per-protocol one, is there in any case
+    flags                rules of which a break is a data-quality flag of a person, and leaves nobody out
     primary_metric       in which policies are tested against people, and the study is planned; the other one is descriptive
     fixed_terrains       whether the claim is about exactly these terrains, and not about others of their kind
     equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat;
@@ -323,6 +327,7 @@ class Protocol(Part):
     )
     policy_hashes: dict[str, str] = Field(default_factory=dict)
     exclusion: dict[str, ExclusionRules] = Field(default_factory=lambda: dict(EXCLUSION))
+    flags: ExclusionRules = Field(default_factory=dict)
     primary_metric: Literal["steps", "score"] = "steps"
     fixed_terrains: bool = False
     equivalence_margin: float | None = Field(default=None, gt=0, allow_inf_nan=False)
@@ -407,13 +412,12 @@ class Protocol(Part):
 
     @model_validator(mode="after")
     def _practice_is_of_the_warm_up(self) -> Protocol:
-        rules = [self.per_protocol, *self.exclusion.values()]
-        is_named = any(rule.get("passed_practice") for rule in rules)
+        is_named = any(rules.get("passed_practice") for rules in self._rule_sets())
         if self.practice is None:
             if is_named:
                 raise ValueError(
-                    "exclusion names passed_practice, but there is no practice to pass: give the protocol one, or take "
-                    "the rule out"
+                    "a rule is passed_practice, but there is no practice to pass: give the protocol one, or take the rule "
+                    "out"
                 )
             return self
         if self.practice.reach > self.warm_up:
@@ -422,8 +426,8 @@ class Protocol(Part):
             )
         if self.practice.then == "go_on" and not is_named:
             raise ValueError(
-                "practice.then is go_on, but no exclusion set has the rule passed_practice, so that failing it would mean "
-                "nothing: add the rule, or screen out"
+                "practice.then is go_on, but neither flags nor an exclusion set has the rule passed_practice, so that "
+                "failing it would mean nothing: add the rule, or screen out"
             )
         return self
 
@@ -434,6 +438,19 @@ class Protocol(Part):
         if not fields.get("lock"):
             fields.pop("lock", None)
         return fields
+
+    def _rule_sets(self) -> list[ExclusionRules]:
+        return [self.per_protocol, *self.exclusion.values(), self.flags]
+
+    @model_validator(mode="after")
+    def _minutes_leave_somebody(self) -> Protocol:
+        for rules in self._rule_sets():
+            least, most = rules.get("least_minutes", 0.0), rules.get("most_minutes", math.inf)
+            if isinstance(least, bool) or isinstance(most, bool) or not 0 <= least < most:
+                raise ValueError(
+                    f"least_minutes and most_minutes are numbers, the first one below the second, got {least} and {most}"
+                )
+        return self
 
     @property
     def per_protocol(self) -> ExclusionRules:

@@ -150,7 +150,7 @@ def test_synthetic_participants_are_screened_out_as_people_are(server, tmp_path)
         ({"practice": {"reach": 3}}, "practice.reach must be at most warm_up, 2, got 3"),
         (
             {"practice": {"reach": 1, "then": "go_on"}},
-            "no exclusion set has the rule passed_practice",
+            "neither flags nor an exclusion set has the rule",
         ),
         ({"exclusion": {"protocol": PASSED}}, "there is no practice to pass"),
     ],

@@ -223,6 +223,7 @@ def freeze(
     from humanplay.study.folder import BEGINNINGS, beginnings
     from humanplay.study.kept_out import keep_out
     from humanplay.study.protocol import PLANNED
+    from humanplay.study.screening import screening_cautions
 
     _check_database(database)
     idents = [] if excluded is None else _lines(excluded)
@@ -258,6 +259,8 @@ def freeze(
             "Caution: no lowest score is declared (`bounds` of the environment's file): there is no mean score of everybody "
             "who began, nobody who gives up is in the per-protocol estimate, and no difference in score is tested"
         )
+    for sentence in screening_cautions(found.protocol):
+        echo(f"Caution: {sentence}")
     echo(f"The study {name!r} is frozen. Publish this line before anybody plays:\n{hashes(found)}")
     echo(f"A running server offers it at once, at /study/{name}")
     if found.protocol.recruitment == "invitation":
@@ -426,6 +429,29 @@ def show(name: str, folder: Folder) -> None:
         if not found.is_open:
             echo(f"secret         {found.secret.hex()}")
     echo(json.dumps(protocol.model_dump(mode="json"), indent=2, ensure_ascii=False))
+
+
+@study.command(short_help="What a study lacks, and what speaks against it.")
+@argument("name")
+@STUDIES
+def check(name: str, folder: Folder) -> None:
+    """Print what a draft lacks, and what speaks against its paid screen-out.
+
+    \b
+    Example:
+      humanplay study check pilot
+    """
+    from humanplay.study.screening import screening_cautions
+
+    with study_errors():
+        protocol = folder.draft(name)
+    notes = [f"Caution: {sentence}" for sentence in screening_cautions(protocol)]
+    if unanswered := protocol.declarations.unanswered():
+        notes.insert(
+            0, f"Freezing needs what only you know, as declarations: {', '.join(unanswered)}"
+        )
+    for note in notes or [f"Nothing of what is checked speaks against {name!r}"]:
+        echo(note)
 
 
 @study.command("list", short_help="List all studies.")

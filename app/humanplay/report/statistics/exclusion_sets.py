@@ -9,12 +9,12 @@ and the limit. Scripts' tables are made by the same rules, their moves allowed.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from operator import attrgetter
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -392,25 +392,66 @@ def _played(trials: Sequence[Trial]) -> list[tuple[int, int, float, float, str]]
 
 
 def _enters(cohort: Cohort, person: Person, rules: Mapping[Rule, bool | float]) -> bool:
-    trials = cohort.ranked[person.id]
     if rules and is_flagged_throughout(cohort, person.id):
         return False
+    return next(broken(cohort, person, rules), None) is None
+
+
+def broken(cohort: Cohort, person: Person, rules: Mapping[Rule, bool | float]) -> Iterator[Rule]:
+    """Yield the rules that a person breaks."""
+    trials = cohort.ranked[person.id]
     # trials that a script touched or below the required level are not among them: a person with one does not have all
     whole = len({trial.terrain_index for trial in trials}) == cohort.terrains
     if rules.get("completed") and (
         person.completed_ms is None or not whole or _lacks_score(cohort, person.id)
     ):
-        return False
+        yield "completed"
     if rules.get("all_ranked_driver_human") and not whole:
-        return False
+        yield "all_ranked_driver_human"
     if given_up(cohort, person.id) > rules.get("most_given_up", 1.0):
-        return False
-    if rules.get("passed_practice") and person.id not in cohort.passed:
-        return False
+        yield "most_given_up"
     if rules.get("no_labels") and any(trial.labels for trial in trials):
-        return False
+        yield "no_labels"
     most = rules.get("max_pause_share")
-    return most is None or all(trial.pause_share <= float(most) for trial in trials)
+    if most is not None and any(trial.pause_share > float(most) for trial in trials):
+        yield "max_pause_share"
+    if rules.get("passed_practice") and person.id not in cohort.passed:
+        yield "passed_practice"
+    if person.minutes is not None and person.minutes < rules.get("least_minutes", 0.0):
+        yield "least_minutes"
+    if person.minutes is not None and person.minutes > rules.get("most_minutes", np.inf):
+        yield "most_minutes"
+
+
+OF_NO_EPISODE: tuple[Rule, ...] = ("passed_practice", "least_minutes", "most_minutes")
+"""Rules of which a break says nothing of a ranked episode: the operator of an open study sees it."""
+
+
+def flagged(
+    cohort: Cohort, people: Container[str], rules: Mapping[Rule, bool | float]
+) -> dict[str, list[str]]:
+    """Return which of some people break each rule, by what does not hold of them."""
+    ids: dict[str, list[str]] = {
+        _rule_text(rule, rules[rule]): [] for rule in get_args(Rule) if is_set(rules.get(rule))
+    }
+    for person in cohort.people:
+        if person.id in people:
+            for rule in broken(cohort, person, rules):
+                ids[_rule_text(rule, rules[rule])].append(person.id)
+    return ids
+
+
+def flagged_now(data: StudyData) -> dict[str, list[str]]:
+    """`flagged` of those who have finished, as the operator may see it now."""
+    people = [person for person in data.people if person.kind == "human" and person.completed_ms]
+    cohort, ids = _cohort(data, "people", "human", people), {person.id for person in people}
+    flags, protocol = data.protocol.flags, _of_no_episode(data.protocol.per_protocol)
+    shown = _of_no_episode(flags) if data.closed_ms is None else flags
+    return {**flagged(cohort, ids, protocol), **flagged(cohort, ids, shown)}
+
+
+def _of_no_episode(rules: Mapping[Rule, bool | float]) -> dict[Rule, bool | float]:
+    return {rule: bound for rule, bound in rules.items() if rule in OF_NO_EPISODE}
 
 
 def is_flagged_throughout(cohort: Cohort, participant: str) -> bool:
@@ -441,19 +482,34 @@ def _lacks_score(cohort: Cohort, participant: str) -> bool:
 
 def rule_in_words(rules: Mapping[Rule, bool | float]) -> str:
     """Who enters under a set's rules."""
-    words = []
-    if rules.get("passed_practice"):
-        words.append("passed the practice")
-    if rules.get("completed"):
-        words.append("ended every ranked episode")
-    if rules.get("all_ranked_driver_human"):
-        words.append("made every move of them")
-    if (most := rules.get("most_given_up")) is not None:
-        words.append(f"gave up at most {percent(float(most))} of them")
-    if rules.get("no_labels"):
-        words.append("no ranked episode carries a label")
-    if (most := rules.get("max_pause_share")) is not None:
-        words.append(f"none was paused for more than {percent(float(most))} of its time")
+    words = rules_in_words(rules)
     if words:
-        words.append("not every ranked episode carries a data-quality flag")
-    return "; ".join(words) or "everybody who finished a ranked episode"
+        return f"{words}; not every ranked episode carries a data-quality flag"
+    return "everybody who finished a ranked episode"
+
+
+def rules_in_words(rules: Mapping[Rule, bool | float]) -> str:
+    """What holds of whoever keeps to some rules; empty without any."""
+    return "; ".join(
+        _rule_text(rule, rules[rule]) for rule in get_args(Rule) if is_set(rules.get(rule))
+    )
+
+
+def is_set(bound: bool | float | None) -> bool:
+    """Whether a rule holds: some are true or false, the others have a bound."""
+    return bound is not None and bound is not False
+
+
+def _rule_text(rule: Rule, bound: bool | float) -> str:
+    """What holds of whoever keeps to a rule."""
+    texts: dict[Rule, str] = {
+        "completed": "ended every ranked episode",
+        "all_ranked_driver_human": "made every move of them",
+        "most_given_up": f"gave up at most {percent(float(bound))} of them",
+        "no_labels": "no ranked episode carries a label",
+        "max_pause_share": f"none was paused for more than {percent(float(bound))} of its time",
+        "passed_practice": "passed the practice",
+        "least_minutes": f"took at least {bound:g} minutes in all",
+        "most_minutes": f"took at most {bound:g} minutes in all",
+    }
+    return texts[rule]

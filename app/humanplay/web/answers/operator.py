@@ -147,6 +147,9 @@ class Participant(Answer):
     stage: Stage
     joined_ms: int = described("ms since 1970")
     minutes: int = described("from joining to the newest sign")
+    connections: int = described(
+        "loads of the page that have sent a key or what happened to the page"
+    )
     is_quiet: bool = described("has not finished, and sent nothing for half an hour")
     left_at: str | None = described("stage at which they withdrew")
     asks_erasure: bool
@@ -168,7 +171,7 @@ class LabelCount(Answer):
     """A data-quality flag, and how often it was set."""
 
     label: str
-    episodes: int
+    episodes: int = described("0 if it is of people, for the whole of their taking part")
     participants: list[str] = described("their labels")
 
 

@@ -20,11 +20,13 @@ from humanplay.db.reader import Reader
 from humanplay.db.rows import StageEvent
 from humanplay.db.study_rows import Stage, participant_label
 from humanplay.db.trial import Trial
+from humanplay.report.statistics.exclusion_sets import flagged_now
 from humanplay.report.statistics.study_figures import live_figure
 from humanplay.study.data import load
 from humanplay.study.flow import REPEATED_JOIN, repeated_reasons
 from humanplay.study.folder import Study
 from humanplay.study.invitations import Invitations, state_of, token_of, uses_of
+from humanplay.study.plausibility import OF_THE_INPUT
 from humanplay.study.protocol import StudyError
 from humanplay.study.recruitment import code_of, valid_until_ms
 from humanplay.web.answers import operator as answers
@@ -45,7 +47,7 @@ def list_participants(
     trials = defaultdict[str, list[Trial]](list)
     for trial in series.trial_activity(reader, study):
         trials[trial.participant].append(trial)
-    events = series.event_summaries(reader, study)
+    events, loads = series.event_summaries(reader, study), series.page_loads(reader, study)
     gone = series.withdrawals(reader, study)
     left = {event.participant_id: event.event().detail for event in gone}
     signs = defaultdict[str, list[StageEvent]](list)
@@ -70,6 +72,7 @@ def list_participants(
                 stage=person.stage,
                 joined_ms=person.joined_ms,
                 minutes=(last_ms - person.joined_ms) // 60_000,
+                connections=loads.get(person.id, 0),
                 is_quiet=is_under_way and now_ms - last_ms > QUIET_MS,
                 left_at=left.get(person.id, {}).get("from"),
                 asks_erasure=left.get(person.id, {}).get("erase", False),
@@ -134,12 +137,13 @@ class LiveFigures:
         except StudyError:  # nobody has joined
             return answers.LiveFigures(figure=None, labels=[])
         people = {person.id for person in data.people if person.kind == "human"}
-        trials = [
-            trial
+        labels = [
+            (label, trial.participant)
             for trial in data.trials
-            if trial.participant in people and (trial.phase != "ranked" or data.closed_ms)
+            if trial.participant in people
+            for label in trial.labels
+            if trial.phase != "ranked" or data.closed_ms or label in OF_THE_INPUT
         ]
-        labels = [(name, trial.participant) for trial in trials for name in trial.labels]
         by_label: list[answers.LabelCount] = []
         for label, number in Counter(name for name, _ in labels).most_common():
             ids = {participant for name, participant in labels if name == label}
@@ -147,6 +151,15 @@ class LiveFigures:
             by_label.append(
                 answers.LabelCount(label=label, episodes=number, participants=people_in_words)
             )
+        by_label += [
+            answers.LabelCount(
+                label=f"not so: {words}",
+                episodes=0,
+                participants=sorted(map(participant_label, ids)),
+            )
+            for words, ids in flagged_now(data).items()
+            if ids
+        ]
         figure = answers.LiveFigure.model_validate(live_figure(data))
         return answers.LiveFigures(figure=figure, labels=by_label)
 

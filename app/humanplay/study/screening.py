@@ -1,0 +1,52 @@
+"""Whoever is screened out and paid for it: not too late, and not too little."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from humanplay.study.outcome import BEFORE_CONSENT, OUTCOME_IN_WORDS, Outcome
+from humanplay.study.platforms import PLATFORMS
+from humanplay.study.protocol import Protocol
+
+BEFORE_PRACTICE_MIN = 5.0
+"""Minutes that consent, instructions, tutorial and questions take, roughly."""
+LATEST_SHARE = 1 / 5
+"""Share of the minutes in all after which nobody is to be screened out."""
+
+
+def minutes_in_all(protocol: Protocol) -> float:
+    """The minutes that whoever finishes needs, roughly."""
+    each_min = protocol.environment.texts(protocol.env_config).minutes
+    return BEFORE_PRACTICE_MIN + each_min * (protocol.warm_up + protocol.ranked)
+
+
+def _latest_min(protocol: Protocol, outcome: Outcome) -> float:
+    """After how many minutes somebody may still come to an outcome."""
+    if outcome in BEFORE_CONSENT:
+        return 0.0
+    if outcome is Outcome.FAILED_QUESTIONS:
+        return BEFORE_PRACTICE_MIN
+    if outcome is Outcome.FAILED_PRACTICE:
+        each_min = protocol.environment.texts(protocol.env_config).minutes
+        return BEFORE_PRACTICE_MIN + each_min * protocol.most_warm_up
+    return minutes_in_all(protocol)
+
+
+def screening_cautions(protocol: Protocol) -> Iterator[str]:
+    """Yield what speaks against the paid screen-out of a protocol, a sentence each."""
+    payment = protocol.payment
+    if payment is None or payment.screen_out is None:
+        return
+    outcome, platform = payment.screen_out, PLATFORMS[protocol.platform]
+    whole_min, latest_min = minutes_in_all(protocol), _latest_min(protocol, outcome)
+    if latest_min > LATEST_SHARE * whole_min:
+        yield (
+            f"the paid screen-out {outcome} ({OUTCOME_IN_WORDS[outcome]}) can come after {latest_min:.0f} of about "
+            f"{whole_min:.0f} minutes, and should within a fifth of them: ask for less before it, or let people go on"
+        )
+    least, paid = platform.least_screen_out.get(payment.currency, 0.0), payment.outcomes[outcome]
+    if paid < least:
+        yield (
+            f"the paid screen-out {outcome} gets {paid:.2f} {payment.currency}, and {platform.title} asks for at least "
+            f"{least:.2f}: raise its amount in outcomes"
+        )

@@ -1,0 +1,121 @@
+"""Quality rules fixed beforehand: who is left out, who is flagged, what is seen."""
+
+import pytest
+
+from humanplay.report.build import build
+from humanplay.report.page import render
+from humanplay.study.data import load
+from humanplay.study.folder import Folder
+from humanplay.study.protocol import EXCLUSION, PER_PROTOCOL, StudyError, default_protocol
+from marsexplorer.config import EnvConfig
+from tests.support.command import command
+from tests.support.recorded import alter
+from tests.support.servers import eventually
+from tests.support.study import Person, freeze
+
+LEAST = {**EXCLUSION[PER_PROTOCOL], "least_minutes": 20}
+FLAGS = {"most_minutes": 90, "most_given_up": 0.4}
+PASSWORD = "a password of the operator"
+
+
+def finishes(server, minutes, gives_up=0):
+    """Somebody who takes so many minutes from consent to the last ranked episode."""
+    person = Person(server)
+    person.to_warm_up()
+    person.play_on(until=("ranked",))
+    for _ in range(gives_up):
+        person.call("next")
+        person.call("give-up", {"episode": person.frame["episode"], "step": 0})
+    person.play_on()
+    newest = "SELECT max(completed_ms) FROM participants"
+    earlier = f"UPDATE participants SET consent_ms = completed_ms - {60_000 * minutes}"
+    assert alter(server.services.store.path, f"{earlier} WHERE completed_ms = ({newest})") == 1
+    return person.where["participant"]
+
+
+@pytest.fixture
+def played(serve, tmp_path):
+    """A server and three people: too fast, as asked, and too slow."""
+    freeze(tmp_path / "playground.db-studies", exclusion={PER_PROTOCOL: LEAST}, flags=FLAGS)
+    server = serve(admin_password=PASSWORD)
+    labels = finishes(server, 10), finishes(server, 30), finishes(server, 100, gives_up=1)
+    return server, labels
+
+
+def test_minutes_take_out_of_the_estimate_and_flags_leave_nobody_out(played, tmp_path, capsys):
+    server, _ = played
+    database = "--database", tmp_path / "playground.db"
+    assert command(capsys, "study", "close", "small", "--yes", "--now", *database)[0] == 0
+    server.stop()
+    report = build(load(tmp_path / "playground.db", "small"))
+    (group,) = report.groups
+    assert (group.figure.players, group.everybody.players) == (2, 3)
+    assert "took at least 20 minutes in all" in group.figure.rule
+    assert {row.status: row.people for row in group.statuses} == {"finished": 2, "excluded": 1}
+    assert group.flags == {
+        "took at most 90 minutes in all": 1,
+        "gave up at most 40 % of them": 0,
+    }
+    flags = "gave up at most 40 % of them 0, took at most 90 minutes in all 1."
+    assert (
+        f"Data-quality flags that were fixed beforehand; people who began, of whom it does not hold: {flags}"
+        in render(report)
+    )
+
+
+def test_the_operator_of_an_open_study_sees_flags_of_people_and_nothing_of_an_episode(played):
+    server, (fast, _, slow) = played
+    client = server.client(headers={"Origin": server.url})
+    assert client.post("/api/admin/login", json={"password": PASSWORD}).status_code == 200
+    url = "/api/admin/studies/small"
+    study = eventually(lambda: (now := client.get(url).json())["figure"] and now)
+    labels = {label["label"]: label["participants"] for label in study["labels"]}
+    assert labels["not so: took at least 20 minutes in all"] == [fast]
+    assert labels["not so: took at most 90 minutes in all"] == [slow]
+    assert not any("gave up" in label for label in labels)
+    episodes = {label["label"]: label["episodes"] for label in study["labels"]}
+    assert episodes["no attempt"] == 3, "the tutorials, and not the ranked episode"
+    people = {person["label"]: person for person in study["participants"]}
+    assert people[fast]["connections"] >= 1
+    hidden = {"ranked": None, "mean_score": None, "mean_steps": None, "outcomes": {}}
+    assert {name: people[slow][name] for name in hidden} == hidden
+
+
+@pytest.mark.parametrize("flags", [{"least_minutes": 9, "most_minutes": 9}, {"most_minutes": True}])
+def test_minutes_that_leave_nobody_are_refused(tmp_path, flags):
+    with pytest.raises(StudyError, match="least_minutes and most_minutes are numbers"):
+        freeze(tmp_path, flags=flags)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "amount", "sentences"),
+    [
+        ("unfit_device", 0.1, []),
+        ("unfit_device", 0.05, ["gets 0.05 GBP, and Prolific asks for at least 0.10"]),
+        ("failed_questions", 0.5, []),
+        ("failed_practice", 0.5, ["can come after 28 of about 39 minutes"]),
+        ("withdrew", 0.05, ["can come after 39 of about 39 minutes", "gets 0.05 GBP"]),
+    ],
+)
+def test_a_screen_out_that_comes_late_or_is_paid_too_little_is_warned_of(
+    tmp_path, capsys, outcome, amount, sentences
+):
+    paid = {"currency": "GBP", "outcomes": {outcome: amount}, "screen_out": outcome}
+    folder = Folder(tmp_path / "playground.db-studies")
+    folder.create(
+        default_protocol(
+            "pilot",
+            EnvConfig.of("random", 21),
+            platform="prolific",
+            recruitment="panel",
+            practice={"reach": 10},
+            payment=paid,
+        )
+    )
+    database = "--database", tmp_path / "playground.db"
+    code, text, _ = command(capsys, "study", "check", "pilot", *database)
+    cautions = [line for line in text.splitlines() if line.startswith("Caution: ")]
+    assert (code, len(cautions)) == (0, len(sentences)), text
+    for caution, sentence in zip(cautions, sentences, strict=True):
+        assert sentence in caution
+    assert "Freezing needs what only you know" in text
