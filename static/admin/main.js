@@ -83,6 +83,7 @@ function paint() {
   by("live-count").textContent = boards.length === 0 ? "nobody plays at this moment" : boards.length > MAX_BOARDS ? `${MAX_BOARDS} of ${boards.length}` : String(boards.length);
   tables.paintHealth(by("health"), overview.health, overview.now_ms);
   if (by("health").querySelector("[data-tone=warn]")) by("health-part").setAttribute("open", "");
+  tables.paintFailures(by("failures"), overview);
   tables.paintNames(by("names", HTMLTableElement), overview, (name, hidden) => run(() => request("admin/names", { name, hidden })));
   if (study) paintStudy(study, state.task, overview);
 }

@@ -101,6 +101,19 @@ export function paintExport(place, text, state, study) {
   place.replaceChildren(`${text} `, ...links);
 }
 
+/** @param {HTMLElement} list @param {Admin.Overview} overview */
+export function paintFailures(list, { failures, now_ms }) {
+  /** @type {HTMLElement} */ (list.closest("section")).hidden = failures.length === 0;
+  const key = JSON.stringify(failures);
+  if (list.dataset.shown === key) return; // one that is read stays open
+  list.dataset.shown = key;
+  list.replaceChildren(...failures.map(({ episode, ended_ms: at_ms, seed, report }) => {
+    const [line, ...trace] = report.split("\n");
+    const place = `Episode ${episode}, ${seed === null ? "a seed that is secret until the study closes" : `seed ${seed}`}, ${ago(now_ms - at_ms)}`;
+    return create("details", [create("summary", line), create("p", place, { class: "fine" }), create("pre", trace.join("\n"), { tabindex: "0" })]);
+  }));
+}
+
 /** @param {HTMLTableElement} table @param {Admin.Overview} overview @param {(name: string, hidden: boolean) => void} onHide */
 export function paintNames(table, { names, now_ms }, onHide) {
   const key = JSON.stringify(names);

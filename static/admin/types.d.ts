@@ -123,6 +123,16 @@ declare namespace Admin {
     report: Export | null,
     release: Export | null,
   };
+  /** What an environment raised at the move that ended an episode. */
+  type Failure = {
+    episode: string,
+    /** ms since 1970 */
+    ended_ms: number,
+    /** of the instance; null while a study keeps it secret */
+    seed: number | null,
+    /** step, action, error and traceback */
+    report: string,
+  };
   /** A study in the server's folder, drafts and broken ones too. */
   type FolderStudy = {
     name: string,
@@ -226,6 +236,8 @@ declare namespace Admin {
     health: ServerHealth,
     /** the newest first */
     names: ChosenName[],
+    /** of environments, the newest first */
+    failures: Failure[],
     /** the server's time, ms since 1970 */
     now_ms: number,
   };

@@ -107,3 +107,19 @@ for reason in REASONS:
             kwargs={"reason": reason, "odd": kind == "Odd"},
             max_episode_steps=1500 if reason == "late" else 30,
         )  # fmt: skip
+
+
+class HeedsMakeAlone(Walk):
+    """Draws from the seed that it was made with, and heeds that of `reset` no more."""
+
+    def __init__(self, seed=None, render_mode=None):
+        super().__init__("made", False, render_mode)
+        self.own = np.random.default_rng(seed)
+
+    def reset(self, *, seed=None, options=None):
+        gymnasium.Env.reset(self, seed=int(self.own.integers(2**31)))
+        self.steps, self.place = 0, float(self.np_random.integers(100))
+        return np.array([self.place]), {}
+
+
+gymnasium.register("Heeds-make-alone-v0", HeedsMakeAlone, max_episode_steps=30)

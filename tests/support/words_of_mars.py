@@ -1,4 +1,4 @@
-"""Words of MarsExplorer's world, which nothing says that another environment produces."""
+"""Words of MarsExplorer's world, which no other environment's output says."""
 
 import re
 

@@ -427,7 +427,8 @@ class Session:
         try:
             reward, view = await self._stepped(run, move.action)
         except RunEndedError as failure:
-            await self._end_here(run)
+            note = partial(self._store.note_failure, current.id, failure.report)
+            await self._end_here(run, note)
             raise RefusedError(str(failure)) from failure
         row = self._step_row(move, reward, view.discovered, at_ms)
         ending = await self.inputs.prepare_end(current, run, row) if view.ended else None

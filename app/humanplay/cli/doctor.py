@@ -25,6 +25,8 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
 COLUMNS = (
     "environment", "follows from seed and actions", "ms a step", "ms a picture", "picture", "keys", "people see", "agents see",
 )  # fmt: skip
+WORTH_SAYING_S = 60.0
+"""Seconds from which an examination's time is said before it begins."""
 MOST_KEYS = 9
 """Actions whose keys a row of the table names; of more only how many there are."""
 
@@ -122,7 +124,7 @@ def doctor(
             echo(_description_file(task), nl=False)
             return 0
         with progress("playing in fresh processes") as advance:
-            examination = examine(task, seeds, steps, advance, rule=rule)
+            examination = examine(task, seeds, steps, advance, rule=rule, estimated=_echo_estimate)
     except ValueError as error:
         raise UsageError(str(error)) from error
     if as_json:
@@ -146,6 +148,15 @@ def doctor(
     for action, keys in examination.keys.items():
         echo(f"  {action}: {', '.join(keys) or 'no key'}")
     return int(bool(examination.differences))
+
+
+def _echo_estimate(seconds: float) -> None:
+    """Say how long it will take, if that is worth saying."""
+    if seconds > WORTH_SAYING_S:
+        echo(
+            f"this takes about {counted(round(seconds / 60), 'minute')}; fewer --steps take less",
+            err=True,
+        )
 
 
 def _description_file(task: str) -> str:

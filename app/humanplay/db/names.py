@@ -120,7 +120,7 @@ INVITED = "invited"
 
 
 def invited(conn: sqlite3.Connection, number: int) -> str | None:
-    """The id of the player whose link has a number; None before there is one, and for one who was erased."""
+    """The id of the player whose link has a number; None if there is none."""
     sql = "SELECT p.id FROM meta m JOIN players p ON p.id = m.value WHERE m.name = ?"
     row = conn.execute(sql, [f"{INVITED}|{number}"]).fetchone()
     return None if row is None else str(row[0])

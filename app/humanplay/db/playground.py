@@ -91,7 +91,7 @@ class LeftOut:
 
 
 def left_out_plays(reader: Reader, task: str) -> LeftOut:
-    """Count the ended episodes of a task that people played alone and that do not count."""
+    """Count what people alone played of a task and what does not count."""
     sql = """SELECT coalesce(sum(is_repeated), 0) AS repeated,
         coalesce(sum(NOT is_repeated AND driver = 'script'), 0) AS by_program,
         coalesce(sum(NOT is_repeated AND attestation IS 'unattested'), 0) AS unattested

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from humanplay.db.database import SqlValue, StoreError, open_read_only
 from humanplay.db.file import hold
-from humanplay.db.rows import CountedEpisode, MoveRow
+from humanplay.db.rows import CountedEpisode, FailureRow, MoveRow
 from humanplay.db.study_rows import SeriesRow
 from humanplay.db.trial import Trial
 from humanplay.task import Configuration, Record
@@ -171,6 +171,15 @@ class Reader:
         sql = f"{self._select}{_FILTER[who]}{driven} ORDER BY e.started_ms, e.id"
         episodes: Iterator[Any] = self._db.query(sql, values)
         return episodes
+
+    def newest_failures(self, most: int) -> list[FailureRow]:
+        """What environments raised, the newest first; no seed that is secret."""
+        sql = """SELECT e.id AS episode, e.ended_ms, e.failure AS report,
+            CASE WHEN s.name IS NULL OR s.secret IS NOT NULL THEN e.seed END AS seed
+            FROM episodes e LEFT JOIN series_episodes x ON x.episode_id = e.id
+            LEFT JOIN series s ON s.name = x.series
+            WHERE e.failure IS NOT NULL ORDER BY e.ended_ms DESC, e.id LIMIT ?"""
+        return self.query(sql, [most])
 
     def newest_counted(self, config_hash: str, most: int) -> list[Trial]:
         """The newest counted episodes of a configuration, oldest first."""

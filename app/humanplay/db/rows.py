@@ -68,6 +68,7 @@ class EpisodeRow(TypedDict):
     started_ms: int
     ended_ms: int | None
     outcome: str | None
+    failure: str | None
     steps: int | None
     discovered: int | None
     total: float | None
@@ -102,6 +103,15 @@ class EndedEpisode(EpisodeRow):
     """An episode that has ended, with what moves its session."""
 
     control: str | None
+
+
+class FailureRow(TypedDict):
+    """What an environment raised in an episode; no seed while it is secret."""
+
+    episode: str
+    ended_ms: int
+    seed: int | None
+    report: str
 
 
 class EventRow(TypedDict):

@@ -847,6 +847,11 @@ class Store(Reader):
                 (mode, moves_per_second, session_id),
             )
 
+    def note_failure(self, episode_id: str, report: str) -> None:
+        """Keep what the environment raised in an episode; call it in a transaction."""
+        sql = "UPDATE episodes SET failure = ? WHERE id = ?"
+        self._conn.execute(sql, [report, episode_id])
+
     def next_episode(self, closing: Sequence[Closing], rows: Sequence[Trial]) -> list[Trial]:
         """Close episodes and open the next ones, all of it or nothing.
 

@@ -66,6 +66,7 @@ class Trial:
     terrain_met_before: bool = False
     ended_ms: int | None = None
     outcome: str | None = None
+    failure: str | None = field(default=None, repr=False, compare=False)
     steps: int | None = None
     discovered: int | None = None
     total: float | None = None

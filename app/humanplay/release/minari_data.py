@@ -93,7 +93,7 @@ class MinariWriter:
 
     def _create(self, driver: str, row: TableRow, config: Configuration, buffers: list[Any]) -> Any:
         licence = self._header.protocol.data_licence
-        with _datasets_in(self._root):
+        with datasets_in(self._root):
             return _created(
                 self._minari,
                 dataset_id(self._header, driver),
@@ -226,7 +226,7 @@ def _metadata(row: TableRow) -> dict[str, object]:
 
 
 @contextmanager
-def _datasets_in(root: Path) -> Iterator[None]:
+def datasets_in(root: Path) -> Iterator[None]:
     """Let Minari write below `root` inside the block."""
     before = os.environ.get("MINARI_DATASETS_PATH")
     os.environ["MINARI_DATASETS_PATH"] = str(root.resolve())  # it looks below a relative one twice

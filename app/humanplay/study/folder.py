@@ -77,6 +77,7 @@ class Study:
     secret      32 bytes; the operator alone may see it until the study is closed
     policy_files  of the policies that it compares with
     secret_kept_ms  since when nobody can take part while the secret is kept; None where it is not
+    examined    what was compared before it was frozen, a sentence; empty if nothing needed to be
     """
 
     name: str
@@ -88,6 +89,7 @@ class Study:
     secret: bytes = field(repr=False)
     policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False, compare=False)
     secret_kept_ms: int | None = None
+    examined: str = ""
 
     @property
     def is_open(self) -> bool:
@@ -228,21 +230,25 @@ class Folder:
         advance: Advance = lambda done, total: None,
         draw: Callable[[int], bytes] = secrets.token_bytes,
         planned: Mapping[str, object] = MappingProxyType({}),
+        rehearse: Callable[[Protocol], str] | None = None,
     ) -> Study:
         """Freeze a study and return it: fill its texts, hash the protocol, draw the secret, check that terrains are solvable.
 
         advance  called with (terrains drawn, of how many)
         draw     gives so many random bytes for the secret
         planned  assumptions and power, by the protocol's fields (PLANNED)
+        rehearse  does with an episode what the study will, and says so; of an environment that was examined
         """
         path, template = self.path(name), self._template(name)
         protocol = self.filled(name).model_copy(update=dict(planned))
         protocol = parse_protocol(protocol.model_dump(mode="json"))  # every field set
         environment = protocol.environment
         try:
-            environment.lock.check_exact(protocol.env_config)
+            examined = environment.lock.check_exact(protocol.env_config)
         except ValueError as error:
             raise StudyError(f"the study {name!r} cannot be frozen: {error}") from error
+        if examined and rehearse:
+            examined = f"{examined}; {rehearse(protocol)}"
         hashes = _record_policies(protocol, path / FOLDER)
         protocol = protocol.model_copy(
             update={"policy_hashes": hashes, "lock": environment.lock.current()}
@@ -257,6 +263,7 @@ class Folder:
         frozen = {
             "protocol_hash": study.protocol_hash, "commitment": study.commitment, "frozen_at": iso(now),
             "core_version": environment.version, "software_version": version("humanplay"),
+            "examined": examined,
         }  # fmt: skip
         write_object(path / "frozen.json", frozen)
         return self.study(name)
@@ -387,6 +394,7 @@ class Folder:
             closed_ms=closed_ms,
             secret=secret,
             secret_kept_ms=secret_kept_ms,
+            examined=str(frozen.get("examined", "")),
             policy_files=files,
         )
 

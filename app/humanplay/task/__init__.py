@@ -69,7 +69,14 @@ class NotReadyError(RuntimeError):
 
 
 class RunEndedError(Exception):
-    """The environment failed at a move, and the run has ended with the moves before it; the text says so to the player."""
+    """The environment failed at a move: the run has ended with those before it.
+
+    The text says so to the player; `report` says step, action, error and traceback to the author.
+    """
+
+    def __init__(self, text: str, report: str = "") -> None:
+        super().__init__(text)
+        self.report = report
 
 
 @dataclass(frozen=True)
@@ -429,8 +436,8 @@ class Lock(Protocol):
     def differences(self, recorded: Mapping[str, Any]) -> str:
         """Describe how this machine differs from a recorded lock; empty if it does not."""
 
-    def check_exact(self, config: Configuration) -> None:
-        """Raise ValueError, saying what differs and why, unless episodes follow from seed and actions."""
+    def check_exact(self, config: Configuration) -> str:
+        """Say what was compared, if anything; ValueError if episodes are not exact."""
 
     def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
         """Say why an episode of another version cannot be simulated here, and what differs."""

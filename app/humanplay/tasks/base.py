@@ -276,8 +276,9 @@ class ExactLock:
         """None."""
         return ""
 
-    def check_exact(self, config: Configuration) -> None:
-        """Do nothing: the task's own tests have examined it."""
+    def check_exact(self, config: Configuration) -> str:
+        """Nothing is compared: the task's own tests have examined it."""
+        return ""
 
     def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
         """Another version's episode needs that version."""

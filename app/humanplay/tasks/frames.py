@@ -109,7 +109,7 @@ class FramePictures:
 
 
 def _picture(frame: dict[str, Any]) -> Image.Image:
-    """Return a frame's picture, or its text as one; an empty one of a frame with neither."""
+    """A frame's picture, or its text as one; an empty one of neither."""
     if frame.get("picture"):
         packed = base64.b64decode(frame["picture"].partition(",")[2])
         return Image.open(io.BytesIO(packed)).convert("RGB")

@@ -192,7 +192,7 @@ def chooser(source: str, seed: int, code_of: Callable[[Any], int] = int) -> Choo
 
 
 def masked(function: Callable[..., object], code_of: Callable[[Any], int]) -> Choose:
-    """Return what a function of the observation decides; one that takes the allowed actions is given them."""
+    """What a function of the observation, and perhaps of a mask, decides."""
     try:
         parameters = tuple(inspect.signature(function).parameters)
     except ValueError:  # of a function that is written in C

@@ -46,8 +46,8 @@ from humanplay.web.sockets import ignore_all, send_while, serve_session
 
 NOT_LOGGED_IN, NOT_OUR_PAGE = 4401, 4403
 """Close codes: without the operator's cookie, and where no page of this server opened the socket."""
-MAX_BOARDS = 60
-"""Boards in a list."""
+MAX_BOARDS, MAX_FAILURES = 60, 20
+"""Boards, and failures of environments, in a list."""
 
 
 class Login(Message):
@@ -195,11 +195,17 @@ async def overview(request: Request, admin: Operator) -> answers.Overview:
         up_s=round(time.monotonic() - admin.began),
     )
     chosen = await lobby.store.read(partial(names.newest_names, lobby.store))
+
+    def failures() -> list[answers.Failure]:
+        with closing(Reader.open(lobby.store.path)) as reader:
+            return [answers.Failure(**row) for row in reader.newest_failures(MAX_FAILURES)]
+
     return answers.Overview(
         studies=await asyncio.to_thread(admin.studies),
         boards=await list_boards(lobby, admin.progress.study_store),
         health=health,
         names=[answers.ChosenName(**name) for name in chosen],
+        failures=await asyncio.to_thread(failures),
         now_ms=lobby.sources.clock_ms(),
     )
 

@@ -1,4 +1,4 @@
-"""The links that `play` shows, by where the program runs and where its page listens."""
+"""The links that `play` shows, by where its program and its page are."""
 
 import sys
 import webbrowser

@@ -145,6 +145,7 @@ def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
         "frozen_at",
         "core_version",
         "software_version",
+        "examined",
     }
     assert frozen_json["commitment"] == hashlib.sha256(study.secret).hexdigest()
     secret = path.parent / "secret"

@@ -10,7 +10,10 @@ from humanplay.task.registration import Start, environment_of, serve
 from humanplay.tasks.gymnasium.task import GymnasiumTask
 from humanplay.web import server
 from humanplay.web.settings import Settings
+from tests.app.admin.test_admin import PASSWORD
+from tests.app.tasks.test_gymnasium import begin
 from tests.support import bad_habits
+from tests.support.recorded import ask
 
 ADAPTERS = 'wrappers = ["humanplay.tasks.gymnasium.adapters'
 PLAYS = {
@@ -92,6 +95,24 @@ def test_it_ends_its_own_episode_and_the_author_reads_why(name, caplog):
         assert "seed 1, step 1, action 1 (1)" in caplog.text
     finally:
         task.close()
+
+
+def test_what_it_raises_is_on_the_episode_s_row_and_on_the_operator_s_page(serve, tmp_path):
+    server = serve(task=task_of("Raises"), admin_password=PASSWORD)
+    client = server.page()
+    begun = begin(server, client, player="human", seed=7)
+    with server.socket(begun["session"], client) as socket:
+        socket.act(socket.receive("frame"), "1")
+        assert socket.receive("frame")["outcome"] == "environment_failed"
+    ((report,),) = ask(tmp_path / "playground.db", "SELECT failure FROM episodes")
+    assert report.startswith("step 1, action 1 (1): KeyError: 'no such room'\nTraceback")
+    assert "bad_habits.py" in report
+    operator = server.page()
+    assert operator.post("/api/admin/login", json={"password": PASSWORD}).status_code == 200
+    (failure,) = operator.get("/api/admin/overview").json()["failures"]
+    assert (failure["report"], failure["seed"]) == (report, 7)
+    answer = client.get(f"/api/episodes/{begun['frame']['episode']}")
+    assert "Traceback" not in answer.text
 
 
 def test_policies_and_exports_have_the_environment_s_own_action():

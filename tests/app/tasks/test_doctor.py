@@ -1,9 +1,11 @@
 """The examination of an environment: what is odd is found and named, its even twin passes, and so do Gymnasium's own."""
 
 import json
+import re
 
 import pytest
 
+from humanplay.cli import doctor as doctor_command
 from humanplay.tasks.gymnasium.description import Description
 from humanplay.tasks.gymnasium.doctor import examine
 from tests.support.command import command
@@ -57,6 +59,24 @@ def test_what_is_odd_is_named(reason):
     assert (first.variant, first.part) == (variant, part)
     assert cause in found.verdict
     assert (first.step > 1000) == (reason == "late")
+
+
+def test_the_likely_cause_is_the_one_that_further_runs_mend():
+    (first, *_) = examined("Odd", "python").differences
+    assert str(first).endswith(
+        "; likely cause: random numbers of Python or numpy that the seed of reset does not reach"
+    )
+
+
+def test_what_heeds_the_seed_of_make_alone_is_told_what_to_write(capsys, monkeypatch):
+    monkeypatch.setattr(doctor_command, "WORTH_SAYING_S", 0.0)
+    env = f"{ODD}:Heeds-make-alone-v0"
+    code, said, why = command(capsys, "doctor", env, "--seeds", 2, "--steps", 30)
+    assert code == 1
+    assert 'write `seeding = "kwarg"` into its file' in said.splitlines()[0]
+    assert re.search(r"this takes about \d+ minutes?; fewer --steps take less", why)
+    told = Description(id=env, seeding="kwarg").told
+    assert examine(f"gymnasium:{told}", seeds=1, steps=30).differences == ()
 
 
 @pytest.mark.long

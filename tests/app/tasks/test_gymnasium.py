@@ -39,7 +39,7 @@ def begin(server, client, **body):
 
 
 def play(server, client, begun, moves=("down", "right", "left"), input="key"):
-    """Play until the end, by keys unless `input` is another; the moves again and again."""
+    """Play to the end by the moves, again and again, with a person's `input`."""
     frames = []
     with server.socket(begun["session"], client) as socket:
         frames.append(socket.receive("frame"))

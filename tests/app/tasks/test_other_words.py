@@ -1,4 +1,4 @@
-"""A study of another environment says no word of MarsExplorer's world in anything that it produces."""
+"""A study of another environment says no word of MarsExplorer's world."""
 
 import re
 
@@ -8,6 +8,7 @@ from humanplay.study.folder import Folder
 from humanplay.web.simulate import Participant, RandomMoves
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
+from tests.support.recorded import alter, ask
 from tests.support.words_of_mars import words_of_mars
 
 LINE = """
@@ -23,7 +24,7 @@ COLUMNS = re.compile(r"^## Columns.*", re.DOTALL | re.MULTILINE)
 
 @pytest.fixture(params=["FrozenLake", "own"])
 def said(request, serve, tmp_path, capsys, briefly_examined):
-    """What the commands of a study print and write, by name, once two people have played."""
+    """What the commands of a study print and write, by name."""
     env = "FrozenLake-v1"
     if request.param == "own":
         env = tmp_path / "corridor.toml"
@@ -50,9 +51,13 @@ def said(request, serve, tmp_path, capsys, briefly_examined):
             person.take_step()
             person.me()
     server.stop()
+    assert alter(tmp_path / "playground.db", "UPDATE episodes SET failure = '/home/author'")
     run("close", "study", "close", "any", "--yes")
     run("report", "report", "--study", "any", "--html", tmp_path / "report.html")
     run("release", "release", "--study", "any", "--out", tmp_path / "bundle")
+    assert ask(tmp_path / "bundle/study.sqlite", "SELECT DISTINCT failure FROM episodes") == [
+        (None,)
+    ]
     run("verify", "verify")
     run("reproduce", "reproduce", tmp_path / "bundle", of=())
     for path in tmp_path.rglob("*"):
@@ -65,4 +70,8 @@ def test_a_study_of_another_environment_speaks_of_it_alone(said):
     said = {name: COLUMNS.sub("", text) for name, text in said.items()}
     pages = {"report.html", "report-methods.html", "report-checklist.html"}
     assert {*pages, "preregistration.md", "bundle/DATASHEET.md"} <= said.keys()
+    examined = (
+        r"moves came to the same in fresh processes; a rehearsed episode of \d+ moves? was recorded"
+    )
+    assert re.search(rf"^[\d,]+ {examined}, replayed and released", said["freeze"], re.MULTILINE)
     assert {name: lines for name, text in said.items() if (lines := words_of_mars(text))} == {}

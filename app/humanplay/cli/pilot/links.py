@@ -67,7 +67,7 @@ def local_address(address: str) -> str:
 
 
 def forwarding(address: str) -> str:
-    """The command that brings a page to the machine that ssh came from; empty without ssh, and if others reach it."""
+    """The command that brings a page to where ssh came from; empty if none is needed."""
     connection = os.environ.get("SSH_CONNECTION", "").split()
     port = urlsplit(address).port
     if len(connection) != 4 or not is_loopback(address):

@@ -31,7 +31,7 @@ def played_score(
     config: GymnasiumConfig,
     seed: int,
 ) -> float:
-    """The score of a policy on the instance of a seed; PilotError if policy or environment fails.
+    """The score of a policy on the instance of a seed; PilotError if that fails.
 
     The environment steps in a process of its own, and the policy decides in this one.
     """

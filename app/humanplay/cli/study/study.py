@@ -245,6 +245,8 @@ def freeze(
             count = keep_out(folder.path(name), idents)
         people = counted(count, "person of a pilot is", "people of pilots are")
         echo(f"{people} kept out, by keyed hashes of their IDs, until the study is closed")
+    if found.examined:
+        echo(f"{found.examined[0].upper()}{found.examined[1:]}")
     echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
     _echo_power(found.protocol)
     for policy, digest in found.protocol.policy_hashes.items():
@@ -282,9 +284,11 @@ def frozen(
 
     planned  as of `Folder.freeze`
     """
+    from humanplay.release.rehearsal import rehearse
+
     _check_database(database)
     with study_errors(), progress("drawing the instances") as advance:
-        found = folder.freeze(name, advance, planned=planned)
+        found = folder.freeze(name, advance, planned=planned, rehearse=rehearse)
     said = f"An entry of the chain of {database} says so"
     later = f"There is no database {database} yet: the server that makes it notes this in its chain"
     echo(said if _note_freezing(found, database) else later)

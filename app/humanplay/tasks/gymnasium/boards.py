@@ -168,15 +168,19 @@ class BoardRun(GymnasiumRun):
     def _log_failure(self, action: int | str, error: Exception, then: str = "") -> None:
         """Tell the author, in the server's log, what failed at which move of which episode."""
         _log.error(
-            "%s failed%s, seed %d, step %d, action %s: %s",
+            "%s failed%s, seed %d, %s: %s",
             self.config.level,
             f" {then}" if then else "",
             self.seed,
-            len(self.actions) + 1,
-            f"{action} ({self._names[action]})" if isinstance(action, int) else "none",
+            self._place_of(action),
             error,
             exc_info=error.__cause__,
         )
+
+    def _place_of(self, action: int | str) -> str:
+        """Which move of the episode is asked for, by which action."""
+        name = f"{action} ({self._names[action]})" if isinstance(action, int) else "none"
+        return f"step {len(self.actions) + 1}, action {name}"
 
     def _is_action(self, action: int) -> bool:
         return 0 <= action < len(self._names)
@@ -197,8 +201,10 @@ class BoardRun(GymnasiumRun):
             self._board.close()
             self.outcome = FAILED
             self._log_failure(action, error, "again, and the episode is over")
+            report = f"{self._place_of(action)}: {error}\n{error.__cause__ or ''}"
             raise RunEndedError(
-                f"{self.config.level} failed at this move, and again after it was made anew: {error}; the episode is over"
+                f"{self.config.level} failed at this move, and again after it was made anew: {error}; the episode is over",
+                report.rstrip(),
             ) from error
         self.actions.append(action)
         self._take(told)

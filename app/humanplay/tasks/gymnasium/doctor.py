@@ -18,7 +18,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ import numpy as np
 from humanplay.task import counted
 from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.codes import ActionCodes, Mask
-from humanplay.tasks.gymnasium.description import Description
+from humanplay.tasks.gymnasium.description import Description, described
 from humanplay.tasks.gymnasium.pictures import pixels_of
 from humanplay.tasks.gymnasium.values import bytes_of, finite, reward_of
 from humanplay.tasks.policies import Choose, chooser
@@ -46,6 +46,8 @@ CAUSES: Mapping[str, str] = {
     "used environment": "a state that reset leaves as it was",
 }
 """Variant -> the usual causes of a difference from the first run, in the order in which a difference is blamed on one."""
+GLOBALS = "seeded globals"
+"""The variant that tells causes apart: random numbers of Python and numpy are seeded before each episode."""
 TOLERATED = "used environment"
 """The variant that does not count: the playground makes a fresh environment for each episode."""
 ENVIRON = {"TZ": "AAA0"}
@@ -55,23 +57,32 @@ RUNS: Mapping[str, Sequence[Mapping[str, str]]] = {name: [{}] for name in CAUSES
     "elsewhere": [{"TZ": "BBB-14"}],
 }
 """Variant -> the variables of each of its runs."""
+PROBED = 20
+"""Moves after which the time of the whole examination is estimated."""
 STICKY = 0.75
 TIMEOUT_S = 1800.0
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Where a variant first differs from the first run: at `step` 0 is what reset returned; `part` is one of PARTS."""
+    """Where a variant first differs from the first run.
+
+    step   0 is what reset returned
+    part   one of PARTS
+    cause  the likely one, if further runs told it from the others; else empty
+    """
 
     variant: str
     seed: int
     episode: int
     step: int
     part: str
+    cause: str = ""
 
     def __str__(self) -> str:
         where = f"seed {self.seed}, episode {self.episode}, step {self.step} ({self.variant})"
-        return f"{self.part} differs at {where}; usual causes: {CAUSES[self.variant]}"
+        causes = f"usual causes: {CAUSES[self.variant]}"
+        return f"{self.part} differs at {where}; {self.cause or causes}"
 
 
 @dataclass(frozen=True)
@@ -117,6 +128,7 @@ def examine(
     *,
     config: Mapping[str, Any] | None = None,
     rule: str | None = None,
+    estimated: Callable[[float], object] | None = None,
 ) -> Examination:
     """Play the same episodes in ten processes and compare hashes; ValueError for what cannot be made, played or drawn.
 
@@ -124,6 +136,7 @@ def examine(
     progress  called with (processes done, of how many)
     config    what `GymnasiumEnvironment.configuration` takes
     rule      module:function, which returns an action for an observation; uniform and sticky actions take turns with it
+    estimated  called after `PROBED` moves with the seconds that the whole takes
     """
     environment = environment_of(task)
     settings = environment.configuration(config or {}).to_dict()
@@ -132,6 +145,9 @@ def examine(
     total, workers = len(runs) + 1, max(1, min(4, os.cpu_count() or 1))
     request = {"task": task, "config": settings, "seeds": seeds, "rule": rule, "steps": steps}
     with tempfile.TemporaryDirectory() as here, tempfile.TemporaryDirectory() as there:
+        if estimated and seeds * steps > PROBED:
+            step_s = _seconds_of_a_step({**request, "variant": "first"}, here)
+            estimated(step_s * seeds * steps * (1 + (total - 1) / workers))
         first = _play({**request, "variant": "first"}, here, {})
         advance(1, total)
 
@@ -147,7 +163,10 @@ def examine(
             for done, difference in enumerate(threads.map(compare, runs), 2):
                 differences.append(difference)
                 advance(done, total)
-    first_of = {it.variant: it for it in reversed(differences) if it is not None}
+        first_of = {it.variant: it for it in reversed(differences) if it is not None}
+        if "fresh process" in first_of:
+            cause = _cause_of(first_of["fresh process"], request, here)
+            first_of["fresh process"] = replace(first_of["fresh process"], cause=cause)
     costs = [episode["costs"] for episode in first]
     rows, columns = first[0]["picture"]
     return Examination(
@@ -158,6 +177,36 @@ def examine(
         _median(ms for each in costs for ms in each["picture"]),
         (rows, columns), int(_median(size for each in costs for size in each["bytes"])), environment.keys,
     )  # fmt: skip
+
+
+def _seconds_of_a_step(request: Mapping[str, object], folder: str) -> float:
+    """Seconds of processor that a move and its picture take, over `PROBED` moves."""
+    episodes = _play({**request, "seeds": 1, "steps": PROBED}, folder, {})
+    costs = [episode["costs"] for episode in episodes]
+    times_ms: list[float] = [ms for of in costs for ms in (*of["step"], *of["picture"])]
+    return sum(times_ms) / 1000 / PROBED
+
+
+def _cause_of(difference: Difference, request: Mapping[str, object], folder: str) -> str:
+    """The likely cause of a difference, by what mends it; empty if nothing does."""
+    brief = {**request, "seeds": difference.seed + 1}
+
+    def is_mended(**changes: object) -> bool:
+        try:
+            one, two = (_play({**brief, **changes}, folder, {}) for _ in range(2))
+        except ValueError:  # it takes no such argument
+            return False
+        return _difference("fresh process", one, two) is None
+
+    description = described(str(request["task"]).partition(":")[2])
+    if description.seeding != "kwarg":
+        by_keyword = description.model_copy(update={"seeding": "kwarg"})
+        if is_mended(task=f"gymnasium:{by_keyword.told}", variant="first"):
+            return (
+                'it heeds the seed of `make` alone, not that of `reset`: write `seeding = "kwarg"` '
+                "into its file (`humanplay doctor ENV --toml`)"
+            )
+    return f"likely cause: {GLOBAL}" if is_mended(variant=GLOBALS) else ""
 
 
 def _median(values: Iterator[float]) -> float:
@@ -232,6 +281,9 @@ def _child(request: Mapping[str, Any]) -> None:
             codes = ActionCodes(config.level, env.action_space)
             choose = _chooser(choosers[seed % len(choosers)], begun, codes)
             renders = variant != "without rendering"
+            if variant == GLOBALS:
+                random.seed(begun)
+                np.random.seed(begun)  # what an environment may draw from
             played = _episode(env, codes, begun, choose, left, renders, described)
             if used is None:
                 env.close()

@@ -37,12 +37,18 @@ class GymnasiumLock:
         """Describe how this machine differs from a recorded lock; empty if it does not."""
         return ", ".join(differences(recorded, self.current()))
 
-    def check_exact(self, config: GymnasiumConfig) -> None:
-        """Raise ValueError if fresh processes play episodes of `EXAMINED` moves on each of five seeds differently."""
+    def check_exact(self, config: GymnasiumConfig) -> str:
+        """Compare `EXAMINED` moves on each of five seeds; ValueError if they differ."""
         found = examine(self._task, steps=EXAMINED, config=config.to_dict())
         if found.differences:
             way = "mend the environment or name a wrapper that does; `humanplay doctor` says more"
             raise ValueError(f"{found.verdict}; {way}")
+        used = (
+            f"; a used environment differs, which does not count: {found.used}"
+            if found.used
+            else ""
+        )
+        return f"{counted(found.steps, 'move')} came to the same in fresh processes{used}"
 
     def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
         """Say how another version's episode, with its rewards, differs when it is played with what is here."""

@@ -119,6 +119,15 @@ class ChosenName(Answer):
     chosen_ms: int = described("ms since 1970")
 
 
+class Failure(Answer):
+    """What an environment raised at the move that ended an episode."""
+
+    episode: str
+    ended_ms: int = described("ms since 1970")
+    seed: int | None = described("of the instance; null while a study keeps it secret")
+    report: str = described("step, action, error and traceback")
+
+
 class Overview(Answer):
     """Studies, boards that are played now, and the server's health."""
 
@@ -126,6 +135,7 @@ class Overview(Answer):
     boards: list[LiveBoard] = described("those of participants first")
     health: ServerHealth
     names: list[ChosenName] = described("the newest first")
+    failures: list[Failure] = described("of environments, the newest first")
     now_ms: int = described("the server's time, ms since 1970")
 
 
