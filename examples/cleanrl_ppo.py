@@ -1,14 +1,18 @@
-"""PPO in one file, in the style of CleanRL, on the vectorized environment with its same-step autoreset.
+"""PPO in one file, in the style of CleanRL, on the vectorized environment.
+
+It uses the same-step autoreset.
 
     pip install '.[train]'
     python examples/cleanrl_ppo.py --out mine.onnx
     marsexplorer evaluate --policy mine.onnx --policy random
 
-Its 300,000 moves take 75 seconds of one core; the policy then scores 0.431 on 20 terrains on which `random` scores 0.373.
+Its 300,000 moves take 75 seconds of one core; the policy then scores 0.431 on 20 terrains on which
+`random` scores 0.373.
 
-When an episode ends, the vector environment begins the next in the same step: `observations` holds the first observation of
-the new episode, and `info["final_obs"]` the last one of the old episode. A truncated episode is bootstrapped: the discounted
-value of its final observation is added to its last reward. A terminated one is not.
+When an episode ends, the vector environment begins the next in the same step: `observations` holds
+the first observation of the new episode, and `info["final_obs"]` the last one of the old episode. A
+truncated episode is bootstrapped: the discounted value of its final observation is added to its
+last reward. A terminated one is not.
 """
 
 import argparse
@@ -35,7 +39,7 @@ def layer(module: nn.Module, gain: float = 2**0.5) -> nn.Module:
 
 
 class Agent(nn.Module):
-    """An actor and a critic that share two convolutions over four planes of the state matrix."""
+    """An actor and a critic that share two convolutions over the state matrix."""
 
     def __init__(self, rows: int, cols: int) -> None:
         super().__init__()
@@ -75,14 +79,20 @@ class Scores(nn.Module):
     def forward(
         self, observation: torch.Tensor, action_mask: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return logits float32[1, 4] and value float32[1, 1] of codes uint8[1, rows, cols] and a mask bool[1, 4]."""
+        """Logits float32[1, 4] and value float32[1, 1] of codes and a mask.
+
+        uint8[1, rows, cols] and bool[1, 4]
+        """
         features = self.agent.features(observation)
         logits = self.agent.actor(features).masked_fill(~action_mask, -1e9)
         return logits, self.agent.critic(features)
 
 
 def save(agent: Agent, rows: int, cols: int, out: Path) -> None:
-    """Write the file that docs/policies.md describes; its moves are drawn, since the likeliest ones of a young policy loop."""
+    """Write the file that docs/policies.md describes; its moves are drawn.
+
+    The likeliest moves of a young policy loop.
+    """
     names = {
         "input_names": ["observation", "action_mask"],
         "output_names": ["logits", "value"],
@@ -118,30 +128,30 @@ def arguments() -> argparse.Namespace:
 
 def main() -> None:
     """Train and print the score as it goes; write the policy and play it beside `random`."""
-    given = arguments()
-    torch.manual_seed(given.seed)
+    options = arguments()
+    torch.manual_seed(options.seed)
     envs = gymnasium.make_vec(
         "marsexplorer:MarsExplorer-v0",
-        num_envs=given.num_envs,
+        num_envs=options.num_envs,
         vectorization_mode="vector_entry_point",
-        level=given.level,
-        size=given.size,
+        level=options.level,
+        size=options.size,
         observation="uint8",
         autoreset_mode="SameStep",
     )
     rows, cols = envs.single_observation_space.shape
     agent = Agent(rows, cols)
-    optimizer = torch.optim.Adam(agent.parameters(), lr=given.learning_rate, eps=1e-5)
+    optimizer = torch.optim.Adam(agent.parameters(), lr=options.learning_rate, eps=1e-5)
 
-    span, num = given.rollout, given.num_envs
+    span, num = options.rollout, options.num_envs
     codes = torch.zeros((span, num, rows, cols), dtype=torch.uint8)
     masks = torch.zeros((span, num, 4), dtype=torch.bool)
     actions = torch.zeros((span, num), dtype=torch.long)
     log_probs, rewards, dones, values = (torch.zeros((span, num)) for _ in range(4))
 
-    observations, _ = envs.reset(seed=given.seed)
+    observations, _ = envs.reset(seed=options.seed)
     began, played, scores = time.time(), 0, []
-    while played < given.steps:
+    while played < options.steps:
         for t in range(span):
             codes[t] = torch.from_numpy(
                 observations
@@ -161,7 +171,7 @@ def main() -> None:
                 if len(cut):
                     last = torch.from_numpy(np.stack(list(info["final_obs"][cut])))
                     with torch.no_grad():
-                        rewards[t, cut] += given.gamma * agent.value(last)
+                        rewards[t, cut] += options.gamma * agent.value(last)
         played += span * num
 
         with torch.no_grad():
@@ -170,27 +180,27 @@ def main() -> None:
         for t in reversed(range(span)):
             alive = 1 - dones[t]
             after = following if t == span - 1 else values[t + 1]
-            delta = rewards[t] + given.gamma * after * alive - values[t]
-            advantages[t] = carried = delta + given.gamma * given.gae_lambda * alive * carried
+            delta = rewards[t] + options.gamma * after * alive - values[t]
+            advantages[t] = carried = delta + options.gamma * options.gae_lambda * alive * carried
         returns = advantages + values
 
         flat = [
             part.flatten(0, 1) for part in (codes, masks, actions, log_probs, advantages, returns)
         ]
-        for _ in range(given.epochs):
-            for batch in torch.randperm(span * num).split(given.minibatch):
+        for _ in range(options.epochs):
+            for batch in torch.randperm(span * num).split(options.minibatch):
                 some_codes, some_masks, action, old, advantage, target = (
                     part[batch] for part in flat
                 )
                 distribution, value = agent(some_codes, some_masks)
                 ratio = (distribution.log_prob(action) - old).exp()
                 advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
-                clipped = ratio.clamp(1 - given.clip, 1 + given.clip)
+                clipped = ratio.clamp(1 - options.clip, 1 + options.clip)
                 loss = -torch.min(ratio * advantage, clipped * advantage).mean()
                 loss = (
                     loss
                     + 0.5 * (value - target).pow(2).mean()
-                    - given.entropy * distribution.entropy().mean()
+                    - options.entropy * distribution.entropy().mean()
                 )
                 optimizer.zero_grad()
                 loss.backward()
@@ -198,13 +208,14 @@ def main() -> None:
                 optimizer.step()
         recent = f"{np.mean(scores[-100:]):.3f}" if scores else "no episode ended yet"
         print(
-            f"{played:,} moves, {played / (time.time() - began):,.0f} a second, mean score {recent}",
+            f"{played:,} moves, {played / (time.time() - began):,.0f} a second, mean score "
+            f"{recent}",
             flush=True,
         )
 
-    save(agent, rows, cols, given.out)
-    config = EnvConfig.of(given.level, given.size)
-    for row in evaluate([str(given.out), "random"], config, 20, 10**9).rows:
+    save(agent, rows, cols, options.out)
+    config = EnvConfig.of(options.level, options.size)
+    for row in evaluate([str(options.out), "random"], config, 20, 10**9).rows:
         print(f"{row.policy}: mean score {row.score_mean:.3f}, {row.coverage_mean:.0%} mapped")
 
 

@@ -1,4 +1,4 @@
-"""A policy that moves as the people of a released study do: behaviour cloning (Pomerleau 1991).
+"""Clone the people of a released study: behaviour cloning (Pomerleau 1991).
 
     pip install '.[play,train,export]'
     python examples/clone.py dunes-1 --out dunes-clone.onnx
@@ -39,9 +39,9 @@ def read_records(release: Path, kind: str) -> list[tuple[str, int | None, Record
     episodes = pd.read_parquet(release / "parquet" / "episodes.parquet")
     steps = pd.read_parquet(release / "parquet" / "steps.parquet").sort_values("step")
     actions = {episode: rows.action for episode, rows in steps.groupby("episode")}
-    kept = episodes[(episodes.driver == kind) & (episodes.outcome != "abandoned")]
-    found = []
-    for row in kept[kept.phase.isin(["warm_up", "ranked"])].itertuples():
+    finished = episodes[(episodes.driver == kind) & (episodes.outcome != "abandoned")]
+    records = []
+    for row in finished[finished.phase.isin(["warm_up", "ranked"])].itertuples():
         config = EnvConfig(
             row.level, row.rows, row.cols, row.sensor_radius, row.beta, row.max_steps
         )
@@ -53,12 +53,15 @@ def read_records(release: Path, kind: str) -> list[tuple[str, int | None, Record
         for action in actions.get(row.episode, ()):
             episode.step(CODES[action])
         index = row.terrain_index if row.phase == "ranked" else None
-        found.append((row.participant, index, episode.record()))
-    return found
+        records.append((row.participant, index, episode.record()))
+    return records
 
 
 def demonstrations_of(records: list[Record]) -> tuple[torch.Tensor, ...]:
-    """Return every valid move: planes uint8[num, ...], moves float32[num, 4, ...], actions int64[num]."""
+    """Every valid move: planes uint8[num, ...], moves float32[num, 4, ...], actions.
+
+    Actions are int64[num].
+    """
     planes, moves, actions = [], [], []
     for record in records:
         episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
@@ -71,11 +74,11 @@ def demonstrations_of(records: list[Record]) -> tuple[torch.Tensor, ...]:
                 moves.append(own_moves[0].copy())
                 actions.append(action)
             episode.step(action)
-    return tuple(torch.from_numpy(np.array(each)) for each in (planes, moves, actions))
+    return tuple(torch.from_numpy(np.array(column)) for column in (planes, moves, actions))
 
 
 def fit(net: Net, demonstrations: tuple[torch.Tensor, ...], epochs: int, seed: int) -> None:
-    """Fit the network by AdamW; every second gradient step sees rows and columns exchanged."""
+    """Fit the network by AdamW; every second step sees rows and columns exchanged."""
     rng, done = np.random.default_rng(seed), 0
     optimizer = torch.optim.AdamW(net.parameters(), weight_decay=0.1)
     count = len(demonstrations[2])
@@ -94,10 +97,12 @@ def fit(net: Net, demonstrations: tuple[torch.Tensor, ...], epochs: int, seed: i
 
 
 def agreement_on(held_out: dict[str, list[Record]], policy: policies.Policy) -> float:
-    """Return the share of the players' moves that a policy would have made, in the mean over players."""
+    """The share of the players' moves that a policy would make, averaged by player."""
     shares = []
     for records in held_out.values():
-        shares.append(sum((agreement_with(policy, each) for each in records), Agreement()).share)
+        shares.append(
+            sum((agreement_with(policy, record) for record in records), Agreement()).share
+        )
     return float(np.mean(shares))
 
 
@@ -109,39 +114,39 @@ def main() -> None:
     parser.add_argument("--epochs", type=int, default=12, help="passes over the moves")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--synthetic", action="store_true", help="train on its scripts instead")
-    given = parser.parse_args()
+    options = parser.parse_args()
 
-    who = "scripts (SYNTHETIC)" if given.synthetic else "people"
-    found = read_records(given.release, "script" if given.synthetic else "human")
-    ranked = sorted({index for _, index, _ in found if index is not None})
-    drawn = np.random.default_rng(given.seed).permutation(ranked)
+    who = "scripts (SYNTHETIC)" if options.synthetic else "people"
+    records = read_records(options.release, "script" if options.synthetic else "human")
+    ranked = sorted({index for _, index, _ in records if index is not None})
+    drawn = np.random.default_rng(options.seed).permutation(ranked)
     held = set(drawn[: max(1, round(HELD_OUT * len(ranked)))])
     trained, held_out = (
-        [record for _, index, record in found if index not in held],
+        [record for _, index, record in records if index not in held],
         defaultdict(list),
     )
-    for participant, index, record in found:
+    for participant, index, record in records:
         if index in held:
             held_out[participant].append(record)
     if not trained or not held_out:
         raise SystemExit(
-            f"{given.release} has no finished ranked episodes of {who} on two terrains"
+            f"{options.release} has no finished ranked episodes of {who} on two terrains"
         )
 
-    torch.manual_seed(given.seed)
+    torch.manual_seed(options.seed)
     torch.set_num_threads(1)
     net, config = Net(), trained[0].config
     demonstrations = demonstrations_of(trained)
-    fit(net, demonstrations, given.epochs, given.seed)
+    fit(net, demonstrations, options.epochs, options.seed)
     summary = (
-        f"A clone of the {who} of {given.release.name}, from {len(demonstrations[2]):,} moves."
+        f"A clone of the {who} of {options.release.name}, from {len(demonstrations[2]):,} moves."
     )
     card = {"summary": summary, "size": [config.rows, config.cols]}
-    save_network(net, given.out, card)
-    likeness = agreement_on(held_out, policies.load(given.out, config.sensor_radius))
+    save_network(net, options.out, card)
+    likeness = agreement_on(held_out, policies.load(options.out, config.sensor_radius))
     results = {"human_likeness": likeness, "held_out_terrains": len(held)}
-    save_network(net, given.out, {**card, "results": results})
-    print(f"{given.out}: {summary}")
+    save_network(net, options.out, {**card, "results": results})
+    print(f"{options.out}: {summary}")
     print(f"on {len(held)} held-out terrains it makes {likeness:.1%} of the players' moves")
     for name in COMPARED:
         other = agreement_on(held_out, policies.load(name, config.sensor_radius))

@@ -1,19 +1,26 @@
-"""A simulated robot with two driven wheels and a laser explores a map in metres, by the goals of a policy. No ROS is needed.
+"""A simulated two-wheeled robot with a laser explores a map by a policy's goals.
+
+The map is in metres. No ROS is needed.
 
     pip install '.[mars]' matplotlib
     python examples/differential_robot.py --policy frontier-priced --out robot.png
     python examples/differential_robot.py --map office.yaml
 
-The policy sees a grid of cells, and the robot moves in metres. Between them stand two functions: `cells_known` makes the grid
-of cells from the map that the laser has drawn, and `next_goal` asks the policy for a goal in metres. The rest is the robot:
+The policy sees a grid of cells, and the robot moves in metres. Between them stand two functions:
+`cells_known` makes the grid of cells from the map that the laser has drawn, and `next_goal` asks
+the policy for a goal in metres. The rest is the robot:
 
 1. The laser measures 720 distances all round. It sees no farther than the lidar of the environment.
-2. The mapper follows each beam through pixels of a quarter of a cell: free up to the measured distance, occupied there.
-3. A cell is an obstacle when any of its pixels is occupied, free when all of them are free, and unknown otherwise.
-4. The path to the goal leads over free cells. The robot turns towards its next corner and drives there.
+2. The mapper follows each beam through pixels of a quarter of a cell: free up to the measured
+   distance, occupied there.
+3. A cell is an obstacle when any of its pixels is occupied, free when all of them are free, and
+   unknown otherwise.
+4. The path to the goal leads over free cells. The robot turns towards its next corner and drives
+   there.
 
-The frame of the map has x to the east and y to the north, in metres, from its south-west corner. The pose is taken as known,
-as a localization reports it; `--noise` disturbs what the wheels do, and the robot corrects it on its way.
+The frame of the map has x to the east and y to the north, in metres, from its south-west corner.
+The pose is taken as known, as a localization reports it; `--noise` disturbs what the wheels do, and
+the robot corrects it on its way.
 """
 
 import argparse
@@ -42,13 +49,15 @@ CORNER = 1e-9
 
 @njit
 def trace_beam(x, y, angle, reach, rows, cols, pixels, distances):
-    """Write the pixels that a beam crosses and the distance at which it enters each; return their number.
+    """Write the pixels that a beam crosses and their distances; return their number.
 
-    x, y, reach  pixel sides from the south-west corner; angle in radians from east, counter-clockwise
+    x, y, reach  pixel sides from the south-west corner; angle in radians from east,
+                 counter-clockwise
     pixels       int64[...], row * cols + col with row 0 in the north
     """
-    # Amanatides and Woo 1987: always step over the nearer of the next two pixel borders; over both where they meet, because a
-    # pixel that the beam touches in its corner is not crossed, and two pixels with one distance could not be told apart.
+    # Amanatides and Woo 1987: always step over the nearer of the next two pixel borders; over both
+    # where they meet, because a pixel that the beam touches in its corner is not crossed, and two
+    # pixels with one distance could not be told apart.
     at_x, at_y, dx, dy = math.floor(x), math.floor(y), math.cos(angle), math.sin(angle)
     step_x, step_y = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
     per_x, per_y = 1 / max(abs(dx), 1e-12), 1 / max(abs(dy), 1e-12)
@@ -68,7 +77,10 @@ def trace_beam(x, y, angle, reach, rows, cols, pixels, distances):
 
 @njit
 def measure(occupied, x, y, reach, ranges, pixels, distances):
-    """Write the range of each beam to the first occupied pixel, in pixel sides; infinite where none is within reach."""
+    """Write the range of each beam to the first occupied pixel, in pixel sides.
+
+    Infinite if none is within reach.
+    """
     rows, cols = occupied.shape
     for beam in range(len(ranges)):
         count = trace_beam(
@@ -83,7 +95,7 @@ def measure(occupied, x, y, reach, ranges, pixels, distances):
 
 @njit
 def draw_scan(drawn, x, y, reach, ranges, pixels, distances):
-    """Draw a scan into the map uint8[rows, cols]: CLEAR along each beam, OCCUPIED where it ended."""
+    """Draw a scan into the map uint8[rows, cols]: beams CLEAR, their ends OCCUPIED."""
     rows, cols = drawn.shape
     for beam in range(len(ranges)):
         count = trace_beam(
@@ -98,7 +110,10 @@ def draw_scan(drawn, x, y, reach, ranges, pixels, distances):
 
 @dataclass(frozen=True)
 class Robot:
-    """What the robot is like: metres, metres a second; `noise` is the standard deviation of a wheel's speed, as a share."""
+    """The robot's properties: metres, metres a second.
+
+    `noise` is the standard deviation of a wheel's speed, as a share.
+    """
 
     radius_m: float
     wheel_base_m: float = 0.3
@@ -107,7 +122,7 @@ class Robot:
 
 
 class World:
-    """The true map with the robot in it: the only part that knows what is not yet seen.
+    """The true map with the robot in it: only this part knows what is not yet seen.
 
     terrain  bool[rows, cols], True where blocked; cell_m is the side of a cell in metres
     pose     x, y in metres and heading in radians from east, counter-clockwise
@@ -125,7 +140,10 @@ class World:
         )
 
     def scan(self, reach_m):
-        """Return float64[BEAMS], distances in metres, the first beam to the east, counter-clockwise; inf without an echo."""
+        """Distances of the beams in metres, float64[BEAMS]; inf without an echo.
+
+        The first beam points east, the others follow counter-clockwise.
+        """
         ranges = np.empty(BEAMS)
         x, y = self.pose[0] / self.pixel_m, self.pose[1] / self.pixel_m
         measure(self.occupied, x, y, reach_m / self.pixel_m, ranges, *self._scratch)
@@ -149,9 +167,9 @@ class World:
         self.collisions += self._touches_obstacle()
 
     def _touches_obstacle(self):
-        """Return whether the robot's disc overlaps an occupied pixel or the edge of the map."""
+        """Whether the robot's disc overlaps an occupied pixel or the edge of the map."""
         rows, cols = self.occupied.shape
-        x, y, radius = (each / self.pixel_m for each in (*self.pose[:2], self.robot.radius_m))
+        x, y, radius = (length / self.pixel_m for length in (*self.pose[:2], self.robot.radius_m))
         if x < radius or y < radius or x > cols - radius or y > rows - radius:
             return True
         low_row, low_col = int(rows - y - radius), int(x - radius)
@@ -163,7 +181,7 @@ class World:
 
 
 class Mapper:
-    """The map that the robot draws, uint8[rows, cols] of pixels: NOT_SEEN, CLEAR or OCCUPIED."""
+    """The robot's map, uint8[rows, cols] of pixels: NOT_SEEN, CLEAR or OCCUPIED."""
 
     def __init__(self, shape, pixel_m):
         self.drawn, self.pixel_m = np.zeros(shape, np.uint8), pixel_m
@@ -186,7 +204,10 @@ def cell_of(pose, rows, cell_m):
 
 
 def cells_known(drawn, position):
-    """Return what a policy observes, uint8[rows, cols] codes, of a map of pixels with the robot in the cell `position`."""
+    """A policy's observation, uint8[rows, cols] codes, of a map of pixels.
+
+    The robot is in the cell `position`.
+    """
     rows, cols = (side // PIXELS_PER_CELL for side in drawn.shape)
     blocks = drawn.reshape(rows, PIXELS_PER_CELL, cols, PIXELS_PER_CELL)
     codes = np.where((blocks == CLEAR).all((1, 3)), FREE, UNKNOWN).astype(np.uint8)
@@ -196,7 +217,10 @@ def cells_known(drawn, position):
 
 
 def next_goal(policy, codes, cell_m):
-    """Return the policy's next goal as a cell and in metres: the cell that it goes to, or that of its next move."""
+    """The policy's next goal, as a cell and in metres.
+
+    It is the cell that it goes to, or that of its next move.
+    """
     row, col = np.argwhere(codes == ROVER)[0]
     down, right = DISPLACEMENTS[policy.act(codes)]
     goal = policies.goal_of(policy) or (int(row + down), int(col + right))
@@ -204,9 +228,10 @@ def next_goal(policy, codes, cell_m):
 
 
 def paths_from(codes, position, heading=(0, 1)):
-    """Return where each cell within reach over free cells is entered from: {cell: cell before}, breadth first.
+    """Each cell within reach over free cells: {cell: cell before}, breadth first.
 
-    Of several shortest paths it is one that begins straight on, `heading` being the last move (rows, cols): a turn takes time.
+    Of several shortest paths it is one that begins straight on, `heading` being the last move
+    (rows, cols): a turn takes time.
     """
     rows, cols = codes.shape
     before, queue = {position: position}, deque([position])
@@ -226,7 +251,10 @@ def paths_from(codes, position, heading=(0, 1)):
 
 
 def has_frontier(codes, cells):
-    """Return whether any of the cells shares an edge with an unknown one (Yamauchi 1997): then there is more to explore."""
+    """Whether any of the cells shares an edge with an unknown one (Yamauchi 1997).
+
+    Then there is more to explore.
+    """
     unknown = np.pad(codes == UNKNOWN, 1)
     return any(
         unknown[row + 1 + down, col + 1 + right]
@@ -236,7 +264,7 @@ def has_frontier(codes, cells):
 
 
 def wheel_speeds(robot, pose, target):
-    """Return the speeds (left, right) that turn the robot towards a target (x, y), and drive it there once it faces it."""
+    """The speeds (left, right) that turn the robot to a target (x, y) and drive there."""
     to_x, to_y = target[0] - pose[0], target[1] - pose[1]
     off = (math.atan2(to_y, to_x) - pose[2] + math.pi) % (2 * math.pi) - math.pi
     speed = min(robot.wheel_speed_mps, 4 * math.hypot(to_x, to_y)) if abs(off) < 0.1 else 0.0
@@ -246,7 +274,10 @@ def wheel_speeds(robot, pose, target):
 
 
 class Explorer:
-    """Drives the robot by a policy's goals, with what the laser has shown alone; keeps the course for a picture."""
+    """Drives the robot by a policy's goals, only by what the laser has shown.
+
+    It keeps the course for a picture.
+    """
 
     def __init__(self, world, policy, cell_m, reach_m):
         self.world, self.policy, self.cell_m, self.reach_m = world, policy, cell_m, reach_m
@@ -266,7 +297,10 @@ class Explorer:
         return self.codes
 
     def explore(self, limit):
-        """Explore until no free cell within reach borders on an unknown one, `limit` cells at most; return whether it is so."""
+        """Explore until no free cell within reach borders on an unknown one.
+
+        Return whether that was reached within `limit` cells.
+        """
         heading = 0, 1
         for _ in range(limit):
             position = cell_of(self.world.pose, self.rows, self.cell_m)
@@ -294,7 +328,7 @@ class Explorer:
 
 
 def draw(explorer, path):
-    """Write a picture: the map as the robot has drawn it with its course, and the cells known over the metres driven."""
+    """Write a picture: the robot's map and course, and cells known over metres driven."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -352,26 +386,30 @@ def main(arguments=None):
     )
     parser.add_argument("--policy", default="frontier-priced", help="a policy's name or file")
     parser.add_argument("--out", default="robot.png", help="picture to write")
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
 
-    cell = given.cell or 0.5
-    if given.map:
-        grid_map = read_map(given.map, given.cell)
+    cell = options.cell or 0.5
+    if options.map:
+        grid_map = read_map(options.map, options.cell)
         cell = grid_map.cell
         episode = Episode.begin(grid_map.config(), terrain=grid_map.terrain, start=grid_map.start)
     else:
-        episode = Episode.begin(EnvConfig.of(given.level, given.size), seed=given.seed)
-    robot = Robot(radius_m=0.4 * cell, wheel_base_m=0.6 * cell, noise=given.noise)
-    world = World(episode.terrain, episode.start, cell, robot, given.seed)
-    policy = policies.load(given.policy)
-    policy.reset(given.seed)
+        episode = Episode.begin(EnvConfig.of(options.level, options.size), seed=options.seed)
+    robot = Robot(radius_m=0.4 * cell, wheel_base_m=0.6 * cell, noise=options.noise)
+    world = World(episode.terrain, episode.start, cell, robot, options.seed)
+    policy = policies.load(options.policy)
+    policy.reset(options.seed)
     explorer = Explorer(world, policy, cell, (6 + math.sqrt(0.5)) * cell)
     is_done = explorer.explore(limit=4 * episode.terrain.size)
-    draw(explorer, given.out)
-    known = explorer.known[-1][1]
-    print(f"{'explored' if is_done else 'stopped'}: {known} of {episode.terrain.size} cells known")
+    draw(explorer, options.out)
+    known_cells = explorer.known[-1][1]
     print(
-        f"{world.driven_m:.1f} m driven in {world.time_s:.0f} s, {world.collisions} collisions; picture: {given.out}"
+        f"{'explored' if is_done else 'stopped'}: {known_cells} of {episode.terrain.size} cells "
+        "known"
+    )
+    print(
+        f"{world.driven_m:.1f} m driven in {world.time_s:.0f} s, {world.collisions} collisions; "
+        f"picture: {options.out}"
     )
 
 

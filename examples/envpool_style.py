@@ -1,10 +1,10 @@
-"""MarsExplorer asked as EnvPool is: send() the moves of one batch and recv() whichever batch is ready.
+"""MarsExplorer in the style of EnvPool: send() a batch's moves, recv() a batch.
 
 pip install '.[mars]'
 python examples/envpool_style.py --steps 200000
 
-While the policy decides for one batch, threads step the others: the compiled rules hold no lock of the interpreter. Nothing
-of EnvPool is needed, whose environments are its own, in C++.
+While the policy decides for one batch, threads step the others: the compiled rules hold no lock of
+the interpreter. Nothing of EnvPool is needed, whose environments are its own, in C++.
 """
 
 import argparse
@@ -17,7 +17,7 @@ import numpy as np
 
 
 class AsyncPool:
-    """`num_envs` environments in batches of `batch_size`, with EnvPool's async_reset, recv, send, reset and step."""
+    """`num_envs` environments in batches of `batch_size`, with EnvPool's methods."""
 
     def __init__(self, num_envs: int, batch_size: int, num_threads: int, **options) -> None:
         if num_envs % batch_size:
@@ -25,14 +25,14 @@ class AsyncPool:
                 f"num_envs must be a multiple of batch_size, got {num_envs} and {batch_size}"
             )
         self.num_envs, self.batch_size = num_envs, batch_size
-        made = {
+        settings = {
             "id": "marsexplorer:MarsExplorer-v0",
             "vectorization_mode": "vector_entry_point",
             "observation": "uint8",
             "autoreset_mode": "SameStep",
         }
         self.stacks = [
-            gymnasium.make_vec(num_envs=batch_size, **made, **options)
+            gymnasium.make_vec(num_envs=batch_size, **settings, **options)
             for _ in range(num_envs // batch_size)
         ]
         self._threads, self._ready = ThreadPoolExecutor(num_threads), queue.SimpleQueue()
@@ -58,7 +58,9 @@ class AsyncPool:
             )
 
     def recv(self):
-        """Return a batch that is ready: observations, rewards, terminated, truncated, info with info["env_id"].
+        """A batch that is ready: observations, rewards, terminated, truncated, info.
+
+        info["env_id"] lists the environments.
 
         The observations and infos are valid until the moves of this batch are sent.
         """
@@ -98,15 +100,19 @@ def main() -> None:
     parser.add_argument("--level", default="random")
     parser.add_argument("--size", type=int, default=21)
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
+    options = parser.parse_args()
 
     pool = AsyncPool(
-        given.num_envs, given.batch_size, given.num_threads, level=given.level, size=given.size
+        options.num_envs,
+        options.batch_size,
+        options.num_threads,
+        level=options.level,
+        size=options.size,
     )
-    rng, moves, invalid, scores = np.random.default_rng(given.seed), 0, 0, []
-    pool.async_reset(given.seed)
+    rng, moves, invalid, scores = np.random.default_rng(options.seed), 0, 0, []
+    pool.async_reset(options.seed)
     began = time.perf_counter()
-    while moves < given.steps:
+    while moves < options.steps:
         info = pool.recv()[-1]
         if "final_obs" in info:
             ended = info["_final_obs"]
@@ -122,7 +128,8 @@ def main() -> None:
     pool.close()
     mean = f", mean score {np.mean(scores):.3f}" if scores else ""
     print(
-        f"{moves:,} moves, {invalid} of them invalid, {moves / seconds:,.0f} a second, {len(scores)} episodes ended{mean}"
+        f"{moves:,} moves, {invalid} of them invalid, {moves / seconds:,.0f} a second, "
+        f"{len(scores)} episodes ended{mean}"
     )
 
 

@@ -1,10 +1,10 @@
-"""MarsExplorer with the buffers of PufferLib: the trainer owns the memory, and the environment writes to it.
+"""MarsExplorer with PufferLib's buffers: it writes to the trainer's own memory.
 
 pip install '.[mars]' torch
 python examples/pufferlib_style.py --steps 200000
 
-The class has the buffers, num_agents, spaces, reset and step of pufferlib.PufferEnv. It does not derive from it, so that the
-script runs without PufferLib.
+The class has the buffers, num_agents, spaces, reset and step of pufferlib.PufferEnv. It does not
+derive from it, so that the script runs without PufferLib.
 """
 
 import argparse
@@ -16,8 +16,8 @@ import torch
 
 
 def buffers(num_agents: int, shape: tuple[int, ...]) -> dict[str, torch.Tensor]:
-    """Return what a trainer allocates, once: pinned where a GPU reads it."""
-    made = {
+    """A trainer's memory, allocated once and pinned if a GPU reads it."""
+    tensors = {
         "observations": torch.zeros((num_agents, *shape), dtype=torch.uint8),
         "rewards": torch.zeros(num_agents),
         "terminals": torch.zeros(num_agents, dtype=torch.bool),
@@ -25,14 +25,17 @@ def buffers(num_agents: int, shape: tuple[int, ...]) -> dict[str, torch.Tensor]:
         "masks": torch.ones((num_agents, 4), dtype=torch.bool),
     }
     return (
-        {name: one.pin_memory() for name, one in made.items()}
+        {name: tensor.pin_memory() for name, tensor in tensors.items()}
         if torch.cuda.is_available()
-        else made
+        else tensors
     )
 
 
 class PufferMars:
-    """A stack of environments that writes observations, rewards, terminals, truncations and masks into `buf`."""
+    """A stack of environments that writes everything of a step into `buf`.
+
+    Observations, rewards, terminals, truncations and masks.
+    """
 
     def __init__(
         self, num_agents: int, level: str, size: int, buf: dict[str, torch.Tensor]
@@ -60,7 +63,7 @@ class PufferMars:
         return self.buf["observations"], []
 
     def step(self, actions: np.ndarray):
-        """Make a move each; return the buffers of PufferEnv.step, and the means over the episodes that ended."""
+        """Make a move each; return PufferEnv.step's buffers, and means of ended episodes."""
         _, rewards, terminated, truncated, info = self.envs.step(actions)
         self.buf["rewards"].copy_(torch.from_numpy(rewards))
         self.buf["terminals"].copy_(torch.from_numpy(terminated))
@@ -96,18 +99,18 @@ def main() -> None:
     parser.add_argument("--level", default="random")
     parser.add_argument("--size", type=int, default=21)
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
+    options = parser.parse_args()
 
-    torch.manual_seed(given.seed)
-    buf = buffers(given.num_envs, (given.size, given.size))
-    puffer = PufferMars(given.num_envs, given.level, given.size, buf)
-    codes, _ = puffer.reset(given.seed)
+    torch.manual_seed(options.seed)
+    buf = buffers(options.num_envs, (options.size, options.size))
+    puffer = PufferMars(options.num_envs, options.level, options.size, buf)
+    codes, _ = puffer.reset(options.seed)
     moves, invalid, scores = 0, 0, []
     began = time.perf_counter()
-    while moves < given.steps:
+    while moves < options.steps:
         actions = torch.rand(buf["masks"].shape).masked_fill_(~buf["masks"], -1).argmax(dim=1)
         codes, rewards, _, _, infos = puffer.step(actions.numpy())
-        moves += given.num_envs
+        moves += options.num_envs
         invalid += int((rewards < -1).sum())
         scores += [info["score"] for info in infos]
     seconds = time.perf_counter() - began
@@ -115,7 +118,8 @@ def main() -> None:
     assert codes.data_ptr() == buf["observations"].data_ptr()
     rovers = int((codes == 2).sum())
     print(
-        f"{moves:,} moves, {invalid} of them invalid, {moves / seconds:,.0f} a second, {rovers} rovers in the given memory"
+        f"{moves:,} moves, {invalid} of them invalid, {moves / seconds:,.0f} a second, {rovers} "
+        "rovers in the given memory"
     )
     print(
         f"mean score of the episodes that ended {np.mean(scores):.3f}"

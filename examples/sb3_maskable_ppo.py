@@ -1,10 +1,12 @@
-"""MaskablePPO of sb3-contrib on MarsExplorer, with invalid moves masked and a small convolutional network.
+"""MaskablePPO of sb3-contrib on MarsExplorer, with a small convolutional network.
+
+Invalid moves are masked.
 
     pip install '.[train]' stable-baselines3 sb3-contrib
     python examples/sb3_maskable_ppo.py --out mine.onnx
 
-Its 100,000 moves take 215 seconds of one core; the policy then scores 0.399 on 20 terrains on which `random` scores 0.373.
-The file can be evaluated and served without Stable-Baselines3:
+Its 100,000 moves take 215 seconds of one core; the policy then scores 0.399 on 20 terrains on which
+`random` scores 0.373. The file can be evaluated and served without Stable-Baselines3:
 
     marsexplorer evaluate --policy mine.onnx --policy random
     humanplay serve --policy mine.onnx
@@ -51,14 +53,14 @@ class TerrainFeatures(BaseFeaturesExtractor):
         )
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Return features float32[batch, features_dim] of observations float32[batch, rows, cols]."""
+        """Features float32[batch, features_dim] of float32[batch, rows, cols]."""
         codes = (observation * 3.2).round().long().clamp(0, 3)
         planes = nn.functional.one_hot(codes, 4).permute(0, 3, 1, 2).float()
         return self.linear(self.cnn(planes))
 
 
 class Scores(nn.Module):
-    """What the file holds of a policy: the logits of the moves and the value of an observation."""
+    """The exported policy: logits of the moves, and the value of an observation."""
 
     def __init__(self, policy: ActorCriticPolicy) -> None:
         super().__init__()
@@ -76,9 +78,12 @@ class Scores(nn.Module):
 
 
 def export(policy: ActorCriticPolicy, out: Path, acts: str = "greedy") -> None:
-    """Write a policy as the ONNX file that docs/policies.md describes; it takes the likeliest moves, or "samples" them.
+    """Write a policy as the ONNX file that docs/policies.md describes.
 
-    Leave `action_mask` out of both, here and in `Scores`, for a policy that was trained without masks.
+    acts  it takes the likeliest moves, or "samples" them
+
+    Leave `action_mask` out of both, here and in `Scores`, for a policy that was trained without
+    masks.
     """
     rows, cols = policy.observation_space.shape
     sample = (torch.zeros(1, rows, cols), torch.ones(1, 4, dtype=torch.bool))
@@ -110,24 +115,26 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--features", choices=["terrain", "flat"], default="terrain")
     parser.add_argument("--out", type=Path, default=Path("mine.onnx"), help="file to write")
-    given = parser.parse_args()
+    options = parser.parse_args()
 
-    env = make_env(given.level, given.size)
-    features = {"features_extractor_class": TerrainFeatures} if given.features == "terrain" else {}
+    env = make_env(options.level, options.size)
+    features = (
+        {"features_extractor_class": TerrainFeatures} if options.features == "terrain" else {}
+    )
     model = MaskablePPO(
         "MlpPolicy",
         env,
         n_steps=1024,
         batch_size=256,
         policy_kwargs=features,
-        seed=given.seed,
+        seed=options.seed,
         device="cpu",
     )
-    model.learn(given.steps)
-    export(model.policy, given.out, "samples")  # the likeliest moves of a young policy loop
-    print(f"{given.out}: {model.num_timesteps:,} moves learnt from")
-    config = EnvConfig.of(given.level, given.size)
-    for row in evaluate([str(given.out), "random"], config, 20, 10**9).rows:
+    model.learn(options.steps)
+    export(model.policy, options.out, "samples")  # the likeliest moves of a young policy loop
+    print(f"{options.out}: {model.num_timesteps:,} moves learnt from")
+    config = EnvConfig.of(options.level, options.size)
+    for row in evaluate([str(options.out), "random"], config, 20, 10**9).rows:
         print(f"{row.policy}: mean score {row.score_mean:.3f}, {row.coverage_mean:.0%} mapped")
 
 

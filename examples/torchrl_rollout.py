@@ -1,4 +1,4 @@
-"""A TorchRL rollout of MarsExplorer, with the mask of valid moves in the tensordict.
+"""A TorchRL rollout of MarsExplorer, with the valid moves in the tensordict.
 
 pip install '.[mars]' torchrl
 python examples/torchrl_rollout.py --steps 200
@@ -14,7 +14,7 @@ from torchrl.envs.transforms import ActionMask, StepCounter
 
 
 class WithMask(gymnasium.Wrapper):
-    """Add `action_mask`, int8[4], to the observation, where TorchRL's ActionMask expects it."""
+    """Add `action_mask`, int8[4], to the observation for TorchRL's ActionMask."""
 
     def __init__(self, env: gymnasium.Env) -> None:
         super().__init__(env)
@@ -47,21 +47,23 @@ def main() -> None:
     parser.add_argument("--level", default="random")
     parser.add_argument("--size", type=int, default=21)
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
+    options = parser.parse_args()
 
-    torch.manual_seed(given.seed)
-    made = gymnasium.make("marsexplorer:MarsExplorer-v0", level=given.level, size=given.size)
-    env = TransformedEnv(GymWrapper(WithMask(made), categorical_action_encoding=True), ActionMask())
+    torch.manual_seed(options.seed)
+    mars = gymnasium.make("marsexplorer:MarsExplorer-v0", level=options.level, size=options.size)
+    env = TransformedEnv(GymWrapper(WithMask(mars), categorical_action_encoding=True), ActionMask())
     env.append_transform(StepCounter())
-    env.set_seed(given.seed)
-    rollout = env.rollout(given.steps, break_when_any_done=False)
-    known = (rollout["next", "observation"] > 0).float().mean(dim=(-2, -1))
+    env.set_seed(options.seed)
+    rollout = env.rollout(options.steps, break_when_any_done=False)
+    coverage = (rollout["next", "observation"] > 0).float().mean(dim=(-2, -1))
     invalid = int((rollout["next", "reward"] < -1).sum())
     print(
-        f"{len(rollout)} moves, {invalid} of them invalid, mean return a move {float(rollout['next', 'reward'].mean()):.2f}"
+        f"{len(rollout)} moves, {invalid} of them invalid, mean return a move "
+        f"{float(rollout['next', 'reward'].mean()):.2f}"
     )
     print(
-        f"best coverage {float(known.max()):.1%}; keys: {', '.join(sorted(map(str, rollout.keys())))}"
+        f"best coverage {float(coverage.max()):.1%}; keys: "
+        f"{', '.join(sorted(map(str, rollout.keys())))}"
     )
 
 

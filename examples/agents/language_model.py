@@ -1,9 +1,10 @@
-"""A model of language that is shown text frames, or one of vision that is shown pictures, on every instance of a card.
+"""A model of language or vision plays every instance of a card, frame by frame.
 
 Any OpenAI-compatible API does: OPENAI_BASE_URL and OPENAI_API_KEY say which.
 
-    .venv-agents/bin/python examples/agents/language_model.py http://127.0.0.1:8000/agents/TOKEN --model MODEL
-    .venv-agents/bin/python examples/agents/language_model.py http://127.0.0.1:8000/agents/TOKEN --model MODEL --frames picture
+    .venv-agents/bin/python examples/agents/language_model.py http://127.0.0.1:8000/agents/TOKEN
+    --model MODEL .venv-agents/bin/python examples/agents/language_model.py
+    http://127.0.0.1:8000/agents/TOKEN --model MODEL --frames picture
 """
 
 import argparse
@@ -24,7 +25,7 @@ REMEMBERED, TRIES = 20, 3
 
 
 class Player:
-    """The model, the moves it has made on an instance, and the tokens that it has taken."""
+    """The model, its moves on an instance, and the tokens that it has taken."""
 
     def __init__(self, model, card, frames):
         self._api, self._model, self._frames = OpenAI(), model, frames
@@ -57,17 +58,17 @@ class Player:
         return None
 
     def _shown(self, seen):
-        """Return what is seen, as the content of a message."""
-        made = ", ".join(self.moves[-REMEMBERED:]) or "none"
-        said = f"Moves so far: {seen['step']}; the last ones: {made}."
+        """The content of a message that shows the model what it sees."""
+        last_moves = ", ".join(self.moves[-REMEMBERED:]) or "none"
+        sentence = f"Moves so far: {seen['step']}; the last ones: {last_moves}."
         if self._frames == "picture":
             if "picture" not in seen:
                 raise SystemExit("this evaluation shows no pictures: take --frames text")
             picture = {"type": "image_url", "image_url": {"url": seen["picture"]}}
-            return [{"type": "text", "text": said}, picture]
+            return [{"type": "text", "text": sentence}, picture]
         if "text" not in seen and "observation" not in seen:
             raise SystemExit("this evaluation shows pictures alone: take --frames picture")
-        return f"{said}\n{seen.get('text') or json.dumps(seen['observation'])}"
+        return f"{sentence}\n{seen.get('text') or json.dumps(seen['observation'])}"
 
 
 def main():
@@ -77,29 +78,33 @@ def main():
     parser.add_argument("--model", required=True, help="as the API calls it")
     parser.add_argument("--frames", choices=("text", "picture"), default="text")
     parser.add_argument("--most-moves", type=int, help="of an instance, which is then left")
-    given = parser.parse_args()
-    card = httpx.get(given.card, timeout=60).raise_for_status().json()
-    player = Player(given.model, card, given.frames)
+    options = parser.parse_args()
+    card = httpx.get(options.card, timeout=60).raise_for_status().json()
+    player = Player(options.model, card, options.frames)
     prompts = hashlib.sha256(f"{SYSTEM}{NO_ACTION}".encode()).hexdigest()
     if not card["state"]["begun"]:
-        said = {"agent": f"one {given.frames} frame a call", "version": "1", "model": given.model}
+        agent = {
+            "agent": f"one {options.frames} frame a call",
+            "version": "1",
+            "model": options.model,
+        }
         httpx.post(
-            given.card, json={**said, "prompts_sha256": prompts}, timeout=60
+            options.card, json={**agent, "prompts_sha256": prompts}, timeout=60
         ).raise_for_status()
-    with GenericEnvClient(base_url=given.card).sync() as env:
+    with GenericEnvClient(base_url=options.card).sync() as env:
         for index in sorted(set(range(card["instances"])) - set(card["state"]["finished"])):
             player.moves.clear()
-            result = env.reset(split="evaluation", index=index)
-            while not result.done and len(player.moves) != given.most_moves:
-                action = player.act(result.observation)
+            step = env.reset(split="evaluation", index=index)
+            while not step.done and len(player.moves) != options.most_moves:
+                action = player.act(step.observation)
                 if action is None:
                     print(f"instance {index}: the model names no move; it is left as it stands")
                     break
-                result = env.step({"action": action})
-            print(f"instance {index}: {result.observation['step']} moves", flush=True)
+                step = env.step({"action": action})
+            print(f"instance {index}: {step.observation['step']} moves", flush=True)
             cost = f"{player.tokens[0]} tokens in, {player.tokens[1]} out"
-            httpx.post(given.card, json={"cost": cost}, timeout=60).raise_for_status()
-    httpx.post(f"{given.card}/close", timeout=60).raise_for_status()
+            httpx.post(options.card, json={"cost": cost}, timeout=60).raise_for_status()
+    httpx.post(f"{options.card}/close", timeout=60).raise_for_status()
     print("the card is closed")
 
 

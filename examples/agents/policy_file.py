@@ -1,4 +1,6 @@
-"""A policy of MarsExplorer, by its name or its file, on every instance of a card; it needs a plain websocket and no more.
+"""A policy of MarsExplorer, by name or file, plays every instance of a card.
+
+It needs only a plain websocket.
 
 .venv/bin/python examples/agents/policy_file.py http://127.0.0.1:8000/agents/TOKEN --policy ppo
 """
@@ -17,9 +19,9 @@ CODES = {"?": 0, ".": 1, "@": 2, "#": 3}
 
 
 def called(url, body=None):
-    """Return what a call answers; POST where there is a body."""
-    data = None if body is None else json.dumps(body).encode()
-    with urlopen(Request(url, data, {"Content-Type": "application/json"})) as answer:
+    """The answer of a call; POST if there is a body."""
+    content = None if body is None else json.dumps(body).encode()
+    with urlopen(Request(url, content, {"Content-Type": "application/json"})) as answer:
         return json.load(answer)
 
 
@@ -28,18 +30,18 @@ def main():
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("card", help="the card's address")
     parser.add_argument("--policy", default="frontier-cost", help="a name, or a file")
-    given = parser.parse_args()
-    card = called(given.card)
-    policy = load(given.policy, card["config"]["sensor_radius"])
+    options = parser.parse_args()
+    card = called(options.card)
+    policy = load(options.policy, card["config"]["sensor_radius"])
     if not card["state"]["begun"]:
-        said = {
+        agent = {
             "agent": policy.name,
             "version": "1",
-            "model": given.policy.split("/")[-1],
+            "model": options.policy.split("/")[-1],
             "cost": "0",
         }
-        called(given.card, said)
-    with connect(f"ws{given.card.removeprefix('http')}/ws", proxy=None) as socket:
+        called(options.card, agent)
+    with connect(f"ws{options.card.removeprefix('http')}/ws", proxy=None) as socket:
 
         def ask(kind, **data):
             socket.send(json.dumps({"type": kind, "data": data}))
@@ -56,7 +58,7 @@ def main():
                 codes = np.array([[CODES[cell] for cell in row] for row in grid], np.uint8)
                 seen = ask("step", action=int(policy.act(codes)))
             print(f"instance {index}: {seen['observation']['step']} moves", flush=True)
-    called(f"{given.card}/close", {})
+    called(f"{options.card}/close", {})
     print("the card is closed")
 
 

@@ -1,4 +1,4 @@
-"""The command `python -m research.coverage --studies 2000 --seed 0`: measure and print the tables."""
+"""The command `python -m research.coverage`: measure and print the tables."""
 
 from __future__ import annotations
 
@@ -37,7 +37,10 @@ POLICY_SDS = (0.0, 20.0, 45.0)
 def measure_cells(
     studies: int, seed: int, players: Sequence[int], progress: Progress
 ) -> Iterator[Cell]:
-    """Yield every cell: populations x ICC x players; progress is called with (cells done, cells in all)."""
+    """Yield every cell: populations x ICC x players.
+
+    progress is called with (cells done, cells in all).
+    """
     cells = [*product(SCORE_POPULATIONS, ICCS, players)]
     for done, cell in enumerate(cells, 1):
         yield measure_cell(*cell, studies, seed)
@@ -52,10 +55,10 @@ def table_lines(
         yield f"|{'|'.join(row)}|"
 
 
-def markdown_table(cells: Sequence[Cell], entry: Callable[[Cell], str]) -> str:
-    """Return a row for each population and ICC: what they are, then the entry for each number of players."""
+def markdown_table(cells: Sequence[Cell], text_of: Callable[[Cell], str]) -> str:
+    """A row for each population and ICC, with a text for each number of players."""
     rows = [
-        (population, f"{icc:g}", *(entry(cell) for cell in row))
+        (population, f"{icc:g}", *(text_of(cell) for cell in row))
         for (population, icc), row in groupby(cells, lambda cell: (cell.population, cell.icc))
     ]
     heads = [f"{count} players" for count in sorted({cell.players for cell in cells})]
@@ -75,7 +78,7 @@ def own_entry(cell: Cell) -> str:
 def further_lines(
     subject: str, studies: int, seed: int, players: Sequence[int], progress: Progress
 ) -> Iterator[str]:
-    """Yield the lines of what is measured instead of the quoted table, one of PERCENTAGES."""
+    """Yield the lines of another measure than the quoted table, one of PERCENTAGES."""
     places = [*product(SCORE_POPULATIONS, PAIRED_ICCS if subject == "paired" else ICCS)]
 
     def rows() -> Iterator[tuple[str, ...]]:
@@ -89,7 +92,7 @@ def further_lines(
 
 
 def power_lines(studies: int, seed: int, progress: Progress) -> Iterator[str]:
-    """Yield width and power at the paper's spreads, by the share of an unseen participant."""
+    """Yield width and power at the paper's spreads, by an unseen participant's share."""
     places = [*product(SHARES, POLICY_SDS)]
 
     def rows() -> Iterator[tuple[str, ...]]:
@@ -118,7 +121,7 @@ def power_lines(studies: int, seed: int, progress: Progress) -> Iterator[str]:
 def main(
     studies: int, seed: int, players: tuple[int, ...], subject: str | None, save: bool
 ) -> None:
-    """Measure the coverage of the report's interval on simulated studies and print it as Markdown tables.
+    """Measure the coverage of the report's interval on simulated studies.
 
     --ratio, --paired and --power measure something else instead.
     """

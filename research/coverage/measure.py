@@ -1,9 +1,9 @@
 """What is measured on simulated studies.
 
-Coverage of the interval and of the ratio, false alarms and power of the test. The truth of a simulated
-study (`simulated_studies`) is the mean over players and terrains; for these terrains, over players
-alone. Test and ratio are the same test (`humanplay.report.statistics.comparisons`): of policy - people = 0,
-and of policy - ratio people = 0 for the true ratio.
+Coverage of the interval and of the ratio, false alarms and power of the test. The truth of a
+simulated study (`simulated_studies`) is the mean over players and terrains; for these terrains,
+over players alone. Test and ratio are the same test (`humanplay.report.statistics.comparisons`): of
+policy - people = 0, and of policy - ratio people = 0 for the true ratio.
 """
 
 from __future__ import annotations
@@ -73,9 +73,12 @@ def _percent(is_so: NDArray[np.bool_]) -> float:
 def measure_false_alarms(
     population: ScorePopulation, icc: float, players: int, studies: int, seed: int
 ) -> float:
-    """Return in how many percent of studies p is below 0.05 although policy and people have the same mean over terrains.
+    """The per cent of studies with p below 0.05 although the means are equal.
 
-    The policy deviates from people on each terrain, by amounts of mean 0 (`simulated_studies.POLICY_SD`).
+    The means over terrains of policy and people.
+
+    The policy deviates from people on each terrain, by amounts of mean 0
+    (`simulated_studies.POLICY_SD`).
     """
     rng = generator(population, icc, players, seed)
     scores, terrain = simulate_studies(population, icc, players, studies, rng)
@@ -87,7 +90,10 @@ def measure_false_alarms(
 def measure_ratio(
     population: ScorePopulation, icc: float, players: int, studies: int, seed: int
 ) -> float:
-    """Return in how many percent of studies the interval of policy / people covers the ratio of the means over terrains."""
+    """The per cent of studies whose interval of policy / people covers the ratio.
+
+    The ratio of the means over terrains.
+    """
     rng = generator(population, icc, players, seed)
     scores, terrain = simulate_studies(population, icc, players, studies, rng)
     values = simulate_policy(POLICY_SCORE, terrain, rng)
@@ -97,7 +103,7 @@ def measure_ratio(
 
 
 def measure_width(unseen: float, studies: int, seed: int) -> float:
-    """Return the interval's width over that of the t interval in studies at the paper's spreads, of means."""
+    """The interval's width over the t interval's, at the paper's spreads; means."""
     rng = np.random.default_rng([seed, 1])
     people, _ = simulate_plan(0.0, 0.0, studies, rng)
     low, high = interval(people, PAPER.limit, unseen=unseen)
@@ -108,7 +114,9 @@ def measure_width(unseen: float, studies: int, seed: int) -> float:
 def measure_power(
     ahead: float, policy_sd: float, level: float, unseen: float, studies: int, seed: int
 ) -> float:
-    """Return in how many percent of studies at the paper's spreads a difference is seen, on its side.
+    """The per cent of studies at the paper's spreads that see a difference.
+
+    A difference is seen on its side.
 
     Args:
         ahead: steps by which the policy needs fewer than people; below 0 it needs more.
@@ -126,6 +134,6 @@ def measure_power(
 
 
 def coverage_error(coverage: float, studies: int) -> float:
-    """Return the half-width (percentage points) within which a measured coverage lies of the true one, 95 % of the time."""
+    """The half-width (percentage points) of a measured coverage's 95 % interval."""
     share = coverage / 100
     return float(100 * scipy.special.ndtri(1 - TAIL) * np.sqrt(share * (1 - share) / studies))

@@ -1,7 +1,7 @@
-"""Simulated studies whose truth is known: what the intervals and the tests of a report are measured on.
+"""Simulated studies whose truth is known, to measure a report's methods on.
 
-A simulated study is scores[players, terrains] = mean + player + terrain + episode. A score's long tail points down; steps to
-99 % mirror it, and so do their intervals.
+A simulated study is scores[players, terrains] = mean + player + terrain + episode. A score's long
+tail points down; steps to 99 % mirror it, and so do their intervals.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ POLICY_SD = 0.01
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """A study without failures, in steps: its size, people's mean and spreads, and the limit."""
+    """A study without failures, in steps: size, people's mean and spreads, limit."""
 
     players: int
     terrains: int
@@ -69,7 +69,9 @@ def mean_score(population: ScorePopulation) -> float:
 def simulate_studies(
     population: ScorePopulation, icc: float, players: int, studies: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """Return scores float64[studies, players, TERRAINS], and what each terrain adds float64[studies, TERRAINS] (mean 0).
+    """Scores float64[studies, players, TERRAINS], and each terrain's effect.
+
+    The effects are float64[studies, TERRAINS], mean 0.
 
     The truth on a study's terrains is `mean_score(population)` plus the mean of what they add.
     """
@@ -100,13 +102,19 @@ def simulate_studies(
 
 
 def _kinds() -> tuple[float, float]:
-    """Return the effect of a player of the worse kind and of the others: mean 0 and variance 1 over the population."""
+    """The effects of a player of the worse kind and of the others.
+
+    Mean 0 and variance 1 over the population.
+    """
     odds = np.sqrt(WORSE_SHARE / (1 - WORSE_SHARE))
     return -1 / odds, odds
 
 
 def failures(population: ScorePopulation, scores: Floats) -> NDArray[np.bool_]:
-    """Return which episodes of `simulate_studies` ended in a collision; the costs of one are far beyond every other spread."""
+    """Which episodes of `simulate_studies` ended in a collision.
+
+    The costs of one are far beyond every other spread.
+    """
     lowest = PLAYED_SCORE - COLLISION_COST / 2 if population.collisions else -np.inf
     return np.asarray(scores < lowest)
 
@@ -118,7 +126,7 @@ def mean_steps(population: ScorePopulation) -> float:
 
 
 def steps_of(population: ScorePopulation, scores: Floats, terrain: Floats) -> tuple[Floats, Floats]:
-    """Return the steps to 99 % of the episodes of `simulate_studies`, and their true mean on each study's terrains.
+    """The steps to 99 % of simulated episodes, and their true mean on each terrain.
 
     Steps mirror the score, with a spread of STEPS_SD; a collision counts the limit.
     """
@@ -126,11 +134,13 @@ def steps_of(population: ScorePopulation, scores: Floats, terrain: Floats) -> tu
     middle, spread = (
         (PLAYED_SCORE, PLAYED_SD) if population.collisions else (mean_score(population), 0.03)
     )
-    each = STEPS_SD / spread
-    played = MEAN_STEPS - each * (scores + COLLISION_COST * failed - middle)
+    steps_per_score = STEPS_SD / spread
+    played = MEAN_STEPS - steps_per_score * (scores + COLLISION_COST * failed - middle)
     steps: Floats = np.where(failed, STEPS_BOUNDS[1], played)
     share = population.collisions
-    truth: Floats = (1 - share) * (MEAN_STEPS - each * terrain.mean(1)) + share * STEPS_BOUNDS[1]
+    truth: Floats = (1 - share) * (
+        MEAN_STEPS - steps_per_score * terrain.mean(1)
+    ) + share * STEPS_BOUNDS[1]
     return steps, truth
 
 
@@ -147,7 +157,10 @@ def _drawn(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> Float
 
 
 def simulate_policy(mean: float, terrain: Floats, rng: np.random.Generator) -> Floats:
-    """Return a policy's scores float64[studies, TERRAINS]: its mean, what each terrain adds, and a deviation of its own."""
+    """A policy's scores float64[studies, TERRAINS].
+
+    Its mean, each terrain's effect, and a deviation of its own.
+    """
     values: Floats = mean + terrain + POLICY_SD * rng.standard_normal(terrain.shape)
     return values
 
@@ -155,7 +168,9 @@ def simulate_policy(mean: float, terrain: Floats, rng: np.random.Generator) -> F
 def simulate_plan(
     ahead: float, policy_sd: float, studies: int, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """Steps at PAPER of people, float64[studies, players, terrains], and of a policy, float64[studies, terrains].
+    """Steps at PAPER of people and of a policy, on the same terrains.
+
+    float64[studies, players, terrains] and float64[studies, terrains]
 
     Args:
         ahead: steps by which the policy needs fewer in the mean.

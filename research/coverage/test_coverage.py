@@ -1,4 +1,7 @@
-"""The coverage of the interval, measured: a few cells here, all in the long run, and the table that is quoted."""
+"""The coverage of the interval, measured, and the table that is quoted.
+
+A few cells here, all in the long run.
+"""
 
 import math
 from itertools import product
@@ -35,11 +38,16 @@ EARLIER = {
     ("two kinds", 0.2): ((88.4, 88.4), (93.5, 93.5)),
     ("two kinds", 0.5): ((77.9, 77.9), (89.8, 89.8)),
 }  # fmt: skip
-"""Coverage (score, steps) of the interval that commit 23aff3c3 gives for other terrains too, by number of players."""
+"""Coverage (score, steps) of the interval that commit 23aff3c3 gives for other terrains too, by
+number of players.
+"""
 
 
 def within(measured, low, high, studies):
-    """Whether a measured coverage agrees with a true one in low..high (percent), chance of a false alarm below 1 in 1,000."""
+    """Whether a measured coverage agrees with a true one in low..high (per cent).
+
+    The chance of a false alarm is below 1 in 1,000.
+    """
     slack = 1.7 * coverage_error(95, studies)
     return low - slack <= measured <= high + slack
 
@@ -120,8 +128,8 @@ def test_a_row_of_the_quoted_table_comes_out_again():
 
 def test_the_quoted_table_is_whole_and_stands_in_the_documents():
     cells = saved()
-    found = {(cell.population, cell.icc, cell.players) for cell in cells}
-    assert found == {*product(BY_NAME, (0, 0.2, 0.5), (5, 8, 10, 20, 30))}
+    places = {(cell.population, cell.icc, cell.players) for cell in cells}
+    assert places == {*product(BY_NAME, (0, 0.2, 0.5), (5, 8, 10, 20, 30))}
     assert all(cell.studies >= 2000 for cell in cells)
     text = DOCS.read_text()
     assert markdown_table(cells, drawn_entry) in text
@@ -161,6 +169,6 @@ def test_every_cell_measured_again_agrees_with_the_quoted_table():
     for cell in saved():
         again = measure_cell(BY_NAME[cell.population], cell.icc, cell.players, studies, seed=99)
         for name in (*SHARES, "pooled"):
-            expected, found = getattr(cell, name), getattr(again, name)
+            expected, measured = getattr(cell, name), getattr(again, name)
             errors = (coverage_error(expected, count) for count in (studies, cell.studies))
-            assert abs(found - expected) <= 2.1 * math.hypot(*errors) + 0.6, (name, cell, again)
+            assert abs(measured - expected) <= 2.1 * math.hypot(*errors) + 0.6, (name, cell, again)

@@ -1,1 +1,1 @@
-"""The public table of environments: each family examined in a virtual environment of its own."""
+"""The public table of environments, each family in a virtual environment."""

@@ -1,4 +1,7 @@
-"""`python -m research.environments`: draw the table of docs/environments.md again; with names of families, print theirs."""
+"""`python -m research.environments`: draw the table of docs/environments.md again.
+
+With names of families, print theirs.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +26,12 @@ BLOCK = re.compile(r"^<!-- drawn: environments -->\n.*?^<!-- end -->$", re.M | r
 
 
 def rows_of(name: str, folder: Path, steps: int) -> tuple[str, str]:
-    """Return the head of the table and a family's rows, examined in a virtual environment that is made where there is none."""
+    """The head of the table and a family's rows, from its virtual environment.
+
+    The environment is made if there is none.
+    """
     family, place = FAMILIES[name], folder / name.replace(" ", "-").lower()
-    envs = [each if isinstance(each, str) else json.dumps(each) for each in family["environments"]]
+    envs = [env if isinstance(env, str) else json.dumps(env) for env in family["environments"]]
     python = str(place / "bin" / "python")
     subprocess.run([sys.executable, "-m", "venv", place], check=True)
     pins = ("--constraint", f"{ROOT}/constraints.txt") if family.get("pinned", True) else ()
@@ -37,9 +43,9 @@ def rows_of(name: str, folder: Path, steps: int) -> tuple[str, str]:
         check=False,
     )
     if done.returncode:
-        why = next(line for line in done.stderr.splitlines() if line.startswith("ERROR: "))
-        shown = (each if isinstance(each, str) else each["id"] for each in family["environments"])
-        return "", "".join(f"| {env} | not installed: {why[7:]} |{' |' * 6}\n" for env in shown)
+        reason = next(line for line in done.stderr.splitlines() if line.startswith("ERROR: "))
+        shown = (env if isinstance(env, str) else env["id"] for env in family["environments"])
+        return "", "".join(f"| {env} | not installed: {reason[7:]} |{' |' * 6}\n" for env in shown)
     command = [python, "-m", "humanplay.cli", "doctor", "--table"]
     asked = ["--steps", str(family.get("steps", steps)), *envs]
     environ = os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'app'}"} | family.get("environ", {})
@@ -55,11 +61,14 @@ def rows_of(name: str, folder: Path, steps: int) -> tuple[str, str]:
 @click.option("--venvs", type=click.Path(path_type=Path), default=ROOT / ".cache" / "environments")
 @click.option("--steps", default=400, show_default=True, help="Moves for each of five seeds.")
 def main(names: tuple[str, ...], venvs: Path, steps: int) -> None:
-    """Install each family of families.toml, let `humanplay doctor --table` examine it, and write docs/environments.md."""
+    """Examine each family of families.toml, and write docs/environments.md.
+
+    A family is installed, and `humanplay doctor --table` examines it.
+    """
     head, table = "", ""
     for name in names or FAMILIES:
-        found, rows = rows_of(name, venvs, steps)
-        head, table = head or found, table + rows
+        family_head, rows = rows_of(name, venvs, steps)
+        head, table = head or family_head, table + rows
         click.echo(rows, nl=False)
     if not names:
         drawn = f"<!-- drawn: environments -->\n{head}{table}<!-- end -->"

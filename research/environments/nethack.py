@@ -1,4 +1,7 @@
-"""NetHack given the seed of `reset`, which it ignores by itself; another folder and time zone still make a difference."""
+"""NetHack that obeys the seed of `reset`, which it ignores by itself.
+
+Another folder and time zone still make a difference.
+"""
 
 from __future__ import annotations
 

@@ -1,10 +1,13 @@
-"""Export untrained agents of several libraries as their documentation does, read the files, and compare the moves.
+"""Export untrained agents of several libraries, and compare their moves.
+
+As their documentation does; the files are read and played.
 
     pip install stable-baselines3 sb3-contrib tianshou "ray[rllib]" torch onnxscript
     python -m research.exports
 
-Each agent decides on 200 observations of real episodes, four episodes at a time in its own library, and alone through the file
-that `marsexplorer policies add` writes. A library that is not installed is named as such.
+Each agent decides on 200 observations of real episodes, four episodes at a time in its own library,
+and alone through the file that `marsexplorer policies add` writes. A library that is not installed
+is named as such.
 """
 
 from __future__ import annotations
@@ -39,7 +42,8 @@ class Agent:
     inputs   an example of its inputs, by name
     outputs  names of its outputs
     answers  to what its shapes leave open
-    moves    (observations float32[boards, rows, cols], masks bool[boards, 4], whether each begins an episode) -> moves
+    moves    (observations float32[boards, rows, cols], masks bool[boards, 4], whether each begins
+             an episode) -> moves
     """
 
     module: nn.Module
@@ -124,9 +128,9 @@ class Recurrent(nn.Module):
     ) -> tuple[Tensor, ...]:
         """The logits of a move, and the states for the next."""
         features = self.policy.extract_features(observation, self.policy.pi_features_extractor)
-        kept = (1 - episode_start).view(1, -1, 1)
+        continues = (1 - episode_start).view(1, -1, 1)
         out, (hidden, cell) = self.policy.lstm_actor(
-            features.unsqueeze(0), (kept * hidden, kept * cell)
+            features.unsqueeze(0), (continues * hidden, continues * cell)
         )
         return self.policy.action_net(self.policy.mlp_extractor.forward_actor(out[0])), hidden, cell
 

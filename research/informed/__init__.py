@@ -1,4 +1,4 @@
-"""How many moves knowing the map would save: a long search on the true map, as a bound for policies.
+"""How many moves knowing the map would save: a search on the true map.
 
 `python -m research.informed` compares policies with it.
 """

@@ -1,4 +1,4 @@
-"""The command `python -m research.informed`: policies beside a search that is shown the true map."""
+"""The command `python -m research.informed`: policies beside an informed search."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from research.informed.informed import INFORMED, check_size, search
 def compare(
     policies: tuple[str, ...], configs: list[EnvConfig], episodes: int, seed: int
 ) -> list[tuple[str, ...]]:
-    """Return a row for each configuration and policy, the search and the rules included.
+    """A row for each configuration and policy, the search and the rules included.
 
     A row has the policy, level, size, mean steps to 99 %, and their paired ratio to the search's.
     """
@@ -34,11 +34,11 @@ def compare(
         table = evaluate(names, configs, episodes, seed, executor=jobs)
         for done, config in enumerate(configs):
             advance(done, len(configs))
-            found = list(jobs.map(partial(search, config), table.seeds))
-            steps = {INFORMED: np.array(found, np.float64)}
-            own = [each for each in table.results if each.config_hash == config.hash]
+            lengths = list(jobs.map(partial(search, config), table.seeds))
+            steps = {INFORMED: np.array(lengths, np.float64)}
+            results = [result for result in table.results if result.config_hash == config.hash]
             for name in names:
-                moves = [each.steps_to_99 for each in own if each.policy == name]
+                moves = [result.steps_to_99 for result in results if result.policy == name]
                 steps[name] = np.array(moves, np.float64)
             rows += [_row(config, name, steps) for name in steps]
     return rows

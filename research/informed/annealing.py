@@ -1,15 +1,16 @@
-"""Simulated annealing of a tour of viewpoints, compiled: the search of the informed planner.
+"""Simulated annealing of a tour of viewpoints, compiled, for the informed planner.
 
-A change of a tour leaves most of its legs as they were, so what each leg shows is kept, and a proposed tour is worked out from
-the legs that differ. `Legs` of a tour are the tuple of
+A change of a tour leaves most of its legs as they were, so what each leg shows is kept, and a
+proposed tour is worked out from the legs that differ. `Legs` of a tour are the tuple of
 
     moves   int64[capacity]           of the leg to each viewpoint
-    last    int64[capacity]           action with which it ends, which breaks the ties of the next one
+    last    int64[capacity]           action with which it ends, which breaks the ties of the next
+            one
     shown   uint64[capacity, words]   what its cells show, without the one that it begins at
     before  uint64[capacity + 1, words]  what the start and the legs before number k show together
     after   uint64[capacity + 1, words]  what the legs from number k on show together
 
-`tours` says what tours and a known terrain are.
+`tours` describes tours and a known terrain.
 """
 
 from __future__ import annotations
@@ -34,7 +35,10 @@ U = np.uint64
 
 
 def empty_legs(capacity, words):
-    """Return (legs, proposed): `Legs` without any leg, and (moves, last, shown) for those of another tour."""
+    """(legs, proposed): `Legs` without any leg, and arrays for those of another tour.
+
+    The arrays are (moves, last, shown).
+    """
     moves, last = np.zeros((2, 2, capacity), np.int64)
     shown = np.zeros((2, capacity, words), np.uint64)
     around = np.zeros((2, capacity + 1, words), np.uint64)
@@ -42,9 +46,12 @@ def empty_legs(capacity, words):
 
 
 @kernel
-def walk_leg(cell, goal, tie_break, last, known, shown):
-    """Return (moves, last action) of a leg from a cell to its goal, and write to shown uint64[words] what its cells show."""
-    neighbours, distance, views, first_word, end_word = known
+def walk_leg(cell, goal, tie_break, last, terrain, shown):
+    """Walk a leg from a cell to its goal; return (moves, last action).
+
+    shown  uint64[words], written: what the leg's cells show
+    """
+    neighbours, distance, views, first_word, end_word = terrain
     shown[:] = U(0)
     row, moves = distance[goal], 0
     while cell != goal:
@@ -57,7 +64,7 @@ def walk_leg(cell, goal, tie_break, last, known, shown):
 
 
 @kernel
-def walk_changed_legs(start, points, tie_breaks, counts, known, legs, proposed, covered):
+def walk_changed_legs(start, points, tie_breaks, counts, terrain, legs, proposed, covered):
     """Walk the legs in which the proposed tour differs from the present one.
 
     counts    (viewpoints of the present tour, of the proposed one)
@@ -84,8 +91,8 @@ def walk_changed_legs(start, points, tie_breaks, counts, known, legs, proposed, 
         if points[0, old] != points[1, new] or tie_breaks[0, old] != tie_breaks[1, new]:
             break
         same += 1
-    # 2. Walk from the first difference to where the tours stand on the same cell again, after the same action: all legs from
-    #    there on are alike.
+    # 2. Walk from the first difference to where the tours stand on the same cell again, after the
+    #    same action: all legs from there on are alike.
     cell = points[1, first - 1] if first > 0 else start
     last = lasts[first - 1] if first > 0 else FIRST_ACTION
     for w in range(covered.shape[0]):
@@ -94,7 +101,7 @@ def walk_changed_legs(start, points, tie_breaks, counts, known, legs, proposed, 
     end = first
     while end < new_count and not (end > new_count - same and last == lasts[end - 1 - shift]):
         length, last = walk_leg(
-            cell, points[1, end], tie_breaks[1, end], last, known, proposed[2][end]
+            cell, points[1, end], tie_breaks[1, end], last, terrain, proposed[2][end]
         )
         proposed[0][end], proposed[1][end] = length, last
         cell = points[1, end]
@@ -112,11 +119,12 @@ def walk_changed_legs(start, points, tie_breaks, counts, known, legs, proposed, 
 
 @kernel
 def replace_legs(counts, first, end, legs, proposed):
-    """Put the proposed legs first..end - 1 into the place of those that they replace; the arguments are as above."""
+    """Put the proposed legs first..end - 1 into the place of those they replace."""
     moves, lasts, shown, before, after = legs
     count, new_count = counts
     shift, words = new_count - count, shown.shape[1]
-    # 1. The legs after them take their new numbers, in the order in which none is overwritten before it is moved.
+    # 1. The legs after them take their new numbers, in the order in which none is overwritten
+    #    before it is moved.
     if shift != 0:
         for i in range(new_count - end):
             k = end + i if shift < 0 else new_count - 1 - i
@@ -152,13 +160,14 @@ def replace_legs(counts, first, end, legs, proposed):
 
 
 @kernel
-def anneal(start, target, schedule, known, free, cells, tours, legs, proposed, covered, state):
-    """Return the number of viewpoints of the shortest tour found that shows `target` cells, or -1 when none was found.
+def anneal(start, target, schedule, terrain, free, cells, tours, legs, proposed, covered, state):
+    """The number of viewpoints of the shortest tour that shows `target` cells, or -1.
 
     schedule  (changes tried, temperature of the first, temperature of the last in moves)
-    tours     (points int32[3, capacity], tie_breaks int8[3, capacity]) of the present tour, the proposed one, and the best,
-              which is left there
-    legs      scratch: of the present tour; proposed: (moves, last, shown) of the legs of the proposed one
+    tours     (points int32[3, capacity], tie_breaks int8[3, capacity]) of the present tour, the
+              proposed one, and the best, which is left there
+    legs      scratch: of the present tour; proposed: (moves, last, shown) of the legs of the
+              proposed one
     covered   uint64[2, words], scratch: what the first two tours show
     state     uint64[1], of the random numbers
     """
@@ -167,7 +176,7 @@ def anneal(start, target, schedule, known, free, cells, tours, legs, proposed, c
     # 1. Begin with the empty tour: the rover stays at the start.
     count, length, best_count, best_length = 0, np.int64(0), -1, np.int64(INFINITE)
     for w in range(covered.shape[1]):
-        covered[0, w] = legs[3][0, w] = known[2][start, w]
+        covered[0, w] = legs[3][0, w] = terrain[2][start, w]
         legs[4][0, w] = U(0)
     cost = MISSING_CELL_COST * max(0, target - count_covered(covered[0]))
     cooling = (final_temperature / initial_temperature) ** (1.0 / changes)
@@ -177,18 +186,19 @@ def anneal(start, target, schedule, known, free, cells, tours, legs, proposed, c
         # 2. Propose a changed copy of the present tour and work out its cost.
         copy_tour(points, tie_breaks, 0, 1, count)
         new_count = change_tour(
-            start, points[1], tie_breaks[1], count, covered[0], known, free, cells, state
+            start, points[1], tie_breaks[1], count, covered[0], terrain, free, cells, state
         )
         if new_count < 0:
             continue
         counts = (count, new_count)
         first, end, longer = walk_changed_legs(
-            start, points, tie_breaks, counts, known, legs, proposed, covered[1]
+            start, points, tie_breaks, counts, terrain, legs, proposed, covered[1]
         )
         new_length = length + longer
         missing = max(0, target - count_covered(covered[1]))
         new_cost = new_length + MISSING_CELL_COST * missing
-        # 3. Accept it by the rule of Metropolis: always when it is no worse, else with probability exp(-increase / t).
+        # 3. Accept it by the rule of Metropolis: always when it is no worse, else with probability
+        #    exp(-increase / t).
         if new_cost <= cost or uniform(state) < np.exp((cost - new_cost) / temperature):
             replace_legs(counts, first, end, legs, proposed)
             cost, count, length = new_cost, new_count, new_length

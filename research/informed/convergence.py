@@ -1,7 +1,10 @@
-"""How far the informed planner has converged: `python -m research.informed.convergence --size 42 --episodes 8`.
+"""How far the informed planner has converged.
 
-Each terrain is searched with several budgets, and with several seeds of the search for each. Where doubling the budget changes
-the mean by less than the half interval over terrains, and the seeds agree as closely, more search would change little.
+`python -m research.informed.convergence --size 42 --episodes 8`
+
+Each terrain is searched with several budgets, and with several seeds of the search for each. Where
+doubling the budget changes the mean by less than the half interval over terrains, and the seeds
+agree as closely, more search would change little.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ class Convergence:
 
 
 def measure(config: EnvConfig, seeds: Sequence[int], changes: int, searches: int) -> Convergence:
-    """Return what `searches` annealings of so many changes find on the terrain of each seed."""
+    """The walks that `searches` annealings find on the terrain of each seed."""
     check_size(config)
     lengths, began = [], time.process_time()
     for seed in seeds:
@@ -45,13 +48,16 @@ def measure(config: EnvConfig, seeds: Sequence[int], changes: int, searches: int
     )
 
 
-def row_of(found: Convergence, before: Convergence | None) -> str:
-    """Return a line of the table: a mean for each search, that of the best of them with its half interval, and the change."""
-    best = found.lengths.min(axis=1).astype(float)
+def row_of(budget: Convergence, before: Convergence | None) -> str:
+    """A line of the table: means of the searches, the best of them, and the change."""
+    best = budget.lengths.min(axis=1).astype(float)
     low, high = t_interval(best)
-    means = ", ".join(f"{mean:.1f}" for mean in found.lengths.mean(axis=0))
-    change = "" if before is None else f"{found.lengths.mean() / before.lengths.mean() - 1:+.1%}"
-    return f"| {found.changes:,} | {means} | {best.mean():.1f} ± {(high - low) / 2:.1f} | {change} | {found.cpu_s:.1f} |"
+    means = ", ".join(f"{mean:.1f}" for mean in budget.lengths.mean(axis=0))
+    change = "" if before is None else f"{budget.lengths.mean() / before.lengths.mean() - 1:+.1%}"
+    return (
+        f"| {budget.changes:,} | {means} | {best.mean():.1f} ± {(high - low) / 2:.1f} | "
+        f"{change} | {budget.cpu_s:.1f} |"
+    )
 
 
 @click.command()
@@ -77,9 +83,9 @@ def main(
     )
     before = None
     for budget in changes:
-        found = measure(config, range(seed, seed + episodes), budget, searches)
-        click.echo(row_of(found, before))
-        before = found
+        measured = measure(config, range(seed, seed + episodes), budget, searches)
+        click.echo(row_of(measured, before))
+        before = measured
 
 
 if __name__ == "__main__":

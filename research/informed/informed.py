@@ -1,13 +1,15 @@
-"""The informed planner: a long search on the true map, as a bound to compare policies with. It is not a policy.
+"""The informed planner: a long search on the true map, as a bound for policies.
 
-It looks for the shortest walk from the start that discovers beta of the cells that count (`world.cells_that_count`). The length
-of the walk that it finds is an upper bound of the optimum. The search knows where the obstacles are before the rover sees them,
-so no policy can be expected to reach this length; the ratio of a policy's steps to it says how much could be saved by knowing
-the map.
+It looks for the shortest walk from the start that discovers beta of the cells that count
+(`world.cells_that_count`). The length of the walk that it finds is an upper bound of the optimum.
+The search knows where the obstacles are before the rover sees them, so no policy can be expected to
+reach this length; the ratio of a policy's steps to it says how much could be saved by knowing the
+map.
 
-The tour is improved by simulated annealing (Kirkpatrick, Gelatt and Vecchi 1983, "Optimization by simulated annealing") of its
-length + MISSING_CELL_COST x (cells short of the target). `tours.change_tour` lists the changes that are tried. The budget is a
-number of changes and the random numbers follow from the seed, so a terrain has one answer.
+The tour is improved by simulated annealing (Kirkpatrick, Gelatt and Vecchi 1983, "Optimization by
+simulated annealing") of its length + MISSING_CELL_COST x (cells short of the target).
+`tours.change_tour` lists the changes that are tried. The budget is a number of changes and the
+random numbers follow from the seed, so a terrain has one answer.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ MAX_CELLS = 128 * 128
 
 @dataclass(frozen=True)
 class AnnealingConfig:
-    """The length and the temperatures of the search; the defaults are those of the published figures.
+    """The length and the temperatures of the search; the defaults are the published.
 
     changes              tried in one annealing
     runs                 annealings, each from the empty tour; the shortest walk is taken
@@ -49,15 +51,16 @@ class AnnealingConfig:
 
 
 def check_size(config: EnvConfig) -> None:
-    """Raise ValueError when the grid is too large for the search."""
+    """Raise ValueError if the grid is too large for the search."""
     if config.n > MAX_CELLS:
         raise ValueError(
-            f"the informed planner takes grids of up to {MAX_CELLS} cells, got {config.rows}x{config.cols}"
+            f"the informed planner takes grids of up to {MAX_CELLS} cells, got "
+            f"{config.rows}x{config.cols}"
         )
 
 
 class KnownTerrain:
-    """A terrain whose map is known: neighbours, distances and views of its cells, as `tours` describes them."""
+    """A terrain whose map is known: neighbours, distances and views of its cells."""
 
     def __init__(
         self, config: EnvConfig, terrain: NDArray[np.bool_], start: tuple[int, int] = (0, 0)
@@ -86,12 +89,20 @@ def informed_actions(
     annealing: AnnealingConfig | None = None,
     start: tuple[int, int] = (0, 0),
 ) -> bytes:
-    """Return the actions (codes 0..3) of the shortest walk found that discovers beta of the cells that count.
+    """The actions (codes 0..3) of the shortest walk found that discovers enough.
 
-    terrain  bool[rows, cols], True where blocked; start: (row, col) of a free cell
-    seed     of the search's own random numbers
+    Enough is beta of the cells that count.
 
-    ValueError when no walk was found: on a solvable terrain that takes a budget of very few changes.
+    Args:
+        config: The configuration.
+        terrain: bool[rows, cols], True where blocked.
+        seed: Of the search's own random numbers.
+        annealing: The length of the search; None: the published one.
+        start: (row, col) of a free cell.
+
+    Raises:
+        ValueError: If no walk was found: on a solvable terrain that takes a budget of very few
+            changes.
     """
     displacements = np.diff(
         min(informed_paths(config, terrain, seed, annealing or AnnealingConfig(), start), key=len)
@@ -101,7 +112,7 @@ def informed_actions(
 
 
 def search(config: EnvConfig, seed: int) -> int:
-    """Return the moves to 99 % of the search on the terrain of a seed, the limit where it does not get there."""
+    """The moves to 99 % of the search on a seed's terrain; the limit if it fails."""
     episode = Episode.begin(config, seed=seed)
     for action in informed_actions(config, episode.terrain, seed):
         episode.step(action)
@@ -115,35 +126,47 @@ def informed_paths(
     annealing: AnnealingConfig,
     start: tuple[int, int] = (0, 0),
 ) -> list[NDArray[np.int32]]:
-    """Return the cells of the best walk of each annealing that found one; the arguments and errors are as above."""
-    known = KnownTerrain(config, np.ascontiguousarray(terrain), start)
+    """The cells of the best walk of each annealing that found one.
+
+    The arguments and errors are those of `informed_actions`.
+    """
+    known_terrain = KnownTerrain(config, np.ascontiguousarray(terrain), start)
     paths = [
-        _anneal_path(config, known, mix(seed ^ mix(run)), annealing)
+        _anneal_path(config, known_terrain, mix(seed ^ mix(run)), annealing)
         for run in range(annealing.runs)
     ]
-    found = [path for path in paths if path is not None]
-    if not found:
+    walks = [path for path in paths if path is not None]
+    if not walks:
         raise ValueError(
             f"no walk found in {annealing.runs} x {annealing.changes} changes; give the search more"
         )
-    return found
+    return walks
 
 
 def _anneal_path(
-    config: EnvConfig, known: KnownTerrain, seed: int, annealing: AnnealingConfig
+    config: EnvConfig, known_terrain: KnownTerrain, seed: int, annealing: AnnealingConfig
 ) -> NDArray[np.int32] | None:
-    """Return the cells of one annealing's best walk up to where the target is reached, or None when it never is."""
-    start, capacity = known.start, 32 + config.n // 8
+    """The cells of one annealing's best walk up to the target, or None."""
+    start, capacity = known_terrain.start, 32 + config.n // 8
     points, tie_breaks = np.zeros((3, capacity), np.int32), np.zeros((3, capacity), np.int8)
-    legs, proposed = empty_legs(capacity, known.words)
-    covered, path = np.zeros((2, known.words), np.uint64), np.zeros(8 * config.n, np.int32)
+    legs, proposed = empty_legs(capacity, known_terrain.words)
+    covered, path = np.zeros((2, known_terrain.words), np.uint64), np.zeros(8 * config.n, np.int32)
     schedule = (annealing.changes, annealing.initial_temperature, annealing.final_temperature)
-    place = (start, known.target, schedule, known.arrays, known.free, config.n)
+    place = (
+        start,
+        known_terrain.target,
+        schedule,
+        known_terrain.arrays,
+        known_terrain.free,
+        config.n,
+    )
     scratch = (legs, proposed, covered, np.array([seed], np.uint64))
     count = anneal(*place, (points, tie_breaks), *scratch)
     if count < 0:
         return None
-    length = walk_tour(start, points[2], tie_breaks[2], count, known.arrays, covered[0], path)
-    views = np.bitwise_or.accumulate(known.views[path[: length + 1]], axis=0)
+    length = walk_tour(
+        start, points[2], tie_breaks[2], count, known_terrain.arrays, covered[0], path
+    )
+    views = np.bitwise_or.accumulate(known_terrain.views[path[: length + 1]], axis=0)
     discovered = np.bitwise_count(views).sum(axis=1, dtype=np.int64)
-    return path[: int(np.argmax(discovered >= known.target)) + 1].copy()
+    return path[: int(np.argmax(discovered >= known_terrain.target)) + 1].copy()

@@ -1,4 +1,4 @@
-"""The informed planner: its walks explore the terrain, and are the shortest where that can be worked out."""
+"""The informed planner explores, by the shortest walk if that can be computed."""
 
 from itertools import product
 
@@ -25,20 +25,20 @@ def steps_of(config, terrain, actions):
 
 
 def fewest_moves(config, terrain):
-    """The length of the shortest walk, by breadth-first search over (cell, cells discovered) with literal sight."""
+    """The length of the shortest walk, by breadth-first search with literal sight."""
     views = {}
     for row, col in np.argwhere(~terrain).tolist():
         seen = np.flatnonzero(visible(terrain, row, col, config.sensor_radius)).tolist()
         views[row, col] = sum(1 << cell for cell in seen)
     layer, length = {((0, 0), views[0, 0])}, 0
     met = set(layer)
-    while not any(known.bit_count() >= config.target for _, known in layer):
+    while not any(seen.bit_count() >= config.target for _, seen in layer):
         near = [
-            ((row + dr, col + dc), known)
-            for ((row, col), known), (dr, dc) in product(layer, ((-1, 0), (0, 1), (1, 0), (0, -1)))
+            ((row + dr, col + dc), seen)
+            for ((row, col), seen), (dr, dc) in product(layer, ((-1, 0), (0, 1), (1, 0), (0, -1)))
             if (row + dr, col + dc) in views
         ]
-        layer = {(cell, known | views[cell]) for cell, known in near} - met
+        layer = {(cell, seen | views[cell]) for cell, seen in near} - met
         met |= layer
         length += 1
     return length
@@ -90,12 +90,12 @@ def test_the_search_begins_where_the_rover_does():
 
 def test_the_command_compares_policies_with_the_search():
     arguments = ["--policy", "random", "--size", "7x11", "--episodes", "3"]
-    found = CliRunner().invoke(main, arguments, env={"COLUMNS": "140"})
-    assert found.exit_code == 0, found.output
+    done = CliRunner().invoke(main, arguments, env={"COLUMNS": "140"})
+    assert done.exit_code == 0, done.output
     table = evaluate(["frontier-cost"], EnvConfig.of("random", (7, 11)), 3, 0)
     steps = [search(EnvConfig.of("random", (7, 11)), seed) for seed in range(3)]
     ratio = table.rows[0].steps_mean / np.mean(steps)
-    (line,) = (line for line in found.output.splitlines() if "frontier-cost" in line)
+    (line,) = (line for line in done.output.splitlines() if "frontier-cost" in line)
     assert f"{ratio:.3f} ±" in line
     refused = CliRunner().invoke(main, ["--size", "200"])
     assert "up to 16384 cells, got 200x200" in refused.output

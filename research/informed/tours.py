@@ -1,10 +1,12 @@
-"""Tours of viewpoints on a known terrain, compiled: what a tour shows, and the random changes that `annealing` tries.
+"""Tours of viewpoints on a known terrain, compiled, and random changes of them.
 
-A tour is `count` viewpoints: their cells in points int32[capacity], and for each one of TIE_BREAKS ways of choosing among the
-shortest paths to it in tie_breaks int8[capacity]. Cells are flat, row * cols + col. What is seen is held as bits, cell c as
-bit c of uint64[words]. A known terrain is the tuple `known` of
+A tour is `count` viewpoints: their cells in points int32[capacity], and for each one of TIE_BREAKS
+ways of choosing among the shortest paths to it in tie_breaks int8[capacity]. Cells are flat, row *
+cols + col. What is seen is held as bits, cell c as bit c of uint64[words]. A known terrain is the
+tuple `known` of
 
-    neighbours  int32[n, 4]        the cells one move north, east, south, west; -1 for off the grid or an obstacle
+    neighbours  int32[n, 4]        the cells one move north, east, south, west; -1 for off the grid
+                or an obstacle
     distance    uint16[n, n]       moves between free cells, NO_PATH where there is no path
     views       uint64[n, words]   what the lidar shows from each free cell
     first_word  int64[n]           the first word of a cell's view that is not zero
@@ -24,14 +26,18 @@ from marsexplorer.policies.kernels.visibility import count_visible
 from marsexplorer.random_numbers import below
 
 TIE_BREAKS = 6
-"""0..3: try the four directions from that one on; 4: turn whenever possible; 5: go straight on whenever possible."""
+"""0..3: try the four directions from that one on; 4: turn whenever possible; 5: go straight on
+whenever possible.
+"""
 
 DRAWS = 400
 """Random cells that are tried to find one that sees a given cell."""
 
 NO_PATH = 65535
 FIRST_ACTION = 1
-"""The last action before the first one, for the ties that are broken by going straight on or by turning."""
+"""The last action before the first one, for the ties that are broken by going straight on or by
+turning.
+"""
 
 INFINITE = 1 << 40
 U = np.uint64
@@ -39,7 +45,10 @@ U = np.uint64
 
 @kernel
 def fill_distances(terrain, neighbours, distance, queue):
-    """Fill neighbours and distance for a terrain bool[rows, cols], True where blocked; queue int32[n] is scratch."""
+    """Fill neighbours and distance for a terrain bool[rows, cols], True if blocked.
+
+    queue  int32[n], scratch
+    """
     rows, cols = terrain.shape
     n = rows * cols
     # 1. Link each cell to the free cells around it.
@@ -71,7 +80,10 @@ def fill_distances(terrain, neighbours, distance, queue):
 
 @kernel
 def fill_views(view, terrain, views, first_word, end_word):
-    """Fill views, first_word and end_word from a `visibility` view in which all cells are unknown and obstacles blocked."""
+    """Fill views, first_word and end_word from a `visibility` view.
+
+    In the view all cells are unknown and obstacles blocked.
+    """
     _, _, sight, visible, _, radius = view
     rows, cols = terrain.shape
     side = 2 * radius + 1
@@ -84,8 +96,8 @@ def fill_views(view, terrain, views, first_word, end_word):
             continue
         # 1. Scan from the cell: the result is a window of bits around it.
         count_visible(view, row, col)
-        # 2. Move the window's bits to their places in the grid; remember which words they touch, so that later stages skip
-        #    the rest of the grid.
+        # 2. Move the window's bits to their places in the grid; remember which words they touch, so
+        #    that later stages skip the rest of the grid.
         first_word[cell] = views.shape[1]
         for i in range(side):
             r = row + i - radius
@@ -101,7 +113,10 @@ def fill_views(view, terrain, views, first_word, end_word):
 
 @inlined
 def step_toward(cell, row, tie_break, last, neighbours):
-    """Return the action of a step that shortens the distance to the goal; row has the distances, last is the last action."""
+    """The action of a step that shortens the distance to the goal.
+
+    row has the distances, last is the last action.
+    """
     best = 0
     wanted = row[cell] - 1
     for k in range(4):
@@ -119,12 +134,13 @@ def step_toward(cell, row, tie_break, last, neighbours):
 
 
 @kernel
-def walk_tour(start, points, tie_breaks, count, known, covered, path):
-    """Return the moves of a tour; write its cells to path int32[...] and what they show together to covered.
+def walk_tour(start, points, tie_breaks, count, terrain, covered, path):
+    """The moves of a tour; its cells go to path, what they show to covered.
 
-    A path longer than its array is cut there: the array is far longer than any tour that could be the shortest.
+    A path longer than its array is cut there: the array is far longer than any tour that could be
+    the shortest.
     """
-    neighbours, distance, views, first_word, end_word = known
+    neighbours, distance, views, first_word, end_word = terrain
     for w in range(covered.shape[0]):
         covered[w] = views[start, w]
     cell, last, length = start, FIRST_ACTION, 0
@@ -145,7 +161,6 @@ def walk_tour(start, points, tie_breaks, count, known, covered, path):
 
 @inlined
 def count_covered(covered):
-    """Return how many bits are set."""
     count = U(0)
     for w in range(covered.shape[0]):
         count += popcount(covered[w])
@@ -154,7 +169,7 @@ def count_covered(covered):
 
 @kernel
 def draw_uncovered_cell(covered, cells, state):
-    """Return a random cell that is not covered, or -1 when all `cells` are."""
+    """A random cell that is not covered, or -1 if all `cells` are."""
     missing = cells - count_covered(covered)
     if missing <= 0:
         return -1
@@ -174,7 +189,7 @@ def draw_uncovered_cell(covered, cells, state):
 
 @kernel
 def draw_cell_seeing(target, views, free, state):
-    """Return a random free cell that sees a target cell, or -1 after DRAWS draws."""
+    """A random free cell that sees a target cell, or -1 after DRAWS draws."""
     for _ in range(DRAWS):
         cell = free[below(state, free.shape[0])]
         if (views[cell, target >> 6] >> U(target & 63)) & ONE:
@@ -184,7 +199,7 @@ def draw_cell_seeing(target, views, free, state):
 
 @kernel
 def find_cheapest_position(start, cell, points, count, distance):
-    """Return the position in the tour, 0..count, at which a further viewpoint costs the fewest moves."""
+    """The position in the tour, 0..count, where one more viewpoint costs least."""
     best, best_cost = count, np.int64(INFINITE)
     row = distance[cell]
     before = start
@@ -222,16 +237,17 @@ def copy_tour(points, tie_breaks, source, target, count):
 
 
 @kernel
-def change_tour(start, points, tie_breaks, count, covered, known, free, cells, state):
-    """Make one random change in place and return the new number of viewpoints, -1 when nothing was changed.
+def change_tour(start, points, tie_breaks, count, covered, terrain, free, cells, state):
+    """Make one random change in place; return the viewpoints, -1 if unchanged.
 
-    The kinds of changes have these shares: 18 % insert, 37 % move, 12 % remove, 13 % tie break, 8 % reverse, 8 % carry,
-    4 % swap.
+    The kinds of changes have these shares: 18 % insert, 37 % move, 12 % remove, 13 % tie break, 8 %
+    reverse, 8 % carry, 4 % swap.
     """
-    neighbours, distance, views = known[0], known[1], known[2]
+    neighbours, distance, views = terrain[0], terrain[1], terrain[2]
     kind = below(state, 100)
     capacity = points.shape[0]
-    # 1. Insert a viewpoint where it costs least; two times in three one that sees a cell which the tour does not show yet.
+    # 1. Insert a viewpoint where it costs least; two times in three one that sees a cell which the
+    #    tour does not show yet.
     if count == 0 or kind < 18:
         if count == capacity:
             return -1

@@ -1,1 +1,1 @@
-"""What looking ahead saves: `lookahead` beside `ppo` on the same terrains: `python -m research.lookahead`."""
+"""The moves that looking ahead saves: `python -m research.lookahead`."""

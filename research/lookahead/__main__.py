@@ -1,6 +1,7 @@
-"""The command `python -m research.lookahead`: moves of `lookahead` and of `ppo` on the same terrains, and their ratio.
+"""The command `python -m research.lookahead`: moves of `lookahead` and of `ppo`.
 
-A row is added to a file for each terrain as soon as both have played it, so a run that was stopped goes on where it was.
+A row is added to a file for each terrain as soon as both have played it, so a run that was stopped
+goes on where it was.
 """
 
 from __future__ import annotations
@@ -24,12 +25,16 @@ from marsexplorer.evaluation.table import ratio_interval
 from marsexplorer.policies.lookahead import Lookahead
 
 FIRST_SEED = 7_000_000_000
-"""Of the terrains of the measurement, on which nothing was chosen; `stages` plays the first of them again."""
+"""Of the terrains of the measurement, on which nothing was chosen; `stages` plays the first of
+them again.
+"""
 TERRAINS = {21: 300, 42: 100, 84: 20}
 FOLDER = Path(__file__).parent / "measured"
 BOARDS = Path(__file__).parents[2] / "data" / "leaderboard"
 COLUMNS = ("side", "seed", "ppo", "lookahead", "decisions", "seconds")
-"""Sides in cells, moves to 99 % of each policy, decisions that looked ahead and the processor seconds they took."""
+"""Sides in cells, moves to 99 % of each policy, decisions that looked ahead and the processor
+seconds they took.
+"""
 
 
 class Timed:
@@ -83,7 +88,7 @@ def measure(path: Path, side: int, seeds: range) -> None:
 
 
 def read(path: Path) -> list[tuple[float, ...]]:
-    """Return the rows of a file, in the order of COLUMNS; none where it is not there."""
+    """The rows of a file, in the order of COLUMNS; none if there is no file."""
     if not path.is_file():
         return []
     with path.open(newline="") as file:
@@ -91,22 +96,27 @@ def read(path: Path) -> list[tuple[float, ...]]:
 
 
 def on_the_leaderboard(side: int) -> list[tuple[float, ...]]:
-    """Return rows of the leaderboard's terrains, from the figures that come with the package; no time was taken of them."""
+    """The rows of the leaderboard's terrains, from the package's data, without times."""
     document = json.loads((BOARDS / f"random-{side}x{side}.json").read_text())
-    steps = {each["policy"]: each["steps"] for each in document["policies"]}
+    steps = {policy["policy"]: policy["steps"] for policy in document["policies"]}
     both = zip(steps["ppo"], steps[Lookahead.name], strict=True)
     return [(side, nan, alone, ahead, 0, 0.0) for alone, ahead in both]
 
 
-def summary(which: str, rows: list[tuple[float, ...]]) -> tuple[str, ...]:
-    """Return a row of the table: terrains, size, how many, both means of moves, their ratio, milliseconds a decision."""
+def summary(terrains: str, rows: list[tuple[float, ...]]) -> tuple[str, ...]:
+    """A row of the table: both means of moves, their ratio, milliseconds a decision."""
     _, _, alone, ahead, decisions, seconds = np.array(rows).T
     ratio, low, high = ratio_interval(ahead, alone)
     side = f"{rows[0][0]:.0f}"
     return (
-        which, f"{side}x{side}", f"{len(rows)}", f"{alone.mean():.2f}", f"{ahead.mean():.2f}",
-        f"{ratio:.4f} ({low:.4f} to {high:.4f})", f"{1000 * seconds.sum() / decisions.sum():.1f}" if decisions.sum() else "",
-    )  # fmt: skip
+        terrains,
+        f"{side}x{side}",
+        f"{len(rows)}",
+        f"{alone.mean():.2f}",
+        f"{ahead.mean():.2f}",
+        f"{ratio:.4f} ({low:.4f} to {high:.4f})",
+        f"{1000 * seconds.sum() / decisions.sum():.1f}" if decisions.sum() else "",
+    )
 
 
 @click.command()
@@ -144,15 +154,17 @@ def summary(which: str, rows: list[tuple[float, ...]]) -> tuple[str, ...]:
 def main(
     sizes: tuple[str, ...], terrains: int | None, seed: int, out: Path, is_table: bool
 ) -> None:
-    """Play `ppo` and `lookahead` on the same terrains of level `random`, and print the ratio of their moves to 99 %.
+    """Play `ppo` and `lookahead` on the same terrains; print the ratio of moves.
+
+    The terrains are of level `random`, and the moves are those to 99 %.
 
     \b
     Examples:
       python -m research.lookahead --table
       nice -n 19 python -m research.lookahead --size 21 --size 42 --out /tmp/mine
 
-    The interval is of 95 %, paired by terrain. Moves depend on nothing but the terrain; milliseconds
-    are of the processor, and depend on the machine and on what else it does.
+    The interval is of 95 %, paired by terrain. Moves depend on nothing but the terrain;
+    milliseconds are of the processor, and depend on the machine and on what else it does.
     """
     out.mkdir(parents=True, exist_ok=True)
     rows = []
@@ -160,8 +172,8 @@ def main(
         path = out / f"{side}.csv"
         if not is_table:
             measure(path, side, range(seed, seed + (terrains or TERRAINS[side])))
-        found = read(path)
-        rows += [summary("of their own", found)] if len(found) > 1 else []
+        measured = read(path)
+        rows += [summary("of their own", measured)] if len(measured) > 1 else []
     if is_table:
         rows += [summary("the leaderboard's", on_the_leaderboard(side)) for side in TERRAINS]
     heads = ("terrains", "size", "how many", "ppo", "lookahead", "ratio", "ms a decision")

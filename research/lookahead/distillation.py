@@ -1,13 +1,15 @@
-"""The command `python -m research.lookahead.distillation`: can a network learn what `lookahead` finds by trying?
+"""`python -m research.lookahead.distillation`: a network learns from lookahead.
 
-A round plays episodes of level `random` with the network so far. Where `lookahead` would look ahead, its goals are tried on
-terrains that agree with what is known, and each first move other than the network's own gives a label: the mean difference of
-moves, weighted by 1 / (SE^2 + 1). A label counts as a pair of actions does in `research.refinement` (its loss, its network, its
-optimiser); everywhere else, earlier in the episode and on other levels and sizes, the network is held to what it was. The next
-round plays with what the last one learnt.
+A round plays episodes of level `random` with the network so far. Where `lookahead` would look
+ahead, its goals are tried on terrains that agree with what is known, and each first move other than
+the network's own gives a label: the mean difference of moves, weighted by 1 / (SE^2 + 1). A label
+counts as a pair of actions does in `research.refinement` (its loss, its network, its optimiser);
+everywhere else, earlier in the episode and on other levels and sizes, the network is held to what
+it was. The next round plays with what the last one learnt.
 
-Moves are those of the network alone, paired by terrain with the network that it began with: a point of the curve on terrains
-that are looked at as often as liked, so that the best point may be chosen, the last table on terrains that are opened once.
+Moves are those of the network alone, paired by terrain with the network that it began with: a point
+of the curve on terrains that are looked at as often as liked, so that the best point may be chosen,
+the last table on terrains that are opened once.
 """
 
 from __future__ import annotations
@@ -52,7 +54,9 @@ TRAINING_SEED, CURVE_SEED, LAST_SEED = 8_000_000_000, 8_500_000_000, 9_100_000_0
 TERRAINS = {21: 2000, 42: 500, 84: 60}
 """Terrains of a point, and of a row of the table, by side."""
 BEGINS, DROP = 0.5, 3.0
-"""A state is labelled from this share of known cells on; candidates are dropped later than in play."""
+"""A state is labelled from this share of known cells on; candidates are dropped later than in
+play.
+"""
 CHUNK = 20
 """Episodes of a task."""
 KEPT = 0.1
@@ -83,7 +87,7 @@ class Scorer(Net):
 
 
 class Labeller(Lookahead):
-    """`lookahead`, whose moves are its base's and whose comparisons are kept as pairs of actions.
+    """`lookahead` whose moves are its base's and whose comparisons become labels.
 
     pairs         planes, moves, own action, other action, weighted cost
     observations  planes and moves of some states before
@@ -101,42 +105,45 @@ class Labeller(Lookahead):
             self._arrays.settings = replace(settings, begins=BEGINS, margin=0.0, drop=DROP)
             self._arrays.costs[:] = np.nan
         super()._look_ahead(memory, action)
-        known = np.count_nonzero(memory.codes != UNKNOWN)
-        planes, moves = (each[0].copy() for each in self._net.seen)
+        known_cells = np.count_nonzero(memory.codes != UNKNOWN)
+        planes, moves = (array[0].copy() for array in self._net.seen)
         if self.compared:
-            self.pairs += [(planes, moves, action, *each) for each in self._labels(memory)]
-        elif known < BEGINS * memory.codes.size and self._rng.random() < KEPT:
+            self.pairs += [(planes, moves, action, *pair) for pair in self._labels(memory)]
+        elif known_cells < BEGINS * memory.codes.size and self._rng.random() < KEPT:
             self.observations.append((planes, moves))
         self.compared = 0
 
     def _labels(self, memory: Memory) -> list[tuple[int, float]]:
-        """Return the other first moves, and the weighted mean of what each costs more than the base's."""
+        """The other first moves, and the weighted mean of what each costs more."""
         assert self._arrays is not None
         cols = memory.codes.shape[1]
         num, _ = self._compared_ways
         costs, first = self._arrays.costs[:num], self._arrays.ways[:num, 0]
-        tried, found = (~np.isnan(costs)).sum(1), []
+        tried, labels = (~np.isnan(costs)).sum(1), []
 
         def best(cell: int) -> int:
-            """Return the candidate that begins with a cell and was tried longest, the cheapest of several."""
+            """The candidate that begins with a cell, was tried longest and is cheapest."""
             mine = np.flatnonzero(first == cell)
             longest = mine[tried[mine] == tried[mine].max()]
             return int(longest[np.nanmean(costs[longest], axis=1).argmin()])
 
-        own, here = best(int(first[0])), memory.position[0] * cols + memory.position[1]
+        base, here = best(int(first[0])), memory.position[0] * cols + memory.position[1]
         for cell in np.unique(first[first != first[0]]).tolist():
             other = best(cell)
-            count = min(int(tried[own]), int(tried[other]))
+            count = min(int(tried[base]), int(tried[other]))
             if count >= BLOCK:
-                more = costs[other, :count] - costs[own, :count]
+                more = costs[other, :count] - costs[base, :count]
                 weight = 1 / (more.var(ddof=1) / count + 1)
                 cost = float(np.clip(more.mean(), -MAX_COST, MAX_COST) * weight)
-                found.append(((-cols, 1, cols, -1).index(cell - here), cost))
-        return found
+                labels.append(((-cols, 1, cols, -1).index(cell - here), cost))
+        return labels
 
 
 def label(job: tuple[dict[str, NDArray[np.float32]], int, int]) -> tuple[Any, Any]:
-    """Return (ActionPairs, SampledObservations) of CHUNK episodes; `job` is (weights by name, side, first seed)."""
+    """(ActionPairs, SampledObservations) of CHUNK episodes.
+
+    job  (weights by name, side, first seed)
+    """
     weights, side, first_seed = job
     torch.set_num_threads(1)
     net = Scorer().eval()
@@ -144,12 +151,14 @@ def label(job: tuple[dict[str, NDArray[np.float32]], int, int]) -> tuple[Any, An
     labeller = Labeller(net, np.random.default_rng(first_seed))
     config = EnvConfig.of("random", side)
     steps = [play_episode(labeller, config, first_seed + number).steps for number in range(CHUNK)]
-    planes, moves, own, other, cost = (np.array(each) for each in zip(*labeller.pairs, strict=True))
+    planes, moves, actions, other, cost = (
+        np.array(column) for column in zip(*labeller.pairs, strict=True)
+    )
     early_planes, early_moves = (
-        np.array(each) for each in zip(*labeller.observations, strict=True)
+        np.array(column) for column in zip(*labeller.observations, strict=True)
     )
     counted = np.array(steps)
-    pairs = ActionPairs(planes, moves, own, other, cost.astype(np.float32), counted)
+    pairs = ActionPairs(planes, moves, actions, other, cost.astype(np.float32), counted)
     return pairs, SampledObservations(early_planes, early_moves, counted)
 
 
@@ -157,12 +166,12 @@ class Distillation(RefineRun):
     """Rounds of labels and gradient steps; `net` is the network that plays."""
 
     def add(self, pool: Jobs, side: int, labels: int) -> dict[str, float]:
-        """Play and store at least so many labels of a size, and what holds the network elsewhere; return their figures."""
+        """Play and store at least so many labels, and anchors elsewhere; return metrics."""
         weights = {name: tensor.numpy() for name, tensor in self.net.state_dict().items()}
         began = time.monotonic()
         tasks: list[EpisodeTask] = self.make_tasks() if self.rounds_done == 0 else []
         anchors = list(
-            pool.map(play_task, [(weights, each) for each in tasks if not each.pairs_per_episode])
+            pool.map(play_task, [(weights, task) for task in tasks if not task.pairs_per_episode])
         )
         pairs: list[ActionPairs] = []
         count = 0
@@ -171,18 +180,22 @@ class Distillation(RefineRun):
             while count < labels:
                 seeds = range(first, first + CHUNK * 2 * cores(), CHUNK)
                 first = seeds.stop
-                for found, observed in pool.map(label, [(weights, side, seed) for seed in seeds]):
-                    pairs.append(found)
+                for found_pairs, observed in pool.map(
+                    label, [(weights, side, seed) for seed in seeds]
+                ):
+                    pairs.append(found_pairs)
                     anchors.append(observed)
-                    count += len(found.cost)
+                    count += len(found_pairs.cost)
                 advance(min(count, labels), labels)
-        self._store(pairs, [each for each in anchors if isinstance(each, SampledObservations)])
+        self._store(
+            pairs, [anchor for anchor in anchors if isinstance(anchor, SampledObservations)]
+        )
         self.num_pairs += count
-        better = float(np.mean(np.concatenate([each.cost for each in pairs]) < 0))
+        better = float(np.mean(np.concatenate([labelled.cost for labelled in pairs]) < 0))
         return {"labels": count, "better": better, "seconds": time.monotonic() - began}
 
     def learn(self) -> float:
-        """Make the gradient steps between two points of the curve and return their mean loss."""
+        """Make the gradient steps between two points of the curve; return the mean loss."""
         return self._optimize(lambda done: None)
 
     def begin_round_with(self, weights: dict[str, torch.Tensor]) -> None:
@@ -193,7 +206,10 @@ class Distillation(RefineRun):
 
 
 def moves_of(net: Net, side: int, first_seed: int) -> NDArray[np.float64]:
-    """Return the moves to 99 % of the network on the terrains of a line; an episode is followed to 0.57 moves a cell."""
+    """The moves to 99 % of the network on the terrains of a line.
+
+    An episode is followed to 0.57 moves a cell.
+    """
     scorer = Scorer().eval()
     scorer.load_state_dict(net.state_dict())
     steps = np.zeros(TERRAINS[side], np.int64)
@@ -212,28 +228,36 @@ def moves_of(net: Net, side: int, first_seed: int) -> NDArray[np.float64]:
 @click.option("--workers", type=click.IntRange(min=1), help="Processes.  [default: all cores]")
 @click.option("--out", type=PATH, default=Path("runs/distillation"), help="Results' folder.")
 def main(size: str, labels: int, rounds: int, points: int, workers: int | None, out: Path) -> None:
-    """Teach `ppo` what `lookahead` finds on level `random`, and print the ratio of moves to 99 % after each 200 gradient steps.
+    """Teach `ppo` what `lookahead` finds, and print the ratio of moves as it learns.
+
+    On level `random`; a ratio of the moves to 99 % after each 200 gradient steps.
 
     \b
     Examples:
       nice -n 19 python -m research.lookahead.distillation
       python -m research.lookahead.distillation --labels 2000 --rounds 1 --points 1
 
-    The file curve.jsonl gets a line for each point, labels.pt what has been played, and distilled.onnx the network of the
-    best point, from which each round begins. A run that was stopped goes on after the last labels, or after their points.
+    The file curve.jsonl gets a line for each point, labels.pt what has been played, and
+    distilled.onnx the network of the best point, from which each round begins. A run that was
+    stopped goes on after the last labels, or after their points.
     """
     out.mkdir(parents=True, exist_ok=True)
     net, side, stored = load_net(shipped()["ppo"]), int(size), out / "labels.pt"
     run, before = Distillation(net, 0, CONFIG), moves_of(net, side, CURVE_SEED)
-    kept: dict[str, Any] = {"round": 1, "figures": None, "ratio": 1.0, "best": net.state_dict()}
+    progress_so_far: dict[str, Any] = {
+        "round": 1,
+        "figures": None,
+        "ratio": 1.0,
+        "best": net.state_dict(),
+    }
     if stored.exists():
-        kept = torch.load(stored, weights_only=True)
-        run.load_state_dict(kept["run"])
+        progress_so_far = torch.load(stored, weights_only=True)
+        run.load_state_dict(progress_so_far["run"])
     with Jobs(workers or cores()) as pool, (out / "curve.jsonl").open("a") as file:
-        for number in range(kept["round"], rounds + 1):
-            if kept["figures"] is None:
-                kept["figures"] = run.add(pool, side, labels)
-                torch.save(kept | {"run": run.state_dict()}, stored)
+        for number in range(progress_so_far["round"], rounds + 1):
+            if progress_so_far["figures"] is None:
+                progress_so_far["figures"] = run.add(pool, side, labels)
+                torch.save(progress_so_far | {"run": run.state_dict()}, stored)
             for point in range(1, points + 1):
                 line = {
                     "round": number,
@@ -242,23 +266,31 @@ def main(size: str, labels: int, rounds: int, points: int, workers: int | None, 
                 }
                 moves = moves_of(run.net, side, CURVE_SEED)
                 ratio, line["low"], line["high"] = ratio_interval(moves, before)
-                file.write(json.dumps(line | {"ratio": ratio} | kept["figures"]) + "\n")
+                file.write(json.dumps(line | {"ratio": ratio} | progress_so_far["figures"]) + "\n")
                 file.flush()
-                said = f"{ratio:.4f} ({line['low']:.4f} to {line['high']:.4f})"
-                click.echo(f"round {number}, {line['steps']} steps: {said}")
-                if ratio < kept["ratio"]:
-                    kept |= {"ratio": ratio, "best": deepcopy(run.net.state_dict())}
-            run.begin_round_with(kept["best"])
-            kept |= {"round": number + 1, "figures": None}
-            torch.save(kept | {"run": run.state_dict()}, stored)
+                ratio_text = f"{ratio:.4f} ({line['low']:.4f} to {line['high']:.4f})"
+                click.echo(f"round {number}, {line['steps']} steps: {ratio_text}")
+                if ratio < progress_so_far["ratio"]:
+                    progress_so_far |= {"ratio": ratio, "best": deepcopy(run.net.state_dict())}
+            run.begin_round_with(progress_so_far["best"])
+            progress_so_far |= {"round": number + 1, "figures": None}
+            torch.save(progress_so_far | {"run": run.state_dict()}, stored)
     card = read_card(shipped()["ppo"])
     save_network(
         run.net, out / "distilled.onnx", {**card, "command": "research.lookahead.distillation"}
     )
     rows = []
-    for each, terrains in TERRAINS.items():
-        found = ratio_interval(moves_of(run.net, each, LAST_SEED), moves_of(net, each, LAST_SEED))
-        rows.append((f"{each}x{each}", str(terrains), "{:.4f} ({:.4f} to {:.4f})".format(*found)))
+    for last_side, terrains in TERRAINS.items():
+        ratios = ratio_interval(
+            moves_of(run.net, last_side, LAST_SEED), moves_of(net, last_side, LAST_SEED)
+        )
+        rows.append(
+            (
+                f"{last_side}x{last_side}",
+                str(terrains),
+                "{:.4f} ({:.4f} to {:.4f})".format(*ratios),
+            )
+        )
     print_table("moves of the network to those before", ("size", "terrains", "ratio"), rows)
 
 

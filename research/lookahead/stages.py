@@ -1,10 +1,12 @@
-"""The command `python -m research.lookahead.stages`: how much of what knowing the map is worth does looking ahead find?
+"""`python -m research.lookahead.stages`: how much does looking ahead find?
 
-At every decision of `lookahead` in its own episodes each candidate is walked on the true terrain too, and the priced rule plays
-on from there. Moves of the candidate that `ppo` would have made, less
+At every decision of `lookahead` in its own episodes each candidate is walked on the true terrain
+too, and the priced rule plays on from there. Moves of the candidate that `ppo` would have made,
+less
 
     found   those of the candidate that looking ahead chose
-    known   those of the best candidate: what the choice would be worth to someone who has seen the map
+    known   those of the best candidate: what the choice would be worth to someone who has seen the
+            map
 
 Before it begins to act, at 60 % known, it is asked from 30 % on, and `ppo` moves.
 """
@@ -36,7 +38,7 @@ STAGES = (EARLIEST, 0.6, 0.8, 0.9, 0.95, 1.0)
 
 
 class Watched(Lookahead):
-    """`lookahead` on one terrain, with what each of its decisions was worth there.
+    """`lookahead` on one terrain, with the worth of each of its decisions there.
 
     decisions  (share of the cells known, found, known, number of the episode's terrain) of each
     """
@@ -57,9 +59,9 @@ class Watched(Lookahead):
             self._arrays = LookaheadArrays((rows, cols), self._radius)
             self._begins = self._arrays.settings.begins
             self._arrays.settings = replace(self._arrays.settings, begins=EARLIEST)
-        found = super()._look_ahead(memory, action)
+        better = super()._look_ahead(memory, action)
         if not self.compared:
-            return found
+            return better
         arrays, (count, best) = self._arrays, self._compared_ways
         stride, radius = arrays.board.board[2][4:]
         rectangles, _, _, scratch = arrays.chains
@@ -70,22 +72,35 @@ class Watched(Lookahead):
         real, costs = (arrays.board.board, arrays.done, arrays.rover), np.zeros_like(arrays.costs)
         target = EnvConfig(rows=rows, cols=cols).target
         compare(
-            real, arrays.trial, truths, 1, 0.0, arrays.rule, target, count, arrays.ways,
-            arrays.lengths, costs, arrays.alive,
-        )  # fmt: skip
+            real,
+            arrays.trial,
+            truths,
+            1,
+            0.0,
+            arrays.rule,
+            target,
+            count,
+            arrays.ways,
+            arrays.lengths,
+            costs,
+            arrays.alive,
+        )
         moves, share = costs[:count, 0], float(arrays.rover[1]) / (rows * cols)
         gains = float(moves[0] - moves[best]), float(moves[0] - moves.min())
         self.decisions.append((share, *gains, self._seed))
         if share < self._begins:
             self.compared = 0
             return None
-        return found
+        return better
 
 
 def per_decision(decisions: list[tuple[float, float, float, int]], column: int) -> Estimate:
-    """Return the mean of a column over decisions, with the interval of the means of terrains: decisions of one are alike."""
-    values = np.array([each[column] for each in decisions])
-    seeds = np.array([each[3] for each in decisions])
+    """The mean of a column over decisions, with the interval of the terrains' means.
+
+    Decisions on one terrain are alike.
+    """
+    values = np.array([decision[column] for decision in decisions])
+    seeds = np.array([decision[3] for decision in decisions])
     return Estimate.of([float(values[seeds == seed].mean()) for seed in np.unique(seeds)])
 
 
@@ -102,7 +117,9 @@ def per_decision(decisions: list[tuple[float, float, float, int]], column: int) 
     help="The first terrain's.",
 )
 def main(size: str, terrains: int, seed: int) -> None:
-    """Print, for each stage of an episode, the moves a decision that `lookahead` found and that knowing the map would give.
+    """Print the moves that a decision saves at each stage of an episode.
+
+    Those that `lookahead` found, and those that knowing the map would give.
 
     \b
     Examples:
@@ -111,16 +128,16 @@ def main(size: str, terrains: int, seed: int) -> None:
     """
     config, watched = EnvConfig.of("random", int(size)), Watched()
     with progress("terrains") as advance:
-        for count, each in enumerate(range(seed, seed + terrains), 1):
-            watched.watch(generate(config, each), each)
-            play_episode(watched, config, each)
+        for count, terrain_seed in enumerate(range(seed, seed + terrains), 1):
+            watched.watch(generate(config, terrain_seed), terrain_seed)
+            play_episode(watched, config, terrain_seed)
             advance(count, terrains)
     rows = []
     for low, high in pairwise(STAGES):
-        own = [each for each in watched.decisions if low <= each[0] < high]
-        if own:
-            found, known = (per_decision(own, column).text(2) for column in (1, 2))
-            rows.append((f"{low:.0%} to {high:.0%}", str(len(own)), found, known))
+        decisions = [decision for decision in watched.decisions if low <= decision[0] < high]
+        if decisions:
+            by_looking, by_knowing = (per_decision(decisions, column).text(2) for column in (1, 2))
+            rows.append((f"{low:.0%} to {high:.0%}", str(len(decisions)), by_looking, by_knowing))
     title = f"moves saved by a decision, {size}x{size}, {terrains} terrains"
     print_table(title, ("cells known", "decisions", "found", "known"), rows)
 

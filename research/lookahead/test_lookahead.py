@@ -1,4 +1,4 @@
-"""A measurement goes on where it was stopped, a decision is worth at most what the map gives, and labels follow `ppo`."""
+"""Measurements go on, decisions are worth at most the map, labels follow `ppo`."""
 
 import numpy as np
 from click.testing import CliRunner
@@ -30,10 +30,10 @@ def test_what_a_decision_finds_is_at_most_what_knowing_the_map_gives():
     config, watched = EnvConfig.of("random", 15), Watched()
     watched.watch(generate(config, 5), 5)
     play_episode(watched, config, 5)
-    shares, found, known, _ = zip(*watched.decisions, strict=True)
+    shares, by_looking, by_knowing, _ = zip(*watched.decisions, strict=True)
     assert min(shares) < 0.6 < max(shares)
-    assert all(some <= most for some, most in zip(found, known, strict=True))
-    assert min(known) >= 0 < max(known)
+    assert all(some <= most for some, most in zip(by_looking, by_knowing, strict=True))
+    assert min(by_knowing) >= 0 < max(by_knowing)
 
 
 def test_labels_are_of_other_moves_and_the_episode_is_that_of_ppo():
@@ -41,10 +41,10 @@ def test_labels_are_of_other_moves_and_the_episode_is_that_of_ppo():
     net.load_state_dict(load_net(shipped()["ppo"]).state_dict())
     labeller = Labeller(net, np.random.default_rng(0))
     config = EnvConfig.of("random", 21)
-    labelled, alone = (play_episode(each, config, 5) for each in (labeller, load("ppo")))
+    labelled, alone = (play_episode(policy, config, 5) for policy in (labeller, load("ppo")))
     assert labelled.actions == alone.actions
-    _, moves, own, other, cost = (np.array(each) for each in zip(*labeller.pairs, strict=True))
-    assert (own != other).all()
+    _, moves, base, other, cost = (np.array(column) for column in zip(*labeller.pairs, strict=True))
+    assert (base != other).all()
     assert moves[np.arange(len(other)), other, 0].all()  # only what can be done
     assert 0 < (cost < 0).mean() < 0.5
     assert labeller.observations

@@ -1,1 +1,4 @@
-"""What the report's methods are worth, on players whose truth is known; a command each, by `python -m`."""
+"""What the report's methods are worth, on players whose truth is known.
+
+A command each, by `python -m`.
+"""

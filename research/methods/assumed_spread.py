@@ -1,5 +1,6 @@
-"""The mean and the spread that a new study assumes of people, from synthetic players:
-`python -m research.methods.assumed_spread`.
+"""The mean and spread that a new study assumes of people, by synthetic players.
+
+`python -m research.methods.assumed_spread`
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ FIRST_SEED = 10**6
 def steps_of_players(
     config: EnvConfig, population: str, players: int, terrains: int, seed: int
 ) -> Floats:
-    """Steps to 99 % of so many players on the same terrains, float64[players, terrains]; NaN for an episode that failed."""
+    """Steps to 99 % of players on the same terrains, float64[players, terrains].
+
+    NaN for an episode that failed.
+    """
     rng, count = np.random.default_rng(seed), players * terrains
     worlds = Worlds(config, count)
     worlds.start(np.tile(np.arange(FIRST_SEED, FIRST_SEED + terrains), players))
@@ -45,14 +49,15 @@ def steps_of_players(
 @click.option("--terrains", default=30, show_default=True)
 @click.option("--seed", default=0, show_default=True)
 def main(players: int, terrains: int, seed: int) -> None:
-    """Print failures, and mean and standard deviations of the other episodes, by population."""
+    """Print failures, and mean and spread of the other episodes, by population."""
     for population in SIMULATED_POPULATIONS:
         steps = steps_of_players(EnvConfig(), population, players, terrains, seed)
         spread = crossed_components(steps)
         parts = np.array([spread.player, spread.terrain, spread.rest])
         people, of_terrains, rest = np.sqrt(np.maximum(parts, 0.0))
         click.echo(
-            f"{population}: {np.isnan(steps).mean():.2%} of episodes failed; mean {np.nanmean(steps):.1f}, SD {people:.1f} "
+            f"{population}: {np.isnan(steps).mean():.2%} of episodes failed; mean "
+            f"{np.nanmean(steps):.1f}, SD {people:.1f} "
             f"between people, {of_terrains:.1f} between terrains, {rest:.1f} of the rest"
         )
 

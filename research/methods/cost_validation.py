@@ -1,9 +1,12 @@
-"""What mean cost measures, on players whose slips are known: `python -m research.methods.cost_validation`.
+"""What mean cost measures, on players whose slips are known.
 
-A synthetic player follows the shipped policy and, with a probability of its own, makes a random valid move instead. Printed are
-the mean cost of each slip rate and what of it moves gained back, Spearman's rank correlation of slip rate and the player's mean
-cost, and how often the interval of a report covers the true mean: players and terrains are drawn from a pool of played
-episodes, in which the mean is known exactly.
+`python -m research.methods.cost_validation`
+
+A synthetic player follows the shipped policy and, with a probability of its own, makes a random
+valid move instead. Printed are the mean cost of each slip rate and what of it moves gained back,
+Spearman's rank correlation of slip rate and the player's mean cost, and how often the interval of a
+report covers the true mean: players and terrains are drawn from a pool of played episodes, in which
+the mean is known exactly.
 """
 
 from __future__ import annotations
@@ -30,14 +33,20 @@ FIRST_SEED = 8 * 10**12
 
 @dataclass(frozen=True)
 class SlipPool:
-    """Cost of episodes, and the part of it that is below 0: float64[slip rates, replicates, terrains]."""
+    """Costs of episodes, and their part below 0.
+
+    float64[slip rates, replicates, terrains]
+    """
 
     rates: tuple[float, ...]
     cost: Floats
     gained: Floats
 
     def rank_correlation(self) -> float:
-        """Return Spearman's correlation of slip rate and mean cost over players: one for each rate and replicate."""
+        """Spearman's correlation of slip rate and mean cost over players.
+
+        One for each rate and replicate.
+        """
         means = self.cost.mean(2)
         rates = np.repeat(np.array(self.rates)[:, None], means.shape[1], axis=1)
         return float(scipy.stats.spearmanr(rates.ravel(), means.ravel()).statistic)
@@ -59,7 +68,7 @@ class SlipPool:
 def play_with_slips(
     policy: Policy, config: EnvConfig, seed: int, rate: float, rng: np.random.Generator
 ) -> Episode:
-    """Play a terrain with the policy, each move a random valid one with probability `rate`."""
+    """Play a terrain with the policy; a move is random and valid with chance `rate`."""
     episode = Episode.begin(config, seed=seed)
     policy.reset(seed)
     while not episode.ended:
@@ -78,7 +87,7 @@ def measure_slips(
     seed: int,
     policy: str = "ppo",
 ) -> SlipPool:
-    """Return the costs of `replicates` players of each rate on the same terrains; the same for the same seed."""
+    """The costs of `replicates` players of each rate on the same terrains, by seed."""
     rng, estimator, player = (
         np.random.default_rng(seed),
         CostEstimator(policy),
@@ -99,7 +108,7 @@ def measure_slips(
 @click.option("--studies", default=2000, show_default=True)
 @click.option("--seed", default=0, show_default=True)
 def main(terrains: int, replicates: int, studies: int, seed: int) -> None:
-    """Measure and print the rank correlation and the interval's coverage on level random at 21x21."""
+    """Print the rank correlation and the interval's coverage, level random at 21x21."""
     pool = measure_slips(EnvConfig(), SLIP_RATES, replicates, terrains, seed)
     rows = zip(pool.rates, pool.cost.mean((1, 2)), pool.gained.mean((1, 2)), strict=True)
     for rate, cost, gained in rows:
@@ -113,7 +122,8 @@ def main(terrains: int, replicates: int, studies: int, seed: int) -> None:
     for players in (5, 10, 20):
         covered = pool.coverage(players, studies, rng)
         click.echo(
-            f"{players} players: the 95 % interval covers the mean in {covered:.1%} of {studies} studies"
+            f"{players} players: the 95 % interval covers the mean in {covered:.1%} of "
+            f"{studies} studies"
         )
 
 

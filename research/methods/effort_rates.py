@@ -1,5 +1,6 @@
-"""How often the label `no effort` is given to random movers and to people who slip:
-`python -m research.methods.effort_rates`.
+"""How often random movers, and people who slip, get the label `no effort`.
+
+`python -m research.methods.effort_rates`
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ FIRST_SEED = 7 * 10**12
 def effort_rate(
     config: EnvConfig, population: SimulatedPopulation, episodes: int, seed: int
 ) -> float:
-    """Return the share of episodes (0..1) that get the label, each by a player and on a terrain of its own."""
+    """The share of episodes (0..1) that get the label.
+
+    Each is by a player and on a terrain of its own.
+    """
     courses = play_courses(config, population, episodes, seed)
     return float(np.mean([makes_no_effort(config, course) for course in courses]))
 

@@ -1,4 +1,4 @@
-"""Synthetic players, many in memory at once, and the populations from which they are drawn.
+"""Synthetic players, many in memory at once, and their populations.
 
 A player follows `frontier-cost` and slips now and then into a random valid move. Players differ in
 how often (skill), and one player's episodes differ among themselves (luck). On top of that a move
@@ -32,7 +32,8 @@ class SimulatedPopulation:
     slip          share of moves that slip for the median player, in (0, 1)
     skill_sd      SD between players of the slip, in logits
     luck_sd       SD between one player's episodes of the slip, in logits
-    crash         probability of a crash per move next to something to crash into, for the median player, in [0, 1)
+    crash         probability of a crash per move next to something to crash into, for the median
+                  player, in [0, 1)
     crash_sd      SD between players of the logarithm of that probability
     """
 
@@ -46,7 +47,7 @@ class SimulatedPopulation:
 
 @dataclass(frozen=True)
 class Skills:
-    """Players drawn from a population, one entry each: slip in logits, and the probability of a crash."""
+    """Players drawn from a population: slip in logits, and probability of a crash."""
 
     slip_logit: NDArray[np.float64]
     crash: NDArray[np.float64]
@@ -72,7 +73,9 @@ SIMULATED_POPULATIONS = {
         ),
     )
 }
-"""By name: hardly any slips; people as different as people are; slips everywhere, and collisions by a few."""
+"""By name: hardly any slips; people as different as people are; slips everywhere, and collisions
+by a few.
+"""
 
 RANDOM_MOVES = SimulatedPopulation("random", slip=1.0 - 1e-12, skill_sd=0.0, luck_sd=0.0)
 """Players whose every move is a random valid one."""
@@ -88,30 +91,43 @@ def draw_players(population: SimulatedPopulation, players: int, rng: np.random.G
 
 @kernel
 def random_move(codes, row, col, wants_valid, state):
-    """Return one of the valid (or of the invalid) moves from a cell, each as likely; -1 when there is none."""
-    chosen, found = -1, 0
+    """One of the valid (or of the invalid) moves from a cell, or -1."""
+    chosen, candidates = -1, 0
     kind = np.int64(wants_valid)
     for count in range(2):
-        wanted = below(state, found) if count and found else 0
+        wanted = below(state, candidates) if count and candidates else 0
         seen = 0
         for action in range(4):
             if np.int64(is_valid(codes, row, col, action)) == kind:
                 if count and seen == wanted:
                     chosen = action
                 seen += 1
-        found = seen
+        candidates = seen
     return chosen
 
 
 @kernel
 def decide(
-    codes, visited, position, heading, is_running, slip, crash, stream, moves, state, actions, view, scratch, goal,
-):  # fmt: skip
-    """Write the next action of every running board, and bring `visited` and `heading` up to date.
+    codes,
+    visited,
+    position,
+    heading,
+    is_running,
+    slip,
+    crash,
+    stream,
+    moves,
+    state,
+    actions,
+    view,
+    scratch,
+    goal,
+):
+    """Write the next action of every running board; update `visited` and `heading`.
 
-    codes uint8[num, rows, cols] · visited uint8[num, rows, cols] · position int64[num, 2] · heading, actions int64[num] ·
-    slip, crash float64[num] · stream uint64[num] · moves int64[num], made so far ·
-    view (`visibility`), scratch (`grid`) and goal (`toward_nearest`) for one board
+    codes uint8[num, rows, cols] · visited uint8[num, rows, cols] · position int64[num, 2] ·
+    heading, actions int64[num] · slip, crash float64[num] · stream uint64[num] · moves int64[num],
+    made so far · view (`visibility`), scratch (`grid`) and goal (`toward_nearest`) for one board
     """
     for i in range(codes.shape[0]):
         if not is_running[i]:
@@ -159,10 +175,20 @@ class DecisionKernel:
 
         codes     uint8[num, rows, cols], the occupancy grids as known
         position  int64[num, 2], (row, col)
-        style     (slip, crash, stream) of each board's episode: two probabilities per move, and the seed of its random stream
+        style     (slip, crash, stream) of each board's episode: two probabilities per move, and the
+                  seed of its random stream
         moves     int64[num], made so far
         """
         decide(
-            codes, self.visited, position, self.heading, is_running, *style, moves, self._state, self._actions, *self._scratch
-        )  # fmt: skip
+            codes,
+            self.visited,
+            position,
+            self.heading,
+            is_running,
+            *style,
+            moves,
+            self._state,
+            self._actions,
+            *self._scratch,
+        )
         return self._actions

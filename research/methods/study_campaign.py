@@ -61,9 +61,10 @@ class Player:
     """A participant.
 
     slip   share of their moves that are random
-    how    "plays" on; once an episode has taken `late` moves, "leaves" or "spoils" it or "closes" the tab, or "hurries" on,
-           faster than hands can; "quits" each before a move; "delegates" the last terrain to a program; "loses" the first
-           message of the last; "withdraws" at the debrief
+    how    "plays" on; once an episode has taken `late` moves, "leaves" or "spoils" it or "closes"
+           the tab, or "hurries" on, faster than hands can; "quits" each before a move; "delegates"
+           the last terrain to a program; "loses" the first message of the last; "withdraws" at the
+           debrief
     link   the number of their invitation or outside id
     """
 
@@ -76,7 +77,7 @@ class Player:
 
 @dataclass(frozen=True)
 class Played:
-    """A study played to its end: its database, its folder, the labels of its people, and the report."""
+    """A study played to its end: database, folder, people's labels, report."""
 
     database: Path
     folder: Folder
@@ -87,7 +88,7 @@ class Played:
     @property
     def steps(self) -> tuple[float, float]:
         """The mean steps to 99 % of who finished and of everybody who began; NaN of nobody."""
-        first, second, *_ = (each.steps for each in self.report.groups[0].figures)
+        first, second, *_ = (estimate.steps for estimate in self.report.groups[0].figures)
         return (first.mean if first else np.nan, second.mean if second else np.nan)
 
     @property
@@ -98,9 +99,14 @@ class Played:
         return float(np.mean([_rules_steps(seed) for seed in seeds]))
 
     def warning(self, words: str) -> str | None:
-        """Return the caution, or else the sentence of the page, with these words (a regular expression); None for none."""
-        if said := [each for each in self.report.groups[0].cautions if re.search(words, each)]:
-            return said[0]
+        """Return the caution, or else the sentence of the page, with these words (a regular
+        expression); None for none.
+        """
+        cautions = (
+            caution for caution in self.report.groups[0].cautions if re.search(words, caution)
+        )
+        if (first := next(cautions, None)) is not None:
+            return first
         text = re.sub(r"<(style|script|svg).*?</\1>", " ", render(self.report), flags=re.DOTALL)
         text = re.sub(r"</(p|li|td|h\d|summary)>", "\n", text)
         text = html.unescape(re.sub(r"<[^>]+>", "", text))
@@ -124,7 +130,7 @@ class _Hurried(Clock):
 
 
 class Campaign:
-    """Studies of one seed, with and without a cheat; what several rows need is played once."""
+    """Studies of one seed, with and without a cheat; shared ones are played once."""
 
     def __init__(self, root: Path, seed: int, players: int, ranked: int) -> None:
         self.root, self.seed, self.ranked, self._count = root, seed, ranked, 0
@@ -141,18 +147,18 @@ class Campaign:
         return self.play(self.honest_people, recruitment)
 
     def late(self) -> int:
-        """Return the moves after which an episode is going badly: the median of the honest people's means."""
+        """The moves after which an episode goes badly: the median of the people's means."""
         return int(np.median([row.steps for row in self.honest().report.groups[0].players]))
 
     def worst(self) -> list[int]:
         """Return the numbers of the two honest people who need the most moves."""
         played = self.honest()
-        ranked = [each for each in load(played.database, NAME).trials if each.phase == "ranked"]
+        ranked = [trial for trial in load(played.database, NAME).trials if trial.phase == "ranked"]
         steps = {
             person: sum(
-                each.steps_to_target or 0
-                for each in ranked
-                if participant_label(each.participant) == person
+                trial.steps_to_target or 0
+                for trial in ranked
+                if participant_label(trial.participant) == person
             )
             for person in played.people
         }
@@ -160,11 +166,13 @@ class Campaign:
         return [played.people.index(person) for person in worst]
 
     def some(self, how: str, numbers: Sequence[int], late: int | None = None) -> list[Player]:
-        """Return the honest people, some of whom do otherwise after `late` moves: once an episode goes badly."""
+        """Return the honest people, some of whom do otherwise after `late` moves: once an
+        episode goes badly.
+        """
         late = self.late() if late is None else late
         return [
-            replace(each, how=how, late=late) if at in numbers else each
-            for at, each in enumerate(self.honest_people)
+            replace(player, how=how, late=late) if at in numbers else player
+            for at, player in enumerate(self.honest_people)
         ]
 
     def more(self, how: str = "plays", late: int = 0) -> list[Player]:
@@ -182,7 +190,8 @@ class Campaign:
         place: Path | None = None,
         erased: Sequence[int] = (),
     ) -> Played:
-        """Let people take part in a study on a real server, close it, and return it with its report.
+        """Let people take part in a study on a real server, close it, and return it with its
+        report.
 
         Args:
             place: The folder of its database; a new one by default.
@@ -202,11 +211,11 @@ class Campaign:
         study = folder.freeze(name, draw=lambda _: secret or self.secret())
         links = [""] * len(people)
         if recruitment == "invitation":
-            issued = Invitations(folder).issue(name, 1 + max(each.link for each in people))
-            links = [token_of(study, each.id) for each in issued]
+            issued = Invitations(folder).issue(name, 1 + max(player.link for player in people))
+            links = [token_of(study, invitation.id) for invitation in issued]
         settings = {"database": database, "limits": hasty_limits()}
         with running_server(_policies(), **settings) as server:
-            ids = tuple(_take_part(server, study, each, links) for each in people)
+            ids = tuple(_take_part(server, study, player, links) for player in people)
         joined = tuple(filter(None, ids))
         for number in erased:
             forget(database, joined[number])
@@ -221,15 +230,15 @@ class Campaign:
 
     def report(self, database: Path, folder: Folder, name: str = NAME) -> Report:
         """Return the report of a study in whose database `verify` finds nothing."""
-        found = verify_database(database).findings
-        if found:
-            raise click.ClickException(f"verify finds differences in {database}: {found}")
+        findings = verify_database(database).findings
+        if findings:
+            raise click.ClickException(f"verify finds differences in {database}: {findings}")
         return make_study_report(
             database, folder, name, no_bar, with_policies=False, with_moves=False
         )
 
     def erased(self, played: Played, asked_by: AskedBy | None = None) -> Played:
-        """Return a closed study after the worst were erased, and a new release was made of it."""
+        """A closed study after the worst were erased, with a new release."""
         place = self._new_place()
         shutil.copytree(played.database.parent, place)
         folder, database = Folder(place / "playground.db-studies"), place / played.database.name
@@ -239,21 +248,26 @@ class Campaign:
         return Played(database, folder, played.people, self.report(database, folder))
 
     def best_of_three(self) -> Played:
-        """Return the best of three studies of one design in one database, by who finished; the first is the honest one."""
+        """The best of three studies of one design in one database; the first is honest.
+
+        The best by those who finished.
+        """
         place, played = self._new_place(), {}
         for number, name in enumerate((NAME, f"{NAME}-2", f"{NAME}-3")):
-            people = [replace(each, seed=each.seed + 100 * number) for each in self.honest_people]
+            people = [
+                replace(player, seed=player.seed + 100 * number) for player in self.honest_people
+            ]
             played[name] = self.play(people, secret=self.secret(number), name=name, place=place)
         best = min(played.values(), key=lambda study: study.steps[0])
         return replace(best, report=self.report(best.database, best.folder, best.name))
 
     def easiest(self) -> bytes:
-        """Return the one of many secrets on whose terrains the rule needs the fewest moves."""
+        """The one of many secrets on whose terrains the rule needs the fewest moves."""
         digest = self.honest().folder.study(NAME).protocol_hash
 
         def moves(secret: bytes) -> float:
             seeds = (seed_of(secret, digest, "ranked", at) for at in range(self.ranked))
-            return float(np.mean([_rules_steps(each) for each in seeds]))
+            return float(np.mean([_rules_steps(seed) for seed in seeds]))
 
         return min((self.secret(number) for number in range(SECRETS)), key=moves)
 
@@ -272,7 +286,10 @@ def _rules_steps(seed: int) -> int:
 
 
 def _take_part(server: Any, study: Study, player: Player, links: Sequence[str]) -> str | None:
-    """Let one person take part, and return their label; None where the server lets them in no second time."""
+    """Let one person take part and return their label; None if they are refused.
+
+    The server lets nobody in a second time.
+    """
     policy = NoisyPolicy(environment_of("mars"), RULE, player.slip, CONFIG)
     person = Participant(server.page(), study.name, policy, server.clock, player.seed)
     join = {"invitation": {"invitation": links[player.link]}, "open": {}}
@@ -308,7 +325,7 @@ def _give_up(person: Participant) -> None:
 
 
 def _play(person: Participant, player: Player, at: int, is_last: bool) -> bool:
-    """Play a ranked episode, the first of them number 1; return False for whoever does not come back."""
+    """Play a ranked episode, the first being 1; False for a person who stays away."""
     is_delegated = is_last and player.how == "delegates"
     slip = 0.0 if is_delegated else player.slip
     policy = NoisyPolicy(environment_of("mars"), RULE, slip, CONFIG, 100 * player.seed + at)
@@ -366,9 +383,11 @@ def _everybody(campaign: Campaign, how: str) -> Played:
 
 
 def _again(campaign: Campaign, recruitment: str) -> tuple[Played, Played]:
-    """Return a study without and with two people who come again from a second browser, and play without a slip."""
+    """Return a study without and with two people who come again from a second browser, and play
+    without a slip.
+    """
     first = campaign.honest_people[:CHEATS]
-    again = [replace(each, seed=each.seed + 500, slip=0.0) for each in first]
+    again = [replace(player, seed=player.seed + 500, slip=0.0) for player in first]
     played = campaign.play([*campaign.honest_people, *again], recruitment)
     return campaign.honest(recruitment), played
 
@@ -471,8 +490,8 @@ ATTACKS = {
 class Row:
     """What an attack gained, in steps to 99 %, and what warns of it.
 
-    gains    float64[studies, 3]: per protocol, everybody, and per protocol in the difference from the rule on the
-             same terrains; positive: better for the cheat
+    gains    float64[studies, 3]: per protocol, everybody, and per protocol in the difference from
+             the rule on the same terrains; positive: better for the cheat
     warning  in the last report with the cheat, twin: in that without it; None for none
     """
 
@@ -485,16 +504,16 @@ class Row:
     @property
     def gain(self) -> Floats:
         """The mean gains, in the order of `gains`."""
-        found: Floats = self.gains.mean(axis=0)
-        return found
+        means: Floats = self.gains.mean(axis=0)
+        return means
 
     @property
     def error(self) -> Floats:
         """The standard errors of the gains over studies; 0 for a single one."""
         several = len(self.gains) > 1
         spread = self.gains.std(axis=0, ddof=1) if several else np.zeros(3)
-        found: Floats = spread / np.sqrt(len(self.gains))
-        return found
+        errors: Floats = spread / np.sqrt(len(self.gains))
+        return errors
 
     @property
     def cells(self) -> list[str]:
@@ -526,8 +545,8 @@ def measure(
                 warnings[name] = having.warning(words), without.warning(words)
             advance(at * len(names) + number, len(seeds) * len(names))
     return [
-        Row(name, ATTACKS[name].tried, np.array(found), *warnings.get(name, (None, None)))
-        for name, found in gains.items()
+        Row(name, ATTACKS[name].tried, np.array(studies), *warnings.get(name, (None, None)))
+        for name, studies in gains.items()
     ]
 
 
@@ -538,13 +557,16 @@ def measure(
 @click.option("--ranked", type=click.IntRange(min=2), default=4, help="Ranked terrains of 9x9.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of the first study.")
 def main(rows: tuple[str, ...], studies: int, players: int, ranked: int, seed: int) -> None:
-    """Play studies with and without a cheat on a real server and print what each cheat gains in steps to 99 %.
+    """Play studies with and without a cheat, and print what each cheat gains.
+
+    They run on a real server, and gains are in steps to 99 %.
 
     ROW is one of those of the printed table; none: all.
 
-    A gain is the mean without the cheat minus that with it, of who finished (per protocol) and of everybody who began, the mean
-    over paired studies of the same seeds ± its standard error: positive is better for the cheat. A difference is claimed where
-    both estimates show it. The third column is the gain in the difference from the rule on the same terrains, of who finished.
+    A gain is the mean without the cheat minus that with it, of who finished (per protocol) and of
+    everybody who began, the mean over paired studies of the same seeds ± its standard error:
+    positive is better for the cheat. A difference is claimed where both estimates show it. The
+    third column is the gain in the difference from the rule on the same terrains, of who finished.
     Beside them stands what in the built report warns of it.
 
     \b
@@ -553,12 +575,13 @@ def main(rows: tuple[str, ...], studies: int, players: int, ranked: int, seed: i
     """
     with TemporaryDirectory() as place, progress_bar("playing studies") as advance:
         seeds = range(seed, seed + studies)
-        found = measure(rows or list(ATTACKS), Path(place), seeds, players, ranked, advance)
+        measured = measure(rows or list(ATTACKS), Path(place), seeds, players, ranked, advance)
     click.echo(
-        "| row | what is tried | per protocol | everybody | against the rule | what the report says |"
+        "| row | what is tried | per protocol | everybody | against the rule | what the report "
+        "says |"
     )
     click.echo("| --- | --- | ---: | ---: | ---: | --- |")
-    for row in found:
+    for row in measured:
         click.echo(f"| {' | '.join([row.name, row.tried, *row.cells, row.warning or ''])} |")
 
 

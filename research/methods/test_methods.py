@@ -46,8 +46,8 @@ def test_random_movers_are_labelled_and_people_are_not():
 def test_the_effort_rates_of_the_documents():
     stated = {"random": 0.992, "skilled": 0.0, "mixed": 0.002, "clumsy": 0.021}  # docs/report.md
     for population in (RANDOM_MOVES, *SIMULATED_POPULATIONS.values()):
-        found = effort_rate(EnvConfig(), population, 2000, seed=0)
-        assert found == pytest.approx(stated[population.name], abs=0.001)
+        rate = effort_rate(EnvConfig(), population, 2000, seed=0)
+        assert rate == pytest.approx(stated[population.name], abs=0.001)
 
 
 @pytest.mark.long

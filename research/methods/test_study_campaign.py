@@ -1,4 +1,7 @@
-"""The campaign of cheats, small: what shall gain nothing gains nothing, and of all else but the accepted the report warns."""
+"""The campaign of cheats, small: the report warns of all that gain something.
+
+All but the accepted ones.
+"""
 
 import re
 
@@ -22,8 +25,8 @@ REMOVED = ("hurrying",)
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):
-    found = measure(list(ATTACKS), tmp_path_factory.mktemp("campaign"), [0], 4, 2)
-    return {row.name: row for row in found}
+    measured = measure(list(ATTACKS), tmp_path_factory.mktemp("campaign"), [0], 4, 2)
+    return {row.name: row for row in measured}
 
 
 def test_what_shall_gain_nothing_gains_nothing(rows):

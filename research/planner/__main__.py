@@ -1,4 +1,4 @@
-"""The command `python -m research.planner`: moves of the planner and of the better rule on the same terrains."""
+"""The command `python -m research.planner`: the planner beside the better rule."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from research.planner.planner import Planner
 def main(
     levels: tuple[str, ...], sizes: tuple[int | tuple[int, int], ...], terrains: int, seed: int
 ) -> None:
-    """Play the planner and both frontier rules, and print the ratio of its moves to 99 % to those of the better rule.
+    """Play the planner and both rules, and print the ratio of its moves to 99 %.
 
     \b
     Examples:
@@ -45,18 +45,20 @@ def main(
             for count, policy in enumerate(players, 1):
                 moves.append(moves_of(policy, config, range(seed, seed + terrains)))
                 advance(count, len(players))
-        own, *rules = moves
+        planner, *rules = moves
         rule = min(rules, key=lambda steps: float(steps.mean()))
-        ratio, low, high = ratio_interval(own, rule)
-        means = f"{own.mean():.1f}", f"{rule.mean():.1f}"
+        ratio, low, high = ratio_interval(planner, rule)
+        means = f"{planner.mean():.1f}", f"{rule.mean():.1f}"
         rows.append((board, *means, f"{ratio:.3f} ({low:.3f} to {high:.3f})"))
     print_table(f"{terrains} terrains each", ("", "planner", "better rule", "ratio"), rows)
 
 
 def moves_of(policy: Policy, config: EnvConfig, seeds: range) -> NDArray[np.float64]:
-    """Return the moves to 99 % of a policy on each terrain."""
+    """The moves to 99 % of a policy on each terrain."""
     played = (play_episode(policy, config, seed) for seed in seeds)
-    return np.array([steps_to_target(config, each.outcome, each.steps) for each in played], float)
+    return np.array(
+        [steps_to_target(config, episode.outcome, episode.steps) for episode in played], float
+    )
 
 
 if __name__ == "__main__":

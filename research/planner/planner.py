@@ -1,10 +1,10 @@
-"""A planner that imagines whole tours: unknown cells are taken to be free, so a tour can be walked to its end.
+"""A planner that imagines whole tours through unknown cells, all taken as free.
 
-At every move it makes some tours from where the rover stands and takes the first step of the shortest. A tour goes,
-until 99 % of the grid is known, to the cell of the highest new / distance^p (1 + noise u), scanning at every cell
-passed. The first tour is plain (p = 1, no noise); the others draw p, the noise and how corners are cut. No cell that
-the rover has stood on is a goal. Planning anew could in principle go round in circles, so the loop guard stands behind
-it.
+At every move it makes some tours from where the rover stands and takes the first step of the
+shortest. A tour goes, until 99 % of the grid is known, to the cell of the highest new / distance^p
+(1 + noise u), scanning at every cell passed. The first tour is plain (p = 1, no noise); the others
+draw p, the noise and how corners are cut. No cell that the rover has stood on is a goal. Planning
+again could in principle go round in circles, so the loop guard stands behind it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ from marsexplorer.random_numbers import below, mix, uniform
 
 TOURS = 16
 FULL_TOURS_CELLS = 42 * 42
-"""Larger grids get fewer tours, in proportion and at least 2: a move at 84x84 takes 25 ms with 4 tours, 80 ms with 16."""
+"""Larger grids get fewer tours, in proportion and at least 2: a move at 84x84 takes 25 ms with 4
+tours, 80 ms with 16.
+"""
 
 POWERS = 9
 """Weights distance^-(k/4) for k = 0..8."""
@@ -45,7 +47,7 @@ POWERS = 9
 
 @kernel
 def mark_discovered(view, row, col):
-    """Make the cells that `count_visible` left in `visible` known: clear their bits in `unknown`."""
+    """Make the cells that `count_visible` left in `visible` known in `unknown`."""
     unknown, _, sight, visible, stride, radius = view
     side = 2 * radius + 1
     lane, words = np.int64(sight[0]), np.int64(sight[1])
@@ -66,15 +68,21 @@ def mark_discovered(view, row, col):
 
 @kernel
 def next_goal(cell, rows, cols, visited, imagined, scratch, weight, noise, largest, state):
-    """Return the goal of the highest noisy utility from a cell, or -1; `distance` is right wherever it is nearer.
+    """The goal of the highest noisy utility from a cell, or -1.
 
-    visited   uint8[rows * cols]; imagined: a view in which the tour's discoveries are known (see `visibility`)
+    `distance` is right wherever it is nearer than the goal.
+
+    visited   uint8[rows * cols]; imagined: a view in which the tour's discoveries are known (see
+              `visibility`)
     scratch   (is_open, distance, queue), see `grid`
     weight    float64[n + 1], what a distance makes of a new cell
-    noise     0..1, the most that a utility is raised at random; state: uint64[1], of `random_numbers`
-    largest   cells in the lidar's disc: once largest * weight cannot beat the best, farther cells are not considered
+    noise     0..1, the most that a utility is raised at random; state: uint64[1], of
+              `random_numbers`
+    largest   cells in the lidar's disc: once largest * weight cannot beat the best, farther cells
+              are not considered
     """
-    # A breadth-first search that judges each cell as it is taken from the queue, so that it can stop early.
+    # A breadth-first search that judges each cell as it is taken from the queue, so that it can
+    # stop early.
     is_open, distance, queue = scratch
     distance[:] = UNREACHABLE
     distance[cell] = 0
@@ -85,7 +93,8 @@ def next_goal(cell, rows, cols, visited, imagined, scratch, weight, noise, large
         here = queue[head]
         head += 1
         moves = distance[here]
-        # 1. Cells come nearest first: when even a full disc of new cells would not be enough, nothing farther is.
+        # 1. Cells come nearest first: when even a full disc of new cells would not be enough,
+        #    nothing farther is.
         if largest * weight[moves] * (1.0 + noise) <= best_value:
             break
         # 2. Judge the cell by what it is imagined to show.
@@ -110,11 +119,14 @@ def next_goal(cell, rows, cols, visited, imagined, scratch, weight, noise, large
 
 @kernel
 def walk_back(goal, preferred, rows, cols, visited, imagined, distance, first):
-    """Return how many cells are newly known on the path to a goal, walked from its end; first[0] becomes its first action.
+    """Walk back from a goal; return how many cells become known on the path.
 
-    preferred  0..3, the action taken when several steps back are as short; imagined: a view, brought up to date
+    first[0] becomes the path's first action.
+
+    preferred  0..3, the action taken when several steps back are as short; imagined: a view,
+               brought up to date
     """
-    known = 0
+    new_cells = 0
     cell = goal
     while distance[cell] > 0:
         if visited[cell] == 0:
@@ -122,7 +134,7 @@ def walk_back(goal, preferred, rows, cols, visited, imagined, distance, first):
             new = count_visible(imagined, row, cell - row * cols)
             if new > 0:
                 mark_discovered(imagined, row, cell - row * cols)
-                known += new
+                new_cells += new
         for k in range(4):
             back = (preferred + k) & 3
             near = neighbour(cell, back, rows, cols)
@@ -130,16 +142,19 @@ def walk_back(goal, preferred, rows, cols, visited, imagined, distance, first):
                 cell = near
                 first[0] = (back + 2) & 3  # walked forwards, this step is the opposite action
                 break
-    return known
+    return new_cells
 
 
 @kernel
 def plan(codes, visited, start, target, tours, view, imagined, scratch, weights, state):
-    """Return the first action of the shortest of `tours` imagined tours, or -1 when there is nothing to go for.
+    """The first action of the shortest of `tours` imagined tours, or -1.
 
-    codes, visited   uint8[rows, cols] and uint8[rows * cols]; start: the rover's cell; target: cells to be known
-    view, imagined   of `visibility`: what is known, and room for what a tour imagines; they share all but `unknown`
-    weights          float64[POWERS, n + 1], see `distance_weights`; state: uint64[1], of `random_numbers`
+    codes, visited   uint8[rows, cols] and uint8[rows * cols]; start: the rover's cell; target:
+                     cells to be known
+    view, imagined   of `visibility`: what is known, and room for what a tour imagines; they share
+                     all but `unknown`
+    weights          float64[POWERS, n + 1], see `distance_weights`; state: uint64[1], of
+                     `random_numbers`
     """
     rows, cols = codes.shape
     is_open, distance, queue = scratch
@@ -160,16 +175,18 @@ def plan(codes, visited, start, target, tours, view, imagined, scratch, weights,
     best_length, best_action = np.int64(UNREACHABLE), np.int64(-1)
     first = queue[rows * cols :]
     for tour in range(tours):
-        # 2. Draw how this tour judges; the first is plain. Every tour imagines anew from what is known.
+        # 2. Draw how this tour judges; the first is plain. Every tour imagines anew from what is
+        #    known.
         unknown, of_tour = view[0], imagined[0]
         for i in range(unknown.shape[0]):
             of_tour[i] = unknown[i]
         power = 4 if tour == 0 else 2 + below(state, 7)
         noise = 0.0 if tour == 0 else 0.6 * uniform(state)
 
-        # 3. Go from goal to goal until enough is known, or until the tour is no shorter than the best.
-        cell, known, length, action = start, at_start, np.int64(0), np.int64(-1)
-        while known < target and length < best_length:
+        # 3. Go from goal to goal until enough is known, or until the tour is no shorter than the
+        #    best.
+        cell, known_cells, length, action = start, at_start, np.int64(0), np.int64(-1)
+        while known_cells < target and length < best_length:
             preferred = below(state, 4)
             goal = next_goal(
                 cell, rows, cols, visited, imagined, scratch, weights[power], noise, largest, state
@@ -178,7 +195,9 @@ def plan(codes, visited, start, target, tours, view, imagined, scratch, weights,
                 length += rows * cols  # out of reach: worse than any tour that gets there
                 break
             length += distance[goal]
-            known += walk_back(goal, preferred, rows, cols, visited, imagined, distance, first)
+            known_cells += walk_back(
+                goal, preferred, rows, cols, visited, imagined, distance, first
+            )
             if action < 0:
                 action = np.int64(first[0])
             cell = goal
@@ -194,7 +213,10 @@ PlannerArrays = tuple[View, View, Scratch, NDArray[np.float64]]
 
 
 class Planner(GuardedRule):
-    """Randomised optimistic tours with the loop guard; the draws are a pure function of (seed, moves made)."""
+    """Randomised optimistic tours with the loop guard.
+
+    The draws follow from (seed, moves made).
+    """
 
     name = "planner"
 
@@ -214,18 +236,26 @@ class Planner(GuardedRule):
         self._seed = mix(seed)
 
     def decide(self, memory: Memory) -> int:
-        """Return what the planner would do, guard aside, for an episode remembered elsewhere."""
+        """The planner's move without the guard, for an episode remembered elsewhere."""
         codes = memory.codes
         view, imagined, scratch, weights = self._arrays_for(codes.shape)
         row, col = memory.position
-        known, most = int(np.count_nonzero(codes)), completion_target(codes.size)
-        target = most if known < most else codes.size
+        known_cells, most = int(np.count_nonzero(codes)), completion_target(codes.size)
+        target = most if known_cells < most else codes.size
         tours = min(self.tours, max(2, self.tours * FULL_TOURS_CELLS // codes.size))
         self._state[0] = mix(self._seed ^ memory.steps)
         action = plan(
-            codes, memory.visited.reshape(-1), row * codes.shape[1] + col, target, tours,
-            view, imagined, scratch, weights, self._state,
-        )  # fmt: skip
+            codes,
+            memory.visited.reshape(-1),
+            row * codes.shape[1] + col,
+            target,
+            tours,
+            view,
+            imagined,
+            scratch,
+            weights,
+            self._state,
+        )
         return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
 
     def _arrays_for(self, shape: tuple[int, ...]) -> PlannerArrays:
@@ -239,9 +269,10 @@ class Planner(GuardedRule):
 
 
 def distance_weights(cells: int) -> NDArray[np.float64]:
-    """Return float64[POWERS, cells + 1]: distance^-(k/4) by k and distance.
+    """distance^-(k/4) by k and distance: float64[POWERS, cells + 1].
 
-    They are made of square roots and divisions alone, which IEEE 754 rounds in one way, so they are the same everywhere.
+    They are made of square roots and divisions alone, which IEEE 754 rounds in one way, so they are
+    the same everywhere.
     """
     fourth = np.sqrt(np.sqrt(np.maximum(np.arange(cells + 1, dtype=np.float64), 1.0)))
     weights = np.ones((POWERS, cells + 1))

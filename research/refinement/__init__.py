@@ -1,1 +1,1 @@
-"""A trained policy learns what other moves would have cost it: `python -m research.refinement`."""
+"""`python -m research.refinement`: a policy learns from the cost of other moves."""

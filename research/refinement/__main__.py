@@ -1,4 +1,4 @@
-"""The command `python -m research.refinement`: a trained policy learns what other moves would have cost it."""
+"""The command `python -m research.refinement`: learn from the cost of other moves."""
 
 from __future__ import annotations
 
@@ -49,10 +49,11 @@ def refine(
 ) -> None:
     """Improve a policy that `marsexplorer train` made, POLICY being its name or file.
 
-    Its episodes are branched: at some steps another move is made and the episode is played to its end, so that the network
-    learns which moves would have been better. On grids that are not branched the network is kept close to what it
-    was. The folder --out gets the policy with its card and a log after every round; Ctrl-C
-    loses only the round under way. Refining takes about 3 GiB of memory, and 1 GiB more for each process.
+    Its episodes are branched: at some steps another move is made and the episode is played to its
+    end, so that the network learns which moves would have been better. On grids that are not
+    branched the network is kept close to what it was. The folder --out gets the policy with its
+    card and a log after every round; Ctrl-C loses only the round under way. Refining takes about 3
+    GiB of memory, and 1 GiB more for each process.
 
     \b
     Examples:
@@ -66,8 +67,9 @@ def refine(
     folder = out or Path("runs") / f"{path.stem}-refined-s{seed}"
     file = folder / f"{folder.resolve().name}.onnx"
     if file.exists():
-        way_out = f"go on from it ({COMMAND} {file}) or give another --out"
-        raise click.UsageError(f"{file} exists already; {way_out}")
+        raise click.UsageError(
+            f"{file} exists already; go on from it ({COMMAND} {file}) or give another --out"
+        )
     options = "".join(f" --size {size}" for size in sizes if sizes != (21,))
     command = f"{COMMAND} {policy}{options} --rounds {rounds} --seed {seed} --out {folder.name}"
     processes, was_refined = workers or cores(), "pairs" in card.get("training", {})
@@ -90,7 +92,9 @@ def refine(
 _SAME = {"round": "round", "loss": "loss"}
 _NAMED = {"num_pairs": "pairs", "better_share": "better", "episode_steps": "steps"}
 ROUND_LOG_COLUMNS = {**_SAME, **_NAMED}
-"""Field of RoundMetrics -> its name in log.jsonl and in the policy's card, which stays what it was."""
+"""Field of RoundMetrics -> its name in log.jsonl and in the policy's card, which stays what it
+was.
+"""
 
 
 def refine_policy(output: RefineOutput, rounds: int, processes: int) -> None:
@@ -126,7 +130,7 @@ class RefineOutput:
 
     def save_round(self, metrics: RoundMetrics) -> None:
         """Add a round to the log and write both files."""
-        line = {ROUND_LOG_COLUMNS[name]: value for name, value in asdict(metrics).items()}
+        line = {ROUND_LOG_COLUMNS[name]: number for name, number in asdict(metrics).items()}
         self._lines.append({**line, "seconds": round(time.monotonic() - self._started, 1)})
         write_log(self.file.with_name("log.jsonl"), self._lines)
         self.save_policy({"results": {}})
@@ -134,7 +138,7 @@ class RefineOutput:
     def save_policy(self, results: dict[str, Any]) -> None:
         """Write the policy file; `results` are added to its card."""
         run, card = self.run, self.card
-        kept = ("command", "commit", "hardware", "results", "training")
+        fields = ("command", "commit", "hardware", "results", "training")
         training = {
             "rounds": run.rounds_done,
             "pairs": run.num_pairs,
@@ -142,7 +146,7 @@ class RefineOutput:
             "seed": run.seed,
             "plan": asdict(run.config),
             "log": self._lines,
-            "began_with": {key: card.get(key) for key in kept},
+            "began_with": {key: card.get(key) for key in fields},
         }
         refined = f"Refined on {run.num_pairs:,} pairs of moves."
         summary = f"{card.get('summary', 'A network.')} {refined}"

@@ -1,18 +1,21 @@
-"""Refining a trained network: it learns at which steps another action would have taken fewer moves.
+"""Refine a trained network: it learns where another action takes fewer moves.
 
-A round branches episodes (`branch_episodes`), in as many processes as there are cores, and then makes gradient steps
-on the pairs of actions found so far. The loss of a pair is the logistic one of the two actions' logits, weighted by the cost:
-whatever chance says of single pairs, in the mean it is lowest where the better action has the higher logit (cost-sensitive
-classification; Lagoudakis and Parr 2003, "Reinforcement learning as classification").
+A round branches episodes (`branch_episodes`), in as many processes as there are cores, and then
+makes gradient steps on the pairs of actions found so far. The loss of a pair is the logistic one of
+the two actions' logits, weighted by the cost: whatever chance says of single pairs, in the mean it
+is lowest where the better action has the higher logit (cost-sensitive classification; Lagoudakis
+and Parr 2003, "Reinforcement learning as classification").
 
-Episodes are branched on grids of the sizes asked for. On grids of other sizes the network is anchored to what it was: there
-its probabilities are fitted to those that it began with, and so are its values everywhere. The same network, rounds and seed
-give the same weights, whatever the number of processes.
+Episodes are branched on grids of the sizes asked for. On grids of other sizes the network is
+anchored to what it was: there its probabilities are fitted to those that it began with, and so are
+its values everywhere. The same network, rounds and seed give the same weights, whatever the number
+of processes.
 
-An episode is played greedily. At some of its steps another action is taken instead, and the policy goes on from there on the
-same terrain. The difference in length of the two episodes is a sample of what that action costs given what is known there, as
-the terrain is a draw from those that look like this so far. (The vine of Schulman et al. 2015, "Trust region policy
-optimization", section 5.2; here with the whole episode as its length.)
+An episode is played greedily. At some of its steps another action is taken instead, and the policy
+goes on from there on the same terrain. The difference in length of the two episodes is a sample of
+what that action costs given what is known there, as the terrain is a draw from those that look like
+this so far. (The vine of Schulman et al. 2015, "Trust region policy optimization", section 5.2;
+here with the whole episode as its length.)
 """
 
 from __future__ import annotations
@@ -58,20 +61,24 @@ MAX_MOVES_PER_CELL = 0.57
 OBSERVATION_SHARE = 0.25
 """Share of an episode's steps whose observations are kept."""
 BASE_WEIGHT = 0.1
-"""Weight of an action where the network is certain, in comparison with 1 where it is undecided between two."""
+"""Weight of an action where the network is certain, in comparison with 1 where it is undecided
+between two.
+"""
 
 
 @dataclass(frozen=True)
 class RefineConfig:
-    """Everything that fixes a run besides its network, rounds and seed; the card of the policy lists it.
+    """All settings of a run but its network, rounds and seed; the card lists them.
 
     sizes                     sides of the grids whose episodes are branched, cells
-    tasks_per_level           tasks of a round on each family of terrains, large obstacles having the most to learn from; on
-                              larger grids fewer in proportion to the side, as a move takes longer there
-    episodes_per_task         terrains of such a task at 21x21; on larger grids fewer, so that as many moves are made
+    tasks_per_level           tasks of a round on each family of terrains, large obstacles having
+                              the most to learn from; on larger grids fewer in proportion to the
+                              side, as a move takes longer there
+    episodes_per_task         terrains of such a task at 21x21; on larger grids fewer, so that as
+                              many moves are made
     pairs_per_episode         pairs of actions branched off each episode, about
-    anchor_sizes              sides of the other grids, and episodes of a task there; none where episodes are branched, but on
-                              the first where they are branched on all
+    anchor_sizes              sides of the other grids, and episodes of a task there; none where
+                              episodes are branched, but on the first where they are branched on all
     anchor_levels             levels of the other grids
     first_round_tasks         tasks of the first round, as a multiple of a later one's
     first_round_steps         gradient steps of the first round, as a multiple of a later one's
@@ -80,19 +87,29 @@ class RefineConfig:
     max_pairs                 pairs kept besides those of the first round
     max_observations          observations kept from the other grids
     anchor_batch_size         observations of those in a gradient step
-    learning_rate             of AdamW; first_round_learning_rate: at the beginning of the first round, annealed linearly
+    learning_rate             of AdamW; first_round_learning_rate: at the beginning of the first
+                              round, annealed linearly
     weight_decay              of AdamW, for all weights but the prior's
-    ema_decay                 the network that plays and is kept is an exponential moving average of the one that learns
-    logit_scale               factor of the logits that it began with: PPO ends almost certain of every action
+    ema_decay                 the network that plays and is kept is an exponential moving average of
+                              the one that learns
+    logit_scale               factor of the logits that it began with: PPO ends almost certain of
+                              every action
     vf_coef                   coefficient of the value loss
-    cost_scale                typical cost at 21x21, moves; costs are in proportion to the side of the grid
+    cost_scale                typical cost at 21x21, moves; costs are in proportion to the side of
+                              the grid
     max_grad_norm             gradients are clipped to this norm
     """
 
     sizes: tuple[int, ...] = (SIDE,)
     tasks_per_level: tuple[tuple[str, int], ...] = (
-        ("random", 12), ("1-2-1", 4), ("2-2-1", 4), ("3-2-1", 4), ("1-1-1", 1), ("2-1-1", 1), ("3-1-1", 1),
-    )  # fmt: skip
+        ("random", 12),
+        ("1-2-1", 4),
+        ("2-2-1", 4),
+        ("3-2-1", 4),
+        ("1-1-1", 1),
+        ("2-1-1", 1),
+        ("3-1-1", 1),
+    )
     episodes_per_task: int = 64
     pairs_per_episode: int = 16
     anchor_sizes: tuple[tuple[int, int], ...] = ((84, 3), (42, 16), (42, 16), (21, 48), (21, 48))
@@ -120,9 +137,10 @@ DEFAULT_CONFIG = RefineConfig()
 
 
 def config_for(rounds: int, sizes: tuple[int, ...], was_refined: bool) -> RefineConfig:
-    """Return the configuration of a run of so many rounds, of which the first is the longest.
+    """The configuration of a run of so many rounds, of which the first is longest.
 
-    was_refined  whether the network has been refined before: then it is no longer almost certain of every move
+    was_refined  whether the network has been refined before: then it is no longer almost certain of
+                 every move
     """
     return replace(
         DEFAULT_CONFIG,
@@ -135,7 +153,10 @@ def config_for(rounds: int, sizes: tuple[int, ...], was_refined: bool) -> Refine
 
 @dataclass(frozen=True)
 class EpisodeTask:
-    """Episodes to play in a process of its own; pairs_per_episode 0 asks for sampled observations instead of pairs."""
+    """Episodes to play in one process.
+
+    pairs_per_episode 0 asks for sampled observations instead of pairs.
+    """
 
     level: str
     size: int
@@ -146,7 +167,7 @@ class EpisodeTask:
 
 @dataclass(frozen=True)
 class RoundMetrics:
-    """How a round went.
+    """The metrics of a round.
 
     round          its number, 1 for the first
     num_pairs      pairs found so far
@@ -163,7 +184,7 @@ class RoundMetrics:
 
 
 class SampleBuffer:
-    """Rows of several tensors: the permanent ones first, then the newest `capacity` of those that followed."""
+    """Rows of several tensors: permanent ones, then the newest `capacity` others."""
 
     def __init__(self, capacity: int) -> None:
         self._capacity, self._num_permanent = capacity, 0
@@ -173,17 +194,24 @@ class SampleBuffer:
         return len(self.columns[0]) if self.columns else 0
 
     def append(self, rows: list[NDArray[Any]], permanent: bool = False) -> None:
-        """Append rows, the same number to each column; the oldest that are not permanent are dropped."""
-        new = [torch.from_numpy(each if permanent else each[-self._capacity :]) for each in rows]
-        kept = self._num_permanent
-        excess = 0 if permanent else max(0, len(self) - kept + len(new[0]) - self._capacity)
-        both = zip(self.columns or [each[:0] for each in new], new, strict=True)
-        self.columns = [torch.cat([old[:kept], old[kept + excess :], added]) for old, added in both]
+        """Append rows, the same number to each column; the oldest others are dropped."""
+        new = [
+            torch.from_numpy(column if permanent else column[-self._capacity :]) for column in rows
+        ]
+        permanent_rows = self._num_permanent
+        excess = (
+            0 if permanent else max(0, len(self) - permanent_rows + len(new[0]) - self._capacity)
+        )
+        both = zip(self.columns or [column[:0] for column in new], new, strict=True)
+        self.columns = [
+            torch.cat([old[:permanent_rows], old[permanent_rows + excess :], added])
+            for old, added in both
+        ]
         if permanent:
             self._num_permanent = len(self)
 
     def sample(self, count: int, newest: int | None = None) -> list[Tensor]:
-        """Return `count` rows drawn at random with replacement, of the newest ones alone if `newest` says how many."""
+        """Draw `count` rows with replacement, from the `newest` rows if that is given."""
         low = max(0, len(self) - newest) if newest else 0
         indices = torch.randint(low, len(self), (count,))
         return [column[indices] for column in self.columns]
@@ -198,7 +226,7 @@ class SampleBuffer:
 
 
 class RefineRun:
-    """A run under way: `train_round` makes a round; `state_dict` and `load_state_dict` save and restore it between two.
+    """A run under way, which can be saved and restored between two rounds.
 
     net          the network as it plays
     rounds_done  rounds made so far
@@ -241,7 +269,7 @@ class RefineRun:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Set everything as `state_dict` returned it, the state of torch's random numbers included."""
+        """Restore what `state_dict` returned, with the state of torch's random numbers."""
         self.rounds_done, self.num_pairs = state["rounds_done"], state["num_pairs"]
         self._next_seed = state["next_seed"]
         self.net.load_state_dict(state["net"])
@@ -252,14 +280,14 @@ class RefineRun:
         torch.set_rng_state(state["rng_state"])
 
     def make_tasks(self) -> list[EpisodeTask]:
-        """Return what the next round plays; larger grids first, as they take longest."""
+        """The tasks of the next round; larger grids first, as they take longest."""
         config, tasks = self.config, list[EpisodeTask]()
 
         def add(level: str, size: int, episodes: int, pairs: int) -> None:
             tasks.append(EpisodeTask(level, size, self._next_seed, episodes, pairs))
             self._next_seed += episodes
 
-        anchors = [each for each in config.anchor_sizes if each[0] not in config.sizes]
+        anchors = [anchor for anchor in config.anchor_sizes if anchor[0] not in config.sizes]
         for size, episodes in anchors or config.anchor_sizes[:1]:
             for level in config.anchor_levels:
                 add(level, size, episodes, 0)
@@ -274,7 +302,7 @@ class RefineRun:
     def train_round(
         self, pool: Executor, on_progress: Callable[[float], None] = lambda done: None
     ) -> RoundMetrics:
-        """Make a round; `on_progress` is called with the share of it that is done, 0..1."""
+        """Make a round; `on_progress` is called with its share that is done, 0..1."""
         tasks, results = self.make_tasks(), list[ActionPairs | SampledObservations]()
         weights = {name: tensor.numpy() for name, tensor in self.net.state_dict().items()}
         for result in pool.map(play_task, [(weights, task) for task in tasks]):
@@ -285,18 +313,21 @@ class RefineRun:
         self._store(pairs, sampled)
         loss = self._optimize(lambda done: on_progress((1 + done) / 2))
         self.rounds_done += 1
-        cost = np.concatenate([one.cost for one in pairs])
+        cost = np.concatenate([batch.cost for batch in pairs])
         self.num_pairs += len(cost)
         steps: dict[str, list[int]] = {}
         for task, result in zip(tasks, results, strict=True):
             if task.level == "random":
                 steps.setdefault(f"{task.size}x{task.size}", []).extend(result.steps.tolist())
-        means = {size: fmean(each) for size, each in steps.items()}
+        means = {size: fmean(moves) for size, moves in steps.items()}
         better = float((cost < 0).mean())
         return RoundMetrics(self.rounds_done, self.num_pairs, better, loss, means)
 
     def _store(self, pairs: list[ActionPairs], observations: list[SampledObservations]) -> None:
-        """Append a round's pairs and observations to the buffers; the pairs of the first round stay."""
+        """Append a round's pairs and observations to the buffers.
+
+        The pairs of the first round stay.
+        """
         names = ("planes", "moves", "own", "other", "cost")
         columns = [np.concatenate([getattr(one, name) for one in pairs]) for name in names]
         self._pairs.append(columns, permanent=self.rounds_done == 0)
@@ -320,25 +351,36 @@ class RefineRun:
         return total / count
 
     def _gradient_step(self, transposed: bool) -> float:
-        """Make one gradient step, on the grids as they were or with rows and columns exchanged; return its loss."""
+        """Make one gradient step, perhaps on exchanged rows and columns; return the loss."""
         config = self.config
         num_pairs = self.config.batch_size
         num_anchors = self.config.anchor_batch_size
-        # 1. Draw pairs, half of them from the newest, and observations of larger grids to anchor the network to.
+        # 1. Draw pairs, half of them from the newest, and observations of larger grids to anchor
+        #    the network to.
         any_pairs = self._pairs.sample(num_pairs // 2)
         newest = self._pairs.sample(num_pairs // 2, config.newest_pairs)
         both = zip(any_pairs, newest, strict=True)
-        planes, moves, own, other, cost = (torch.cat(each) for each in both)
+        planes, moves, own_actions, other, cost = (torch.cat(columns) for columns in both)
         anchors = self._observations.sample(num_anchors)
-        planes, moves = (torch.cat(each) for each in zip((planes, moves), anchors, strict=True))
+        planes, moves = (
+            torch.cat(columns) for columns in zip((planes, moves), anchors, strict=True)
+        )
         if transposed:
-            planes, moves, own, other = planes[:, :, TRANSPOSED], moves.flip(1), 3 - own, 3 - other
+            planes, moves, own_actions, other = (
+                planes[:, :, TRANSPOSED],
+                moves.flip(1),
+                3 - own_actions,
+                3 - other,
+            )
         with mixed_precision():
             logits, values = self._learner(planes, moves)
         # 2. Cost-weighted logistic loss of the pairs.
-        margin = (logits.gather(1, other[:, None]) - logits.gather(1, own[:, None])).squeeze(1)
+        margin = (
+            logits.gather(1, other[:, None]) - logits.gather(1, own_actions[:, None])
+        ).squeeze(1)
         loss = (cost.abs() * functional.softplus(cost.sign() * margin)).mean() / config.cost_scale
-        # 3. Cross-entropy to the original policy on the anchors; squared error to its values there and on as many pairs.
+        # 3. Cross-entropy to the original policy on the anchors; squared error to its values there
+        #    and on as many pairs.
         anchored = slice(num_pairs - num_anchors, None)
         with torch.no_grad():
             original_logits, original_values = self._original(planes[anchored], moves[anchored])
@@ -364,8 +406,8 @@ class ActionPairs:
 
     planes, moves  the observations, see `policies.network.features`
     own, other     int64[num_pairs], actions
-    cost           float32[num_pairs], moves that the episode takes more with the other action, at 21x21 -MAX_COST..MAX_COST, in
-                   proportion to the side elsewhere
+    cost           float32[num_pairs], moves that the episode takes more with the other action, at
+                   21x21 -MAX_COST..MAX_COST, in proportion to the side elsewhere
     steps          int64[num_episodes], moves of the episodes
     """
 
@@ -379,7 +421,10 @@ class ActionPairs:
 
 @dataclass(frozen=True)
 class SampledObservations:
-    """Observations (planes, moves) from some steps of episodes; steps int64[num_episodes], moves of the episodes."""
+    """Observations (planes, moves) from some steps of episodes.
+
+    steps  int64[num_episodes], moves of the episodes
+    """
 
     planes: NDArray[np.uint8]
     moves: NDArray[np.float32]
@@ -388,7 +433,7 @@ class SampledObservations:
 
 @dataclass(frozen=True)
 class JointStep:
-    """One step of episodes that are played together: their worlds, the number of each one's episode, and the decisions."""
+    """One step of episodes played together: worlds, episode numbers, decisions."""
 
     rollouts: GreedyRollouts
     episodes: NDArray[np.intp]
@@ -398,14 +443,16 @@ class JointStep:
 def branch_episodes(
     config: EnvConfig, net: ActionScorer, first_seed: int, num_episodes: int, pairs_per_episode: int
 ) -> ActionPairs:
-    """Return pairs of actions from the episodes on the terrains first_seed, first_seed + 1, ...; the same for the same network.
+    """Pairs of actions from the episodes on the terrains from first_seed on.
+
+    The same network gives the same pairs.
 
     pairs_per_episode  about how many pairs an episode gives in the mean
     """
     rng = np.random.default_rng(first_seed)
     steps = np.zeros(num_episodes, np.int64)
     rate = pairs_per_episode / (TYPICAL_MOVES_PER_CELL * config.n)
-    found: list[tuple[Snapshot, Snapshot]] = []
+    branches: list[tuple[Snapshot, Snapshot]] = []
     for joint in play_greedily(config, net, first_seed, steps):
         rollouts, decisions = joint.rollouts, joint.decisions
         weights = alternative_weights(decisions, rollouts.memory["headings"])
@@ -423,9 +470,9 @@ def branch_episodes(
             "own": decisions.actions[chosen],
             "other": (np.cumsum(weights[chosen], axis=1) <= thresholds).sum(1),
         }
-        found.append((rollouts.snapshot(chosen), pairs))
-    worlds = concatenate([snapshot for snapshot, _ in found])
-    pairs = concatenate([pairs for _, pairs in found])
+        branches.append((rollouts.snapshot(chosen), pairs))
+    worlds = concatenate([snapshot for snapshot, _ in branches])
+    pairs = concatenate([pairs for _, pairs in branches])
     cost = extra_moves(config, net, worlds, pairs["other"], steps[pairs.pop("episode")])
     most = MAX_COST * relative_side(config)
     return ActionPairs(**pairs, cost=np.clip(cost, -most, most).astype(np.float32), steps=steps)
@@ -434,7 +481,10 @@ def branch_episodes(
 def sample_observations(
     config: EnvConfig, net: ActionScorer, first_seed: int, num_episodes: int
 ) -> SampledObservations:
-    """Return the observations at OBSERVATION_SHARE of the steps of the episodes on the terrains first_seed and following."""
+    """The observations at OBSERVATION_SHARE of the steps of some episodes.
+
+    On the terrains first_seed and following.
+    """
     rng = np.random.default_rng(first_seed)
     steps, planes, moves = np.zeros(num_episodes, np.int64), [], []
     for joint in play_greedily(config, net, first_seed, steps):
@@ -448,11 +498,12 @@ def sample_observations(
 def play_greedily(
     config: EnvConfig, net: ActionScorer, first_seed: int, steps: NDArray[np.int64]
 ) -> Iterator[JointStep]:
-    """Play the terrains first_seed, first_seed + 1, ... to their ends and yield every step.
+    """Play the terrains from first_seed on to their ends and yield every step.
 
     steps  int64[num_episodes], becomes the moves of each episode
 
-    Episodes are followed for MAX_MOVES_PER_CELL moves a cell at most. What was yielded changes with the next step.
+    Episodes are followed for MAX_MOVES_PER_CELL moves a cell at most. What was yielded changes with
+    the next step.
     """
     seeds = np.arange(first_seed, first_seed + len(steps))
     refuse_evaluation_seeds(seeds)
@@ -463,10 +514,10 @@ def play_greedily(
     for count in range(1, max_moves + 1):
         running = rollouts.running
         if running.sum() < MIN_RUNNING_SHARE * rollouts.num_worlds:
-            kept = np.flatnonzero(running)
-            if not len(kept):
+            still_running = np.flatnonzero(running)
+            if not len(still_running):
                 return
-            rollouts, episodes = rollouts.subset(kept), episodes[kept]
+            rollouts, episodes = rollouts.subset(still_running), episodes[still_running]
         decisions = rollouts.decide(net)
         yield JointStep(rollouts, episodes, decisions)
         running = rollouts.running
@@ -475,7 +526,9 @@ def play_greedily(
 
 
 def alternative_weights(decisions: Decisions, headings: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return float64[num_worlds, 4], how much each other action is worth trying: more where the network is less certain.
+    """How much each other action is worth trying: float64[num_worlds, 4].
+
+    More where the network is less certain.
 
     Turning back is tried half as often; the network's own action and invalid ones never.
     """
@@ -496,7 +549,7 @@ def extra_moves(
     actions: NDArray[np.int64],
     steps: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Return how many moves more than `steps` the episodes take when `actions` are taken in the worlds of a snapshot.
+    """The moves more than `steps` if `actions` are taken in the worlds of a snapshot.
 
     actions, steps  int64[num_branches]; so is the result, at 21x21 at most MAX_EXTRA_MOVES
     """
@@ -505,14 +558,17 @@ def extra_moves(
 
 
 def relative_side(config: EnvConfig) -> float:
-    """Return the side of a grid over that of 21x21, by which costs grow: chance adds up over longer episodes."""
+    """The side of a grid over that of 21x21, by which costs grow.
+
+    Chance adds up over longer episodes.
+    """
     return float((config.n / SIDE**2) ** 0.5)
 
 
 def play_task(
     job: tuple[dict[str, NDArray[np.float32]], EpisodeTask],
 ) -> ActionPairs | SampledObservations:
-    """Play a task with the network of the given weights; `job` is (weights by name, task)."""
+    """Play a task with a network; `job` is (weights by name, task)."""
     weights, task = job
     torch.set_num_threads(1)
     net = _FastNet().eval()
@@ -525,7 +581,7 @@ def play_task(
 
 
 class _FastNet(Net):
-    """The network, in bfloat16 where that is fast: its best action is almost always the same."""
+    """The network, in bfloat16 where that is fast: its best action is nearly the same."""
 
     def rules_that_count(self, rows: int, cols: int) -> tuple[int, ...] | None:
         weights = {name: tensor.numpy() for name, tensor in self.state_dict().items()}

@@ -1,4 +1,4 @@
-"""Branched rollouts and refining: costs are what a literal replay finds, and a network learns from them."""
+"""Branched rollouts and refining: costs equal a literal replay, a network learns."""
 
 import json
 from collections import Counter
@@ -82,7 +82,7 @@ def untrained_net():
 
 
 def literal(net, seed, at=None, other=None):
-    """The policy's episode, move by move; at its move `at` it makes the move `other`. Returns its moves."""
+    """The moves of the policy's episode; at its move `at` it makes the move `other`."""
     policy = NetworkPolicy("net", net, CONFIG.sensor_radius)
     episode = Episode.begin(CONFIG, seed=seed)
     policy.reset(0)
@@ -151,7 +151,7 @@ def test_sizes_that_are_branched_are_no_anchors_and_have_fewer_episodes(net):
     run, tasks = RefineRun(net, 4, replace(SMALL, sizes=(21, 42), **anchors)), set()
     for task in run.make_tasks():
         tasks.add((task.level, task.size, task.num_episodes, task.pairs_per_episode))
-    branched = {(level, *each, 16) for level in ("random", "1-2-1") for each in ((21, 6), (42, 1))}
+    branched = {(level, *task, 16) for level in ("random", "1-2-1") for task in ((21, 6), (42, 1))}
     assert tasks == branched | {("2-2-1", 84, 2, 0)}
     run.config = replace(run.config, tasks_per_level=(("random", 12), ("1-1-1", 1)))
     counts = Counter((task.level, task.size) for task in run.make_tasks() if task.pairs_per_episode)
@@ -220,7 +220,9 @@ def test_a_spoilt_network_learns_which_moves_are_better_the_same_on_any_number_o
     torch.manual_seed(3)
     began_with, runs = load_net(shipped()["ppo"]), []
     began_with.prior.data.zero_()
-    for weights in (each.data for each in began_with.policy_head.parameters() if each.numel() > 1):
+    for weights in (
+        tensor.data for tensor in began_with.policy_head.parameters() if tensor.numel() > 1
+    ):
         weights += weights.std() * torch.randn_like(weights)
     for workers in (1, 2):
         run = RefineRun(deepcopy(began_with), 4, replace(SMALL, ema_decay=0.97))
@@ -270,7 +272,7 @@ def test_what_is_no_network_of_ours_is_refused(policy, part):
 def test_a_run_is_never_written_over(tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run.onnx").write_bytes(b"mine")
-    kept = CliRunner().invoke(refine, ["--out", str(tmp_path / "run")])
-    assert kept.exit_code == 2
-    assert "exists already" in kept.output
+    refused = CliRunner().invoke(refine, ["--out", str(tmp_path / "run")])
+    assert refused.exit_code == 2
+    assert "exists already" in refused.output
     assert (tmp_path / "run" / "run.onnx").read_bytes() == b"mine"

@@ -1,1 +1,4 @@
-"""How fast the environment, its policies, the server and the page are: `python -m research.speed` and `make bench`."""
+"""The speed of environment, policies, server and page: `python -m research.speed`.
+
+`make bench` runs it too.
+"""

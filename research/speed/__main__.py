@@ -1,6 +1,4 @@
-"""The command `python -m research.speed`: measure how fast the environment is on this machine, and others that are
-installed.
-"""
+"""The command `python -m research.speed`: the environment's speed beside others'."""
 
 from __future__ import annotations
 
@@ -32,14 +30,15 @@ from research.speed.figures import Figure, to_json
     help="Measure how long this policy takes for a move instead; again for more.",
 )
 def bench(quick: bool, json_path: Path | None, policies: tuple[str, ...]) -> None:
-    """Measure the environment and print steps per CPU second, start-up time and memory, then other environments to compare.
+    """Measure the environment's speed, start-up and memory, and other environments.
 
-    Rates are steps per second of CPU time. The moves are chosen beforehand; drawing a terrain at every reset, observations as
-    uint8 codes and one Python call for each step are included. Rates vary by a tenth on a busy machine. `two threads` needs
-    an idle machine; its note says when the machine was busy. A cold start is timed in a fresh process with an empty cache of
-    compiled code.
+    Rates are steps per second of CPU time. The moves are chosen beforehand; drawing a terrain at
+    every reset, observations as uint8 codes and one Python call for each step are included. Rates
+    vary by a tenth on a busy machine. `two threads` needs an idle machine; its note says when the
+    machine was busy. A cold start is timed in a fresh process with an empty cache of compiled code.
 
-    With --policy, CPU milliseconds a move on 21x21 and 84x84: alone, and for a network also in a stack of 32 boards.
+    With --policy, CPU milliseconds a move on 21x21 and 84x84: alone, and for a network also in a
+    stack of 32 boards.
 
     Other environments are measured when they are installed: pip install minigrid crafter envpool
 
@@ -64,7 +63,7 @@ def bench(quick: bool, json_path: Path | None, policies: tuple[str, ...]) -> Non
 
 
 def _measure(quick: bool, names: tuple[str, ...]) -> list[Figure]:
-    """Measure every figure, one after the other so that none disturbs another, and return them."""
+    """Measure all, one after the other so that none disturbs another."""
     measures: list[Callable[[], Figure | list[Figure]]]
     if names:
         try:
@@ -90,8 +89,8 @@ def _print_figures(figures: list[Figure]) -> None:
     sizes = list(dict.fromkeys(at for _, at in rates))
     rows = []
     for name in dict.fromkeys(name for name, _ in rates):
-        values = (rates[name, at].value if (name, at) in rates else None for at in sizes)
-        rows.append((name, *(f"{value / 1e6:.2f}" if value else "" for value in values)))
+        speeds = (rates[name, at].value if (name, at) in rates else None for at in sizes)
+        rows.append((name, *(f"{speed / 1e6:.2f}" if speed else "" for speed in speeds)))
     if rows:
         print_table("Million steps per CPU second", ("worlds", *sizes), rows)
     absent = [figure for figure in figures if figure.note.startswith("not installed")]

@@ -1,12 +1,13 @@
-"""How long people's moves take while agents act as fast as they are answered, and what is lost when the server is killed.
+"""How long people's moves take among fast agents, and what a killed server loses.
 
     python -m research.speed.agents [--seconds 60] [--mars 40] [--rooms 10]
 
-Two servers, since each plays one task: 8 people at one with the MarsExplorer agents, the FourRooms agents at the other. Each
-agent has a card. All agents are one process of the processor's lowest priority, at another address, since elsewhere they are
-another machine's. People play for a quiet time, then for as long among the agents; then both servers are killed (SIGKILL)
-while agents act, and every move that was answered must be in the database. The exit code is 1 where the p99 is more than
-twice its quiet time, or a move was lost.
+Two servers, since each plays one task: 8 people at one with the MarsExplorer agents, the FourRooms
+agents at the other. Each agent has a card. All agents are one process of the processor's lowest
+priority, at another address, since elsewhere they are another machine's. People play for a quiet
+time, then for as long among the agents; then both servers are killed (SIGKILL) while agents act,
+and every move that was answered must be in the database. The exit code is 1 where the p99 is more
+than twice its quiet time, or a move was lost.
 """
 
 from __future__ import annotations
@@ -44,11 +45,11 @@ WAYS = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 
 def choose(seen: dict[str, Any], draw: random.Random) -> str:
     """Return a move that ends no episode: to a free cell, or a turn."""
-    given = seen["observation"]
-    if "grid" not in given:
+    observation = seen["observation"]
+    if "grid" not in observation:
         return draw.choice(("left", "right"))
-    row, col = given["position"]
-    grid = given["grid"]
+    row, col = observation["position"]
+    grid = observation["grid"]
     inside = [
         way
         for way, (down, right) in WAYS.items()
@@ -59,8 +60,8 @@ def choose(seen: dict[str, Any], draw: random.Random) -> str:
     return draw.choice(inside or list(WAYS))
 
 
-async def play(address: str, told: dict[str, int]) -> None:
-    """Act until the server is gone; `told` holds the moves that were answered, by instance, and `moves` all of them."""
+async def play(address: str, answered: dict[str, int]) -> None:
+    """Act until the server is gone; `answered` counts the answered moves, by instance."""
     draw = random.Random(address)
     with suppress(ConnectionClosed, OSError):
         url = f"ws{address.removeprefix('http')}/ws"
@@ -76,24 +77,29 @@ async def play(address: str, told: dict[str, int]) -> None:
                 now = await ask("reset", index=index)
                 while not now["done"]:
                     now = await ask("step", action=choose(now["observation"], draw))
-                    told[str(index)] = now["observation"]["step"]
+                    answered[str(index)] = now["observation"]["step"]
 
 
 def be_agents(addresses: list[str]) -> None:
-    """Let an agent act with each card until its server is gone; print a line when all do, and then what each was told."""
+    """Let an agent act with each card until its server is gone.
+
+    Print a line when all do, and then the moves that each was answered.
+    """
     os.nice(19)
-    told: dict[str, dict[str, int]] = {address: {} for address in addresses}
+    answered: dict[str, dict[str, int]] = {address: {} for address in addresses}
 
     async def all_act() -> None:
-        while not all(told.values()):
+        while not all(answered.values()):
             await asyncio.sleep(0.1)
         print("acting", flush=True)
 
     async def all_of_them() -> None:
-        await asyncio.gather(all_act(), *(play(address, told[address]) for address in addresses))
+        await asyncio.gather(
+            all_act(), *(play(address, answered[address]) for address in addresses)
+        )
 
     asyncio.run(all_of_them())
-    print(json.dumps(told), flush=True)
+    print(json.dumps(answered), flush=True)
 
 
 @contextmanager
@@ -127,14 +133,14 @@ def prepared(folder: Path, task: str, agents: int) -> list[str]:
     return [token_of(folder / "play.db", f"author {number}") for number in range(agents)]
 
 
-def lost(folder: Path, told: dict[str, dict[str, int]]) -> tuple[int, int]:
+def lost(folder: Path, by_address: dict[str, dict[str, int]]) -> tuple[int, int]:
     """Return how many moves were answered, and how many of them are not in the database."""
     sql = """SELECT a.card, a.instance, count(m.step) FROM agents_attempts a
         LEFT JOIN agents_moves m ON m.attempt = a.id GROUP BY 1, 2"""
     with closing(sqlite3.connect(folder / "play.db")) as conn:
         stored = {(card, str(index)): moves for card, index, moves in conn.execute(sql)}
     answered = missing = 0
-    for address, by_index in told.items():
+    for address, by_index in by_address.items():
         card = address.rpartition("/")[2][:4]
         for index, moves in by_index.items():
             answered += moves
@@ -143,7 +149,10 @@ def lost(folder: Path, told: dict[str, dict[str, int]]) -> tuple[int, int]:
 
 
 def people(server: SimpleNamespace, seconds: float) -> list[float]:
-    """Return how long each move of people takes, in ms; who has explored a board begins another."""
+    """How long each move of people takes, in ms.
+
+    A person who has explored a board begins another.
+    """
     until, trips = time.monotonic() + seconds, list[float]()
     while (left := until - time.monotonic()) > 0:
         trips += measure(server, left)
@@ -159,38 +168,44 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="of quiet, and among agents")
     parser.add_argument("--mars", type=int, default=40, help="agents, 1 at least")
     parser.add_argument("--rooms", type=int, default=10, help="agents")
-    given = parser.parse_args()
-    counts = {task: count for task, count in (("mars", given.mars), (ROOMS, given.rooms)) if count}
+    options = parser.parse_args()
+    counts = {
+        task: count for task, count in (("mars", options.mars), (ROOMS, options.rooms)) if count
+    }
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         places = {task: Path(name) / str(number) for number, task in enumerate(counts)}
         tokens = {task: prepared(places[task], task, count) for task, count in counts.items()}
         servers = {task: stack.enter_context(served(places[task], task)) for task in counts}
         addresses = [
-            f"{servers[task].url}/agents/{each}" for task in tokens for each in tokens[task]
+            f"{servers[task].url}/agents/{token}" for task in tokens for token in tokens[task]
         ]
         people(servers["mars"], 3)  # the first moves take longer
-        quiet = people(servers["mars"], given.seconds)
+        quiet = people(servers["mars"], options.seconds)
         command = [sys.executable, "-m", "research.speed.agents", "--act", *addresses]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as agents:
             assert agents.stdout is not None
             agents.stdout.readline()  # they act
             began = time.monotonic()
-            busy = people(servers["mars"], given.seconds)
+            busy = people(servers["mars"], options.seconds)
             for server in servers.values():
                 server.kill()
             seconds = time.monotonic() - began
-            told = json.loads(agents.communicate(timeout=120)[0])
+            answered = json.loads(agents.communicate(timeout=120)[0])
         rows = []
         for task, server in servers.items():
-            own_told = {each: told[each] for each in told if each.startswith(server.url)}
-            rows.append((task, *lost(places[task], own_told)))
-    before, among = (float(np.percentile(each, 99)) for each in (quiet, busy))
+            of_server = {
+                address: answered[address] for address in answered if address.startswith(server.url)
+            }
+            rows.append((task, *lost(places[task], of_server)))
+    before, among = (float(np.percentile(times, 99)) for times in (quiet, busy))
     print(
-        f"people's p99: {before:.1f} ms quiet, {among:.1f} ms among agents, ratio {among / before:.2f}"
+        f"people's p99: {before:.1f} ms quiet, {among:.1f} ms among agents, ratio "
+        f"{among / before:.2f}"
     )
-    for task, answered, missing in rows:
+    for task, moves, missing in rows:
         print(
-            f"{task}: {answered:,} moves of {counts[task]} agents answered ({answered / seconds:.0f} a second), {missing} lost"
+            f"{task}: {moves:,} moves of {counts[task]} agents answered ({moves / seconds:.0f} "
+            f"a second), {missing} lost"
         )
     sys.exit(among > MOST_RATIO * before or any(missing for _, _, missing in rows))
 

@@ -1,8 +1,9 @@
-"""Steps per CPU second of the compiled core, alone, through Gymnasium and on two threads.
+"""Steps per CPU second of the core: alone, through Gymnasium, on two threads.
 
-Moves are recorded first and played back under the clock, so choosing them costs nothing: the same seeds and the same moves
-give the same episodes. Every rate is the median of several repeats, each after a tenth of its rounds to warm up. CPU time
-counts, so that a busy machine matters little; only the comparison of threads needs the wall clock, and an idle machine.
+Moves are recorded first and played back under the clock, so choosing them costs nothing: the same
+seeds and the same moves give the same episodes. Every rate is the median of several repeats, each
+after a tenth of its rounds to warm up. CPU time counts, so that a busy machine matters little; only
+the comparison of threads needs the wall clock, and an idle machine.
 """
 
 from __future__ import annotations
@@ -35,20 +36,24 @@ STEPS = 4_000_000
 """Moves of one repeat, about a third of a second at full speed."""
 
 ROUNDS = 450
-"""Fewest moves of each world in a repeat: an episode of random moves at 21x21, for its beginning costs more than its end."""
+"""Fewest moves of each world in a repeat: an episode of random moves at 21x21, for its beginning
+costs more than its end.
+"""
 
 
 @kernel
 def choose(codes, places, actions, state):  # type: ignore[no-untyped-def]  # numba infers it
-    """Fill actions with one valid move a world, from a xorshift generator; codes uint8[num, rows, cols]."""
+    """Fill actions with one valid move a world, from a xorshift generator; codes uint8[num,
+    rows, cols].
+    """
     for i in range(actions.shape[0]):
         row, col = np.int64(places[i] >> np.uint64(32)), np.int64(places[i] & np.uint64(0xFFFFFFFF))
-        x = state[0]
-        x ^= x << np.uint64(13)
-        x ^= x >> np.uint64(7)
-        x ^= x << np.uint64(17)
-        state[0] = x
-        first = np.int64(x >> np.uint64(62))
+        number = state[0]
+        number ^= number << np.uint64(13)
+        number ^= number >> np.uint64(7)
+        number ^= number << np.uint64(17)
+        state[0] = number
+        first = np.int64(number >> np.uint64(62))
         for k in range(4):
             a = (first + k) & 3
             if is_valid(codes[i], row, col, a):  # type: ignore[no-untyped-call]
@@ -65,7 +70,10 @@ def started(config: EnvConfig, num: int) -> Worlds:
 
 
 def moves_of(config: EnvConfig, num: int, rounds: int, blind: bool = False) -> NDArray[np.int64]:
-    """Return int64[rounds, num]: random moves for a stack that starts on seeds 0, 1, ...; valid ones unless `blind`."""
+    """Random moves for a stack on seeds 0, 1, ...: int64[rounds, num].
+
+    Valid ones unless `blind`.
+    """
     if blind:
         return np.random.default_rng(0).integers(0, 4, (rounds, num))
     worlds, moves = started(config, num), np.zeros((rounds, num), np.int64)
@@ -86,7 +94,10 @@ def play(worlds: Worlds, moves: NDArray[np.int64]) -> None:
 def steps_per_cpu_second(
     config: EnvConfig, num: int, steps: int = STEPS, blind: bool = False, repeats: int = 3
 ) -> float:
-    """Return the rate of a stack with reset, terrain and observation codes included; `steps` moves a repeat in all."""
+    """The rate of a stack with reset, terrain and observation codes included.
+
+    steps  moves a repeat in all
+    """
     rounds = max(ROUNDS, min(steps // num, 200_000))
     moves = moves_of(config, num, rounds, blind)
     warm, rates = rounds // 10, []
@@ -100,7 +111,7 @@ def steps_per_cpu_second(
 
 
 def replay(env: Any, moves: Sequence[int]) -> int:
-    """Make moves recorded for one world in an environment, from seed 0 on; return how many."""
+    """Make moves recorded for one world in an environment from seed 0; count them."""
     env.reset(seed=0)
     for move in moves:
         _, _, terminated, truncated, _ = env.step(move)
@@ -110,7 +121,10 @@ def replay(env: Any, moves: Sequence[int]) -> int:
 
 
 def gymnasium_rate(observation: str, steps: int = 100_000, repeats: int = 3) -> float:
-    """Return steps per CPU second through gymnasium.make at 21x21, random valid moves, resets included."""
+    """Steps per CPU second through gymnasium.make at 21x21, resets included.
+
+    Random valid moves.
+    """
     import gymnasium
 
     moves = moves_of(EnvConfig(), 1, steps)[:, 0].tolist()
@@ -126,7 +140,9 @@ def gymnasium_rate(observation: str, steps: int = 100_000, repeats: int = 3) -> 
 def vector_share(
     num: int = 1024, blind: bool = False, rounds: int = ROUNDS, repeats: int = 5
 ) -> tuple[float, float]:
-    """Return steps per CPU second through gymnasium.make_vec, uint8 codes, and the share of the bare stack's in the same run.
+    """Steps per CPU second through gymnasium.make_vec, and the share of the stack's.
+
+    uint8 codes; the bare stack is measured in the same run.
 
     Both make the same moves in turn, 21x21.
     """
@@ -153,9 +169,10 @@ def vector_share(
 
 
 def threads_ratio(num: int = 8192, rounds: int = 150, repeats: int = 7) -> tuple[float, float]:
-    """Return how many times the work two threads do in the time of one, and the share of a core that one thread was given.
+    """The work of two threads over that of one, and one thread's share of a core.
 
-    Each thread has worlds of its own. The second number is 1 on an idle machine; well below, the first says little.
+    Each thread has worlds of its own. The second number is 1 on an idle machine; well below, the
+    first says little.
     """
     moves = moves_of(EnvConfig(), num, rounds)
     stacks = [started(EnvConfig(), num) for _ in range(2)]
@@ -206,7 +223,7 @@ def made(observation: str, steps: int, repeats: int) -> Figure:
 
 
 def made_vector(is_blind: bool, repeats: int) -> Figure:
-    """Return the rate through gymnasium.make_vec, with the share of the bare stack's rate as its note."""
+    """The rate through gymnasium.make_vec, with its share of the bare stack's."""
     rounds = ROUNDS // 3 if is_blind else ROUNDS
     rate, share = vector_share(blind=is_blind, rounds=rounds, repeats=repeats)
     name = f"gymnasium.make_vec, 1,024, uint8{', blind moves' if is_blind else ''}"

@@ -1,4 +1,4 @@
-"""CPU time that policies take to decide a move, alone and, for networks, in a stack of boards."""
+"""CPU time of policies to decide a move, alone and in a stack of boards."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ STACK = 32
 
 
 def time_alone(name: str, config: EnvConfig, seed: int = 0) -> float:
-    """Return the mean CPU time of a move in ms, over a whole episode on the terrain of a seed; moves to warm up come before."""
+    """The mean CPU time of a move in ms, over an episode on a seed's terrain.
+
+    Moves to warm up come before.
+    """
     policy = policies.load(name, config.sensor_radius)
     spent, moves = 0.0, 0
     for is_measured in (False, True):
@@ -34,7 +37,7 @@ def time_alone(name: str, config: EnvConfig, seed: int = 0) -> float:
 
 
 def time_in_stack(name: str, config: EnvConfig, seed: int = 0) -> float | None:
-    """Return the mean CPU time of a move in ms for each of STACK boards, as long as all play; None for what is no network."""
+    """The mean CPU time of a move in ms for each of STACK boards, as long as all play."""
     policy = policies.load(name, config.sensor_radius)
     if not isinstance(policy, NetworkPolicy):
         return None
@@ -57,6 +60,6 @@ def decide(name: str, side: int) -> list[Figure]:
     alone, in_stack = time_alone(name, config), time_in_stack(name, config)
     figures = [Figure("decisions", f"{name}, a move alone, {at}", alone, "CPU ms")]
     if in_stack is not None:
-        what = f"{name}, a move of {STACK} together, {at}"
-        figures.append(Figure("decisions", what, in_stack, "CPU ms"))
+        label = f"{name}, a move of {STACK} together, {at}"
+        figures.append(Figure("decisions", label, in_stack, "CPU ms"))
     return figures

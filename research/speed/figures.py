@@ -40,7 +40,7 @@ class Figure:
 
 
 def to_json(figures: Iterable[Figure]) -> str:
-    """Return a run as JSON: core_version, machine, processor count, load before it, and the figures with their verdicts."""
+    """A run as JSON: versions, machine, load before it, figures with their verdicts."""
     document = {
         "core_version": CORE_VERSION,
         "machine": platform.machine(),

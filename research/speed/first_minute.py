@@ -1,7 +1,10 @@
-"""The first minute on a machine that has compiled nothing: `python -m research.speed.first_minute`.
+"""The first minute on a machine that has compiled nothing.
 
-It prints what each kernel takes to compile, and what a server and the processes beside it take until the first page, the first
-board and the first move of `ppo`, each beside what is wanted. Linux only.
+`python -m research.speed.first_minute`
+
+It prints what each kernel takes to compile, and what a server and the processes beside it take
+until the first page, the first board and the first move of `ppo`, each beside what is wanted. Linux
+only.
 """
 
 from __future__ import annotations
@@ -71,7 +74,9 @@ class Measured(NamedTuple):
 
 
 def list_kernels(cache: Path) -> list[tuple[str, str, str, str]]:
-    """Return of each kernel, the slowest first: name, how often it is compiled, processor seconds, kB in the cache."""
+    """Return of each kernel, the slowest first: name, how often it is compiled, processor
+    seconds, kB in the cache.
+    """
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", LIST_KERNELS],
         env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
@@ -81,7 +86,7 @@ def list_kernels(cache: Path) -> list[tuple[str, str, str, str]]:
     )
     took: dict[str, tuple[int, float]] = json.loads(done.stdout)
     rows = []
-    for name, (count, cpu_s) in sorted(took.items(), key=lambda entry: -entry[1][1]):
+    for name, (count, cpu_s) in sorted(took.items(), key=lambda kernel: -kernel[1][1]):
         stem = ".".join(name.split(".")[-2:])
         size = sum(path.stat().st_size for path in cache.rglob(f"{stem}-*.nbc"))
         rows.append((name, str(count), f"{cpu_s:.2f}", f"{size / 1000:.0f}" if size else ""))
@@ -94,7 +99,7 @@ def taken_s(process: int) -> float:
 
 
 def measure_server(cache: Path, state: str) -> list[Measured]:
-    """Return what a server takes until its first page, its first board, and until `ppo` has moved."""
+    """What a server takes until its first page, first board, and first `ppo` move."""
     with (
         tempfile.TemporaryDirectory() as folder,
         fresh_server(cache, Path(folder) / "moves.db") as (process, port),
@@ -126,21 +131,27 @@ def wait_for_move(client: httpx.Client, board: dict[str, Any]) -> None:
 
 @click.command()
 def main() -> None:
-    """Measure what a machine that has compiled nothing takes: each kernel, a server's first page and board, and memory."""
+    """Measure what a machine that has compiled nothing takes.
+
+    That is each kernel, a server's first page and board, and memory.
+    """
     with tempfile.TemporaryDirectory() as folder:
         cold, full = Path(folder) / "cold", Path(folder) / "full"
         kernels = list_kernels(full)
-        found = measure_server(cold, "nothing compiled")
-        found += measure_server(full, "all compiled")
+        measures = measure_server(cold, "nothing compiled")
+        measures += measure_server(full, "all compiled")
         first_step, _ = seconds(FIRST_STEP, str(Path(folder) / "step"))
-    found.append(Measured("first step of gymnasium.make, nothing compiled", first_step, "CPU s"))
+    measures.append(Measured("first step of gymnasium.make, nothing compiled", first_step, "CPU s"))
     print_table("Kernels", ("kernel", "versions", "CPU s", "kB"), kernels)
     click.echo(f"{sum(float(row[2]) for row in kernels):.1f} CPU s in all")
     rows = [
-        (name, f"{value:.2f} {unit}" if unit == "CPU s" else f"{value:.0f} {unit}",
-         f"{WANTED[name]:g}" if name in WANTED else "")
-        for name, value, unit in found
-    ]  # fmt: skip
+        (
+            name,
+            f"{number:.2f} {unit}" if unit == "CPU s" else f"{number:.0f} {unit}",
+            f"{WANTED[name]:g}" if name in WANTED else "",
+        )
+        for name, number, unit in measures
+    ]
     print_table("The first minute", ("what", "measured", "at most"), rows)
 
 

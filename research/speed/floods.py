@@ -1,12 +1,15 @@
-"""How long others' moves take while one client is greedy, beside a quiet time of the same run.
+"""How long others' moves take while one client is greedy, beside a quiet time.
+
+Both are of the same run.
 
     python -m research.speed.floods --database FILE [--seconds 4] [--rounds 3] [--port bare|nginx]
 
-`python -m research.speed.large_database --keep FOLDER` makes a database of 100,000 episodes and its studies.
-A server plays on a copy of the database, alone and behind the nginx of `deploy/`. Eight people make ten moves a second each.
-One client, at another address and with the processor's lowest priority, since elsewhere it is another machine's, floods the
-server in one way after the other. Quiet times and floods take turns. A last row is of another's ghosts while ghosts and costs
-are asked for. The exit code is 1 where a p99 is more than twice its quiet time.
+`python -m research.speed.large_database --keep FOLDER` makes a database of 100,000 episodes and its
+studies. A server plays on a copy of the database, alone and behind the nginx of `deploy/`. Eight
+people make ten moves a second each. One client, at another address and with the processor's lowest
+priority, since elsewhere it is another machine's, floods the server in one way after the other.
+Quiet times and floods take turns. A last row is of another's ghosts while ghosts and costs are
+asked for. The exit code is 1 where a p99 is more than twice its quiet time.
 """
 
 from __future__ import annotations
@@ -62,7 +65,7 @@ MOST_RATIO = 2.0
 
 
 class Greedy:
-    """What one client does over each of its connections, in turn, until its process is killed."""
+    """The requests of one client over each of its connections, in turn, until killed."""
 
     def __init__(self, url: str, episodes: list[str]) -> None:
         self._url, self._episodes = urlsplit(url), episodes
@@ -139,7 +142,7 @@ FLOODS: dict[str, Callable[[Greedy, int], None]] = {
 
 
 def be_greedy(kind: str, url: str, episodes: list[str]) -> None:
-    """Flood until a line comes on standard input, then print how often which status was answered."""
+    """Flood until a line comes on standard input, then print the answers' statuses."""
     os.nice(19)
     client = Greedy(url, episodes)
 
@@ -217,7 +220,7 @@ def episodes_of(database: Path) -> list[str]:
 
 
 def ghosts(server: SimpleNamespace, episodes: Iterator[str], seconds: float) -> list[float]:
-    """Return how long each ghost takes, in ms, that one person asks for after the other.
+    """How long each ghost takes, in ms, that one person asks for after the other.
 
     The first one is left out: a worker may have to start.
     """
@@ -233,9 +236,10 @@ def ghosts(server: SimpleNamespace, episodes: Iterator[str], seconds: float) -> 
 def compare(
     database: Path, port: str, kind: str, of: Callable[[SimpleNamespace], list[float]], rounds: int
 ) -> tuple[float, float, Counter[str]]:
-    """Return the p99 of the others in milliseconds, quiet and flooded, and what the greedy client was answered.
+    """The p99 of the others in ms, quiet and flooded, and the greedy client's answers.
 
-    Each round has a server of its own: what a flood leaves behind would slow the next quiet time down.
+    Each round has a server of its own: what a flood leaves behind would slow the next quiet time
+    down.
     """
     quiet: list[float] = []
     busy: list[float] = []
@@ -260,32 +264,38 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--port", choices=("bare", "nginx"), action="append")
     parser.add_argument("--flood", choices=FLOODS, action="append")
-    given = parser.parse_args()
-    unseen = itertools.cycle(episodes_of(given.database))
+    options = parser.parse_args()
+    unseen = itertools.cycle(episodes_of(options.database))
 
     def moves(server: SimpleNamespace) -> list[float]:
-        return measure(server, given.seconds)  # type: ignore[no-any-return]
+        return measure(server, options.seconds)  # type: ignore[no-any-return]
 
     def asked(server: SimpleNamespace) -> list[float]:
-        return ghosts(server, unseen, given.seconds)
+        return ghosts(server, unseen, options.seconds)
 
-    rows = [("moves", kind, moves) for kind in given.flood or FLOODS]
+    rows = [("moves", kind, moves) for kind in options.flood or FLOODS]
     rows += [("ghosts", kind, asked) for _, kind, _ in rows if kind == "ghosts and costs"]
     print(
-        "| flood | port | what the others do | quiet p99, ms | flooded p99, ms | ratio | the client was answered |"
+        "| flood | port | what the others do | quiet p99, ms | flooded p99, ms | ratio | the "
+        "client was answered |"
     )
     print("|---|---|---|---|---|---|---|", flush=True)
     worst = 0.0
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(shutil.copy(given.database, folder))
+        copy = Path(shutil.copy(options.database, folder))
         os.sync()  # else the first quiet time waits for the disk
-        studies_beside(copy).symlink_to(studies_beside(given.database.absolute()))
-        for port, (what, kind, of) in itertools.product(given.port or ("bare", "nginx"), rows):
-            quiet, busy, answers = compare(copy, port, kind, of, given.rounds)
-            told = ", ".join(f"{status}: {count:,}" for status, count in sorted(answers.items()))
+        studies_beside(copy).symlink_to(studies_beside(options.database.absolute()))
+        for port, (measured, kind, of) in itertools.product(
+            options.port or ("bare", "nginx"), rows
+        ):
+            quiet, busy, answers = compare(copy, port, kind, of, options.rounds)
+            statuses = ", ".join(
+                f"{status}: {count:,}" for status, count in sorted(answers.items())
+            )
             worst = max(worst, busy / quiet)
             print(
-                f"| {kind} | {port} | {what} | {quiet:.1f} | {busy:.1f} | {busy / quiet:.2f} | {told} |",
+                f"| {kind} | {port} | {measured} | {quiet:.1f} | {busy:.1f} | "
+                f"{busy / quiet:.2f} | {statuses} |",
                 flush=True,
             )
     sys.exit(worst > MOST_RATIO)

@@ -1,10 +1,13 @@
-"""How long every public read takes on a database of many episodes: `python -m research.speed.large_database`.
+"""How long every public read takes on a database of many episodes.
+
+`python -m research.speed.large_database`
 
     python -m research.speed.large_database [--episodes 100000] [--requests 40] [--keep FOLDER]
 
-The episodes are copies of recorded ones (`tests.support.many_episodes`). One client asks a server of its own process for one
-route after the other: the first answer, then the median and the 95th percentile of the next ones. A request is not repeated for
-longer than a minute. Exports and what a job works out (costs, ghosts, pictures of a replay) are left out.
+The episodes are copies of recorded ones (`tests.support.many_episodes`). One client asks a server
+of its own process for one route after the other: the first answer, then the median and the 95th
+percentile of the next ones. A request is not repeated for longer than a minute. Exports and what a
+job works out (costs, ghosts, pictures of a replay) are left out.
 """
 
 from __future__ import annotations
@@ -57,10 +60,13 @@ def measure(client: httpx.Client, path: str, requests: int) -> str:
         answer = client.get(path)
         times.append(1000 * (time.perf_counter() - began))
     warm = times[1:] or times
-    median, p95 = (float(np.percentile(warm, each)) for each in (50, 95))
-    said = "" if answer.status_code in (200, 303) else f" ({answer.status_code})"
+    median, p95 = (float(np.percentile(warm, percentile)) for percentile in (50, 95))
+    status = "" if answer.status_code in (200, 303) else f" ({answer.status_code})"
     shown = re.sub(r"\w{60,}", "ID", path)
-    return f"| `{shown}`{said} | {times[0]:,.0f} | {median:,.1f} | {p95:,.1f} | {len(answer.content) / 1000:,.0f} |"
+    return (
+        f"| `{shown}`{status} | {times[0]:,.0f} | {median:,.1f} | {p95:,.1f} | "
+        f"{len(answer.content) / 1000:,.0f} |"
+    )
 
 
 def campaign(folder: Path, requests: int) -> None:
@@ -95,17 +101,17 @@ def main() -> None:
     parser.add_argument(
         "--keep", type=Path, help="folder of the database, used again when it is there"
     )
-    given = parser.parse_args()
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
-        folder = given.keep or Path(temporary)
+        folder = options.keep or Path(temporary)
         database = folder / "playground.db"
         if not database.exists():
             folder.mkdir(parents=True, exist_ok=True)
             began = time.monotonic()
-            make_episodes(database, folder / "playground.db-studies", given.episodes, CONFIGS)
+            make_episodes(database, folder / "playground.db-studies", options.episodes, CONFIGS)
             size, seconds = database.stat().st_size / 1e6, time.monotonic() - began
-            print(f"{given.episodes:,} episodes, {size:,.0f} MB, made in {seconds:.0f} s")
-        campaign(folder, given.requests)
+            print(f"{options.episodes:,} episodes, {size:,.0f} MB, made in {seconds:.0f} s")
+        campaign(folder, options.requests)
 
 
 if __name__ == "__main__":

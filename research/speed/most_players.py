@@ -1,10 +1,13 @@
-"""How many people may play at five moves a second before the server's 99th percentile passes 20 ms, on one core.
+"""How many people may play before the server's p99 passes 20 ms, on one core.
+
+Each makes five moves a second.
 
     python -m research.speed.most_players [--seconds 10] [--most 900] [--bound 20]
 
-The server runs on one core. The players are simulated by this process on another one, which measures its own lag: how much
-later than due a timer of 10 ms is served. Where that is too much it could not tell a slow server from its own slowness, so it
-reports nothing of that number of players and ends with exit code 1.
+The server runs on one core. The players are simulated by this process on another one, which
+measures its own lag: how much later than due a timer of 10 ms is served. Where that is too much it
+could not tell a slow server from its own slowness, so it reports nothing of that number of players
+and ends with exit code 1.
 
 A move's time on the server is taken from when the application takes its message until it comes for
 the next: the move is committed and its frame published. What waits before that is not in it; the
@@ -94,7 +97,7 @@ class StarvedError(Exception):
 
 @dataclass(frozen=True)
 class Level:
-    """What was measured with a number of players; times in ms, `cpu` as a share of one core."""
+    """The measures at a number of players; times in ms, `cpu` a share of one core."""
 
     players: int
     moves: int
@@ -114,7 +117,7 @@ class Server:
         limits = {"TOKEN": self.token, "HANDSHAKES_PER_ADDRESS": "1000000+1000000/s"}
         limits |= dict.fromkeys(("SOCKETS", "SOCKETS_PER_ADDRESS"), "100000")
         environment = os.environ | {
-            f"HUMANPLAY_LIMITS__{name}": each for name, each in limits.items()
+            f"HUMANPLAY_LIMITS__{name}": limit for name, limit in limits.items()
         }
         files = str(Path(folder) / "playground.db"), str(self._asked)
         command = [sys.executable, "-c", SERVER, str(core), *files]
@@ -130,12 +133,12 @@ class Server:
         self._asked.touch()
         while not done.exists():
             time.sleep(0.02)
-        found: dict[str, list[float]] = json.loads(done.read_text())
-        return found
+        measured: dict[str, list[float]] = json.loads(done.read_text())
+        return measured
 
 
 def next_action(grid: list[str], position: tuple[int, int], chance: random.Random) -> str:
-    """Return a way to a cell that is known to be free, at random; any way where there is none."""
+    """A way to a known free cell, at random; any way if there is none."""
     ways = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
     inside, free = [], []
     for way, (down, right) in ways.items():
@@ -150,7 +153,10 @@ def next_action(grid: list[str], position: tuple[int, int], chance: random.Rando
 async def play(
     server: Server, begun: dict[str, str], come: asyncio.Barrier, seconds: float, trips: list[float]
 ) -> None:
-    """Play at the pace for `seconds` from the moment when everybody has come; keep the round trip of each move in ms."""
+    """Play at the pace for `seconds` once everybody has come; keep the round trips.
+
+    In ms, of each move.
+    """
     chance = random.Random(begun["session"])
     url = f"ws{server.url.removeprefix('http')}/ws/sessions/{begun['session']}"
     token = {"X-Humanplay-Token": server.token}
@@ -183,7 +189,10 @@ async def _lag(lags: list[float]) -> None:
 async def _campaign(
     server: Server, boards: list[dict[str, str]], seconds: float
 ) -> tuple[float, list[float], list[float]]:
-    """Return the server's processor time when measuring began, in s, the round trips and this process's own lags, in ms."""
+    """The server's processor time at the beginning, round trips, and own lags.
+
+    In s, and in ms; the lags are those of this process.
+    """
     trips: list[float] = []
     lags: list[float] = []
     come = asyncio.Barrier(len(boards) + 1)  # the server lets so many connections begin in a second
@@ -202,32 +211,38 @@ async def _campaign(
 
 
 def measure(server: Server, players: int, seconds: float) -> Level:
-    """Return what `players` people come to; StarvedError when this process was too slow to say."""
+    """The measures at `players` people; StarvedError if this process was too slow."""
     token = {"X-Humanplay-Token": server.token}
     with httpx.Client(base_url=server.url, trust_env=False, headers=token) as client:
         boards = [client.post("/api/sessions", json={"size": 42}).json() for _ in range(players)]
         cpu, trips, lags = asyncio.run(_campaign(server, boards, seconds))
-    own = float(np.percentile(lags, 99))
-    if own > MOST_LAG_MS:
+    own_lag = float(np.percentile(lags, 99))
+    if own_lag > MOST_LAG_MS:
         raise StarvedError(
-            f"{players} players: this process was starved, its own timers were {own:.1f} ms late in one of a hundred cases "
-            f"(at most {MOST_LAG_MS:g}), so nothing is reported: let it run on a core that does nothing else"
+            f"{players} players: this process was starved, its own timers were {own_lag:.1f} ms "
+            "late in one of a hundred cases "
+            f"(at most {MOST_LAG_MS:g}), so nothing is reported: let it run on a core that does "
+            "nothing else"
         )
-    found = server.measured()
-    used = (float(found["cpu_s"]) - cpu) / seconds  # type: ignore[arg-type]
-    median, p99 = (float(np.percentile(found["moves"], p)) for p in (50, 99))
-    lag, trip = float(np.percentile(found["lags"], 99)), float(np.percentile(trips, 99))
-    return Level(players, len(found["moves"]), median, p99, lag, trip, own, used)
+    served = server.measured()
+    used = (float(served["cpu_s"]) - cpu) / seconds  # type: ignore[arg-type]
+    median, p99 = (float(np.percentile(served["moves"], p)) for p in (50, 99))
+    lag, trip = float(np.percentile(served["lags"], 99)), float(np.percentile(trips, 99))
+    return Level(players, len(served["moves"]), median, p99, lag, trip, own_lag, used)
 
 
 def search(server: Server, most: int, seconds: float, bound_ms: float) -> int:
-    """Return the highest number of players, in steps of a tenth, whose p99 stays under the bound; print every level."""
+    """The highest number of players whose p99 stays under the bound.
+
+    In steps of a tenth; every level is printed.
+    """
     print(HEADER, flush=True)
     good, bad, players = 0, most + 1, min(50, most)
     while bad - good > max(1, good // 10) and players < bad:
         level = measure(server, players, seconds)
         print(
-            f"| {level.players} | {level.moves:,} | {level.median_ms:.2f} | {level.p99_ms:.2f} | {level.lag_p99_ms:.2f} "
+            f"| {level.players} | {level.moves:,} | {level.median_ms:.2f} | {level.p99_ms:.2f} "
+            f"| {level.lag_p99_ms:.2f} "
             f"| {level.trip_p99_ms:.2f} | {level.own_lag_p99_ms:.2f} | {level.cpu:.0%} |",
             flush=True,
         )
@@ -247,7 +262,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0, help="of each level")
     parser.add_argument("--most", type=int, default=900, help="players at most")
     parser.add_argument("--bound", type=float, default=20.0, help="ms that p99 stays under")
-    given = parser.parse_args()
+    options = parser.parse_args()
     cores = sorted(os.sched_getaffinity(0))
     if len(cores) < 2:
         sys.exit("two cores are needed: one for the server, one for the players")
@@ -255,7 +270,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         server = Server(cores[0], folder)
         try:
-            found = search(server, given.most, given.seconds, given.bound)
+            most_players = search(server, options.most, options.seconds, options.bound)
         except StarvedError as error:
             sys.exit(str(error))
         finally:
@@ -264,7 +279,8 @@ def main() -> None:
                 server.process.wait(10)
             server.process.kill()
     print(
-        f"\n{found} players at {MOVES_PER_SECOND} moves a second: p99 under {given.bound:g} ms on one core of the server"
+        f"\n{most_players} players at {MOVES_PER_SECOND} moves a second: p99 under "
+        f"{options.bound:g} ms on one core of the server"
     )
 
 

@@ -1,5 +1,7 @@
-"""Other environments in the same run: whichever are installed, each in a process of its own, random moves, resets
-included; ours with valid moves, for blind ones end an episode after four steps.
+"""Other environments in the same run, whichever are installed.
+
+Each runs in a process of its own, with random moves, resets included; ours with valid
+moves, for blind ones end an episode after four steps.
 
 `python -m research.speed.peers NAME SECONDS` prints steps and CPU seconds of one of them.
 """
@@ -39,7 +41,10 @@ class Peer:
 
 
 def single(env: Any) -> Callable[[], int]:
-    """Return what makes 5,000 random moves in a gymnasium environment from seed 0 on, resetting it when it ends."""
+    """A function of 5,000 random moves in a gymnasium environment from seed 0 on.
+
+    It resets the environment when it ends.
+    """
     moves = np.random.default_rng(0).integers(0, env.action_space.n, 5000).tolist()
     return partial(replay, env, moves)
 
@@ -93,7 +98,10 @@ def envpool() -> Callable[[], int]:
 
 
 def ours(num: int) -> Callable[[], int]:
-    """Make MarsExplorer through Gymnasium, uint8 codes, random valid moves: one environment, or a stack."""
+    """Make MarsExplorer through Gymnasium, one environment or a stack.
+
+    uint8 codes, random valid moves
+    """
     import gymnasium
 
     moves = moves_of(EnvConfig(), num, 20_000 if num == 1 else 1000)
@@ -124,7 +132,7 @@ PEERS = (
 
 
 def measure(peer: Peer, seconds: float) -> Figure:
-    """Return a peer's steps per CPU second; one that is not installed says how to install it, one that fails says why."""
+    """A peer's steps per CPU second, or a note that says why there are none."""
     rate, note = None, ""
     command = [
         sys.executable,
@@ -145,13 +153,13 @@ def measure(peer: Peer, seconds: float) -> Figure:
     except TimeoutExpired:
         note = f"did not end within {PATIENCE_S:.0f} s"
     except CalledProcessError as error:
-        said = (error.stderr.strip().splitlines() or ["it said nothing"])[-1]
-        note = f"failed: {said[:100]}"
+        message = (error.stderr.strip().splitlines() or ["it said nothing"])[-1]
+        note = f"failed: {message[:100]}"
     return Figure("peers", peer.name, rate, RATE, note=note)
 
 
 def timed(some: Callable[[], int], seconds: float) -> tuple[int, float]:
-    """Return steps made and CPU seconds spent, of all threads of this process, after one round to warm up."""
+    """Steps made and CPU seconds of all threads, after one round to warm up."""
     some()
     steps, began = 0, time.process_time()
     while (spent := time.process_time() - began) < seconds:

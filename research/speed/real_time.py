@@ -1,12 +1,15 @@
-"""Boards of other environments: from a key to its picture on screen, and twelve boards of Breakout at 60 ticks a second.
+"""Boards of other environments: key to picture, and twelve at 60 ticks a second.
 
-    python -m research.speed.real_time [--presses 100] [--boards 12] [--seconds 60] [--json figures.json]
+    python -m research.speed.real_time [--presses 100] [--boards 12] [--seconds 60] [--json
+    figures.json]
 
-First a person presses keys in a real Chromium: FourRooms and Crafter in turns, Breakout in real time, as far as installed.
-A time goes from the key's event to the task after the animation frame with the picture which shows it; of Breakout that is
-the first on which the paddle stands elsewhere, two ticks after the key at the earliest. Then `--boards` people play Breakout
-for `--seconds`, the server and its boards' processes on one core and the people on another, chain and commits on. The exit code
-is 1 where a board makes fewer than 59 ticks a second, or `verify` finds something. Wants a quiet machine.
+First a person presses keys in a real Chromium: FourRooms and Crafter in turns, Breakout in real
+time, as far as installed. A time goes from the key's event to the task after the animation frame
+with the picture which shows it; of Breakout that is the first on which the paddle stands elsewhere,
+two ticks after the key at the earliest. Then `--boards` people play Breakout for `--seconds`, the
+server and its boards' processes on one core and the people on another, chain and commits on. The
+exit code is 1 where a board makes fewer than 59 ticks a second, or `verify` finds something. Wants
+a quiet machine.
 """
 
 from __future__ import annotations
@@ -71,7 +74,10 @@ WATCH = """(row) => {
 
 @contextmanager
 def served(env: str, folder: Path, cores: set[int] | None = None) -> Iterator[tuple[str, int]]:
-    """Yield the address and the process of a server of an environment, kept on some cores where they are named."""
+    """Yield the address and the process of a server of an environment.
+
+    It is kept on some cores if they are named.
+    """
     port, database = free_port(), folder / "boards.db"
     command = [sys.executable, "-m", "humanplay.cli", "serve", "--env", env, "--port", str(port)]
     command += ["--database", str(database)]
@@ -111,10 +117,11 @@ def key_to_picture(env: str, presses: int) -> np.ndarray:
         page.add_init_script(PRESSED)
         page.goto(url)
         page.wait_for_function(
-            "() => document.querySelector('img.picture')?.complete && window.playground.state.link === 'open'"
+            "() => document.querySelector('img.picture')?.complete && "
+            "window.playground.state.link === 'open'"
         )
         keys = page.evaluate("() => Object.values(window.playground.state.task.keys).flat()")
-        keys = [each for each in keys if each in ("ArrowLeft", "ArrowRight")]
+        keys = [key for key in keys if key in ("ArrowLeft", "ArrowRight")]
         if ticks := page.evaluate("() => window.playground.state.task.clock !== null"):
             page.keyboard.press(keys[0])
             page.wait_for_function("() => window.playground.state.player.clock.state === 'running'")
@@ -130,10 +137,13 @@ def key_to_picture(env: str, presses: int) -> np.ndarray:
 
 
 async def _play(url: str, number: int, seconds: float, begun: asyncio.Barrier) -> str:
-    """Play a board for so many seconds, pressing another key three times a second, and return its episode."""
+    """Play a board for some seconds, with a new key three times a second.
+
+    Return its episode.
+    """
     dice, browser = random.Random(number), httpx.AsyncClient(base_url=url, headers={"Origin": url})
     board = (await browser.post("/api/sessions", json={}, timeout=60)).json()
-    cookie = "; ".join(f"{each.name}={each.value}" for each in browser.cookies.jar)
+    cookie = "; ".join(f"{stored.name}={stored.value}" for stored in browser.cookies.jar)
     at = f"{url.replace('http', 'ws')}/ws/sessions/{board['session']}"
     plain: dict[str, Any] = {"compression": None, "proxy": None, "origin": url}
     episode: str = board["frame"]["episode"]
@@ -143,11 +153,18 @@ async def _play(url: str, number: int, seconds: float, begun: asyncio.Barrier) -
 
         async def send(*events: tuple[str, str | None]) -> None:
             now = round(time.monotonic() * 1000, 1)
-            told = [
-                {"kind": kind, "code": code, "repeat": False, "trusted": True, "client_ms": now, "step": step}
+            sent = [
+                {
+                    "kind": kind,
+                    "code": code,
+                    "repeat": False,
+                    "trusted": True,
+                    "client_ms": now,
+                    "step": step,
+                }
                 for kind, code in events
-            ]  # fmt: skip
-            batch = {"episode": episode, "batch": secrets.token_hex(8), "events": told}
+            ]
+            batch = {"episode": episode, "batch": secrets.token_hex(8), "events": sent}
             await socket.send(json.dumps({"kind": "events", **batch, **load}))
 
         async def read() -> None:
@@ -174,20 +191,21 @@ def cpu_s(pid: int) -> float:
     """Return the processor seconds that a process and those below it have taken."""
     place = Path(f"/proc/{pid}")
     try:
-        told = (place / "stat").read_text().rpartition(")")[2].split()
+        fields = (place / "stat").read_text().rpartition(")")[2].split()
         below = [
-            each for task in place.glob("task/*/children") for each in task.read_text().split()
+            child for task in place.glob("task/*/children") for child in task.read_text().split()
         ]
     except FileNotFoundError:
         return 0.0
-    own = (int(told[11]) + int(told[12])) / os.sysconf("SC_CLK_TCK")
-    return own + sum(cpu_s(int(each)) for each in below)
+    seconds = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return seconds + sum(cpu_s(int(child)) for child in below)
 
 
 def many_boards(boards: int, seconds: float) -> tuple[list[float], list[float], int, float, float]:
-    """Return ticks a second and late share of each board, what `verify` found, kB of the file a minute and board.
+    """Each board's ticks a second and late share, `verify`'s findings, kB a minute.
 
-    The last is the processor time (ms) that server and boards took a tick, their beginning left out.
+    The last is the processor time (ms) that server and boards took a tick, their beginning left
+    out.
     """
 
     async def play(url: str, pid: int) -> tuple[list[str], float]:
@@ -235,8 +253,8 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="for which they are played")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     wanted = parser.parse_args()
-    found: dict[str, Any] = {"load": os.getloadavg()[0]}
-    print(f"load average {found['load']:.1f}, cores {len(os.sched_getaffinity(0))}", flush=True)
+    figures: dict[str, Any] = {"load": os.getloadavg()[0]}
+    print(f"load average {figures['load']:.1f}, cores {len(os.sched_getaffinity(0))}", flush=True)
     for env, most in MOST_MS.items() if wanted.presses else ():
         if find_spec(PACKAGES.get(env, env.partition(":")[0])) is None:
             print(f"{env}: its package is not installed")
@@ -247,14 +265,14 @@ def main() -> int:
             print(f"{error}: it said why")
             continue
         p50, p95 = np.percentile(times, (50, 95)) if len(times) else (np.nan, np.nan)
-        found[env] = {"presses": len(times), "p50_ms": p50, "p95_ms": p95}
+        figures[env] = {"presses": len(times), "p50_ms": p50, "p95_ms": p95}
         print(f"{env}: key to picture, {len(times)} of {wanted.presses} presses: ", end="")
         print(f"p50 {p50:.1f}, p95 {p95:.1f} ms; wanted below {most}", flush=True)
     fails = False
     if wanted.boards:
         rates, late, findings, size, cpu = many_boards(wanted.boards, wanted.seconds)
         fails = min(rates) < LEAST_RATE or findings > 0
-        found["boards"] = {
+        figures["boards"] = {
             "rates": rates,
             "late": late,
             "findings": findings,
@@ -268,7 +286,7 @@ def main() -> int:
         )
         print(f"{findings} findings, {size:.0f} kB a minute and board")
     if wanted.json:
-        wanted.json.write_text(json.dumps(found, indent=1))
+        wanted.json.write_text(json.dumps(figures, indent=1))
     return int(fails)
 
 

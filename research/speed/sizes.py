@@ -1,11 +1,11 @@
-"""How large is what an extra installs? Fresh environments of the wheel, and what each weighs.
+"""How large is what an extra installs, in fresh environments of the wheel?
 
     python -m research.speed.sizes              no extra, [play] and [study], by the pinned packages
     python -m research.speed.sizes mars --most 12
 
-Each is made in a temporary folder from the package index, so this needs the network and some minutes. "Beside" is what is
-there beside Gymnasium and NumPy with what they need themselves. Sizes are what the files take on the disk, with the bytecode
-that pip compiles.
+Each is made in a temporary folder from the package index, so this needs the network and some
+minutes. "Beside" is what is there beside Gymnasium and NumPy with what they need themselves. Sizes
+are what the files take on the disk, with the bytecode that pip compiles.
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
-"""A server for hours: twenty players, two studies, backups, exports and floods, and whether anything grows.
+"""A server for hours: players, studies, backups, exports, floods; does it grow?
 
     python -m research.speed.soak [--minutes 360] [--every 60] [--out build/soak]
 
-Ten participants of two studies play at a person's pace, ten people come, move three times and go, and watch now and then.
-A backup and an export are made every 30 minutes, or three of each in a short run. Twenty times, or once an hour in a run of
-more than twenty, one client floods the server for up to a minute, another way each time, so that each quarter has had all five.
-A sample is taken every `--every` seconds. At the end come SIGTERM and
-`verify`. What is written: soak.csv, a line a sample, and soak.svg, its curves. The exit code is 1 where the server does not
-end with 0 within five seconds, `verify` finds something, or the last quarter's median is above that of the second by more than
-5 % of the memory or 15 % of the descriptors.
+Ten participants of two studies play at a person's pace, ten people come, move three times and go,
+and watch now and then. A backup and an export are made every 30 minutes, or three of each in a
+short run. Twenty times, or once an hour in a run of more than twenty, one client floods the server
+for up to a minute, another way each time, so that each quarter has had all five. A sample is taken
+every `--every` seconds. At the end come SIGTERM and `verify`. What is written: soak.csv, a line a
+sample, and soak.svg, its curves. The exit code is 1 where the server does not end with 0 within
+five seconds, `verify` finds something, or the last quarter's median is above that of the second by
+more than 5 % of the memory or 15 % of the descriptors.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class Soak:
             "LIMITS__TOKEN": self._token,
         }
         environment = os.environ | {
-            f"HUMANPLAY_{name}": str(each) for name, each in settings.items()
+            f"HUMANPLAY_{name}": str(setting) for name, setting in settings.items()
         }
         command = [sys.executable, "-m", "humanplay.cli", "serve"]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
@@ -84,7 +85,7 @@ class Soak:
         """Let everybody come; the threads end soon after `end`."""
         works: list[Callable[[int], None]] = [self._take_part] * len(STUDIES)
         works += [self._visit] * VISITORS
-        threads = [threading.Thread(target=each, args=[n]) for n, each in enumerate(works)]
+        threads = [threading.Thread(target=work, args=[n]) for n, work in enumerate(works)]
         for thread in threads:
             thread.start()
         return threads
@@ -94,8 +95,15 @@ class Soak:
             outcomes: list[Outcome] = []
             self._outcomes.append(outcomes)
             plan = Plan(
-                self.server.url, STUDIES[number], PARTICIPANTS, seed, leaving=0.2, speed=1.0, wait_s=2.0, token=self._token
-            )  # fmt: skip
+                self.server.url,
+                STUDIES[number],
+                PARTICIPANTS,
+                seed,
+                leaving=0.2,
+                speed=1.0,
+                wait_s=2.0,
+                token=self._token,
+            )
             try:
                 simulate(plan, outcomes)
             except (ServerAwayError, RefusedError, TimeoutError) as error:
@@ -126,7 +134,7 @@ class Soak:
         return 0
 
     def sample(self) -> dict[str, float]:
-        """Return what is drawn, and how many moves of participants are behind it; they are counted once."""
+        """A sample of the curves, with the participants' moves since the last one."""
         proc = Path(f"/proc/{self.process.pid}")
         resident = (proc / "status").read_text().split("VmRSS:")[1].split()[0]
         files = [self._database, self._database.with_name("playground.db-wal")]
@@ -140,7 +148,7 @@ class Soak:
             "descriptors": len(list((proc / "fd").iterdir())),
             "p99_ms": float(np.percentile(trips, 99)) if trips else float("nan"),
             "moves": len(trips),
-            "database_mb": sum(each.stat().st_size for each in files if each.exists()) / 1e6,
+            "database_mb": sum(file.stat().st_size for file in files if file.exists()) / 1e6,
         }
 
     def end(self) -> tuple[int, float]:
@@ -152,7 +160,7 @@ class Soak:
 
 
 def run(folder: Path, minutes: float, every_s: float) -> tuple[list[dict[str, Any]], bool]:
-    """Return the samples of a soak, and whether the server ended and its database is as it should be."""
+    """The samples of a soak, and whether server and database ended well."""
     soak = Soak(folder, minutes)
     with ExitStack() as stack:
         stack.callback(soak.process.kill)
@@ -184,8 +192,8 @@ def run(folder: Path, minutes: float, every_s: float) -> tuple[list[dict[str, An
             )
             print(
                 "  ".join(
-                    f"{key} {each:.1f}" if isinstance(each, float) else f"{key} {each}"
-                    for key, each in samples[-1].items()
+                    f"{key} {number:.1f}" if isinstance(number, float) else f"{key} {number}"
+                    for key, number in samples[-1].items()
                 ),
                 flush=True,
             )
@@ -193,15 +201,17 @@ def run(folder: Path, minutes: float, every_s: float) -> tuple[list[dict[str, An
         for thread in threads:
             thread.join()
     print(f"SIGTERM: exit code {code} after {took_s:.1f} s", flush=True)
-    where = ["--database", str(folder / "playground.db")]
-    verified = subprocess.run([sys.executable, "-m", "humanplay.cli", "verify", *where]).returncode
+    arguments = ["--database", str(folder / "playground.db")]
+    verified = subprocess.run(
+        [sys.executable, "-m", "humanplay.cli", "verify", *arguments]
+    ).returncode
     print(f"{len(list((folder / 'backups').glob('*.db')))} backups")
     return samples, code == 0 and took_s < STOP_S and verified == 0
 
 
 def growth(samples: list[dict[str, Any]], name: str) -> float:
-    """Return the median of the last quarter as a multiple of that of the second; 1 where there are too few."""
-    values, quarter = [each[name] for each in samples], len(samples) // 4
+    """The median of the last quarter over that of the second; 1 if there are too few."""
+    values, quarter = [sample[name] for sample in samples], len(samples) // 4
     if quarter == 0:
         return 1.0
     return float(np.median(values[-quarter:]) / np.median(values[quarter : 2 * quarter]))
@@ -213,12 +223,12 @@ def draw(samples: list[dict[str, Any]], path: Path) -> None:
     for axes, (name, title) in zip(
         figure.subplots(len(CURVES), sharex=True), CURVES.items(), strict=True
     ):
-        axes.plot([each["minutes"] for each in samples], [each[name] for each in samples])
+        axes.plot([sample["minutes"] for sample in samples], [sample[name] for sample in samples])
         axes.set_title(title, loc="left", fontsize=9)
         axes.set_ylim(bottom=0)
-        for each in samples:
-            if set(each["began"].split()) & set(KINDS):
-                axes.axvline(each["minutes"], color="0.8", zorder=0)
+        for sample in samples:
+            if set(sample["began"].split()) & set(KINDS):
+                axes.axvline(sample["minutes"], color="0.8", zorder=0)
     axes.set_xlabel("minutes; grey: a flood")
     figure.savefig(path)
 
@@ -232,17 +242,17 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=360.0)
     parser.add_argument("--every", type=float, default=60.0, help="seconds between samples")
     parser.add_argument("--out", type=Path, default=Path("build/soak"))
-    given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        samples, is_well = run(Path(folder), given.minutes, given.every)
-    with (given.out / "soak.csv").open("w", newline="") as file:
+        samples, is_well = run(Path(folder), options.minutes, options.every)
+    with (options.out / "soak.csv").open("w", newline="") as file:
         table = csv.DictWriter(file, samples[0])
         table.writeheader()
         table.writerows(samples)
-    draw(samples, given.out / "soak.svg")
+    draw(samples, options.out / "soak.svg")
     grown = {name: growth(samples, name) for name in MOST_GROWTH}
-    print(", ".join(f"{name} x {each:.3f}" for name, each in grown.items()))
+    print(", ".join(f"{name} x {factor:.3f}" for name, factor in grown.items()))
     is_flat = all(grown[name] <= most for name, most in MOST_GROWTH.items())
     return 0 if is_well and is_flat else 1
 

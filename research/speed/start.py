@@ -1,4 +1,7 @@
-"""From the first import to the first step, in a process of its own: cold, with nothing compiled, and warm."""
+"""From the first import to the first step, in a new process: cold and warm.
+
+Cold: with nothing compiled.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ COLD_S, WARM_S = 8.0, 1.0
 
 
 def seconds(code: str, cache: str) -> tuple[float, float]:
-    """Return (CPU, wall) seconds of a fresh process that keeps what it compiles in the folder `cache`."""
+    """(CPU, wall) seconds of a fresh process with the cache folder `cache`."""
     env = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONWARNINGS": "ignore"}
     done = subprocess.run(
         [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
@@ -46,7 +49,8 @@ def seconds(code: str, cache: str) -> tuple[float, float]:
 
 
 def first_steps(quick: bool = False) -> list[Figure]:
-    """Return CPU seconds, the interpreter's start included: one environment and a stack of 1,024, cold and warm.
+    """Return CPU seconds, the interpreter's start included: one environment and a stack of 1,024,
+    cold and warm.
 
     Warm is the median of three.
     """
@@ -55,9 +59,9 @@ def first_steps(quick: bool = False) -> list[Figure]:
         with tempfile.TemporaryDirectory() as cache:
             cold = seconds(code, cache)
             warm = sorted(seconds(code, cache) for _ in range(1 if quick else 3))
-        found = (("cold", COLD_S, cold), ("warm", WARM_S, warm[len(warm) // 2]))
-        for state, target, (worked, wall) in found:
-            what, note = f"import to first step, {name}, {state}", f"{wall:.2f} s by the clock"
-            figure = Figure("start", what, worked, "CPU s", target=target, at_most=True, note=note)
+        timings = (("cold", COLD_S, cold), ("warm", WARM_S, warm[len(warm) // 2]))
+        for state, target, (worked, wall) in timings:
+            label, note = f"import to first step, {name}, {state}", f"{wall:.2f} s by the clock"
+            figure = Figure("start", label, worked, "CPU s", target=target, at_most=True, note=note)
             figures.append(figure)
     return figures

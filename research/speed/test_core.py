@@ -1,4 +1,7 @@
-"""How fast the rules are, and how often a drawn terrain counts. Absolute figures are printed; only ratios of one run gate."""
+"""How fast the rules are, and how often a drawn terrain counts.
+
+Absolute figures are printed; only ratios of one run gate.
+"""
 
 import pytest
 
@@ -16,7 +19,8 @@ def test_the_table_of_the_core():
     for measured in core.measures():
         figure = measured()
         print(
-            f"{figure.name} {figure.at}: {figure.value:,.2f} {figure.unit} {figure.verdict} {figure.note}"
+            f"{figure.name} {figure.at}: {figure.value:,.2f} {figure.unit} {figure.verdict} "
+            f"{figure.note}"
         )
         assert figure.value > 0
 

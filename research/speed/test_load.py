@@ -1,4 +1,7 @@
-"""Fifty people at five moves a second over real sockets, ten of them with a 3-D view: how long a move takes the server."""
+"""Fifty people over real sockets: how long a move takes the server.
+
+At five moves a second, ten of them with a 3-D view.
+"""
 
 import asyncio
 import json
@@ -70,7 +73,7 @@ async def look(port, session, until):
 
 
 async def play(port, session, until, trips):
-    """Play with the nearest-frontier rule at a steady pace; keep the round trip of each move in ms."""
+    """Play with the nearest-frontier rule at a steady pace; keep each round trip."""
     policy = policies.load("frontier-cost")
     url = f"ws://127.0.0.1:{port}/ws/sessions/{session}"
     async with connect(url, proxy=None, compression=None) as socket:
@@ -103,20 +106,21 @@ async def campaign(port, sessions):
 def test_a_move_takes_the_processor_under_five_milliseconds(tmp_path):
     import httpx
 
-    kept = tmp_path / "spent.json"
-    command = [sys.executable, "-c", SERVER, str(tmp_path / "playground.db"), str(kept)]
+    spent = tmp_path / "spent.json"
+    command = [sys.executable, "-c", SERVER, str(tmp_path / "playground.db"), str(spent)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ) as server:
         address = next(line for line in server.stdout if "is open at" in line)
         port = int(address.split("http://127.0.0.1:")[1].split()[0])
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", trust_env=False) as client:
             begun = [client.post("/api/sessions", json={"size": 42}) for _ in range(PLAYERS)]
-            sessions = [each.json()["session"] for each in begun]
+            sessions = [answer.json()["session"] for answer in begun]
         trips = asyncio.run(campaign(port, sessions))
         server.send_signal(signal.SIGINT)
         server.wait(30)
-    wall, cpu = np.array(json.loads(kept.read_text())).T * 1000
+    wall, cpu = np.array(json.loads(spent.read_text())).T * 1000
     print(
-        f"\n\n{PLAYERS} players, {VIEWS} with a 3-D view, {MOVES_PER_SECOND} moves/s each, 42x42, {len(wall):,} moves"
+        f"\n\n{PLAYERS} players, {VIEWS} with a 3-D view, {MOVES_PER_SECOND} moves/s each, "
+        f"42x42, {len(wall):,} moves"
     )
     print("| ms | median | p95 | p99 |\n|---|---|---|---|")
     columns = {

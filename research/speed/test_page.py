@@ -1,4 +1,4 @@
-"""The page in real Chromium: from opening it to the first picture, and from keydown to the repaint of the matrix."""
+"""The page in real Chromium: to the first picture, and from keydown to repaint."""
 
 import json
 from contextlib import contextmanager
@@ -55,7 +55,7 @@ def sent(event):
 
 
 def note(sizes, size, event):
-    """Note a request's bytes; a data URL is in the file that holds it, and is sent no second time."""
+    """Note a request's bytes; a data URL is part of the file that holds it."""
     if event["requestId"] in sizes or event.get("request", {}).get("url", "data:")[:5] != "data:":
         sizes[event["requestId"]] = size(event)
 
@@ -78,8 +78,8 @@ def test_first_picture(spawn, drawn, flags):
             seen.append((*times, sum(sizes.values())))
     playable, picture, weight = zip(*seen, strict=True)
     print(f"\n\n{OPENINGS} first visits, {drawn}: {max(weight):,.0f} bytes")
-    for what, times in [("playable", playable), ("drawn", picture)][: 1 if flags is NO_3D else 2]:
-        print(f"{what} after {min(times):.2f} to {max(times):.2f} s, wanted {WANTED_S[what]}")
+    for stage, times in [("playable", playable), ("drawn", picture)][: 1 if flags is NO_3D else 2]:
+        print(f"{stage} after {min(times):.2f} to {max(times):.2f} s, wanted {WANTED_S[stage]}")
     assert max(weight) < MOST_BYTES[drawn]
 
 

@@ -1,4 +1,4 @@
-"""The measuring code: what it plays is what it says, and the command prints and writes every figure."""
+"""The measuring code plays what it names, and the command writes every figure."""
 
 import json
 import re
@@ -52,9 +52,9 @@ def test_the_replay_through_gymnasium_meets_no_wall():
     step = env.step
 
     def watched(action):
-        result = step(action)
-        ended.append(result[4]["outcome"])
-        return result
+        transition = step(action)
+        ended.append(transition[4]["outcome"])
+        return transition
 
     env.step = watched
     assert core.replay(env, core.moves_of(EnvConfig(), 1, 1000)[:, 0].tolist()) == 1000
@@ -117,8 +117,23 @@ def test_the_campaign_of_floods_prints_a_row_for_each_and_says_whether_one_is_to
     for seed in range(9):
         play(store, seed, explore=True)
     store.close()
-    command = [sys.executable, "-m", "research.speed.floods", "--database", store.path, "--port", "bare",
-               "--rounds", "1", "--seconds", "0.5", "--flood", "ghosts and costs", "--flood", "garbage"]  # fmt: skip
+    command = [
+        sys.executable,
+        "-m",
+        "research.speed.floods",
+        "--database",
+        store.path,
+        "--port",
+        "bare",
+        "--rounds",
+        "1",
+        "--seconds",
+        "0.5",
+        "--flood",
+        "ghosts and costs",
+        "--flood",
+        "garbage",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     rows = re.findall(
         r"^\| ([a-z ]+) \| bare \| (\w+) \| [\d.]+ \| [\d.]+ \| ([\d.]+) \|", done.stdout, re.M

@@ -1,4 +1,7 @@
-"""`python -m research.sweep` is the command of `research.sweep.sweep`, where worker processes find what they run."""
+"""`python -m research.sweep` is the command of `research.sweep.sweep`.
+
+Worker processes find there what they run.
+"""
 
 from research.sweep.sweep import sweep
 

@@ -1,4 +1,4 @@
-"""The command `python -m research.sweep`: one training run for every level, size and seed, each on one core."""
+"""The command `python -m research.sweep`: a training for every level, size, seed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from marsexplorer.training.run_folder import RunFolder
 
 @dataclass(frozen=True)
 class SweepRun:
-    """One training run: the options of `marsexplorer train`, and on how many terrains its policy is measured.
+    """One training run: options of `marsexplorer train`, and terrains to measure on.
 
     name      of its folder and policy file
     recipe    a name in RECIPES
@@ -53,9 +53,10 @@ class SweepRun:
 
 @dataclass(frozen=True)
 class SweepResult:
-    """The outcome of a run; error is empty when all went well, otherwise the figures are NaN.
+    """The outcome of a run; after an error the measures are NaN.
 
-    steps, completion, score  means on held-out terrains; rule_ratio: mean steps over those of the best frontier rule there
+    steps, completion, score  means on held-out terrains; rule_ratio: mean steps over those of the
+                              best frontier rule there
     policy                    the policy file
     """
 
@@ -91,19 +92,21 @@ def sweep(
     ray: str | None,
     out: Path,
 ) -> None:
-    """Train one policy for every level, size and seed, each on one core, and measure all on terrains kept for evaluation.
+    """Train a policy for every level, size and seed, and measure all of them.
 
-    As many are trained at the same time as there are cores, here or on a Ray cluster. Each writes a folder as `marsexplorer
-    train` does; sweep.csv has a line for each. To train one policy on several levels at once, use `marsexplorer train --level
-    all`.
+    As many are trained at the same time as there are cores, here or on a Ray cluster. Each writes a
+    folder as `marsexplorer train` does; sweep.csv has a line for each. To train one policy on
+    several levels at once, use `marsexplorer train --level all`.
 
     \b
     Examples:
       python -m research.sweep --level all --seed 0 --seed 1 --seed 2 --out runs/levels
       python -m research.sweep --level random --size 21 --size 42 --steps 10000000 --ray head:6379 --out /shared/sizes
     """
-    each = product(configs_of(levels, sizes), dict.fromkeys(seeds))
-    runs = [_sweep_run(config, seed, recipe, steps, episodes) for config, seed in each]
+    runs = [
+        _sweep_run(config, seed, recipe, steps, episodes)
+        for config, seed in product(configs_of(levels, sizes), dict.fromkeys(seeds))
+    ]
     if (out / "sweep.csv").exists():
         raise UsageError(f"{out} holds a sweep already; give another --out")
     with written(f"to {out}"):
@@ -112,9 +115,10 @@ def sweep(
             results = _run(runs, out, ray)
             file.write(_csv(results).encode())
     _show(results)
-    if failed := [each for each in results if each.error]:
-        some = f"{len(failed)} of {len(runs)} trainings failed"
-        raise ClickException(f"{some}, the first with: {failed[0].error}")
+    if failed := [result for result in results if result.error]:
+        raise ClickException(
+            f"{len(failed)} of {len(runs)} trainings failed, the first with: {failed[0].error}"
+        )
 
 
 def _sweep_run(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: int) -> SweepRun:
@@ -141,10 +145,16 @@ def _run(runs: Sequence[SweepRun], out: Path, address: str | None) -> list[Sweep
 def train_all(
     executor: Executor, runs: Sequence[SweepRun], out: Path, advance: Callable[[int, int], None]
 ) -> list[SweepResult]:
-    """Train and measure each run and return what they came to, in the order given; one that fails leaves the others running.
+    """Train and measure each run; the results are in the order of the runs.
 
-    out      folder that all machines see: each run's own (policy file, log, learning curve) is out/NAME
-    advance  called with (runs ended, runs in all)
+    A run that fails leaves the others running.
+
+    Args:
+        executor: Trains.
+        runs: The runs.
+        out: Folder that all machines see: each run's own (policy file, log, learning curve) is
+            out/NAME.
+        advance: Called with (runs ended, runs in all).
     """
     futures = [executor.submit(train_one, run, out) for run in runs]
     for done, _ in enumerate(as_completed(futures), 1):
@@ -154,8 +164,8 @@ def train_all(
         if (error := future.exception()) is None:
             results.append(future.result())
         else:
-            said = str(error).strip().splitlines() or [type(error).__name__]
-            results.append(SweepResult(run, NAN, NAN, NAN, NAN, None, said[-1]))
+            sentences = str(error).strip().splitlines() or [type(error).__name__]
+            results.append(SweepResult(run, NAN, NAN, NAN, NAN, None, sentences[-1]))
     return results
 
 
@@ -168,14 +178,16 @@ def train_one(sweep_run: SweepRun, out: Path) -> SweepResult:
     folder.save()
     names = [str(folder.policy), *RULES]
     table = evaluate(names, config, sweep_run.episodes, EVALUATION_SEEDS.start)
-    own, ratio = table.rows[0], table.compared(table.rows[0])
+    row, ratio = table.rows[0], table.compared(table.rows[0])
     assert ratio is not None
-    means = (own.steps_mean, own.completion, own.score_mean, ratio.ratio_mean)
+    means = (row.steps_mean, row.completion, row.score_mean, ratio.ratio_mean)
     result = SweepResult(sweep_run, *means, folder.policy)
-    where = f"{config.level} {config.rows}x{config.cols}"
+    setting = f"{config.level} {config.rows}x{config.cols}"
     terrains = {"terrains": sweep_run.episodes, "first_seed": EVALUATION_SEEDS.start}
     figures = {name: getattr(result, name) for name in FIGURES}
-    folder.save_policy({"results": {where: {**terrains, **figures, "collisions": own.collisions}}})
+    folder.save_policy(
+        {"results": {setting: {**terrains, **figures, "collisions": row.collisions}}}
+    )
     return result
 
 
@@ -183,10 +195,18 @@ def _csv(results: list[SweepResult]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["name", "recipe", "level", "rows", "cols", "seed", "moves", *FIGURES, "error"])
-    for each in results:
-        run = each.run
-        where = (run.config["level"], run.config["rows"], run.config["cols"])
-        cells = (run.name, run.recipe, *where, run.seed, run.steps, *_figures(each), each.error)
+    for result in results:
+        run = result.run
+        setting = (run.config["level"], run.config["rows"], run.config["cols"])
+        cells = (
+            run.name,
+            run.recipe,
+            *setting,
+            run.seed,
+            run.steps,
+            *_figures(result),
+            result.error,
+        )
         writer.writerow(map(to_cell, cells))
     return text.getvalue()
 
@@ -197,12 +217,12 @@ def _figures(result: SweepResult) -> list[float]:
 
 def _show(results: list[SweepResult]) -> None:
     rows = []
-    for each in results:
-        steps, completion, score, ratio = _figures(each)
-        run = each.run
-        where = (run.config["level"], f"{run.config['rows']}x{run.config['cols']}", str(run.seed))
+    for result in results:
+        steps, completion, score, ratio = _figures(result)
+        run = result.run
+        setting = (run.config["level"], f"{run.config['rows']}x{run.config['cols']}", str(run.seed))
         figures = (f"{completion:.1%}", f"{steps:.1f}", f"{ratio:.3f}", f"{score:.4f}")
-        rows.append((run.name, *where, *figures))
+        rows.append((run.name, *setting, *figures))
     columns = ["policy", "level", "size", "seed"]
     columns += ["completion", "steps to 99 %", "to rule", "mean score"]
     print_table(f"{results[0].run.episodes} held-out terrains each", columns, rows)

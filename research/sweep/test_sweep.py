@@ -1,5 +1,6 @@
-"""Sweeps: each run gives what training gives with the same seed, a failure stays alone; on Ray the same, and policy files
-travel.
+"""Sweeps: each run equals a training with its seed, and a failure stays alone.
+
+On Ray the same, and policy files travel.
 """
 
 import importlib.util
@@ -30,8 +31,8 @@ def test_a_sweep_trains_what_training_here_gives_and_a_failure_stays_alone(addre
         return SweepRun(name, "best", config, 16384, seed, 4, {"summary": "Little."})
 
     whole, calls = CONFIG.to_dict(), []
-    given = (("one", whole, 3), ("broken", {**whole, "rows": 3}, 0), ("two", whole, 4))
-    runs = [sweep_run(*each) for each in given]
+    settings = (("one", whole, 3), ("broken", {**whole, "rows": 3}, 0), ("two", whole, 4))
+    runs = [sweep_run(*setting) for setting in settings]
     with Cluster(address) if address else Jobs(2) as jobs:
         one, failed, two = train_all(jobs, runs, tmp_path, lambda *done: calls.append(done))
     assert calls[-1] == (3, 3)
@@ -39,7 +40,7 @@ def test_a_sweep_trains_what_training_here_gives_and_a_failure_stays_alone(addre
     assert failed.policy is None
     run = TrainingRun.begin(RECIPES["best"], [CONFIG], 16384, 3)
     net = train(run, lambda metrics: None)
-    trained, other = (load_net(each.policy).state_dict() for each in (one, two))
+    trained, other = (load_net(result.policy).state_dict() for result in (one, two))
     assert all(torch.equal(trained[name], tensor) for name, tensor in net.state_dict().items())
     assert any(not torch.equal(tensor, other[name]) for name, tensor in trained.items())
     again = evaluate([str(one.policy), "frontier-cost", "frontier-utility"], CONFIG, 4, 10**9)

@@ -1,6 +1,4 @@
-"""The command `python -m research.tuning`: the parameters of frontier-priced by CMA-ES, and what each of its terms is good
-for.
-"""
+"""`python -m research.tuning`: frontier-priced's parameters, by CMA-ES."""
 
 from __future__ import annotations
 
@@ -34,7 +32,9 @@ from research.tuning.search import (
 HELD_OUT_SEED = 1_000_000_000
 """The first terrain of --ablate: evaluation's, which tuning never plays."""
 CHECK_FACTOR = 5
-"""So many times the terrains of a generation are played to compare a run's parameters with those before it."""
+"""So many times the terrains of a generation are played to compare a run's parameters with those
+before it.
+"""
 
 
 @click.command(context_settings={"show_default": True})
@@ -74,13 +74,16 @@ def tune(
     out: Path | None,
     ablate: bool,
 ) -> None:
-    """Tune the parameters of the policy `frontier-priced` by CMA-ES, or take its terms out one by one on held-out terrains.
+    """Tune the policy `frontier-priced` by CMA-ES, or take its terms out one by one.
 
-    A point is as good as its moves to 99 % divided by those of the first parameters on the same terrains, in the mean over
-    levels and sizes. Every generation has new terrains, of seeds from 3,000,000,000 on, which evaluation never uses. After each
-    one --out gets the parameters (parameters.json, the mean of the search), so Ctrl-C loses only the generation under way. At
-    the end both sets of parameters play further terrains. The default run takes about 15 minutes of one core; all cores are
-    used.
+    The terms are measured on held-out terrains.
+
+    A point is as good as its moves to 99 % divided by those of the first parameters on the same
+    terrains, in the mean over levels and sizes. Every generation has new terrains, of seeds from
+    3,000,000,000 on, which evaluation never uses. After each one --out gets the parameters
+    (parameters.json, the mean of the search), so Ctrl-C loses only the generation under way. At the
+    end both sets of parameters play further terrains. The default run takes about 15 minutes of one
+    core; all cores are used.
 
     \b
     Examples:
@@ -94,8 +97,8 @@ def tune(
     if ablate:
         episodes = make_episodes(configs, terrains, HELD_OUT_SEED)
         with progress("playing") as advance, ThreadPoolExecutor(cores()) as pool:
-            found = compare_rules(start, ablations(start), episodes, pool, advance)
-        _print(f"those of the whole rule, from seed {HELD_OUT_SEED} on", found, configs)
+            ratios = compare_rules(start, ablations(start), episodes, pool, advance)
+        _print(f"those of the whole rule, from seed {HELD_OUT_SEED} on", ratios, configs)
         return
     ends = {"both": ("small", "large"), "all": ENDS}.get(end, (end,))
     run = TuneRun(TuneConfig(configs, terrains, ends, seed, start))
@@ -103,22 +106,23 @@ def tune(
     if path.exists():
         raise click.UsageError(f"{path.parent} holds a run already; give another --out")
     try:
-        found = _tune(run, generations, path)
+        ratios = _tune(run, generations, path)
     except OSError as error:
-        sentence = f"cannot write to {path.parent}: {reason(error)}; choose another --out"
-        raise click.ClickException(sentence) from error
+        raise click.ClickException(
+            f"cannot write to {path.parent}: {reason(error)}; choose another --out"
+        ) from error
     except KeyboardInterrupt:
         left = "nothing is written before the first generation is done"
         if run.generations:
             left = f"{path} is as it was after generation {run.generations}"
         click.echo(f"stopped; {left}", err=True)
         raise
-    _print(f"those before the run, from seed {CHECK_SEED} on", found, configs)
+    _print(f"those before the run, from seed {CHECK_SEED} on", ratios, configs)
     click.echo(path)
 
 
 def _tune(run: TuneRun, generations: int, path: Path) -> Ratios:
-    """Write the parameters to a file after each generation; return how good they are at the end."""
+    """Write the parameters to a file after each generation; return their ratios."""
     before, total = run.config.start, generations * run.points
     with progress("tuning") as advance, ThreadPoolExecutor(cores()) as pool:
         while run.generations < generations:
@@ -133,16 +137,16 @@ def _tune(run: TuneRun, generations: int, path: Path) -> Ratios:
         return compare_rules(before, {"after the run": run.rule}, episodes, pool, advance)
 
 
-def _print(what: str, found: Ratios, configs: tuple[EnvConfig, ...]) -> None:
+def _print(reference: str, ratios_by_rule: Ratios, configs: tuple[EnvConfig, ...]) -> None:
     """Print a table for each size: a row for each rule and a column for each level."""
     shapes = [(config.rows, config.cols) for config in configs]
     for shape in dict.fromkeys(shapes):
-        places = [place for place, each in enumerate(shapes) if each == shape]
+        places = [place for place, other in enumerate(shapes) if other == shape]
         rows = []
-        for name, ratios in found.items():
+        for name, ratios in ratios_by_rule.items():
             cells = (ratios[place] for place in places)
             rows.append([name, *(f"{mean:.3f} ± {high - mean:.3f}" for mean, _, high in cells)])
-        title = f"Moves to 99 %, divided by {what}, {shape[0]}x{shape[1]}"
+        title = f"Moves to 99 %, divided by {reference}, {shape[0]}x{shape[1]}"
         print_table(title, ["", *(configs[place].level for place in places)], rows)
 
 

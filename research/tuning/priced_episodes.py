@@ -1,4 +1,7 @@
-"""Episodes of the priced rule, many at once and again and again on the same terrains: only how many moves they take."""
+"""Episodes of the priced rule, many at once, for the moves that they take.
+
+They are played again and again on the same terrains.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +23,20 @@ from marsexplorer.world import Worlds, positions
 
 @kernel
 def decide_all(
-    codes, cells, outcomes, visited, headings, kept, lidar, tables, search, rule, changed_columns
+    codes, cells, outcomes, visited, headings, boards, lidar, tables, search, rule, changed_columns
 ):
-    """Write the rule's action of every running world to headings, int64[num], which hold the last ones before.
+    """Write the rule's action of every running world to headings, int64[num].
 
-    codes    uint8[num, rows, cols]; cells int64[num], row * cols + col of each rover; outcomes uint8[num]
-    visited  uint8[num, rows, cols], the rover's cell is added; kept: known, counts, unknown and blocked of each board
-    lidar    (sight, visible, stride, radius) of a `visibility` view; rule: its (highest, limits, weights), and goal;
-             the rest as in `toward_most_priced`
+    They hold the last actions before.
+
+    codes    uint8[num, rows, cols]; cells int64[num], row * cols + col of each rover; outcomes
+             uint8[num]
+    visited  uint8[num, rows, cols], the rover's cell is added; boards: known_codes, counts, unknown
+             and blocked of each board
+    lidar    (sight, visible, stride, radius) of a `visibility` view; rule: its (highest, limits,
+             weights), and goal; the rest as in `toward_most_priced`
     """
-    known, counts, unknown, blocked = kept
+    known_codes, counts, unknown, blocked = boards
     sight, visible, stride, radius = lidar
     for i in range(codes.shape[0]):
         if outcomes[i] != RUNNING:
@@ -37,7 +44,11 @@ def decide_all(
         row = cells[i] // codes.shape[2]
         col = cells[i] - row * codes.shape[2]
         visited[i, row, col] = 1
-        board = (known[i], counts[i], (unknown[i], blocked[i], sight, visible, stride, radius))
+        board = (
+            known_codes[i],
+            counts[i],
+            (unknown[i], blocked[i], sight, visible, stride, radius),
+        )
         update_board(codes[i], board, tables[0], changed_columns)
         headings[i] = toward_most_priced(
             codes[i], visited[i], row, col, headings[i], board, tables, search, *rule
@@ -45,7 +56,9 @@ def decide_all(
 
 
 class PricedEpisodes:
-    """The terrains of some seeds, on which the priced rule is played; not for two threads at once.
+    """The terrains of some seeds, on which the priced rule is played.
+
+    Not for two threads at once.
 
     ValueError when a seed has no solvable terrain.
     """
@@ -58,7 +71,7 @@ class PricedEpisodes:
         words, sight = bitboard_words(config.rows, config.cols, radius), sight_table(radius)
         boards = np.zeros((2, num, words), np.uint64)
         prices = np.full((num, cells), NO_CODE, np.uint8), np.zeros((num, SQUARES, cells), np.int16)
-        self._kept = (*prices, *boards)
+        self._boards = (*prices, *boards)
         visible = np.zeros(int(sight[1]), np.uint64)
         self._lidar = (sight, visible, row_words(config.cols, radius), radius)
         distance, queue = np.zeros((2, cells), np.int32)
@@ -67,15 +80,18 @@ class PricedEpisodes:
         self._goal = np.zeros(1, np.int64)
 
     def play(self, rule: SizedRule) -> NDArray[np.int64]:
-        """Return the moves that the rule takes on each terrain to 99 %, int64[num], the limit where it does not get there."""
+        """The moves that the rule takes to 99 % on each terrain, int64[num].
+
+        The limit where it does not get there.
+        """
         worlds, config, radius = self._worlds, self.config, self.config.sensor_radius
         shape = config.rows, config.cols
         tables = RuleTables([rule.of(*shape, radius)], shape, radius)
         worlds.put(self._all, self._begun)
         visited, headings = np.zeros_like(worlds.codes), np.full(worlds.num, EAST)
         weighed = (tables.highest, tables.limits, tables.weights, self._goal)
-        kept = (
-            self._kept,
+        arrays = (
+            self._boards,
             self._lidar,
             tables.prices,
             self._search,
@@ -85,6 +101,6 @@ class PricedEpisodes:
         while (worlds.outcomes == RUNNING).any():
             rovers = positions(worlds.scalars)
             cells = rovers[:, 0] * config.cols + rovers[:, 1]
-            decide_all(worlds.codes, cells, worlds.outcomes, visited, headings, *kept)
+            decide_all(worlds.codes, cells, worlds.outcomes, visited, headings, *arrays)
             worlds.step(headings)
         return worlds.scalars[:, STEPS].astype(np.int64)

@@ -1,9 +1,11 @@
 """Tune the parameters of `frontier-priced` by CMA-ES, and compare sets of them.
 
-CMA-ES: Hansen and Ostermeier, Completely derandomized self-adaptation in evolution strategies, Evolutionary Computation 9 (2),
-2001, from the library `cmaes`. A point is a vector of parameters, in units of SPREAD about those that the run began with. Its
-value is the mean over levels and sizes of its moves to 99 % divided by those of the first parameters on the same terrains, so 1
-is as good as before. Each generation has new terrains, the same for all of its points: no point is good by luck for long.
+CMA-ES: Hansen and Ostermeier, Completely derandomized self-adaptation in evolution strategies,
+Evolutionary Computation 9 (2), 2001, from the library `cmaes`. A point is a vector of parameters,
+in units of SPREAD about those that the run began with. Its value is the mean over levels and sizes
+of its moves to 99 % divided by those of the first parameters on the same terrains, so 1 is as good
+as before. Each generation has new terrains, the same for all of its points: no point is good by
+luck for long.
 """
 
 from __future__ import annotations
@@ -24,21 +26,29 @@ from marsexplorer.policies.priced import TUNED, PricedRule, SizedRule
 from research.tuning.priced_episodes import PricedEpisodes
 
 FIRST_SEED = 3_000_000_000
-"""Terrains for tuning have this seed and the next ones; those of evaluation begin at 1,000,000,000."""
+"""Terrains for tuning have this seed and the next ones; those of evaluation begin at
+1,000,000,000.
+"""
 CHECK_SEED = 4_000_000_000
 """The first terrain on which a run's parameters are compared with those before it."""
 
 SPREAD = np.array([1.5, 5.0, 3.0, 1.2, 1.2, 1.0, 5.0, 6.0, 0.04, 0.3, 0.12])
-"""One unit of each parameter: the weights, the powers, pocket, pocket_cells, fade, offset, power."""
+"""One unit of each parameter: the weights, the powers, pocket, pocket_cells, fade, offset,
+power.
+"""
 LOWEST = np.array([0.0, 0.0, 0.0, 0.2, 0.2, 0.2, 0.0, 1.0, 0.0, 0.0, 0.3])
 """The lowest value of each; a point that goes below it has this one."""
 ENDS = ("small", "middle", "large")
 """The rules of a `SizedRule`."""
 SIDE = 21
-"""The side of the grids for which numbers of terrains are given; larger ones get fewer, in proportion to their cells."""
+"""The side of the grids for which numbers of terrains are given; larger ones get fewer, in
+proportion to their cells.
+"""
 
 Ratios = dict[str, list[tuple[float, float, float]]]
-"""By the rule's name, for each configuration: the ratio of the mean moves, and the 95 % interval's low and high."""
+"""By the rule's name, for each configuration: the ratio of the mean moves, and the 95 %
+interval's low and high.
+"""
 
 
 @dataclass(frozen=True)
@@ -83,7 +93,7 @@ class TuneRun:
         return self._rule(self._optimizer.mean)
 
     def run_generation(self, pool: ThreadPoolExecutor, advance: Callable[[int], None]) -> None:
-        """Play a generation; `advance` is called with the number of its points that are done."""
+        """Play a generation; `advance` is called with the points that are done."""
         points = [self._optimizer.ask() for _ in range(self.points)]
         most = self.config.terrains
         episodes = make_episodes(self.config.configs, most, FIRST_SEED + most * self.generations, 1)
@@ -96,11 +106,11 @@ class TuneRun:
         self.generations += 1
 
     def _rule(self, point: NDArray[np.float64]) -> SizedRule:
-        found = {}
+        by_end = {}
         for end, part in zip(self.config.ends, point.reshape(-1, len(SPREAD)), strict=True):
             first: PricedRule = getattr(self.config.start, end)
-            found[end] = to_rule(to_vector(first) + SPREAD * part, first.limit)
-        return replace(self.config.start, **found)
+            by_end[end] = to_rule(to_vector(first) + SPREAD * part, first.limit)
+        return replace(self.config.start, **by_end)
 
 
 def make_episodes(
@@ -121,7 +131,7 @@ def mean_moves(
     rule: SizedRule, episodes: Sequence[PricedEpisodes], pool: ThreadPoolExecutor
 ) -> NDArray[np.float64]:
     """Return the mean moves of a rule in each of some episodes, float64[len(episodes)]."""
-    return np.array(list(pool.map(lambda each: each.play(rule).mean(), episodes)))
+    return np.array(list(pool.map(lambda terrains: terrains.play(rule).mean(), episodes)))
 
 
 def compare_rules(
@@ -131,34 +141,41 @@ def compare_rules(
     pool: ThreadPoolExecutor,
     advance: Callable[[int, int], None],
 ) -> Ratios:
-    """Return the ratio of every rule's moves to those of a reference on the same terrains, at least two of each configuration.
+    """The ratio of every rule's moves to a reference's, paired by terrain.
+
+    At least two terrains of each configuration.
 
     advance  called with the number of rules that are done and their number
     """
-    first = list(pool.map(lambda each: each.play(reference).astype(np.float64), episodes))
-    found: Ratios = {}
+    first = list(pool.map(lambda terrains: terrains.play(reference).astype(np.float64), episodes))
+    ratios: Ratios = {}
     for name, rule in rules.items():
-        moves = pool.map(lambda each, rule=rule: each.play(rule).astype(np.float64), episodes)
-        found[name] = [ratio_interval(own, other) for own, other in zip(moves, first, strict=True)]
-        advance(len(found), len(rules))
-    return found
+        moves = pool.map(
+            lambda terrains, rule=rule: terrains.play(rule).astype(np.float64), episodes
+        )
+        ratios[name] = [
+            ratio_interval(moves_of_rule, other)
+            for moves_of_rule, other in zip(moves, first, strict=True)
+        ]
+        advance(len(ratios), len(rules))
+    return ratios
 
 
 def ablations(rule: SizedRule) -> dict[str, SizedRule]:
-    """Return the rule with one of its terms taken out, by what is taken out or put in its place."""
+    """The rule with one of its terms taken out or replaced, by a description."""
 
     def changed(change: Callable[[PricedRule], PricedRule]) -> SizedRule:
         return SizedRule(*(change(getattr(rule, end)) for end in ENDS))
 
     def priced(**values: Any) -> SizedRule:
-        return changed(lambda each: replace(each, prices=replace(each.prices, **values)))
+        return changed(lambda part: replace(part, prices=replace(part.prices, **values)))
 
     def without_square(square: int) -> SizedRule:
-        def change(each: PricedRule) -> PricedRule:
-            weights = list(each.prices.weights)
+        def change(part: PricedRule) -> PricedRule:
+            weights = list(part.prices.weights)
             weights[square] = 0.0
             a, b, c = weights
-            return replace(each, prices=replace(each.prices, weights=(a, b, c)))
+            return replace(part, prices=replace(part.prices, weights=(a, b, c)))
 
         return changed(change)
 
@@ -169,31 +186,34 @@ def ablations(rule: SizedRule) -> dict[str, SizedRule]:
         "without pockets": priced(pocket=0.0),
         "without fade": priced(fade=0.0),
         "every unknown cell counts 1": priced(weights=(0.0, 0.0, 0.0), pocket=0.0),
-        "offset 0": changed(lambda each: replace(each, offset=0.0)),
-        "power of the way 1": changed(lambda each: replace(each, power=1.0)),
-        "power of the way 2": changed(lambda each: replace(each, power=2.0)),
-        "half the limit": changed(lambda each: replace(each, limit=each.limit / 2)),
+        "offset 0": changed(lambda part: replace(part, offset=0.0)),
+        "power of the way 1": changed(lambda part: replace(part, power=1.0)),
+        "power of the way 2": changed(lambda part: replace(part, power=2.0)),
+        "half the limit": changed(lambda part: replace(part, limit=part.limit / 2)),
         "the parameters for 21x21 on all sizes": SizedRule(rule.small, rule.small, rule.small),
         "the parameters for 84x84 on all sizes": SizedRule(rule.large, rule.large, rule.large),
     }
 
 
 def to_vector(rule: PricedRule) -> NDArray[np.float64]:
-    """Return the parameters that are tuned, float64[11], in the order of SPREAD; the limit is not."""
+    """The tuned parameters, float64[11], in the order of SPREAD; not the limit."""
     prices, others = rule.prices, (rule.offset, rule.power)
     scales = (prices.pocket, prices.pocket_cells, prices.fade)
     return np.array([*prices.weights, *prices.powers, *scales, *others])
 
 
 def to_rule(vector: NDArray[np.float64], limit: float) -> PricedRule:
-    """Return the rule of a vector to four decimals, values below LOWEST being raised to it."""
+    """The rule of a vector to four decimals, values below LOWEST raised to it."""
     rounded = np.maximum(vector, LOWEST).round(4).tolist()
     (a, b, c, d, e, f), scales, (offset, power) = rounded[:6], rounded[6:9], rounded[9:]
     return PricedRule(PriceParameters((a, b, c), (d, e, f), *scales), limit, offset, power)
 
 
 def read_rule(document: dict[str, Any]) -> SizedRule:
-    """Return the rule of what `dataclasses.asdict` made of it; KeyError, TypeError or ValueError when it is none."""
+    """The rule of a dictionary that `dataclasses.asdict` made.
+
+    KeyError, TypeError or ValueError if it is not one.
+    """
     ends = {}
     for end in ENDS:
         prices: dict[str, Any] = dict(document[end]["prices"])

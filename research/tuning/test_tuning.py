@@ -1,4 +1,4 @@
-"""Tuning plays the policy's own moves, goes on where it stopped, and reports what it compares."""
+"""Tuning plays the policy's moves, goes on where it stopped, and compares truly."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -34,8 +34,8 @@ SMALL = EnvConfig.of("random", (7, 11))
 
 @pytest.fixture
 def pool():
-    with ThreadPoolExecutor(2) as found:
-        yield found
+    with ThreadPoolExecutor(2) as threads:
+        yield threads
 
 
 def test_stacked_episodes_are_the_policy_s_own_whatever_was_played_before():
@@ -68,15 +68,15 @@ def test_only_the_chosen_end_moves(pool):
 
 
 def test_a_point_with_fewer_moves_has_a_lower_value(pool):
-    """The value is the mean ratio to the first parameters: those themselves have exactly 1."""
+    """The mean ratio to the first parameters: those themselves have exactly 1."""
     [episodes] = make_episodes([SMALL], 3, 5)
     assert episodes.play(TUNED).shape == (round(3 * 441 / 77),)
     bad = ablations(TUNED)["power of the way 2"]
-    found = compare_rules(
+    ratios = compare_rules(
         TUNED, {"itself": TUNED, "bad": bad}, [episodes], pool, lambda done, of: None
     )
-    assert found["itself"] == [(1.0, 1.0, 1.0)]
-    mean, low, high = found["bad"][0]
+    assert ratios["itself"] == [(1.0, 1.0, 1.0)]
+    mean, low, high = ratios["bad"][0]
     assert mean == pytest.approx(episodes.play(bad).mean() / episodes.play(TUNED).mean())
     assert low <= mean <= high
 
@@ -91,18 +91,20 @@ def test_a_rule_is_its_vector_and_its_document():
 
 
 def test_every_ablation_takes_out_what_it_says():
-    found = ablations(TUNED)
-    assert len(set(map(str, found.values())) | {str(TUNED)}) == len(found) + 1
-    assert found["without the square of half side 6"].large.prices.weights == (
-        TUNED.large.prices.weights[0], 0.0, TUNED.large.prices.weights[2],
-    )  # fmt: skip
-    assert found["every unknown cell counts 1"].small.prices.pocket == 0.0
+    rules = ablations(TUNED)
+    assert len(set(map(str, rules.values())) | {str(TUNED)}) == len(rules) + 1
+    assert rules["without the square of half side 6"].large.prices.weights == (
+        TUNED.large.prices.weights[0],
+        0.0,
+        TUNED.large.prices.weights[2],
+    )
+    assert rules["every unknown cell counts 1"].small.prices.pocket == 0.0
 
 
 def run(*args):
     """Return the exit code of the command and everything that it printed."""
-    found = CliRunner().invoke(tune, [*map(str, args)], env={"COLUMNS": "140"})
-    return found.exit_code, found.output
+    done = CliRunner().invoke(tune, [*map(str, args)], env={"COLUMNS": "140"})
+    return done.exit_code, done.output
 
 
 def test_a_run_writes_its_parameters_and_a_second_one_spares_them(tmp_path):
@@ -120,9 +122,9 @@ def test_a_file_without_parameters_is_refused_in_a_sentence(tmp_path, text):
     path = tmp_path / "other.json"
     if text is not None:
         path.write_text(text)
-    code, found = run(*FEW, "--from", path)
+    code, printed = run(*FEW, "--from", path)
     assert code == 2
-    assert "give the parameters.json of a run" in found
+    assert "give the parameters.json of a run" in printed
 
 
 def test_the_ablation_prints_a_row_for_each_term():

@@ -1,6 +1,7 @@
-"""The boards that the page /about shows: a real terrain, driven by `ppo`, and once into a rock.
+"""The boards of the page /about: a real terrain, driven by `ppo`, and a crash.
 
-`python -m tests.support.about_boards` writes static/about/boards.json; a test compares the file with what is played here.
+`python -m tests.support.about_boards` writes static/about/boards.json; a test compares the file
+with what is played here.
 """
 
 import json
@@ -39,18 +40,18 @@ def boards():
     policy = policies.load("ppo")
     policy.reset(SEED)
     episode = Episode.begin(CONFIG, seed=SEED)
-    found = {"start": board_of(episode)}
+    by_name = {"start": board_of(episode)}
     while not episode.ended:
         episode.step(policy.act(episode.codes.copy()))
         if episode.steps == 24:
-            found["way"] = board_of(episode)
-    found["done"] = board_of(episode)
-    found["crash"] = crash(found["done"]["actions"])
-    return {"seed": SEED, "level": CONFIG.level, "boards": found}
+            by_name["way"] = board_of(episode)
+    by_name["done"] = board_of(episode)
+    by_name["crash"] = crash(by_name["done"]["actions"])
+    return {"seed": SEED, "level": CONFIG.level, "boards": by_name}
 
 
 def crash(actions):
-    """The same terrain, driven as before for a while and then into the first rock that comes beside the rover."""
+    """The same terrain, driven as before and then into a rock beside the rover."""
     episode = Episode.begin(CONFIG, seed=SEED)
     for action in actions[:60]:
         episode.step(action)

@@ -4,7 +4,10 @@ import os
 
 
 def environment_without(modules, folder):
-    """Return the variables of a process that cannot import these modules, nor can any that it starts."""
+    """The environment of a process that cannot import these modules.
+
+    Neither can any process that it starts.
+    """
     absent = folder / "absent"
     absent.mkdir()
     for module in modules:

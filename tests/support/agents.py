@@ -1,4 +1,4 @@
-"""An evaluation of agents, and agents who play it with cards through the server's own `Cards`."""
+"""An evaluation of agents, played with cards through the server's own `Cards`."""
 
 import re
 
@@ -22,8 +22,8 @@ CODES = {"?": 0, ".": 1, "@": 2, "#": 3}
 
 
 def codes_of(grid):
-    """Return the codes of a frame's grid, as policies are given them."""
-    return np.array([[CODES[each] for each in row] for row in grid], np.uint8)
+    """The codes of a frame's grid, as policies take them."""
+    return np.array([[CODES[cell] for cell in row] for row in grid], np.uint8)
 
 
 def begun(database, name="agents", of="small", **rest):
@@ -69,7 +69,7 @@ class Agent:
         self.token, self.card = token, server.on_loop(self.cards.find(token))
 
     def call(self, name, *given, **named):
-        """Return what a method of `Cards` returns; the card is looked up as for each request."""
+        """Call a method of `Cards`; the card is looked up as for each request."""
         card = self.server.on_loop(self.cards.find(self.token))
         return self.server.on_loop(getattr(self.cards, name)(card, *given, **named))
 
@@ -98,11 +98,14 @@ class Agent:
 
 
 def best_way(database, index, study="dunes", tries=60):
-    """Return the shortest of many ways through an instance's terrain, which only somebody who has seen it can know."""
-    found = Folder.beside(database).study(study)
+    """The shortest of many ways through an instance's terrain.
+
+    Only somebody who has seen it can know the way.
+    """
+    frozen = Folder.beside(database).study(study)
     ways = []
     for attempt in range(tries):
-        episode = Episode.begin(found.protocol.env_config, seed=found.seed("ranked", index))
+        episode = Episode.begin(frozen.protocol.env_config, seed=frozen.seed("ranked", index))
         rule, draws = load("frontier-cost"), np.random.default_rng(attempt)
         rule.reset(0)
         while not episode.ended:
@@ -115,7 +118,7 @@ def best_way(database, index, study="dunes", tries=60):
                 action = int(draws.choice(free))
             episode.step(action)
         ways.append(episode)
-    best = max(ways, key=lambda each: each.score)
+    best = max(ways, key=lambda way: way.score)
     return list(best.actions)
 
 
@@ -125,7 +128,10 @@ def paths(root):
 
 
 def closed_evaluation(root, policies):
-    """Return a folder with a closed evaluation: Ann's card played all, a second of hers knew the maps, Bo's left most."""
+    """A folder with a closed evaluation of three cards.
+
+    Ann's card played all, a second of hers knew the maps, Bo's left most.
+    """
     from tests.support.servers import hasty_limits, running_server
     from tests.support.stored_studies import freeze, play_study
 
@@ -137,8 +143,8 @@ def closed_evaluation(root, policies):
     assert run("study", "close", "dunes", "--keep-secret", "--yes", *paths(root)) == 0
     begun(database, of="dunes")
     tokens = [token_of(database, author) for author in ("Ann", "ann ", "Bo")]
-    where = {"database": database, "limits": hasty_limits()}
-    with running_server(policies, **where) as server:
+    settings = {"database": database, "limits": hasty_limits()}
+    with running_server(policies, **settings) as server:
         first, second, third = (Agent(server, token) for token in tokens)
         first.call("describe", {"agent": "Mapper", "model": "rule", "prompts_sha256": "0" * 64})
         first.play_all()

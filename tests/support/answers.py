@@ -4,7 +4,9 @@ import jsonschema_rs
 from starlette.routing import Match
 
 _KNOWN = {}
-"""Descriptions with their validators, by the messages of the environment and the number of routes."""
+"""Descriptions with their validators, by the messages of the environment and the number of
+routes.
+"""
 
 
 class Description:
@@ -29,7 +31,7 @@ class Description:
 
 
 def description_of(app):
-    """An app's description, the same for all apps of an environment with the same routes."""
+    """An app's description, one for all apps of an environment with equal routes."""
     key = id(app._messages), len(app.routes)
     if key not in _KNOWN:
         _KNOWN[key] = Description(app.openapi())

@@ -1,4 +1,4 @@
-"""Environments with habits that a playground meets: what becomes of each stands in the table of `test_bad_habits.py`."""
+"""Environments with bad habits; `test_bad_habits.py` has the table of outcomes."""
 
 import os
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""The authors' environment once more, literally and slowly, written from docs/from-mars-explorer.md alone."""
+"""The authors' environment, literally and slowly, from docs/from-mars-explorer.md."""
 
 import math
 import random
@@ -59,8 +59,8 @@ class Twin:
 
     def observation(self):
         matrix = np.zeros((self.rows, self.cols, 1))
-        for cell, value in self.known.items():
-            matrix[cell] = value
+        for cell, shade in self.known.items():
+            matrix[cell] = shade
         matrix[self.x, self.y] = self.rover if self.moves else 0.6
         return matrix
 

@@ -8,7 +8,7 @@ from humanplay.cli.main import main
 
 
 def program_of(word):
-    """The program that has a command; a tree without MarsExplorer has one program alone."""
+    """The program of a command; without MarsExplorer there is only one program."""
     if find_spec("humanplay.tasks.mars") is None:
         return main
     from humanplay.tasks.mars import cli as mars
@@ -17,7 +17,7 @@ def program_of(word):
 
 
 def run(*args):
-    """Run `humanplay ARGS`, or `marsexplorer ARGS` for a command of that; return its exit code."""
+    """Run `humanplay ARGS`, or `marsexplorer ARGS`; return the exit code."""
     words = [str(arg) for arg in args]
     with pytest.raises(SystemExit) as left:
         program_of(words[0])(words)
@@ -25,6 +25,9 @@ def run(*args):
 
 
 def command(capsys, *args):
-    """Run a command as `run` does; return its exit code, stdout and stderr, without what was said before."""
+    """Run a command as `run` does; return its exit code, stdout and stderr.
+
+    Without what was printed before.
+    """
     capsys.readouterr()
     return run(*args), *capsys.readouterr()

@@ -1,4 +1,4 @@
-"""A server that its command starts, in an environment and a folder of the test's choice."""
+"""A server that its command starts, in the test's own environment and folder."""
 
 import re
 import subprocess

@@ -1,4 +1,7 @@
-"""Work that tries what a confined process is asked to (`humanplay.tasks.processes`), and says how it ended."""
+"""Work that tries what it is asked to in a confined process, and how it ended.
+
+See `humanplay.tasks.processes`.
+"""
 
 import os
 import signal
@@ -13,13 +16,13 @@ def prepare(argument):
 
 def work(argument, request):
     yield from range(request.get("steps", 0))
-    said = argument
+    answer = argument
     while True:
-        what, *rest = yield said
+        name, *rest = yield answer
         try:
-            said = str(TRIED[what](*rest))
+            answer = str(TRIED[name](*rest))
         except OSError as error:
-            said = type(error).__name__ + ": " + str(error.strerror)
+            answer = type(error).__name__ + ": " + str(error.strerror)
 
 
 def connect(port):

@@ -13,7 +13,7 @@ import numpy as np
 
 
 class Path(gymnasium.Env):
-    """A walk from cell 0 to cell `length`, shown as text; its coins are told in `info` alone."""
+    """A walk from cell 0 to cell `length`, shown as text; its coins are in `info`."""
 
     metadata: ClassVar = {"render_modes": ["ansi"]}
     observation_space = gymnasium.spaces.Discrete(100)
@@ -96,7 +96,7 @@ class Seeded(Meanings):
 
 
 class Failing(Path):
-    """Fails at the action `wave` as `how` says: at every one, or, where there is a file `once`, at the first alone."""
+    """Fails at the action `wave`: at every one, or once if a file `once` exists."""
 
     def __init__(self, how, once="", step_s=0, render_mode=None):
         super().__init__(30, render_mode)
@@ -156,10 +156,10 @@ class Nosy(Path):
         socket.create_connection(("127.0.0.1", self.port), timeout=2).close()
 
 
-def tried(what):
+def tried(call):
     """The name of the error that a call ends with, "done" where it succeeds."""
     try:
-        what()
+        call()
     except OSError as error:
         return type(error).__name__
     return "done"

@@ -11,14 +11,14 @@ TEXTS = {
 
 
 def rows_of(text):
-    """Return the rows of an exported CSV table: absent is None, numbers and truth values are such."""
+    """The rows of an exported CSV table, with None, numbers and truth values."""
     return [
-        {name: value_of(name, value) for name, value in row.items()}
+        {name: value_of(name, cell) for name, cell in row.items()}
         for row in csv.DictReader(io.StringIO(text))
     ]
 
 
-def value_of(name, value):
+def value_of(name, cell):
     if name in TEXTS:
-        return value if value or name == "actions" else None
-    return json.loads(value) if value else None
+        return cell if cell or name == "actions" else None
+    return json.loads(cell) if cell else None

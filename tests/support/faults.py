@@ -1,4 +1,4 @@
-"""A running server whose system calls fail, by strace, and one whose clock is set, by libfaketime."""
+"""A server whose system calls fail, by strace, or whose clock libfaketime sets."""
 
 import os
 import shutil
@@ -49,7 +49,10 @@ def is_traced(pid):
 
 
 class FakeClock:
-    """The clock of a server that is started with `environment`: the wall clock alone, as when a person sets it."""
+    """The wall clock of a server that is started with `environment`.
+
+    Only that clock, as when a person sets it.
+    """
 
     def __init__(self, file):
         self._file = file

@@ -1,9 +1,11 @@
-"""Servers, and workers of jobs, in processes of their own that start at once: forked from one that has imported the app.
+"""Servers and workers of jobs, forked from a process that has imported the app.
 
-That process is one for a whole run of pytest, however many processes test. `python -m tests.support.forked_server FD` is it: it
-answers at the listening socket FD, imports the app with the first request, and ends with its standard input, hence with the
-run. A fork runs `humanplay.web.server.run` with its own settings, database and port, or `humanplay.jobs.work`; it can be
-stopped, killed and waited for. A worker that has to import what its jobs need costs more than a second of processor.
+That process is one for a whole run of pytest, however many processes test. `python -m
+tests.support.forked_server FD` is it: it answers at the listening socket FD, imports the app with
+the first request, and ends with its standard input, hence with the run. A fork runs
+`humanplay.web.server.run` with its own settings, database and port, or `humanplay.jobs.work`; it
+can be stopped, killed and waited for. A worker that has to import what its jobs need costs more
+than a second of processor.
 """
 
 import os
@@ -32,7 +34,7 @@ ADDRESS = "TESTS_FORK_AT"
 
 
 def pytest_configure(config):
-    """Start the process that forks: in the process that began the run, not in those which xdist starts."""
+    """Start the process that forks, once for a run and not in those of xdist."""
     if hasattr(config, "workerinput"):
         return
     folder = tempfile.mkdtemp()
@@ -58,7 +60,7 @@ def main(listener):
     while sys.stdin not in select.select([listener, sys.stdin], [], [])[0]:
         answers = Connection(listener.accept()[0].detach())
         try:
-            what, given, has_handle = answers.recv()
+            task, arguments, has_handle = answers.recv()
             handles = [recv_handle(answers)] if has_handle else []
         except (EOFError, OSError, RuntimeError):  # whoever asked was killed meanwhile
             answers.close()
@@ -67,14 +69,14 @@ def main(listener):
 
         if os.fork() == 0:
             listener.close()
-            run_and_wait(answers, {"serve": serve, "work": work}[what], (*given, *handles))
+            run_and_wait(answers, {"serve": serve, "work": work}[task], (*arguments, *handles))
         answers.close()
         for handle in handles:
             os.close(handle)
 
 
-def run_and_wait(answers, run, given):
-    """Fork a process and answer with its id; once it has ended, answer with its exit code and end."""
+def run_and_wait(answers, run, arguments):
+    """Fork a process and answer with its id, and with its exit code once it has ended."""
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     pid = os.fork()
     if pid == 0:
@@ -84,7 +86,7 @@ def run_and_wait(answers, run, given):
             # where nobody asks any more it kills its group at once, which is not to be the run's
             os.setpgid(0, 0)
         try:
-            run(*given)
+            run(*arguments)
         except BaseException:  # it ends here, and not as the process from which it was forked
             traceback.print_exc()
             os._exit(1)
@@ -99,7 +101,10 @@ def run_and_wait(answers, run, given):
 
 
 def serve(settings, log, environment, listening=None):
-    """Run a server whose output goes to the file `log`; `listening` is a socket's descriptor that it inherits."""
+    """Run a server whose output goes to the file `log`.
+
+    listening  a socket's descriptor that it inherits
+    """
     from humanplay.web.settings import Settings
     from tests.support.loaded_app import run
 
@@ -117,8 +122,10 @@ def serve(settings, log, environment, listening=None):
 
 
 def work(environment, search, folder, connection):
-    """Be a worker of jobs that come over the descriptor of a connection, as `python -m humanplay.jobs` is, but no nicer
-    than others: beside other tests it would wait for ever."""
+    """Be a worker of jobs over a connection's descriptor, as nice as any process.
+
+    Else it is `python -m humanplay.jobs`; a nicer one would wait for ever beside other tests.
+    """
     os.environ.clear()
     os.environ.update(environment)
     sys.path[:] = search
@@ -129,18 +136,21 @@ def work(environment, search, folder, connection):
 class Forked:
     """A forked process, with the members of `subprocess.Popen` that are used of it."""
 
-    def __init__(self, what, *given, handle=None):
+    def __init__(self, task, *arguments, handle=None):
         self.returncode, self._lock = None, threading.Lock()
         sock = socket.socket(socket.AF_UNIX)
         sock.connect(os.environ[ADDRESS])
         self._answers = Connection(sock.detach())
-        self._answers.send((what, given, handle is not None))
+        self._answers.send((task, arguments, handle is not None))
         if handle is not None:
             send_handle(self._answers, handle, None)
         self.pid = self._answers.recv()
 
     def poll(self, seconds=0.0):
-        """Return the exit code, None while it runs; wait for it for `seconds`, for None without end."""
+        """The exit code, None while it runs.
+
+        Wait for it for `seconds`; None waits without end.
+        """
         with self._lock:
             if self.returncode is None and self._answers.poll(seconds):
                 self.returncode = self._answers.recv()
@@ -168,7 +178,7 @@ class Worker(jobs._Process):
 
 @pytest.fixture(scope="session", autouse=True)
 def forked_workers():
-    """Workers of jobs are forked, of servers and commands alike; `test_jobs.py` is about real ones."""
+    """Fork workers of jobs, of servers and commands alike; `test_jobs.py` has others."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(jobs, "_Process", Worker)
         yield

@@ -1,4 +1,4 @@
-"""A server as it starts on a machine that has compiled nothing, and what its processes take; of Linux's /proc."""
+"""A server on a machine that has compiled nothing, and its cost, by Linux's /proc."""
 
 import os
 import sys
@@ -10,7 +10,7 @@ from tests.support.command_server import command_server
 
 @contextmanager
 def fresh_server(cache, database):
-    """Yield a server by its command, which keeps what is compiled in the folder `cache`: its process, and its port."""
+    """Yield a server's process and port; it caches its kernels in the folder `cache`."""
     command = [sys.executable, "-m", "humanplay.cli", "serve", "--port", "0"]
     environ = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
     with command_server([*command, "--database", database], env=environ) as (process, address):

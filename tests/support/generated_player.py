@@ -1,6 +1,7 @@
-"""Plays an episode to its end by a generated client: FOLDER (of the package `client`), ADDRESS of the server.
+"""Plays an episode by a generated client: FOLDER (of package `client`), ADDRESS.
 
-It runs in the client's own environment, without anything of ours, and prints outcome, moves and coverage.
+It runs in the client's own environment, without anything of ours, and prints outcome, moves and
+coverage.
 """
 
 import random

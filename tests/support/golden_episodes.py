@@ -1,6 +1,7 @@
-"""Golden episodes: the ends of episodes on terrains of every level, which no change of the rules may move.
+"""Golden episodes of every level, whose ends no change of the rules may move.
 
-After a change on purpose, for which CORE_VERSION rises, `python -m tests.support.golden_episodes` writes them again.
+After a change on purpose, for which CORE_VERSION rises, `python -m tests.support.golden_episodes`
+writes them again.
 """
 
 import hashlib
@@ -19,7 +20,10 @@ AGAIN = "after a change on purpose `python -m tests.support.golden_episodes` wri
 
 
 def walk(config, seed):
-    """At most 300 moves drawn by random.Random(seed), those made that the terrain lets pass, then north to the end."""
+    """At most 300 moves drawn by random.Random(seed), then north to the end.
+
+    Only those that the terrain lets pass are made.
+    """
     draw, episode = random.Random(seed), Episode.begin(config, seed=seed)
     for action in [draw.randrange(4) for _ in range(300)]:
         row, col = episode.position

@@ -1,9 +1,9 @@
-"""The golden study: six people and two scripts on frozen terrains, whose report never changes.
+"""The golden study: six people and two bots, whose report never changes.
 
-`tests/fixtures/studies` holds the frozen study `golden`, its reports and its export. The database is played
-anew for each test, by the same moves: people follow a frontier rule and slip by chance, one gives
-up, one crashes, one leaves. After a change of a figure on purpose,
-`python -m tests.support.golden_study` writes both again.
+`tests/fixtures/studies` holds the frozen study `golden`, its reports and its export. The database
+is played anew for each test, by the same moves: people follow a frontier rule and slip by chance,
+one gives up, one crashes, one leaves. After a change of a figure on purpose, `python -m
+tests.support.golden_study` writes both again.
 """
 
 import random
@@ -46,7 +46,7 @@ def play(path):
 
 
 def moves_of(slips, *seed):
-    """Return what gives an episode's moves: a frontier rule's, with a share of random valid ones."""
+    """A source of an episode's moves: a frontier rule's, and random valid ones."""
 
     def moves(episode):
         again = Episode.begin(episode.config, terrain=episode.terrain, start=episode.start)
@@ -66,15 +66,15 @@ def moves_of(slips, *seed):
 
 
 def is_valid(episode):
-    """Return bool[4]: whether each action leads onto a free cell."""
+    """Whether each action leads onto a free cell: bool[4]."""
     row, col = episode.position
     rows, cols = episode.terrain.shape
-    found = []
+    valid = []
     for down, right in ((-1, 0), (0, 1), (1, 0), (0, -1)):
         at = row + down, col + right
         inside = 0 <= at[0] < rows and 0 <= at[1] < cols
-        found.append(inside and not episode.terrain[at])
-    return np.array(found)
+        valid.append(inside and not episode.terrain[at])
+    return np.array(valid)
 
 
 def write_report(database, path, *options):

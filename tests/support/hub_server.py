@@ -1,6 +1,9 @@
-"""A stand-in for the Hugging Face hub: the calls of its HTTP API that sharing a policy makes, over real HTTP, files in memory.
+"""A stand-in for the Hugging Face hub, over real HTTP, with its files in memory.
 
-It is written from what the client sends and expects, and it is not the hub: whether that takes what we send is not tested.
+It has the calls that sharing a policy makes.
+
+It is written from what the client sends and expects, and it is not the hub: whether that takes what
+we send is not tested.
 """
 
 import base64
@@ -23,15 +26,15 @@ class Repository:
     commits: list[dict[str, bytes]] = field(default_factory=lambda: [{}])
 
     def sha(self, number=-1):
-        said = repr((number % len(self.commits), sorted(self.commits[number])))
-        return hashlib.sha1(said.encode()).hexdigest()
+        state = repr((number % len(self.commits), sorted(self.commits[number])))
+        return hashlib.sha1(state.encode()).hexdigest()
 
     def files_at(self, revision):
         """The files of a commit; None for one that is not there."""
         if revision == "main":
             return self.commits[-1]
-        known = {self.sha(number): files for number, files in enumerate(self.commits)}
-        return known.get(revision)
+        commits = {self.sha(number): files for number, files in enumerate(self.commits)}
+        return commits.get(revision)
 
 
 def refusal(status, code, message):
@@ -40,7 +43,7 @@ def refusal(status, code, message):
 
 
 def create_hub():
-    """Return the app; `app.state.repositories` is what has been written, `app.state.calls` what was asked."""
+    """The app; `state.repositories` has what was written, `state.calls` the requests."""
     app = FastAPI()
     repositories, blobs, calls = {}, {}, []
     app.state.repositories, app.state.calls = repositories, calls
@@ -75,7 +78,7 @@ def create_hub():
         if f"{owner}/{name}" not in repositories:
             return refusal(404, "RepoNotFound", "Repository not found")
         files = []
-        for path in (each["path"] for each in (await request.json())["files"]):
+        for path in (file["path"] for file in (await request.json())["files"]):
             mode = "lfs" if path.endswith(".onnx") else "regular"
             files.append({"path": path, "uploadMode": mode, "shouldIgnore": False})
         return {"files": files}
@@ -83,9 +86,9 @@ def create_hub():
     @app.post("/{owner}/{name}.git/info/lfs/objects/batch")
     async def batch(request: Request):
         objects = (await request.json())["objects"]
-        for each in objects:
-            upload = {"href": f"{request.base_url}lfs-upload/{each['oid']}", "header": {}}
-            each["actions"] = {"upload": upload}
+        for blob in objects:
+            upload = {"href": f"{request.base_url}lfs-upload/{blob['oid']}", "header": {}}
+            blob["actions"] = {"upload": upload}
         return {"transfer": "basic", "objects": objects}
 
     @app.put("/lfs-upload/{oid}")
@@ -98,36 +101,36 @@ def create_hub():
 
     @app.post("/api/models/{owner}/{name}/commit/{revision}")
     async def commit(owner, name, request: Request):
-        found = repositories[f"{owner}/{name}"]
-        files = dict(found.commits[-1])
+        repository = repositories[f"{owner}/{name}"]
+        files = dict(repository.commits[-1])
         for line in (await request.body()).splitlines():
-            entry = json.loads(line)
-            value = entry["value"]
-            if entry["key"] == "file":
-                files[value["path"]] = base64.b64decode(value["content"])
-            elif entry["key"] == "lfsFile":
-                files[value["path"]] = blobs[value["oid"]]
-        found.commits.append(files)
-        url = f"{request.base_url}{owner}/{name}/commit/{found.sha()}"
-        return {"commitUrl": url, "commitOid": found.sha(), "success": True}
+            operation = json.loads(line)
+            file = operation["value"]
+            if operation["key"] == "file":
+                files[file["path"]] = base64.b64decode(file["content"])
+            elif operation["key"] == "lfsFile":
+                files[file["path"]] = blobs[file["oid"]]
+        repository.commits.append(files)
+        url = f"{request.base_url}{owner}/{name}/commit/{repository.sha()}"
+        return {"commitUrl": url, "commitOid": repository.sha(), "success": True}
 
     @app.get("/api/models/{owner}/{name}")
     @app.get("/api/models/{owner}/{name}/revision/{revision}")
     async def info(owner, name, revision="main"):
-        found = repositories.get(f"{owner}/{name}")
-        if found is None:
+        repository = repositories.get(f"{owner}/{name}")
+        if repository is None:
             return refusal(404, "RepoNotFound", "Repository not found")
-        files = found.files_at(revision)
+        files = repository.files_at(revision)
         if files is None:
             return refusal(404, "RevisionNotFound", f"Invalid rev id: {revision}")
         siblings = [{"rfilename": path} for path in files]
-        return {"id": f"{owner}/{name}", "sha": found.sha(), "siblings": siblings, "tags": []}
+        return {"id": f"{owner}/{name}", "sha": repository.sha(), "siblings": siblings, "tags": []}
 
     @app.api_route("/{owner}/{name}/resolve/{revision}/{path:path}", methods=["GET", "HEAD"])
     async def resolve(owner, name, revision, path):
-        found = repositories[f"{owner}/{name}"]
-        content = found.files_at(revision)[path]
-        sha = found.sha() if revision == "main" else revision
+        repository = repositories[f"{owner}/{name}"]
+        content = repository.files_at(revision)[path]
+        sha = repository.sha() if revision == "main" else revision
         headers = {"X-Repo-Commit": sha, "ETag": f'"{hashlib.sha256(content).hexdigest()}"'}
         return Response(content, headers=headers, media_type="application/octet-stream")
 

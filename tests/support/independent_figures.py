@@ -1,4 +1,4 @@
-"""A closed study's figures from a release's files alone: `python independent_figures.py DIR`."""
+"""A closed study's figures from a release's files: `independent_figures.py DIR`."""
 
 import csv
 import json
@@ -35,7 +35,7 @@ def figures(release):
     worst = {"score": lowest_score(episodes[0]), "steps": float(limit)}
     finished = [row["participant"] for row in people if row["status"] == "finished"]
     began = [row["participant"] for row in people if row["status"] not in NO_ESTIMATE]
-    found = {"per protocol": {}, "everybody": {}}
+    by_analysis = {"per protocol": {}, "everybody": {}}
     for metric, column in METRICS.items():
         for name, ids in (("per protocol", finished), ("everybody", began)):
             table = np.full((len(ids), protocol["ranked"]), worst[metric])
@@ -44,17 +44,17 @@ def figures(release):
                     place = ids.index(row["participant"]), int(row["terrain_index"])
                     table[place] = float(row[column])
             ends = interval(table, worst[metric], are_drawn)
-            found[name][metric] = float(table.mean(1).mean()), ends
+            by_analysis[name][metric] = float(table.mean(1).mean()), ends
     with closing(sqlite3.connect(release / "study.sqlite")) as conn:
         query = "SELECT count(*) FROM meta WHERE name LIKE 'erased|%'"
         (erased,) = conn.execute(query).fetchone()
     counts = Counter(row["status"] for row in people)
-    found["statuses"] = dict(counts + Counter(erased=erased))
-    return found
+    by_analysis["statuses"] = dict(counts + Counter(erased=erased))
+    return by_analysis
 
 
 def lowest_score(episode):
-    """Return the score of a limit of moves that discover nothing and end in a collision."""
+    """The score of a limit of moves that discover nothing and end in a collision."""
     # the bonus and an invalid move come to as much as all cells do (levels other than t-m-2)
     return -0.5 * int(episode["max_steps"]) / (3 * int(episode["rows"]) * int(episode["cols"]))
 
@@ -72,7 +72,7 @@ def interval(table, worst, are_drawn):
 
 
 def low_end(table, are_drawn):
-    """Return the lowest mean under other weights on participants, on terrains, and half each."""
+    """The lowest mean under other weights on participants, terrains, and half each."""
     people, terrains = table.mean(1), table.mean(0)
     if not are_drawn:
         return lowest(people, radius(len(people), 1))
@@ -88,7 +88,7 @@ def low_end(table, are_drawn):
 
 
 def largest_radius(people, terrains):
-    """Return the radius at which a terrain weighs as much as a participant does in the mean."""
+    """The radius at which a terrain weighs as much as a participant on average."""
     if people >= terrains:
         return math.inf
     others = (1 - people / terrains) / (1 - 1 / terrains)
@@ -97,7 +97,7 @@ def largest_radius(people, terrains):
 
 @cache
 def radius(count, stretch):
-    """Return the radius within which the lowest mean of normal scores is Student's end."""
+    """The radius within which the lowest mean of normal scores is Student's end."""
     shares = (np.arange(1, count + 1) - 3 / 8) / (count + 1 / 4)
     scores = np.array([NormalDist().inv_cdf(share) for share in shares])
     reach = stretch * scipy.stats.t.isf(TAIL, count - 1) / math.sqrt(count)

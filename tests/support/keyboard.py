@@ -1,4 +1,4 @@
-"""Somebody at the keys of a board on which time runs, over its socket as its page would be."""
+"""A person at the keys of a board on which time runs, over its socket."""
 
 import json
 import secrets
@@ -9,21 +9,21 @@ from tests.support.page_loads import LOAD
 
 
 def press(socket, episode, step, action, code, at_ms, seen=None):
-    """Send a press at a time of the page's clock and its move, as the page does: one behind the other.
+    """Send a press at a time of the page's clock and its move, as the page does.
 
     seen  the step that was on screen, if it was not the move's own
     """
     seen = step if seen is None else seen
     key = {"kind": "keydown", "code": code, "repeat": False, "trusted": True}
-    told = {**key, "client_ms": at_ms, "step": seen}
-    batch = {"batch": secrets.token_hex(8), "episode": episode, **LOAD, "events": [told]}
+    event = {**key, "client_ms": at_ms, "step": seen}
+    batch = {"batch": secrets.token_hex(8), "episode": episode, **LOAD, "events": [event]}
     socket.send({"kind": "events", **batch})
     times = {"input": "key", "key_down_ms": at_ms, "client_ms": at_ms}
     socket.send({"kind": "act", "episode": episode, "step": step, "action": action, **times})
 
 
 class Keyboard:
-    """Sends key events on a socket of `tests.support.servers`, and follows the frames and the state of the clock."""
+    """Sends key events on a socket, and follows the frames and the clock's state."""
 
     def __init__(self, socket, episode=None):
         self.socket = socket
@@ -33,13 +33,20 @@ class Keyboard:
 
     def send(self, *events, **changes):
         """Send (kind, code) events in one batch."""
-        told = [
-            {"kind": kind, "code": code, "repeat": code and False, "trusted": code and True,
-             "client_ms": self.socket.clock.page_ms(), "step": self.frame["step"], **changes}
+        sent_events = [
+            {
+                "kind": kind,
+                "code": code,
+                "repeat": code and False,
+                "trusted": code and True,
+                "client_ms": self.socket.clock.page_ms(),
+                "step": self.frame["step"],
+                **changes,
+            }
             for kind, code in events
-        ]  # fmt: skip
+        ]
         batch = {"batch": secrets.token_hex(8), "episode": self.frame["episode"]}
-        self.sent.append({"kind": "events", **batch, **LOAD, "events": told})
+        self.sent.append({"kind": "events", **batch, **LOAD, "events": sent_events})
         self.socket.send(self.sent[-1])
 
     def go_on(self):

@@ -1,6 +1,7 @@
-"""The app imported and every policy loaded once, for the process from which servers and workers of the tests are forked.
+"""The app and every policy loaded once, for the process that forks servers.
 
-What a server does at its start it still does; what it would read from the disk, compile or import is in its memory already.
+What a server does at its start it still does; what it would read from the disk, compile or import
+is in its memory already.
 """
 
 import gc

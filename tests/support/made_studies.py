@@ -1,4 +1,4 @@
-"""Studies made from numbers: participants and trials with the scores that a test wants."""
+"""Studies made from numbers: participants and trials with a test's own scores."""
 
 import numpy as np
 
@@ -31,7 +31,7 @@ def protocol(**rest):
 
 
 def person(number, kind="human", script=None, stage="complete", completed=True, events=()):
-    """Return the participant of a number, who joined so many seconds after the protocol was frozen."""
+    """The participant of a number, who joined so many seconds after registration."""
     joined = FROZEN_MS + 1000 * number
     done = joined + 500 if completed else None
     return Person(
@@ -48,26 +48,48 @@ def person(number, kind="human", script=None, stage="complete", completed=True, 
 
 
 def trial(who, index, score=0.9, steps=20, **rest):
-    """Return a finished ranked episode of a person; `rest` replaces fields."""
-    given = {
-        "participant": who.id, "kind": who.kind, "phase": "ranked", "trial": index, "terrain_index": index,
-        "id": f"{who.id}-{index}", "session_id": who.id, "number": index,
-        "task": "mars", "core_version": CORE_VERSION, "config": CONFIG, "seed_chosen": False,
-        "terrain": b"", "start": (0, 0), "policy_seed": 0, "assisted": False, "driver": who.kind, "outcome": "explored",
-        "steps": steps, "score": score, "total": 0.0, "discovered": 63, "started_ms": FROZEN_MS,
-        "ended_ms": FROZEN_MS + 30_000, "active_ms": 30_000.0, "trajectory_hash": "0" * 64, "seed": 1000 + index,
-        "attestation": "attested" if who.kind == "human" else None, **rest,
-    }  # fmt: skip
-    return Trial(**given)
+    """A finished ranked episode of a person; `rest` replaces fields."""
+    fields = {
+        "participant": who.id,
+        "kind": who.kind,
+        "phase": "ranked",
+        "trial": index,
+        "terrain_index": index,
+        "id": f"{who.id}-{index}",
+        "session_id": who.id,
+        "number": index,
+        "task": "mars",
+        "core_version": CORE_VERSION,
+        "config": CONFIG,
+        "seed_chosen": False,
+        "terrain": b"",
+        "start": (0, 0),
+        "policy_seed": 0,
+        "assisted": False,
+        "driver": who.kind,
+        "outcome": "explored",
+        "steps": steps,
+        "score": score,
+        "total": 0.0,
+        "discovered": 63,
+        "started_ms": FROZEN_MS,
+        "ended_ms": FROZEN_MS + 30_000,
+        "active_ms": 30_000.0,
+        "trajectory_hash": "0" * 64,
+        "seed": 1000 + index,
+        "attestation": "attested" if who.kind == "human" else None,
+        **rest,
+    }
+    return Trial(**fields)
 
 
 def study(people=(), trials=(), closed=True, **rest):
-    """Return the StudyData of people and trials."""
-    made = protocol(**rest)
+    """The StudyData of people and trials."""
+    frozen = protocol(**rest)
     closed_ms = FROZEN_MS + 10_000_000 if closed else None
     return StudyData(
-        protocol=made,
-        protocol_hash=protocol_hash(made),
+        protocol=frozen,
+        protocol_hash=protocol_hash(frozen),
         commitment="c" * 64,
         frozen_ms=FROZEN_MS,
         closed_ms=closed_ms,
@@ -78,7 +100,7 @@ def study(people=(), trials=(), closed=True, **rest):
 
 
 def played(scores, kind="human", script=None, first=0, steps=None, **rest):
-    """Return people (or scripts) and their trials, one row of `scores` each; NaN where a terrain was not played."""
+    """People (or bots) and their trials, a row of `scores` each; NaN if not played."""
     people, trials = [], []
     for number, row in enumerate(np.asarray(scores, float), first):
         whole = not np.isnan(row).any()

@@ -1,8 +1,11 @@
-"""A database of as many episodes as wanted, in minutes: copies of really recorded ones under new ids, players and terrains.
+"""A database of many episodes, in minutes: copies of recorded ones.
 
-Of a hundred episodes some sixty are ranked ones of people, a tenth was left, twenty are a policy's, fifteen attempts at daily
-terrains and the others of two studies, of which one is closed. A copy has hashes of its terrain and its trajectory drawn anew,
-so that nothing which is kept by them serves two episodes; `verify` would therefore find every copy wrong.
+They have new ids, players and terrains.
+
+Of a hundred episodes some sixty are ranked ones of people, a tenth was left, twenty are a policy's,
+fifteen attempts at daily terrains and the others of two studies, of which one is closed. A copy has
+hashes of its terrain and its trajectory drawn anew, so that nothing which is kept by them serves
+two episodes; `verify` would therefore find every copy wrong.
 """
 
 from __future__ import annotations
@@ -39,33 +42,36 @@ def make_episodes(
     configs: tuple[EnvConfig, ...],
     players: int = 3000,
 ) -> None:
-    """Make a database with about so many finished episodes and players, and the folder of its studies."""
+    """Make a database with about so many finished episodes and players, and the folder of its
+    studies.
+    """
     for name in ("dunes", "ridge"):
         study = freeze(studies, name, close=name == "dunes")
         play_study(path, study, ("human",) * 6)
     store = Store(path)
     try:
         with store.transaction():
-            own = {name: [] for name in ("ranked", "left", "policy", "daily")}
+            originals = {name: [] for name in ("ranked", "left", "policy", "daily")}
             for seed, config in enumerate(configs * 12):
-                own["ranked"].append(play(store, seed, "a", True, config))
-                own["left"].append(play(store, 10_000 + seed, "b", config=config))
+                originals["ranked"].append(play(store, seed, "a", True, config))
+                originals["left"].append(play(store, 10_000 + seed, "b", config=config))
                 policy = {"driver": "policy:frontier-cost"}
-                own["policy"].append(play(store, 20_000 + seed, "c", True, config, **policy))
+                originals["policy"].append(play(store, 20_000 + seed, "c", True, config, **policy))
             day = utc_day(now_ms())
             for _ in range(DAYS):
-                own["daily"].append(play_daily(store, "d", day, explore=True))
+                originals["daily"].append(play_daily(store, "d", day, explore=True))
                 day = day_before(day)
         conn = store.connection
         conn.execute("PRAGMA foreign_keys = OFF")
         conn.execute("PRAGMA cache_size = -400000")
         with transaction(conn):
             conn.execute(
-                "CREATE TEMP TABLE copies (old TEXT, new TEXT, player TEXT, person TEXT, shift INTEGER)"
+                "CREATE TEMP TABLE copies (old TEXT, new TEXT, player TEXT, person TEXT, shift "
+                "INTEGER)"
             )
             _plan(
                 conn,
-                {name: [each.session_id for each in rows] for name, rows in own.items()},
+                {name: [row.session_id for row in rows] for name, rows in originals.items()},
                 episodes,
                 players,
             )
@@ -80,9 +86,10 @@ def make_episodes(
 
 
 def public_reads(path: Path) -> list[str]:
-    """Return the addresses that anybody may read in such a database, exports and what jobs work out left out."""
+    """The public addresses of such a database, without exports and slow jobs."""
     with closing(sqlite3.connect(path)) as conn:
-        # one of the longest of people: of another length other databases would hold another amount to read
+        # one of the longest of people: of another length other databases would hold another amount
+        # to read
         alike = """FROM episodes WHERE driver = 'human' AND steps = (SELECT max(steps) FROM episodes
             WHERE driver = 'human' AND id NOT IN (SELECT episode_id FROM series_episodes))"""
         sql = f"SELECT id {alike} ORDER BY ended_ms DESC, id LIMIT 1 OFFSET (SELECT count(*) / 3 {alike})"
@@ -91,18 +98,41 @@ def public_reads(path: Path) -> list[str]:
         board = entry_of(parse_config("mars", config)).id
     of, yesterday = "/api/episodes", day_before(utc_day(now_ms()))
     return [
-        "/api/health", "/readyz", "/api/levels", "/api/policies", of, f"{of}?who=human", f"{of}?limit=200",
-        f"{of}?after={middle}", f"{of}?after={middle}&who=human", f"{of}/{middle}", f"{of}/{middle}/replay",
-        f"/replay/{middle}", f"/watch/{middle}", f"/api/watch/{middle}", "/api/human-level", "/api/leaderboard",
-        f"/api/leaderboard/{board}", "/api/leaderboard/study-dunes", "/api/me/history", "/api/me/session", "/api/daily",
-        f"/api/daily/{yesterday}", f"/api/daily/{yesterday}/results", "/api/studies", "/api/studies/dunes",
+        "/api/health",
+        "/readyz",
+        "/api/levels",
+        "/api/policies",
+        of,
+        f"{of}?who=human",
+        f"{of}?limit=200",
+        f"{of}?after={middle}",
+        f"{of}?after={middle}&who=human",
+        f"{of}/{middle}",
+        f"{of}/{middle}/replay",
+        f"/replay/{middle}",
+        f"/watch/{middle}",
+        f"/api/watch/{middle}",
+        "/api/human-level",
+        "/api/leaderboard",
+        f"/api/leaderboard/{board}",
+        "/api/leaderboard/study-dunes",
+        "/api/me/history",
+        "/api/me/session",
+        "/api/daily",
+        f"/api/daily/{yesterday}",
+        f"/api/daily/{yesterday}/results",
+        "/api/studies",
+        "/api/studies/dunes",
         "/api/people",
-        "/", "/me", "/leaderboard", "/daily",
-    ]  # fmt: skip
+        "/",
+        "/me",
+        "/leaderboard",
+        "/daily",
+    ]
 
 
 def _plan(conn, sessions: dict[str, list[str]], episodes: int, players: int) -> None:
-    """Say which session is copied how often, for whom, and how much later (ms) than it was recorded."""
+    """Plan which session is copied how often, for whom, and how much later (ms)."""
     add = f"""INSERT INTO copies WITH RECURSIVE n(i) AS (SELECT 0 UNION ALL SELECT i + 1 FROM n WHERE i < ?1 - 1)
         SELECT value, {_DRAWN}, 'player-' || ((?4 + i) % {players}), NULL, ?3 * -(abs(random()) % {DAYS * 86_400_000})
         FROM n JOIN json_each(?2) ON key = i % json_array_length(?2)"""
@@ -112,8 +142,8 @@ def _plan(conn, sessions: dict[str, list[str]], episodes: int, players: int) -> 
         if kind != "daily":
             conn.execute(add, (copies, json.dumps(ids), 1, 0))
             continue
-        for number, each in enumerate(ids):  # a player plays a day's terrain once
-            conn.execute(add, (min(copies // DAYS, players), json.dumps([each]), 0, 37 * number))
+        for number, session in enumerate(ids):  # a player plays a day's terrain once
+            conn.execute(add, (min(copies // DAYS, players), json.dumps([session]), 0, 37 * number))
     for study in ("dunes", "ridge"):
         sql = "SELECT session_id FROM participants WHERE study = ? AND kind = 'human'"
         ids = [row[0] for row in conn.execute(sql, [study])]
@@ -140,9 +170,18 @@ def _copy(conn) -> None:
         "id",
         {"id": "c.new", "player_id": "c.player", "owner_id": "c.player"},
     )
-    _rows(conn, "participants", "copies", "session_id", {
-        "id": "c.person", "player_id": "c.player", "session_id": "c.new", "completion_code": "c.person",
-    })  # fmt: skip
+    _rows(
+        conn,
+        "participants",
+        "copies",
+        "session_id",
+        {
+            "id": "c.person",
+            "player_id": "c.player",
+            "session_id": "c.new",
+            "completion_code": "c.person",
+        },
+    )
     of_person = "copies c JOIN participants p ON p.session_id = c.old JOIN stage_events t ON t.participant_id = p.id"
     _insert(conn, "stage_events", of_person, person)
     drawn = {

@@ -1,4 +1,7 @@
-"""Occupancy maps as map_server keeps them, written by hand: a PGM and a YAML beside it, one pixel for each cell."""
+"""Occupancy maps of map_server, written by hand: a PGM and a YAML beside it.
+
+One pixel for each cell.
+"""
 
 import numpy as np
 
@@ -15,7 +18,9 @@ WAREHOUSE = np.array([[mark == "#" for mark in row] for row in (
 )])  # fmt: skip
 """bool[9, 14], True where blocked: the insides of its blocks can be seen from nowhere."""
 INSIDES = 2 * 2 + 2 * 4 + 2 * 2
-"""Cells of it that can be seen from nowhere: no free cell shares an edge or a corner with them. One block meets the edge."""
+"""Cells of it that can be seen from nowhere: no free cell shares an edge or a corner with them.
+One block meets the edge.
+"""
 
 
 def write_map(folder, name="warehouse", cells=WAREHOUSE, metres=1.0):

@@ -1,4 +1,4 @@
-"""nginx with TLS for the tests: with a certificate of its own, on this machine alone."""
+"""nginx with TLS for the tests, with its own certificate, on this machine alone."""
 
 import re
 import shutil
@@ -52,8 +52,8 @@ SPLIT = "\n# -- stream --\n"
 def trusting():
     """What takes the certificate of these tests for good.
 
-    TLS 1.2, because the client reads and writes in two threads: a session ticket of TLS 1.3 that is read while the request is
-    written can keep OpenSSL from ever sending the request.
+    TLS 1.2, because the client reads and writes in two threads: a session ticket of TLS 1.3 that is
+    read while the request is written can keep OpenSSL from ever sending the request.
     """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
@@ -62,7 +62,9 @@ def trusting():
 
 
 def shipped(front, plain, port, *changes):
-    """Return the shipped files as one: only ports, paths and the name of the host are changed, and what a test changes.
+    """The shipped files as one, with other ports, paths and host name.
+
+    And with a test's own changes.
 
     front, plain  ports of nginx for https and http; `port` is the server's
     """
@@ -87,7 +89,7 @@ def shipped(front, plain, port, *changes):
 
 @contextmanager
 def running_nginx(folder, text):
-    """Run nginx in a new folder with a configuration, in which {folder} is where its files are."""
+    """Run nginx in a new folder with a configuration; {folder} is that of its files."""
     folder.mkdir()
     subject = ["-subj", "/CN=localhost", "-days", "2", "-nodes", "-newkey", "rsa:2048", "-x509"]
     files = ["-keyout", folder / "key.pem", "-out", folder / "certificate.pem"]

@@ -1,4 +1,7 @@
-"""Other people at a server while one client misbehaves: how long their moves take, beside a quiet time of the same run."""
+"""Other people at a server while one client misbehaves: their moves' times.
+
+Beside a quiet time of the same run.
+"""
 
 import asyncio
 import json
@@ -56,7 +59,7 @@ def measure(server, seconds):
 
 @contextmanager
 def misbehaving(code, *arguments):
-    """Run Python code with arguments in a process of its own, as whoever misbehaves, and end it."""
+    """Run Python code in a process that misbehaves, and end it."""
     with subprocess.Popen(
         [sys.executable, "-c", code, *map(str, arguments)], stderr=subprocess.DEVNULL
     ) as process:

@@ -1,4 +1,4 @@
-"""The ids that every batch of input events carries, of one load of the page in one tab."""
+"""The ids of every batch of input events, of one page load in one tab."""
 
 from humanplay.db.input_events import PageLoad
 

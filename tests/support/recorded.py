@@ -1,4 +1,4 @@
-"""Real episodes put into a store as the server does it, for the tests of what reads them."""
+"""Real episodes stored as the server does it, for the tests of their readers."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def ask(path, sql, *values):
 
 
 def alter(path, *statements):
-    """Execute statements on a database, as whoever can write the file; return how many rows the last one changed."""
+    """Execute statements on a database file; return how many rows the last changed."""
     with closing(sqlite3.connect(path, isolation_level=None)) as conn:
-        return [conn.execute(each).rowcount for each in statements][-1]
+        return [conn.execute(statement).rowcount for statement in statements][-1]
 
 
 def add_session(
@@ -45,9 +45,13 @@ def add_session(
 
 
 def resumable(store: Store, now_ms: int) -> list[Resumable]:
-    """Return every session that a server would resume, in the order in which they were stored."""
+    """Every session that a server would resume, in the order of storing."""
     ids = [row["id"] for row in store.query("SELECT id FROM sessions ORDER BY rowid")]
-    return [found for each in ids if (found := store.resume_session(each, now_ms)) is not None]
+    return [
+        session
+        for stored_id in ids
+        if (session := store.resume_session(stored_id, now_ms)) is not None
+    ]
 
 
 def open_episode(
@@ -59,9 +63,12 @@ def open_episode(
     after=lambda row: None,
     **rest,
 ):
-    """Return the row of a new open episode and the episode itself; `after` is called with the row in the same transaction."""
+    """The row of a new open episode and the episode itself.
+
+    after  called with the row in the same transaction
+    """
     episode = Episode.begin(config, seed=seed)
-    given = {
+    fields = {
         "seed_chosen": False,
         "driver": "human",
         "assisted": False,
@@ -69,10 +76,18 @@ def open_episode(
         **rest,
     }
     row = Trial(
-        id=f"recorded-episode-{next(_numbers)}", session_id=session, number=number, task="mars", core_version=CORE_VERSION,
-        config=config, seed=seed,
-        terrain=episode.record().terrain, start=episode.start, policy_seed=3, **given,
-    )  # fmt: skip
+        id=f"recorded-episode-{next(_numbers)}",
+        session_id=session,
+        number=number,
+        task="mars",
+        core_version=CORE_VERSION,
+        config=config,
+        seed=seed,
+        terrain=episode.record().terrain,
+        start=episode.start,
+        policy_seed=3,
+        **fields,
+    )
     with store.transaction():
         store.next_episode((), [row])
         after(row)
@@ -87,7 +102,10 @@ def add_steps(
     driver: str = "human",
     level: str | None = None,
 ) -> None:
-    """Make the moves, a person's with their presses, and store them up to the ending; the ending closes the episode."""
+    """Make the moves, a person's with presses, and store them up to the ending.
+
+    The ending closes the episode.
+    """
     for action in actions:
         if episode.ended:
             return
@@ -98,9 +116,18 @@ def add_steps(
             add_input_events(store, row.id, [press], at, f"step-{frame}", STORED_LOAD)
             input_kind = "key"
         step = StepRow(
-            episode_id=row.id, step=frame, action=action, reward=reward, discovered=episode.discovered, server_ms=at,
-            client_ms=down_ms + 0.5, key_down_ms=down_ms, key_up_ms=down_ms + 80.5, input=input_kind, driver=driver,
-        )  # fmt: skip
+            episode_id=row.id,
+            step=frame,
+            action=action,
+            reward=reward,
+            discovered=episode.discovered,
+            server_ms=at,
+            client_ms=down_ms + 0.5,
+            key_down_ms=down_ms,
+            key_up_ms=down_ms + 80.5,
+            input=input_kind,
+            driver=driver,
+        )
         store.add_step(step)
         if episode.ended:
             store.next_episode(
@@ -114,7 +141,7 @@ def level_of(driver: str) -> str | None:
 
 
 def tour(episode: Episode) -> list[int]:
-    """Return actions that explore an episode's terrain: nearest frontier by what is true."""
+    """Actions that explore an episode's terrain: nearest frontier on the true map."""
     from marsexplorer.policies import load
 
     policy, twin = (
@@ -135,7 +162,7 @@ def play(
     config: EnvConfig = SMALL,
     **rest,
 ) -> Trial:
-    """Return the row of a finished episode in a session of its own: a tour, or two moves and abandoned."""
+    """The row of a finished episode in its own session: a tour, or given up."""
     session = add_session(store, player)
     row, episode = open_episode(store, session, seed, config, **rest)
     driver = rest.get("driver", "human")

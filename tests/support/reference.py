@@ -1,4 +1,4 @@
-"""Slow and literal: the lidar, the rules and the terrain generator from their definitions, sharing no code with the package."""
+"""Lidar, rules and terrains, slow and literal, sharing no code with the package."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ GOLDEN = 0x9E3779B97F4A7C15
 
 @cache
 def crosses_interior(target, square):
-    """Whether the open segment from the centre of cell (0, 0) to that of `target` meets the open unit square of `square`.
+    """Whether the line from cell (0, 0) to `target` meets the inside of `square`.
 
-    The segment is t * target for 0 < t < 1; the square is |row - r| < 1/2, |col - c| < 1/2. Each axis limits t to an open
-    interval; the segment meets the square when the intervals and (0, 1) have a common point.
+    The segment is t * target for 0 < t < 1; the square is |row - r| < 1/2, |col - c| < 1/2. Each
+    axis limits t to an open interval; the segment meets the square when the intervals and (0, 1)
+    have a common point.
     """
     low, high = Fraction(0), Fraction(1)
     for direction, centre in zip(target, square, strict=True):
@@ -32,7 +33,7 @@ def crosses_interior(target, square):
 
 @cache
 def lines_of_sight(radius):
-    """For each offset within the radius, the offsets whose interior the line of sight to it crosses."""
+    """The offsets whose interior the line of sight to each offset crosses."""
     offsets = [(r, c) for r in range(-radius, radius + 1) for c in range(-radius, radius + 1)]
     return {
         q: [b for b in offsets if b not in ((0, 0), q) and crosses_interior(q, b)]
@@ -53,7 +54,10 @@ def visible(terrain, row, col, radius):
 
 
 def visible_from_everywhere(terrain, radius):
-    """bool[rows, cols, rows, cols]: `visible` for every cell at once, one shifted map per cell that a line crosses."""
+    """`visible` for every cell at once: bool[rows, cols, rows, cols].
+
+    One shifted map for each cell that a line crosses.
+    """
     rows, cols = terrain.shape
     padded = np.pad(terrain, radius)
 
@@ -72,7 +76,7 @@ def visible_from_everywhere(terrain, radius):
 
 
 class World:
-    """The rules of section 2, with a set of discovered cells and a plain if for each sentence."""
+    """The rules of section 2, with a set of discovered cells and plain conditions."""
 
     def __init__(self, terrain, radius=6, beta=0.99, max_steps=None, pays=True, start=(0, 0)):
         self.terrain, self.radius, self.beta = terrain, radius, beta
@@ -121,7 +125,10 @@ def mix(z):
 
 
 def numbers(seed, draw):
-    """An iterator over the generator's numbers: a function of m gives the next whole number below m."""
+    """An iterator over the generator's numbers, below a changing bound.
+
+    A function of m gives the next whole number below m.
+    """
     key, k = mix((mix((seed + GOLDEN) & MASK) + draw) & MASK), 0
 
     def below(m):
@@ -200,7 +207,7 @@ def draw_building(rows, cols, seed, draw):
 
 
 def draw_cave(rows, cols, seed, draw):
-    """A cellular automaton with rock all round, and what is connected to a mouth dug from the corner."""
+    """A cellular automaton with rock all round, connected to a mouth in the corner."""
     below = numbers(seed, draw)
     rock = np.array([[below(100) < 43 for _ in range(cols)] for _ in range(rows)])
     for _ in range(4):
@@ -230,7 +237,7 @@ def reached_from(terrain, start):
 
 
 def is_solvable(terrain, radius, beta):
-    """Start free, all free cells reached by flood, and enough cells seen from one free cell or another."""
+    """Start free, all free cells reached by flood, and enough cells seen."""
     if terrain[0, 0]:
         return False
     reached = reached_from(terrain, (0, 0))

@@ -1,7 +1,7 @@
-"""The frontier rules from their definitions: slow, in plain Python, sharing no code with the package.
+"""The frontier rules by definition, slow, sharing no code with the package.
 
-A map is a list of lists of codes 0 unknown, 1 free, 2 rover, 3 obstacle. Sight is decided by clipping the segment between two
-centres against each obstacle's open square, in fractions.
+A map is a list of lists of codes 0 unknown, 1 free, 2 rover, 3 obstacle. Sight is decided by
+clipping the segment between two centres against each obstacle's open square, in fractions.
 """
 
 import math
@@ -15,13 +15,13 @@ DISPLACEMENTS = [(-1, 0), (0, 1), (1, 0), (0, -1)]
 
 
 def expected_discoveries(grid, row, col, radius):
-    """How many unknown cells are in sight of (row, col), unknown ones being transparent."""
+    """How many unknown cells are in sight of (row, col), unknown ones transparent."""
     return len(expected_cells(grid, row, col, radius))
 
 
 def expected_cells(grid, row, col, radius):
     """Those cells, [(row, col)]."""
-    found = []
+    cells = []
     for r, line in enumerate(grid):
         for c, code in enumerate(line):
             d_row, d_col = r - row, c - col
@@ -34,21 +34,21 @@ def expected_cells(grid, row, col, radius):
                 for b_col in range(min(c, col), max(c, col) + 1)
                 if (b_row, b_col) != (r, c)
             ):
-                found.append((r, c))
-    return found
+                cells.append((r, c))
+    return cells
 
 
 def distances(grid, start):
-    """Moves to every cell that can be reached over known free cells: {(row, col): moves}."""
-    found, edge = {start: 0}, [start]
+    """Moves to every cell in reach over known free cells: {(row, col): moves}."""
+    moves, edge = {start: 0}, [start]
     while edge:
         edge = [
-            found.setdefault(near, found[cell] + 1) and near
+            moves.setdefault(near, moves[cell] + 1) and near
             for cell in edge
             for near in neighbours(grid, cell)
-            if near not in found
+            if near not in moves
         ]
-    return found
+    return moves
 
 
 def neighbours(grid, cell):
@@ -86,7 +86,10 @@ def decide(grid, visited, rover, heading, radius, rule):
 
 
 def first_action(grid, rover, heading, reach, goals):
-    """The action that begins a shortest path to one of the goals: straight on, else north, east, south, west; else None."""
+    """The action that begins a shortest path to one of the goals, or None.
+
+    Straight on, else north, east, south, west.
+    """
     for action in [heading, 0, 1, 2, 3]:
         near = (rover[0] + DISPLACEMENTS[action][0], rover[1] + DISPLACEMENTS[action][1])
         ways = ((distances(grid, goal).get(near), reach[goal] - 1) for goal in goals)
@@ -96,7 +99,10 @@ def first_action(grid, rover, heading, reach, goals):
 
 
 def decide_priced(grid, visited, rover, heading, radius, rule):
-    """The action of the priced rule, or None; `rule` has the parameters for a radius of 6, by name."""
+    """The action of the priced rule, or None.
+
+    rule  its parameters for a radius of 6, by name
+    """
     reach = distances(grid, rover)
     priced = cache(lambda u: price(grid, u, radius, rule))
     values = {}
@@ -114,8 +120,9 @@ def price(grid, cell, radius, rule):
     """What an unknown cell counts, in 1024ths."""
     rows, cols = len(grid), len(grid[0])
 
-    def is_unknown(each):
-        return 0 <= each[0] < rows and 0 <= each[1] < cols and grid[each[0]][each[1]] == 0
+    def is_unknown(place):
+        row, col = place
+        return 0 <= row < rows and 0 <= col < cols and grid[row][col] == 0
 
     total = 1024
     for half, weight, power in zip((2, 6, 12), rule["weights"], rule["powers"], strict=True):
@@ -125,7 +132,7 @@ def price(grid, cell, radius, rule):
     region, edge = {cell}, [cell]
     while edge:
         near = around(edge.pop(), 1)
-        new = [each for each in near if is_unknown(each) and each not in region]
+        new = [place for place in near if is_unknown(place) and place not in region]
         region.update(new)
         edge += new
     shrunk = math.exp(-len(region) / (rule["pocket_cells"] * (radius / 6) ** 2))
@@ -133,7 +140,7 @@ def price(grid, cell, radius, rule):
 
 
 def around(cell, side):
-    """The cells of the square of half side `side` round a cell, also those off the grid."""
+    """The cells of the square of half side `side` round a cell, also off the grid."""
     row, col = cell
     return [*product(range(row - side, row + side + 1), range(col - side, col + side + 1))]
 

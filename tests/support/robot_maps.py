@@ -1,4 +1,7 @@
-"""Small maps of the kinds that robots leave: float pixels [height, width], 0 occupied, 1 free, 0.804 unknown."""
+"""Small maps like those of robots: float pixels [height, width].
+
+0 occupied, 1 free, 0.804 unknown
+"""
 
 from pathlib import Path
 
@@ -13,7 +16,7 @@ Pixels = NDArray[np.float64]
 def save(
     folder: Path, pixels: Pixels, origin: tuple[float, float] = (0, 0), resolution: float = 0.05
 ) -> Path:
-    """Write a map whose south-west corner lies at `origin` metres; returns the YAML file."""
+    """Write a map with its south-west corner at `origin` metres; return the YAML."""
     height, width = pixels.shape
     grey = np.round(255 * pixels).astype(np.uint8)
     (folder / "map.pgm").write_bytes(b"P5\n%d %d\n255\n" % (width, height) + grey.tobytes())
@@ -26,7 +29,7 @@ def save(
 
 
 def pillars() -> tuple[Pixels, tuple[float, float]]:
-    """Nine pillars in a round room amid the unknown, as TurtleBot3's world: at 0.5 m it falls into pockets."""
+    """Nine pillars in a round room, as TurtleBot3's world: pockets at 0.5 m."""
     pixels = np.full((384, 384), UNKNOWN)
     rows, cols = np.indices(pixels.shape)
     distance = np.hypot(rows - 192, cols - 192)
@@ -40,7 +43,7 @@ def pillars() -> tuple[Pixels, tuple[float, float]]:
 
 
 def depot() -> tuple[Pixels, tuple[float, float]]:
-    """A hall with shelves, and free cells outside its walls where the origin is, as Nav2's depot."""
+    """A hall with shelves, free cells outside where the origin is, as Nav2's depot."""
     pixels = np.ones((240, 400))
     pixels[3:-5, 5:8] = pixels[3:-5, -6:-3] = 0
     pixels[3:6, 5:-3] = pixels[-8:-5, 5:-3] = 0
@@ -50,7 +53,7 @@ def depot() -> tuple[Pixels, tuple[float, float]]:
 
 
 def offices() -> tuple[Pixels, tuple[float, float]]:
-    """Rooms with doors of 0.8 m, and specks of free pixels outside, as the maps of stdr."""
+    """Rooms with doors of 0.8 m, and free specks outside, as the maps of stdr."""
     pixels = np.full((300, 400), UNKNOWN)
     pixels[20:280, 20:380] = 0
     for row in range(24, 276, 84):
@@ -65,7 +68,10 @@ def offices() -> tuple[Pixels, tuple[float, float]]:
 
 
 def race_track() -> tuple[Pixels, tuple[float, float]]:
-    """A closed track 2 m wide between walls; inside and outside are free and larger, as the tracks of F1TENTH."""
+    """A closed track 2 m wide between walls, as the tracks of F1TENTH.
+
+    Inside and outside are free and larger.
+    """
     pixels = np.ones((360, 480))
     rows, cols = np.indices(pixels.shape)
     distance = np.hypot((rows - 180) / 0.75, cols - 240)

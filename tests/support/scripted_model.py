@@ -1,4 +1,4 @@
-"""A scripted stand-in of an OpenAI-compatible API: no model answers, but a rule that reads what agents are shown."""
+"""A stand-in of an OpenAI-compatible API: a rule reads what agents see."""
 
 import json
 import random
@@ -42,30 +42,30 @@ class ScriptedModel:
             assert content[1]["image_url"]["url"].startswith("data:image/png;base64,")
             content = content[0]["text"]
         if body.get("tools") and {"begin", "move"} <= {
-            each["function"]["name"] for each in body["tools"]
+            tool["function"]["name"] for tool in body["tools"]
         }:
             return self._tool_call(content)
         return {"role": "assistant", "content": f"I see.\n{self.action(content)}"}
 
     def _tool_call(self, content):
         index = int(re.search(r"instance (\d+)", content)[1])
-        name, given = "begin", {"index": index}
+        name, arguments = "begin", {"index": index}
         if not content.startswith("Play"):
-            name, given = "move", {"index": index, "action": self.action(content)}
-        call = {"name": name, "arguments": json.dumps(given)}
+            name, arguments = "move", {"index": index, "action": self.action(content)}
+        call = {"name": name, "arguments": json.dumps(arguments)}
         calls = [{"id": f"call{len(self.asked)}", "type": "function", "function": call}]
         return {"role": "assistant", "content": None, "tool_calls": calls}
 
 
 @contextmanager
 def scripted_model(actions=COMPASS):
-    """Yield a stand-in, and the address that OPENAI_BASE_URL is set to."""
+    """Yield a stand-in, and its address for OPENAI_BASE_URL."""
     model = ScriptedModel(actions)
 
     class Handler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
 
-        def log_message(self, *told):
+        def log_message(self, *arguments):
             pass
 
         def do_POST(self):
@@ -79,12 +79,12 @@ def scripted_model(actions=COMPASS):
             }
             choices = [{**end, "message": message}]
             answer = {**whole, "object": "chat.completion", "choices": choices, "usage": usage}
-            told, kind = json.dumps(answer), "application/json"
+            text, kind = json.dumps(answer), "application/json"
             self.send_response(200)
             self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(told)))
+            self.send_header("Content-Length", str(len(text)))
             self.end_headers()
-            self.wfile.write(told.encode())
+            self.wfile.write(text.encode())
 
     with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()

@@ -1,4 +1,4 @@
-"""Servers for the tests: the real thing on a real port, each with its own app and database."""
+"""Servers for the tests: real ones on real ports, each with app and database."""
 
 import asyncio
 import http.cookiejar
@@ -24,24 +24,30 @@ CLOSE_S = 1.0
 
 
 def eventually(claim, seconds=PATIENCE_S):
-    """Return the first true value of `claim()`; fail after `seconds`. The longer it lasts, the more rarely it is asked."""
+    """The first true value of `claim()`; fail after `seconds`.
+
+    The longer it lasts, the more rarely it is asked.
+    """
     began = time.monotonic()
     while (waited := time.monotonic() - began) < seconds:
-        value = claim()
-        if value:
-            return value
+        answer = claim()
+        if answer:
+            return answer
         time.sleep(min(max(0.01, waited / 20), 0.25))
     raise AssertionError(f"not within {seconds} s: {claim}")
 
 
 def forged(cookie):
-    """Return a signed cookie with another signature (not its last character: two of that one's bits say nothing)."""
+    """A signed cookie with another signature.
+
+    Not its last character: two of that one's bits carry nothing.
+    """
     body, sign = cookie[:-8], cookie[-8:]
     return body + ("A" if sign[0] != "A" else "B") + sign[1:]
 
 
 class MovableClock(Clock):
-    """A clock that a test moves on, so that people at machine speed are people at their own pace to the server."""
+    """A clock that a test moves on, so that fast people look slow to the server."""
 
     def __init__(self):
         super().__init__()
@@ -52,7 +58,7 @@ class MovableClock(Clock):
         return time.time_ns() // 1_000_000 + self.skipped_ms - self.set_back_ms
 
     def page_ms(self):
-        """What performance.now() would return in a page that was loaded when this machine was started."""
+        """performance.now() of a page that was loaded when this machine was started."""
         return round(time.monotonic() * 1000 + self.skipped_ms, 1)
 
     def wait(self, ms):
@@ -60,14 +66,20 @@ class MovableClock(Clock):
 
 
 class HastyClock(Clock):
-    """The clock of people at a server in a process of its own, whose clock cannot be moved on: they wait for nothing."""
+    """The clock of people at a server in another process: they wait for nothing.
+
+    Its clock cannot be moved on.
+    """
 
     def wait(self, ms):
         pass
 
 
 class Engine(uvicorn.Server):
-    """uvicorn's server that ends as soon as it is told to: uvicorn looks ten times a second, and pauses as long at the end."""
+    """uvicorn's server that ends at once.
+
+    uvicorn looks ten times a second, and pauses as long at the end.
+    """
 
     async def startup(self, sockets=None):
         self._loop, self._ending = asyncio.get_running_loop(), asyncio.Event()
@@ -86,15 +98,15 @@ class Engine(uvicorn.Server):
                 await asyncio.wait_for(self._ending.wait(), 0.1)
 
     async def shutdown(self, sockets=None):
-        """Shut down as uvicorn does; where no connection is open, nothing waits for connections to close."""
+        """Shut down as uvicorn does, without waiting if no connection is open."""
         deadline = time.monotonic() + 0.02
         while self._is_busy() and time.monotonic() < deadline:
             await asyncio.sleep(0.001)  # clients that have closed are noticed meanwhile
         if self._is_busy():
             await super().shutdown(sockets)
             return
-        for each in (*self.servers, *(sockets or ())):
-            each.close()
+        for closable in (*self.servers, *(sockets or ())):
+            closable.close()
         await self.lifespan.shutdown()
 
     def _is_busy(self):
@@ -128,15 +140,18 @@ class Running:
     ):
         """Yield a Socket with the client's cookie and the page's Origin, as a browser would.
 
-        max_queue  messages that wait for the test before nothing more is read; None reads them all, so that it closes at once
+        max_queue  messages that wait for the test before nothing more is read; None reads them all,
+                   so that it closes at once
         """
         if client is not None and client.cookies:
             headers["Cookie"] = "; ".join(f"{c.name}={c.value}" for c in client.cookies.jar)
-        own = self.url if origin is True else origin or None
+        page_origin = self.url if origin is True else origin or None
         url = f"ws://127.0.0.1:{self.port}{path}{session_id}"
         plain = {"proxy": None, "compression": None, "max_size": None, "max_queue": max_queue}
         times = {"open_timeout": PATIENCE_S, "close_timeout": CLOSE_S}
-        with connect(url, origin=own, additional_headers=headers, **plain, **times) as connection:
+        with connect(
+            url, origin=page_origin, additional_headers=headers, **plain, **times
+        ) as connection:
             yield Socket(connection, self.clock or HastyClock(), PACE)
 
     def explore(self, client, session_id, instead=lambda socket, frame, action: False):
@@ -175,7 +190,7 @@ class Running:
         return asyncio.run_coroutine_threadsafe(coroutine, loop).result(PATIENCE_S)
 
     def execute(self, sql):
-        """Let the server's own connection, the one that writes, execute a statement beside what is played."""
+        """Execute a statement on the server's own writing connection."""
         store = self.services.store
         self.on_loop(store.write(lambda: store.connection.execute(sql).fetchall()))
 
@@ -185,7 +200,7 @@ class Running:
 
 
 def hasty_limits():
-    """Return limits under which people at machine speed are not slowed down to a hand's."""
+    """Limits under which people at machine speed are not slowed down."""
     from humanplay.web.settings import Limits
 
     fast = "100000+100000/s"
@@ -200,7 +215,9 @@ def limits():
 
 @pytest.fixture(scope="session")
 def shipped_policies():
-    """What a server without further policies offers: loading each policy once is most of what its start takes.
+    """The policies of a server without further ones, loaded once.
+
+    Loading each is most of a server's start.
 
     None in a tree without MarsExplorer.
     """
@@ -213,7 +230,7 @@ def shipped_policies():
 
 @contextmanager
 def running_server(policies, /, sources=None, **settings):
-    """Yield a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
+    """Yield a server in a thread of this process, with settings and policies."""
     from humanplay.board.sources import Sources
     from humanplay.web.listening import bound_connections, listen, uvicorn_config
     from humanplay.web.server import Prepared, create_app
@@ -253,9 +270,10 @@ def running_server(policies, /, sources=None, **settings):
 
 @pytest.fixture
 def serve(tmp_path, limits, shipped_policies):
-    """`serve(...)` starts a server as `running_server` does, with the test's own folder and limits where none are given.
+    """`serve(...)` starts a server as `running_server` does, in the test's folder.
 
-    `offered` are sources of policies that it loads itself, besides those of `policies`. Every answer must be as described.
+    `offered` are sources of policies that it loads itself, besides those of `policies`. Every
+    answer must be as described.
     """
     from tests.support.answers import check_answer
 
@@ -280,7 +298,8 @@ def server(serve):
 
 @pytest.fixture
 def spawn(tmp_path, tmp_path_factory, limits):
-    """`spawn()` starts a server in a process of its own that can be killed; the same database every time.
+    """`spawn()` starts a server in a process of its own that can be killed; the same database every
+    time.
 
     `listening` is a socket that it inherits as systemd would pass it on.
     """
@@ -293,15 +312,15 @@ def spawn(tmp_path, tmp_path_factory, limits):
         settings = {**paths, "port": 0, "limits": limits, **settings}
         process = ServerProcess(settings, logs / f"{len(processes)}.log", listening)
         processes.append(process)
-        said = []
+        lines = []
         for line in process.lines():
-            said.append(line)
+            lines.append(line)
             if "is open at" in line:
                 break
-        assert said, "the server said nothing"
-        assert "is open at" in said[-1], "".join(said)
-        server = Running(int(said[-1].split("http://127.0.0.1:")[1].split()[0]))
-        server.process, server.said = process, said
+        assert lines, "the server printed nothing"
+        assert "is open at" in lines[-1], "".join(lines)
+        server = Running(int(lines[-1].split("http://127.0.0.1:")[1].split()[0]))
+        server.process, server.printed = process, lines
         servers.append(server)
 
         def kill():

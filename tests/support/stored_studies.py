@@ -1,4 +1,4 @@
-"""Small studies in real databases: what a server would have kept, written with the store and plain inserts."""
+"""Small studies in real databases, written with the store and plain inserts."""
 
 from __future__ import annotations
 
@@ -42,12 +42,14 @@ def freezing_at(at_ms):
 
 
 def freeze(root, name="dunes", close=True, config=CONFIG, draw=secrets.token_bytes, **rest):
-    """A study of 2 + 3 episodes, frozen before people come; closed unless `close` is False.
+    """A study of 2 + 3 episodes,  registered before people come.
+
+    It is closed unless `close` is False.
 
     `draw` gives its secret.
     """
     folder = Folder(root)
-    known = {
+    fields = {
         "warm_up": 2,
         "ranked": 3,
         "players": 3,
@@ -57,7 +59,7 @@ def freeze(root, name="dunes", close=True, config=CONFIG, draw=secrets.token_byt
         "outside_ids": ("PROLIFIC_PID", "STUDY_ID", "SESSION_ID"),
         **rest,
     }
-    folder.create(default_protocol(name, config, **known))
+    folder.create(default_protocol(name, config, **fields))
     with freezing_at(BEGAN):
         study = folder.freeze(name, draw=draw)
     return folder.close(name) if close else study
@@ -88,7 +90,7 @@ class StudyRecorder:
         return self.random.randbytes(16).hex()
 
     def join(self, number, kind="human", stage="complete", consent=True, outside=IDENTITIES):
-        """Return a participant's id, with an identity, stage events and a session."""
+        """Add a participant with identity, stage events and session; return the id."""
         participant, player, session = (
             self.token(),
             f"player-{self.token()}",
@@ -99,15 +101,23 @@ class StudyRecorder:
         self.store.add_session(SessionRow(session, player, "human", None, "follow", 2.0, now))
         done = stage in ("debrief", "complete")
         row = Participant(
-            id=participant, study=self.study.name, player_id=player, session_id=session, kind=kind,
-            script="noisy-frontier" if kind == "script" else None, stage=stage,
-            consent_version="1" if consent else None, consent_ms=now + 1 if consent else None,
-            joined_ms=now, completed_ms=now + 9 if done else None,
-            completion_code=f"CODE-{number}-{self.token()[:6]}", settings=json.dumps({"modality": "keyboard"}),
-        )  # fmt: skip
+            id=participant,
+            study=self.study.name,
+            player_id=player,
+            session_id=session,
+            kind=kind,
+            script="noisy-frontier" if kind == "script" else None,
+            stage=stage,
+            consent_version="1" if consent else None,
+            consent_ms=now + 1 if consent else None,
+            joined_ms=now,
+            completed_ms=now + 9 if done else None,
+            completion_code=f"CODE-{number}-{self.token()[:6]}",
+            settings=json.dumps({"modality": "keyboard"}),
+        )
         self.insert("participants", *vars(row).values())
-        for name, value in outside.items():
-            self.insert("identities", participant, name, value.format(number))
+        for name, template in outside.items():
+            self.insert("identities", participant, name, template.format(number))
         for event, kind_of in enumerate(("joined", "stage", "answers")):
             self.insert(
                 "stage_events",
@@ -121,7 +131,7 @@ class StudyRecorder:
         return participant
 
     def _order(self, participant):
-        """Return the order in which a participant meets the ranked terrains, as a server would give it."""
+        """The order of the ranked terrains for a participant, as a server gives it."""
         study, studies = self.study, StudyStore(self.store)
         person = studies.participant(participant)
         return study.balanced_order(person.kind, studies.order_number(person, self.clock))
@@ -143,7 +153,7 @@ class StudyRecorder:
             seed = study.seed("ranked", terrain)
         (session, kind) = self.conn.execute(
             "SELECT session_id, kind FROM participants WHERE id = ?", [participant]
-        ).fetchone()  # fmt: skip
+        ).fetchone()
         driver = "human" if kind == "human" else "script"
         (number,) = self.conn.execute(
             "SELECT count(*) FROM episodes WHERE session_id = ?", [session]
@@ -152,11 +162,21 @@ class StudyRecorder:
         episode = Episode.begin(config, seed=seed)
         ident = f"episode-{self.token()[:12]}"
         row = Trial(
-            id=ident, session_id=session, number=number, task="mars", core_version=CORE_VERSION,
-            config=config, seed=seed, seed_chosen=False,
-            terrain=episode.record().terrain, start=episode.start, policy_seed=3, driver=driver, assisted=False,
+            id=ident,
+            session_id=session,
+            number=number,
+            task="mars",
+            core_version=CORE_VERSION,
+            config=config,
+            seed=seed,
+            seed_chosen=False,
+            terrain=episode.record().terrain,
+            start=episode.start,
+            policy_seed=3,
+            driver=driver,
+            assisted=False,
             started_ms=self.tick(),
-        )  # fmt: skip
+        )
         self.store.next_episode((), [row])
         self.insert("series_episodes", ident, study.name, participant, None, phase, trial, terrain)
         self._events(ident, 0, 0)
@@ -168,11 +188,18 @@ class StudyRecorder:
             if frame != spoil:
                 self._events(ident, 2 * episode.steps, frame, KEYS[action])
             step = StepRow(
-                episode_id=ident, step=episode.steps - 1, action=action, reward=reward, discovered=episode.discovered,
+                episode_id=ident,
+                step=episode.steps - 1,
+                action=action,
+                reward=reward,
+                discovered=episode.discovered,
                 server_ms=self.tick(UNEVEN_MS[frame % len(UNEVEN_MS)]),
-                client_ms=pressed_ms + 1.5, key_down_ms=pressed_ms, key_up_ms=pressed_ms + 80.25,
-                input=input_kind, driver=driver,
-            )  # fmt: skip
+                client_ms=pressed_ms + 1.5,
+                key_down_ms=pressed_ms,
+                key_up_ms=pressed_ms + 80.25,
+                input=input_kind,
+                driver=driver,
+            )
             self.store.add_step(step)
         if episode.ended:
             missing = f"step {spoil}: no press of its own was received before the move"
@@ -226,7 +253,7 @@ class StudyRecorder:
 
 
 def write_chain_anew(conn):
-    """Do what a forger would do who can write the file: make a chain of the rows as they are now."""
+    """Forge a chain of the rows as they are now, as an owner of the file could."""
     for table in ("chain", "chain_salts"):
         conn.execute(f"DELETE FROM {table}")
     chain.append_all(conn, chain.things(conn))
@@ -252,7 +279,7 @@ def _tour(episode):
 
 
 def play_study(path, study, kinds=("human", "human", "script"), first=0):
-    """Return the participants' ids of a study played to its end by a few, with every sort of ending, in a closed file."""
+    """Play a study with every sort of ending, close its file; return the ids."""
     recorder = StudyRecorder(path, study)
     people = []
     for number, kind in enumerate(kinds, first):

@@ -1,4 +1,4 @@
-"""Hypothesis strategies: configurations, terrains and sequences of moves. Fixtures are never square."""
+"""Hypothesis strategies of configurations, terrains and moves; never square."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A frozen study on small boards, and a participant who goes through it as the page would."""
+"""A frozen study on small boards, and a participant who plays it as a page does."""
 
 import pytest
 
@@ -14,7 +14,10 @@ SIZE = (7, 9)
 
 
 def freeze(root, name="small", **rest):
-    """Return a frozen study: 2 warm-up and 3 ranked episodes on 7x9, a break after every 2, the rules as debrief policy."""
+    """A frozen study: 2 warm-up and 3 ranked episodes on 7x9, with breaks.
+
+    A break after every 2 episodes, and the rules as debrief policies.
+    """
     small = {
         "warm_up": 2,
         "ranked": 3,
@@ -35,7 +38,7 @@ def freeze(root, name="small", **rest):
 
 
 class Person(Participant):
-    """A participant with a cookie of their own, who plays by the rules' best moves and by key."""
+    """A participant with a cookie, who plays the rules' best moves by key."""
 
     def __init__(self, server, study="small", client=None, **join):
         policy = NoisyPolicy(environment_of("mars"), "frontier-cost", 0.0, None)
@@ -44,11 +47,11 @@ class Person(Participant):
         if join.pop("joins", True):
             self.call("join", join or None)
 
-    def refused(self, what, body=None, status=409):
+    def refused(self, action, body=None, status=409):
         """POST, expect a refusal and return its sentence."""
         with pytest.raises(RefusedError) as refusal:
-            self.call(what, body)
-        assert refusal.value.status == status, (what, refusal.value)
+            self.call(action, body)
+        assert refusal.value.status == status, (action, refusal.value)
         return refusal.value.detail
 
     def to_tutorial(self):

@@ -1,4 +1,4 @@
-"""A browser's 3-D view as a test client: what it first says to the server, and what it hears."""
+"""A browser's 3-D view as a test client: its first messages, and the answers."""
 
 import msgspec
 import zstandard
@@ -24,12 +24,14 @@ CAMERA = msgspec.msgpack.encode(
 
 
 class View:
-    """A 3-D socket: its messages decompressed, their arrays put back where they belong."""
+    """A 3-D socket: its messages decompressed, with their arrays in place."""
 
     def __init__(self, server, session, stack, client=None):
         url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
         cookies = (
-            "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar) if client else ""
+            "; ".join(f"{cookie.name}={cookie.value}" for cookie in client.cookies.jar)
+            if client
+            else ""
         )
         plain = {
             "proxy": None,
@@ -44,7 +46,10 @@ class View:
         self.socket.send(CAMERA)
 
     def read(self, *awaited):
-        """Every message, encoded, until one has come whose name or type begins with each of the words, and what follows."""
+        """Every message, encoded, until all words have come, and what follows.
+
+        A word has come if a message's name or type begins with it.
+        """
         messages = []
         while not all(any(is_called(message, word) for message in messages) for word in awaited):
             messages += unpack(self.socket.recv(timeout=PATIENCE_S))
@@ -59,22 +64,25 @@ def is_called(message, word):
     return message["type"].startswith(word) or str(message.get("name")).startswith(word)
 
 
-def unpack(data):
-    """The messages of one batch in viser's wire format: sizes, packed messages, then the arrays on 8-byte bounds."""
-    packed_length = int.from_bytes(data[8:16], "little")
+def unpack(content):
+    """The messages of one batch in viser's wire format.
+
+    Sizes, packed messages, then the arrays on 8-byte bounds.
+    """
+    packed_length = int.from_bytes(content[8:16], "little")
     offset = 16 + packed_length
-    batch = msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data[16:offset]))
+    batch = msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(content[16:offset]))
     arrays = []
     for length in batch["binaryBufferLengths"]:
         offset += -offset % 8
-        arrays.append(bytes(data[offset : offset + length]))
+        arrays.append(bytes(content[offset : offset + length]))
         offset += length
     return [whole(message, arrays) for message in batch["messages"]]
 
 
-def whole(value, arrays):
-    if isinstance(value, dict) and "__binary_index" in value:
-        return [value["dtype"], arrays[value["__binary_index"]]]
-    if isinstance(value, dict):
-        return {key: whole(each, arrays) for key, each in value.items()}
-    return [whole(each, arrays) for each in value] if isinstance(value, list | tuple) else value
+def whole(part, arrays):
+    if isinstance(part, dict) and "__binary_index" in part:
+        return [part["dtype"], arrays[part["__binary_index"]]]
+    if isinstance(part, dict):
+        return {key: whole(inner, arrays) for key, inner in part.items()}
+    return [whole(inner, arrays) for inner in part] if isinstance(part, list | tuple) else part

@@ -1,4 +1,7 @@
-"""A maze of which players see what lies beside the cells that they have stood on: a world of one's own in two modules."""
+"""A maze of which players see what lies beside the cells they have stood on.
+
+A world of one's own in two modules.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ WORDS = Words(
 
 @dataclass(frozen=True)
 class MazeConfig(TextConfig):
-    """The side of the maze in cells, an odd number, and the moves after which an episode ends."""
+    """The side of the maze in cells, an odd number, and the most moves."""
 
     side: int = 9
     limit: int = 120

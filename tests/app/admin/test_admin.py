@@ -449,7 +449,7 @@ def test_the_password_is_drawn_and_printed_when_none_is_given(spawn, monkeypatch
     for name in ("HUMANPLAY_ADMIN_PASSWORD", "HUMANPLAY_ADMIN"):
         monkeypatch.delenv(name, raising=False)
     server = spawn(admin=True)
-    said, _, password = server.said[-2].rstrip().rpartition(" ")
+    said, _, password = server.printed[-2].rstrip().rpartition(" ")
     assert said == "the operator's page is /admin, its password until the server stops:"
     client = server.client(headers={"Origin": server.url})
     assert client.post("/api/admin/login", json={"password": password}).status_code == 200

@@ -178,11 +178,11 @@ def test_a_power_cut_takes_commits_of_a_server_that_is_not_durable_and_is_notice
     path, session = killed
     cut_power(path)
     server = spawn()
-    assert "".join(server.said).count("lacks 1 commit that was acknowledged") == 1
-    assert "a power cut can do this, which --durable prevents" in "".join(server.said)
+    assert "".join(server.printed).count("lacks 1 commit that was acknowledged") == 1
+    assert "a power cut can do this, which --durable prevents" in "".join(server.printed)
     assert step_of(server, session) == 1
     server.kill()
-    assert "lacks" not in "".join(spawn().said)
+    assert "lacks" not in "".join(spawn().printed)
 
 
 @pytest.mark.parametrize("reason", ["durable", "no log"])
@@ -327,7 +327,7 @@ def test_the_file_is_checked_beside_play_and_damage_is_said_and_logged(
     assert "`humanplay verify`" in answer.json()["detail"]
     server.process.terminate()
     assert server.process.wait() == 0
-    said = "".join(server.said) + server.process.stdout.read()
+    said = "".join(server.printed) + server.process.stdout.read()
     server.close()
     assert said.count(f"the database {path} is damaged") == 1
     assert "Traceback" not in said

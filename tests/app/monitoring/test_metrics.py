@@ -30,7 +30,7 @@ def read(text):
 def watched(spawn):
     """A server in a process of its own with metrics; `watched.metrics()` reads them."""
     server = spawn(metrics_port=0)
-    (line,) = [line for line in server.said if line.startswith("metrics")]
+    (line,) = [line for line in server.printed if line.startswith("metrics")]
     server.metrics_url = line.split()[-1]
     server.metrics = lambda: read(httpx.get(server.metrics_url, trust_env=False, verify=False).text)
     yield server
@@ -81,7 +81,7 @@ def test_the_metrics_are_on_their_own_port_and_on_this_machine_alone(watched):
 
 def test_without_the_flag_there_is_no_listener(spawn):
     server = spawn()
-    assert not [line for line in server.said if "metrics" in line]
+    assert not [line for line in server.printed if "metrics" in line]
     server.kill()
 
 
