@@ -127,7 +127,7 @@ def arguments() -> argparse.Namespace:
 
 
 def main() -> None:
-    """Train and print the score as it goes; write the policy and play it beside `random`."""
+    """Train and print the score; write the policy and play it beside `random`."""
     options = arguments()
     torch.manual_seed(options.seed)
     envs = gymnasium.make_vec(

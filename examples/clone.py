@@ -32,7 +32,7 @@ CODES = {name: code for code, name in enumerate(ACTIONS)}
 
 
 def read_records(release: Path, kind: str) -> list[tuple[str, int | None, Record]]:
-    """Return (participant, ranked terrain or None, record) of the finished episodes of a release.
+    """(participant, ranked terrain or None, record) of a release's finished episodes.
 
     kind  "human", or "script" for synthetic players
     """
@@ -107,7 +107,7 @@ def agreement_on(held_out: dict[str, list[Record]], policy: policies.Policy) -> 
 
 
 def main() -> None:
-    """Read a release, fit a network, write it, and print how much it moves like the players."""
+    """Read a release, fit and write a network, and compare its moves with players."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("release", type=Path, help="folder that `humanplay release` wrote")
     parser.add_argument("--out", type=Path, default=Path("clone.onnx"))

@@ -48,7 +48,7 @@ ARROWS = {1073741906: 0, 1073741903: 1, 1073741905: 2, 1073741904: 3}
 
 
 class LimitedSpec:
-    """The spec of an environment that ends its episodes itself, so that no TimeLimit is needed."""
+    """The spec of an environment that ends its episodes without a TimeLimit."""
 
     config: EnvConfig
     _spec: EnvSpec | None = None
@@ -72,14 +72,18 @@ class MarsExplorer(LimitedSpec, gymnasium.Env[NDArray[Any], np.int64]):
     sensor_radius  reach of the lidar, cells
     beta           share of cells to discover
     max_steps      moves until truncation, rows * cols by default
-    discoverable_only  whether only cells count that can be discovered, see config.EnvConfig; None: as the level has it
-    observation    "float32": Box(0, 1, (rows, cols)), eq. 6; "uint8": codes 0 unknown, 1 free, 2 rover, 3 obstacle
+    discoverable_only  whether only cells count that can be discovered, see config.EnvConfig; None:
+                       as the level has it
+    observation    "float32": Box(0, 1, (rows, cols)), eq. 6; "uint8": codes 0 unknown, 1 free, 2
+                   rover, 3 obstacle
 
-    Actions: Discrete(4), 0 north, 1 east, 2 south, 3 west. `reset(seed=s)` gives the terrain of seed s; without a seed the
-    terrain of the seed that follows the last. `reset(options={"terrain": bool[rows, cols], "start": (row, col)})` plays a
-    given terrain, and options={"map": ...} a robot's map: the path of a map_server file or a `maps.GridMap`, with level="map".
-    A copy by `copy.deepcopy` or `pickle` plays on by itself, with random numbers of its own that go on as the original's do.
-    `info`: position, discovered (cells), coverage, score, outcome (None while running), terrain_seed.
+    Actions: Discrete(4), 0 north, 1 east, 2 south, 3 west. `reset(seed=s)` gives the terrain of
+    seed s; without a seed the terrain of the seed that follows the last. `reset(options={"terrain":
+    bool[rows, cols], "start": (row, col)})` plays a given terrain, and options={"map": ...} a
+    robot's map: the path of a map_server file or a `maps.GridMap`, with level="map". A copy by
+    `copy.deepcopy` or `pickle` plays on by itself, with random numbers of its own that go on as the
+    original's do. `info`: position, discovered (cells), coverage, score, outcome (None while
+    running), terrain_seed.
     """
 
     metadata = {"render_modes": ["rgb_array", "ansi"], "render_fps": 10}  # noqa: RUF012  # gymnasium's own convention
@@ -134,17 +138,17 @@ class MarsExplorer(LimitedSpec, gymnasium.Env[NDArray[Any], np.int64]):
         self._running, self._total = True, 0.0
         return self._observe(), self._info()
 
-    def _start_on_map(self, given: Path | str | GridMap) -> None:
+    def _start_on_map(self, map_or_path: Path | str | GridMap) -> None:
         """Start on a robot's map; ValueError when the environment is not made for it."""
-        found = given if isinstance(given, GridMap) else read_map(given)
-        shape = found.terrain.shape
+        grid_map = map_or_path if isinstance(map_or_path, GridMap) else read_map(map_or_path)
+        shape = grid_map.terrain.shape
         if not self.config.discoverable_only:
             way_out = 'make the environment with level="map"'
             raise ValueError(f"a map has walls that are never seen whole: {way_out}")
         if shape != (self.config.rows, self.config.cols):
             cells = f"{shape[0]} x {shape[1]} cells"
             raise ValueError(f"the map has {cells}: make the environment with size={shape}")
-        self._worlds.start_on(0, found.terrain, found.start)
+        self._worlds.start_on(0, grid_map.terrain, grid_map.start)
 
     def step(self, action: np.int64) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Make one move; see the class for what comes back."""
@@ -169,11 +173,14 @@ class MarsExplorer(LimitedSpec, gymnasium.Env[NDArray[Any], np.int64]):
         return np.asarray(masks[0])
 
     def render(self) -> Any:
-        """Return what the rover knows as an RGB picture (12 pixels a cell) or as text, or None without a render mode."""
+        """What the rover knows: an RGB picture (12 pixels a cell), text, or None."""
         return drawn(self._worlds.codes[0], self.render_mode)
 
     def get_keys_to_action(self) -> dict[tuple[int, ...], int]:
-        """The keys of `gymnasium.utils.play`: WASD and arrows. Give it `wait_on_player=True`: no move stands still."""
+        """The keys of `gymnasium.utils.play`: WASD and arrows.
+
+        Call it with `wait_on_player=True`: no move stands still.
+        """
         return {(key,): action for key, action in (KEYS | ARROWS).items()}
 
     def _spaces(self) -> tuple[spaces.Box, spaces.Discrete]:
@@ -240,7 +247,7 @@ def unsampled(config: EnvConfig, observation: str) -> tuple[spaces.Box, spaces.D
 
 
 def following(seed: int | None) -> int:
-    """Return the seed that follows the last one, or a fresh one from the operating system when there was none."""
+    """The seed after the last one, or a fresh one of the operating system for None."""
     return secrets.randbelow(MAX_SEED + 1) if seed is None else next_seed(seed)
 
 

@@ -1,9 +1,10 @@
-"""Map files of robots: the YAML and the picture that ROS's map_server and Nav2 read, as an occupancy of each pixel.
+"""Map files of robots: the YAML and the picture of ROS's map_server and Nav2.
 
-Where the two differ, this is Nav2's reading. The picture becomes a grey of 0..255 a pixel, and its darkness
-p = 1 - grey / 255 (grey / 255 where `negate` is set) decides by `mode`:
+Where the two differ, this is Nav2's reading. The picture becomes a grey of 0..255 a pixel, and its
+darkness p = 1 - grey / 255 (grey / 255 where `negate` is set) decides by `mode`:
 
-    trinary  free (0) for p <= free_thresh, else occupied (100) for p >= occupied_thresh, else unknown (-1)
+    trinary  free (0) for p <= free_thresh, else occupied (100) for p >= occupied_thresh, else
+             unknown (-1)
     scale    the same, but between the thresholds p becomes 0..100
     raw      the grey itself is the occupancy up to 100, unknown above
 
@@ -79,7 +80,7 @@ class _Fields:
 
 
 def read_occupancy(path: Path) -> Occupancy:
-    """Read a map_server YAML file and its picture; MapFileError if either cannot be used."""
+    """Read a map_server YAML file and its picture; MapFileError if either is unusable."""
     fields = _read_fields(path)
     grey, is_clear = _read_picture(fields.picture)
     meanings = _occupancies(fields)
@@ -112,15 +113,17 @@ def _warn(path: Path, fields: _Fields, meanings: NDArray[np.int8], grey: NDArray
     """Warn of a map that reads as something else than it looks like."""
     if fields.mode == "scale" and fields.free <= 0.01 and fields.occupied >= 0.99:
         _say(
-            f"{path} looks like a mask of speeds, not a map of rooms: mode scale from {fields.free:g} to "
-            f"{fields.occupied:g}. It is read as Nav2 reads it; the map beside it is probably meant"
+            f"{path} looks like a mask of speeds, not a map of rooms: mode scale from "
+            f"{fields.free:g} to {fields.occupied:g}. It is read as Nav2 reads it; the map beside "
+            "it is probably meant"
         )
     elif fields.mode != "raw" and meanings[UNKNOWN_GREY] == FREE and (grey == UNKNOWN_GREY).any():
         share = np.mean(grey == UNKNOWN_GREY)
         remedy = "free_thresh: 0.196" + (" and mode: trinary" if fields.mode == "scale" else "")
         _say(
-            f"{path}: free_thresh {fields.free:g} makes the {share:.0%} of the pixels free that have grey "
-            f"{UNKNOWN_GREY}, which map savers write for unknown; write {remedy} if they are unknown"
+            f"{path}: free_thresh {fields.free:g} makes the {share:.0%} of the pixels free that "
+            f"have grey {UNKNOWN_GREY}, which map savers write for unknown; write {remedy} if "
+            "they are unknown"
         )
 
 
@@ -156,7 +159,7 @@ def _read_fields(path: Path) -> _Fields:
 
 
 def _read_nodes(path: Path) -> Mapping[str, Node]:
-    """The nodes of a YAML file's first document by name; of a name that comes twice, the first."""
+    """The nodes of a YAML file's first document by name; of repeated names, the first."""
     import yaml
 
     try:
@@ -175,7 +178,8 @@ def _read_nodes(path: Path) -> Mapping[str, Node]:
         raise MapFileError(f"{path} is no readable YAML file: {error}") from error
     if not isinstance(document, yaml.MappingNode):
         raise MapFileError(
-            f"{path}: expected the fields of a map_server file, such as image and resolution, got none"
+            f"{path}: expected the fields of a map_server file, such as image and resolution, "
+            "got none"
         )
     return {str(key.value): node for key, node in reversed(document.value)}
 
@@ -245,7 +249,10 @@ class _Reader:
 
 
 def _read_picture(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
-    """The grey of each pixel, uint8[height, width], and which are not opaque, None for a picture without alpha."""
+    """The grey of each pixel, uint8[height, width], and which pixels are not opaque.
+
+    The second is None for a picture without alpha.
+    """
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -257,12 +264,13 @@ def _read_picture(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | No
                 return _grey_of(path, picture)
     except UnidentifiedImageError as error:
         raise MapFileError(
-            f"{path} is no picture that is read; save it as PGM or PNG (also read: BMP, GIF, JPEG, PBM, PCX, PPM, "
-            "TGA, TIFF, WebP)"
+            f"{path} is no picture that is read; save it as PGM or PNG (also read: BMP, GIF, "
+            "JPEG, PBM, PCX, PPM, TGA, TIFF, WebP)"
         ) from error
     except OSError as error:
         raise MapFileError(
-            f"{path} is no readable picture: {error.strerror or error}; check the field image of the YAML file"
+            f"{path} is no readable picture: {error.strerror or error}; check the field image "
+            "of the YAML file"
         ) from error
     except Image.DecompressionBombError as error:  # its picture is not returned
         raise _too_large(path, "more than twice as many") from error

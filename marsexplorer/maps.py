@@ -1,15 +1,18 @@
-"""Maps of robots as terrains: a map file's occupancy cut into cells, with its place in the robot's frame.
+"""Maps of robots as terrains: a map file's occupancy cut into cells.
 
-A cell of the terrain is free when every pixel that it overlaps is free (occupancy 0), so a robot as wide as a cell that
-moves from middle to middle of free cells touches nothing. A wider robot needs the pixels within (its diameter - cell) / 2 of
-the cell free too, which is what `inflation` does.
+A map keeps its place in the robot's frame.
 
-The terrain is cut to what is known: the cells that hold a pixel which is not unknown, and one ring of cells round them. Cells
-are counted from the file's origin, so each keeps its place in metres.
+A cell of the terrain is free when every pixel that it overlaps is free (occupancy 0), so a robot as
+wide as a cell that moves from middle to middle of free cells touches nothing. A wider robot needs
+the pixels within (its diameter - cell) / 2 of the cell free too, which is what `inflation` does.
 
-Regions of free cells that share edges are where a rover can go. One is *playable* when it has at least 5 % of the free
-cells, and the rover sees at most 30 % of what counts from its start. A map that is too small for that in cells of any size
-is played from the nearest region of 5 % where at most 90 % is seen at once.
+The terrain is cut to what is known: the cells that hold a pixel which is not unknown, and one ring
+of cells round them. Cells are counted from the file's origin, so each keeps its place in metres.
+
+Regions of free cells that share edges are where a rover can go. One is *playable* when it has at
+least 5 % of the free cells, and the rover sees at most 30 % of what counts from its start. A map
+that is too small for that in cells of any size is played from the nearest region of 5 % where at
+most 90 % is seen at once.
 """
 
 from __future__ import annotations
@@ -69,7 +72,8 @@ class GridMap:
 
     terrain  bool[rows, cols], True where blocked, row 0 at the north edge
     cell     metres of a cell's side
-    origin   (x, y, yaw) of the terrain's south-west corner: metres, and radians from the x axis to the rows' east
+    origin   (x, y, yaw) of the terrain's south-west corner: metres, and radians from the x axis to
+             the rows' east
     start    (row, col) of a free cell
     """
 
@@ -79,7 +83,7 @@ class GridMap:
     start: tuple[int, int]
 
     def config(self, sensor_radius: int = 6, beta: float = 0.99) -> EnvConfig:
-        """The configuration of an episode here: 99 % of what can be discovered from the start."""
+        """The configuration of an episode here: 99 % of what the start can discover."""
         rows, cols = self.terrain.shape
         return EnvConfig.of(MAP, (rows, cols), sensor_radius=sensor_radius, beta=beta)
 
@@ -99,7 +103,7 @@ class GridMap:
         return x + east * cosine - north * sine, y + east * sine + north * cosine
 
     def to_cell(self, x: float, y: float) -> tuple[int, int]:
-        """(row, col) of the cell around a point in the robot's frame; ValueError off the map."""
+        """(row, col) of the cell at a point in the robot's frame; ValueError off the map."""
         dx, dy, yaw = x - self.origin[0], y - self.origin[1], self.origin[2]
         east = dx * math.cos(yaw) + dy * math.sin(yaw)
         north = dy * math.cos(yaw) - dx * math.sin(yaw)
@@ -107,7 +111,8 @@ class GridMap:
         col = math.floor(east / self.cell)
         if not (0 <= row < self.terrain.shape[0] and 0 <= col < self.terrain.shape[1]):
             raise ValueError(
-                f"the point ({x:g}, {y:g}) m lies off the map of {self.terrain.shape} cells of {self.cell:g} m"
+                f"the point ({x:g}, {y:g}) m lies off the map of {self.terrain.shape} cells of "
+                f"{self.cell:g} m"
             )
         return row, col
 
@@ -118,17 +123,18 @@ def read_map(
     inflation: float = 0.0,
     start: tuple[float, float] | None = None,
 ) -> GridMap:
-    """Read a map_server YAML file as a terrain; MapFileError if it or the arguments cannot be used.
+    """Read a map_server YAML file as a terrain; MapFileError if that is impossible.
 
     Args:
         path: The YAML file.
-        cell: Metres of a cell's side, at least a pixel. None takes the largest of CELLS_M from which the start is playable
-            and at least half of the free cells are reached, or the share that is reached at the size of a pixel if that is
-            less. Where no size reaches that many, it is the largest that reaches nine tenths of what the best one does.
+        cell: Metres of a cell's side, at least a pixel. None takes the largest of CELLS_M from
+            which the start is playable and at least half of the free cells are reached, or the
+            share that is reached at the size of a pixel if that is less. Where no size reaches that
+            many, it is the largest that reaches nine tenths of what the best one does.
         inflation: Metres by which obstacles are widened before cells are formed.
-        start: (x, y) in metres where the rover starts, with a MapWarning where that is not playable. None takes the free
-            cell nearest to (0, 0), where mapping usually begins, in the nearest playable region; of several the
-            northernmost, then the westernmost.
+        start: (x, y) in metres where the rover starts, with a MapWarning where that is not
+            playable. None takes the free cell nearest to (0, 0), where mapping usually begins, in
+            the nearest playable region; of several the northernmost, then the westernmost.
     """
     path = Path(path)
     occupancy = read_occupancy(path)
@@ -147,7 +153,7 @@ def read_map(
 
 
 def write_map(grid_map: GridMap, path: Path | str) -> None:
-    """Write a map as a YAML file, and beside it a PGM picture of the same name with one pixel for each cell.
+    """Write a map as a YAML file and a PGM picture beside it, one pixel for each cell.
 
     ValueError if the YAML file's name is the picture's.
     """
@@ -157,8 +163,8 @@ def write_map(grid_map: GridMap, path: Path | str) -> None:
     picture = path.with_suffix(".pgm")
     if path.suffix.lower() == ".pgm":
         raise ValueError(
-            f"expected the name of a YAML file, got {path}, which the picture beside it would have too; "
-            f"give {path.with_suffix('.yaml')}"
+            f"expected the name of a YAML file, got {path}, which the picture beside it would "
+            f"have too; give {path.with_suffix('.yaml')}"
         )
     rows, cols = grid_map.terrain.shape
     pixels = np.where(grid_map.terrain, np.uint8(0), np.uint8(254))
@@ -180,7 +186,7 @@ def _warn(message: str) -> None:
 
 
 class _Reading:
-    """A map file that is being read: the terrains of several cells' sizes, and what starts they have."""
+    """A map file that is being read: its terrains and starts at several cell sizes."""
 
     def __init__(
         self,
@@ -198,8 +204,8 @@ class _Reading:
         if not all(MIN_SIDE <= side <= MAX_SIDE for side in size.shape):
             rows, cols = size.shape
             raise MapFileError(
-                f"{self._path}: a side must have {MIN_SIDE} to {MAX_SIDE} cells, got {rows}x{cols} cells of {cell:g} m; "
-                "choose another cell"
+                f"{self._path}: a side must have {MIN_SIDE} to {MAX_SIDE} cells, got "
+                f"{rows}x{cols} cells of {cell:g} m; choose another cell"
             )
         self._check_free(size)
         if self._start is not None:
@@ -212,16 +218,17 @@ class _Reading:
         """Raise MapFileError where all cells are blocked."""
         if size.terrain.all():
             raise MapFileError(
-                f"{self._path}: no cell of {size.map.cell:g} m is free; choose a smaller cell or less inflation"
+                f"{self._path}: no cell of {size.map.cell:g} m is free; choose a smaller cell "
+                "or less inflation"
             )
 
     def with_chosen_cell(self) -> GridMap:
-        """The map in the largest cells that leave enough of it connected to a playable start."""
+        """The map in the largest cells that connect enough of it to a playable start."""
         sizes = self._sizes()
         if not sizes:
             raise MapFileError(
-                f"{self._path}: no cell of {CELLS_M[-1]:g} to {LARGE_CELLS_M[-1]:g} m gives {MIN_SIDE} to {MOST_CELLS} "
-                "cells a side; give the metres of a cell (--cell)"
+                f"{self._path}: no cell of {CELLS_M[-1]:g} to {LARGE_CELLS_M[-1]:g} m gives "
+                f"{MIN_SIDE} to {MOST_CELLS} cells a side; give the metres of a cell (--cell)"
             )
         for home, share in self._homes():
             starts = [(size, self._start_in(size, home)) for size in sizes]
@@ -255,7 +262,7 @@ class _Reading:
         ]
 
     def _homes(self) -> Iterator[tuple[int, float]]:
-        """The regions of free pixels that are large enough, the nearest first, each with its share of them."""
+        """The large regions of free pixels, the nearest first, each with its share."""
         for start in self._pixels.starts():
             if start.share >= LEAST_SHARE or self._start is not None:
                 yield start.region, start.share
@@ -263,7 +270,7 @@ class _Reading:
                 return
 
     def _start_in(self, size: _Cells, home: int) -> _Start | None:
-        """The start in the nearest playable region of cells that lies in a region of pixels."""
+        """The start in the nearest playable region of cells within a region of pixels."""
         if self._start is not None:
             if not size.is_free(self._start):
                 return None
@@ -288,7 +295,8 @@ class _Reading:
             near = next(size.playable(), None) or next(size.starts())
             x, y = size.map.to_metres(near.position)
             raise MapFileError(
-                f"start {point} m lies in a blocked cell; the nearest free one is at ({x:g}, {y:g}) m"
+                f"start {point} m lies in a blocked cell; the nearest free one is at ({x:g}, "
+                f"{y:g}) m"
             )
         start = size.start_at(position)
         if not size.is_playable(start):
@@ -299,7 +307,7 @@ class _Reading:
         return size.map_from(position)
 
     def _small(self, sizes: list[_Cells]) -> GridMap:
-        """A map that is too small for a playable start, as long as something is left to explore.
+        """A map too small for a playable start, as long as something is left to explore.
 
         MapFileError otherwise, and if another size of a cell has a playable start.
         """
@@ -321,8 +329,9 @@ class _Reading:
             if max(rows, cols) > MOST_CELLS:
                 way_out += f", {rows}x{cols} of them; `serve` takes {MOST_CELLS} a side: cut the map for it"
         raise MapFileError(
-            f"{self._path}: nowhere is enough to explore: {'; '.join(sentences)}. Expected a region of at least "
-            f"{LEAST_SHARE:.0%} of the free cells, of which at most {MOST_SEEN:.0%} is seen at once; {way_out}"
+            f"{self._path}: nowhere is enough to explore: {'; '.join(sentences)}. Expected a "
+            f"region of at least {LEAST_SHARE:.0%} of the free cells, of which at most "
+            f"{MOST_SEEN:.0%} is seen at once; {way_out}"
         )
 
     def _fitting(self, tried: list[float]) -> float | None:
@@ -418,8 +427,8 @@ class _Cells:
         cells, free = self._sizes[start.region], self._sizes.sum()
         noun = "cell" if free == 1 else "cells"
         return (
-            f"{cells:,} of {free:,} free {noun} can be reached, and {self.seen(start):.0%} of what counts is "
-            "seen at once"
+            f"{cells:,} of {free:,} free {noun} can be reached, and {self.seen(start):.0%} of "
+            "what counts is seen at once"
         )
 
     def map_from(self, position: tuple[int, int]) -> GridMap:
@@ -440,10 +449,12 @@ def _form_cells(occupancy: Occupancy, cell: float, inflation: float) -> GridMap:
     """
     height, width = occupancy.cells.shape
     resolution = occupancy.resolution
-    known = occupancy.cells != UNKNOWN
-    rows = _known_cells(known.any(axis=1)[::-1], resolution, cell)
-    cols = _known_cells(known.any(axis=0), resolution, cell)
-    if max(len(rows), len(cols)) > max(MAX_SIDE, *known.shape):  # refused by the caller, in words
+    is_known = occupancy.cells != UNKNOWN
+    rows = _known_cells(is_known.any(axis=1)[::-1], resolution, cell)
+    cols = _known_cells(is_known.any(axis=0), resolution, cell)
+    if max(len(rows), len(cols)) > max(
+        MAX_SIDE, *is_known.shape
+    ):  # refused by the caller, in words
         return GridMap(np.ones((len(rows), len(cols)), np.bool_), cell, occupancy.origin, (0, 0))
     reach = inflation + resolution
     south, north = _pixels_of(rows, resolution, cell, height, reach)
@@ -462,7 +473,10 @@ def _form_cells(occupancy: Occupancy, cell: float, inflation: float) -> GridMap:
 
 
 def _known_cells(is_known: NDArray[np.bool_], resolution: float, cell: float) -> range:
-    """The cells along one side from the first known to the last, and one more at each end that the picture has."""
+    """The cells along one side from the first known to the last, and one more around.
+
+    The additional cells are there only if the picture has them.
+    """
     pixels = np.flatnonzero(is_known)
     first = math.floor(pixels[0] * resolution / cell + 1e-9)
     behind = math.ceil((pixels[-1] + 1) * resolution / cell - 1e-9)
@@ -473,7 +487,7 @@ def _known_cells(is_known: NDArray[np.bool_], resolution: float, cell: float) ->
 def _pixels_of(
     cells: range, resolution: float, cell: float, most: int, reach: float
 ) -> tuple[int, int]:
-    """The first pixel along one side that lies within reach of cells, and the one behind the last."""
+    """The first pixel along one side within reach of cells, and the one behind all."""
     first = math.floor((cells[0] * cell - reach) / resolution)
     behind = math.ceil(((cells[-1] + 1) * cell + reach) / resolution)
     return max(first, 0), min(behind, most)
@@ -482,7 +496,10 @@ def _pixels_of(
 def _overlapped(
     blocked: NDArray[np.bool_], cells: range, first: int, resolution: float, cell: float
 ) -> NDArray[np.bool_]:
-    """Which cells along the first axis overlap a blocked pixel; `first` is the number of the first pixel there."""
+    """Which cells along the first axis overlap a blocked pixel.
+
+    `first` is the number of the first pixel there.
+    """
     counts = np.zeros((len(blocked) + 1, blocked.shape[1]), np.int32)
     np.cumsum(blocked, axis=0, out=counts[1:])
     edges = np.array([*cells, cells[-1] + 1]) * (cell / resolution)
@@ -502,7 +519,10 @@ def _near(
     cell: float,
     inflation: float,
 ) -> NDArray[np.bool_]:
-    """Which cells lie within `inflation` metres of a blocked pixel that has a free one beside it, rows from the south."""
+    """Which cells lie within `inflation` metres of a blocked pixel beside a free one.
+
+    Rows count from the south.
+    """
     padded = np.pad(blocked, 1, constant_values=True)
     inner = padded[1:-1].copy()
     inner &= padded[:-2] & padded[2:]

@@ -63,22 +63,27 @@ VectorStep = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], dict[
 
 
 class MarsExplorerVector(LimitedSpec, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
-    """`num_envs` MarsExplorer environments stepped at once, equal to single ones bit for bit.
+    """`num_envs` MarsExplorer environments stepped at once, each as if it were alone.
+
+    They equal single ones bit for bit.
 
     Takes what MarsExplorer takes, and
 
-    autoreset_mode  when an environment that ended begins anew (`gymnasium.vector.AutoresetMode` or its value): in the next
-         step, which makes no move in it ("NextStep"); at once ("SameStep"), both on the seed that follows its own; or when
-         `reset(options={"reset_mask": bool[num_envs]})` names it ("Disabled")
+    autoreset_mode  when an environment that ended begins anew (`gymnasium.vector.AutoresetMode` or
+                    its value): in the next step, which makes no move in it ("NextStep"); at once
+                    ("SameStep"), both on the seed that follows its own; or when
+                    `reset(options={"reset_mask": bool[num_envs]})` names it ("Disabled")
     out  memory for the observations: a NumPy array, a torch tensor, or anything with DLPack, of the
          dtype and shape [num_envs, rows, cols] of the observations, in the processor's memory
 
-    With "SameStep", the fastest, the last observation and info of an episode are `info["final_obs"][i]` and the columns of
-    `info["final_info"]`, where `info["_final_obs"]` is True. `reset(seed=s)` starts environment i on seed s + i.
+    With "SameStep", the fastest, the last observation and info of an episode are
+    `info["final_obs"][i]` and the columns of `info["final_info"]`, where `info["_final_obs"]` is
+    True. `reset(seed=s)` starts environment i on seed s + i.
 
-    With observation="uint8", the observations, the last ones, and the columns of `info` and `info["final_info"]` are the
-    worlds' own arrays, valid until the next step: copy what must last. With "float32" each step returns new arrays, but for
-    the observations where `out` is given. Rewards, terminated and truncated are always new.
+    With observation="uint8", the observations, the last ones, and the columns of `info` and
+    `info["final_info"]` are the worlds' own arrays, valid until the next step: copy what must last.
+    With "float32" each step returns new arrays, but for the observations where `out` is given.
+    Rewards, terminated and truncated are always new.
     """
 
     metadata = MarsExplorer.metadata | {"autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -169,15 +174,15 @@ class MarsExplorerVector(LimitedSpec, VectorEnv[NDArray[Any], NDArray[Any], NDAr
 
     def step(self, actions: NDArray[Any]) -> VectorStep:
         """Make one move in every environment."""
-        given = np.ascontiguousarray(actions)
-        if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
+        moves = np.ascontiguousarray(actions)
+        if moves.shape != (self.num_envs,) or moves.dtype.kind not in "iu":
             raise not_actions(self.num_envs, actions)
-        given = given.astype(np.int64, copy=False)
-        if not given.flags.writeable:  # the kernels are compiled for arrays that are
-            given = given.copy()
+        moves = moves.astype(np.int64, copy=False)
+        if not moves.flags.writeable:  # the kernels are compiled for arrays that are
+            moves = moves.copy()
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
-            return self._step_alone(given)
-        return self._step_and_start(given)
+            return self._step_alone(moves)
+        return self._step_and_start(moves)
 
     def _step_and_start(self, actions: NDArray[np.int64]) -> VectorStep:
         """Make one move everywhere; where an episode ended, begin the next."""
@@ -194,12 +199,16 @@ class MarsExplorerVector(LimitedSpec, VectorEnv[NDArray[Any], NDArray[Any], NDAr
         return observations, rewards, terminated, truncated, info
 
     def _step_alone(self, actions: NDArray[np.int64]) -> VectorStep:
-        """Make one move in every environment that runs; begin those that ended in the step before, in that mode."""
+        """Make one move in every environment that runs; begin those that have ended.
+
+        An environment that ended in the step before begins, as its autoreset mode says.
+        """
         worlds, ended = self._worlds, self._ended
         if self.autoreset_mode is AutoresetMode.DISABLED and ended.any():
             which = np.flatnonzero(ended).tolist()
             raise RuntimeError(
-                f"the environments {which} have ended: call reset(options={{'reset_mask': ended}}) first"
+                f"the environments {which} have ended: call "
+                f"reset(options={{'reset_mask': ended}}) first"
             )
         if actions.min() < 0 or actions.max() >= len(ACTIONS):
             raise not_actions(self.num_envs, actions)
@@ -227,14 +236,17 @@ class MarsExplorerVector(LimitedSpec, VectorEnv[NDArray[Any], NDArray[Any], NDAr
         return (getattr(self, single if hasattr(self, single) else name),) * self.num_envs
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of each environment, or return an attribute, as single ones have it."""
+        """Call a method of each environment, or return an attribute, as single ones do."""
         if name in ("action_masks", "render"):
             return tuple(getattr(self, name)(*args, **kwargs))
         members = self.get_attr(name)
         return tuple(member(*args, **kwargs) if callable(member) else member for member in members)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every environment; a stack has one for all, so the values must be equal."""
+        """Set an attribute of every environment; the values must be equal.
+
+        A stack has one for all.
+        """
         several = list(values) if isinstance(values, (list, tuple)) else [values]
         if len(several) not in (1, self.num_envs) or any(one != several[0] for one in several):
             raise ValueError(f"{name} must be one value for the whole stack, got {values!r}")
@@ -265,7 +277,7 @@ class MarsExplorerVector(LimitedSpec, VectorEnv[NDArray[Any], NDArray[Any], NDAr
         return self._worlds.take(np.arange(self.num_envs))
 
     def restore(self, snapshot: dict[str, NDArray[Any]]) -> NDArray[Any]:
-        """Return the observations of the environments as they were at a snapshot of one made alike."""
+        """Restore a snapshot of environments like these; return their observations."""
         self._worlds.put(np.arange(self.num_envs), snapshot)
         self._was_reset = True
         return self._observe()
@@ -303,7 +315,7 @@ class MarsExplorerVector(LimitedSpec, VectorEnv[NDArray[Any], NDArray[Any], NDAr
         return info | {f"_{name}": mask for name in info}
 
     def _lasting(self, info: dict[str, Any]) -> dict[str, Any]:
-        """Return an info to give away: of views, or of copies where observations are copies too."""
+        """An info to give away: views, or copies where observations are copies too."""
         return info.copy() if self._raw else {name: column.copy() for name, column in info.items()}
 
     @cached_property
@@ -315,7 +327,7 @@ class MarsExplorerVector(LimitedSpec, VectorEnv[NDArray[Any], NDArray[Any], NDAr
         return views
 
     def _finals(self, which: NDArray[np.int64]) -> dict[str, Any]:
-        """Return what `info` says of the episodes that ended in this step, those of the environments `which`."""
+        """What `info` says of the episodes that ended in this step, those of `which`."""
         self._final_info["outcome"][which] = NAMED[self._worlds.outcomes[which]]
         if self._raw:
             self._final_obs[which] = self._final_views[which]
@@ -324,8 +336,8 @@ class MarsExplorerVector(LimitedSpec, VectorEnv[NDArray[Any], NDArray[Any], NDAr
             observations, ended = np.full(self.num_envs, None, object), self._worlds.ended.copy()
             for i in which:
                 observations[i] = STATE_VALUES[self._worlds.last_codes[i]]
-        found = {"final_obs": observations, "final_info": self._lasting(self._final_info)}
-        return found | {"_final_obs": ended, "_final_info": ended}
+        finals = {"final_obs": observations, "final_info": self._lasting(self._final_info)}
+        return finals | {"_final_obs": ended, "_final_info": ended}
 
 
 def starting_seeds(
@@ -334,7 +346,8 @@ def starting_seeds(
     """The seed of each environment of a reset.
 
     seed  the first of consecutive ones, or one for each environment, None for any
-    last  those of the episodes before, which the next ones follow without `seed`; None before the first reset
+    last  those of the episodes before, which the next ones follow without `seed`; None before the
+          first reset
     """
     if isinstance(seed, (list, tuple)):
         if len(seed) != num_envs:

@@ -1,4 +1,4 @@
-"""The environment that the authors' code is: docs/from-mars-explorer.md says all that it does.
+"""The environment that the authors' code is; docs/from-mars-explorer.md has all.
 
 from marsexplorer.compat import DEFAULT_CONFIG, make
 

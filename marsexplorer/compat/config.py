@@ -1,4 +1,4 @@
-"""The authors' configurations: their names, what each preset sets, and one of them as the kernels read it."""
+"""The authors' configurations: their names, and what each preset sets."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ MOST_MEMORY = 256 << 20
 
 @dataclass(frozen=True)
 class Preset:
-    """One class of the authors' repository at one commit, with a configuration stored there.
+    """A class of the authors' repository at one commit, with a configuration there.
 
     share    of all cells above which an episode is complete
     rover    what the observation holds in the rover's cell after a move
@@ -133,19 +133,20 @@ class CodeConfig:
 
     @classmethod
     def of(cls, preset: str = "exploConf", conf: Conf | None = None) -> CodeConfig:
-        """Return a preset with what `conf` names in its place.
+        """A preset, changed by `conf`.
 
         Raises:
-            ValueError: for an unknown preset or name, or a number that the authors' code cannot take.
+            ValueError: for an unknown preset or name, or a number that the authors' code cannot
+                take.
             TypeError: for another kind of number.
         """
         if preset not in PRESETS:
             raise ValueError(f"no preset {preset!r}; choose one of: {', '.join(PRESETS)}")
-        base, own = PRESETS[preset], dict(conf or {})
-        if unknown := sorted(set(own) - set(_DEFAULTS) - VIEWER_NAMES):
-            known = ", ".join(name for name in _DEFAULTS if name not in VIEWER_NAMES)
-            raise ValueError(f"conf has no {', '.join(unknown)}; it may name: {known}")
-        whole = {**_DEFAULTS, **base.changes, **own}
+        base, changes = PRESETS[preset], dict(conf or {})
+        if unknown := sorted(set(changes) - set(_DEFAULTS) - VIEWER_NAMES):
+            names = ", ".join(name for name in _DEFAULTS if name not in VIEWER_NAMES)
+            raise ValueError(f"conf has no {', '.join(unknown)}; it may name: {names}")
+        whole = {**_DEFAULTS, **base.changes, **changes}
         named = {name: whole[name] for name in _DEFAULTS if name not in VIEWER_NAMES}
         _check(named)
         return cls(deepcopy(named), base.share, base.rover)
@@ -178,7 +179,7 @@ class CodeConfig:
 
     @property
     def cuts_distances(self) -> bool:
-        """Whether fractions of the lidar's distances are cut off: they are where its range is an integer."""
+        """Whether fractions of the lidar's distances are cut: if its range is an integer."""
         return isinstance(self.conf["lidar_range"], Integral)
 
     @property
@@ -219,7 +220,7 @@ def _check(conf: Conf) -> None:
 
 
 def points_of_ray(conf: Conf) -> int:
-    """The most cells of a ray: a line of its length enters no more than it crosses edges."""
+    """The most cells of a ray: a line enters no more cells than it crosses edges."""
     crossed: int = 2 * ceil(conf["lidar_range"]) + 4
     return min(POINTS, crossed)
 
@@ -230,8 +231,9 @@ def _check_memory(conf: Conf) -> None:
     channels, points = conf["lidar_channels"], points_of_ray(conf)
     if 4 * rows * cols * channels * points > MOST_MEMORY:
         raise ValueError(
-            f"conf asks for {rows} x {cols} cells with {channels} rays of up to {points} cells each, which may take "
-            f"{MOST_MEMORY >> 20} MiB; make size, lidar_channels or lidar_range smaller"
+            f"conf asks for {rows} x {cols} cells with {channels} rays of up to {points} cells "
+            f"each, which may take {MOST_MEMORY >> 20} MiB; make size, lidar_channels or "
+            "lidar_range smaller"
         )
 
 

@@ -1,4 +1,4 @@
-"""The authors' code as environments of Gymnasium and of gym, one at a time or a batch."""
+"""The authors' code as environments of Gymnasium and of gym, alone or in batches."""
 
 from __future__ import annotations
 
@@ -28,15 +28,18 @@ OPTIONS = {"terrain", "start"}
 
 
 class KoutrasCode(gymnasium.Env[NDArray[Any], np.int64]):
-    """The authors' code with this project's actions (north, east, south, west) and observation (rows, cols).
+    """The authors' code with this project's actions and observation.
+
+    Actions: north, east, south, west; observation: (rows, cols).
 
     preset       of PRESETS
     conf         what differs from it, by the authors' names
-    observation  "float32": Box(0, 1, (rows, cols)); "uint8": codes 0 unknown, 1 free, 2 rover, 3 obstacle
+    observation  "float32": Box(0, 1, (rows, cols)); "uint8": codes 0 unknown, 1 free, 2 rover, 3
+                 obstacle
 
     `reset(seed=s)` gives the terrain of seed s, without a seed the next one's; with
-    options={"terrain": bool[rows, cols], "start": (x, y)}, of which either may be left out, what is given.
-    Every end is `terminated`, the time limit too, as in the authors' code.
+    options={"terrain": bool[rows, cols], "start": (x, y)}, of which either may be left out, what is
+    given. Every end is `terminated`, the time limit too, as in the authors' code.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 6}  # noqa: RUF012  # gymnasium's own convention
@@ -101,7 +104,10 @@ class KoutrasCode(gymnasium.Env[NDArray[Any], np.int64]):
 
 
 class ExploConf(KoutrasCode):
-    """The same with the authors' names, order of actions (x + 1, x - 1, y + 1, y - 1) and observation (x, y, 1)."""
+    """The authors' code with their names, actions and observation.
+
+    Actions: x + 1, x - 1, y + 1, y - 1; observation: (x, y, 1).
+    """
 
     shifts = SHIFTS
 
@@ -135,8 +141,8 @@ class ExploConf(KoutrasCode):
     @property
     def exploredMap(self) -> NDArray[np.float32]:  # noqa: N802
         """What the rover knows: 0, 0.3, 0.6 and 1."""
-        known: NDArray[np.float32] = STATE_VALUES[self._worlds.codes[0]]
-        return known
+        values: NDArray[np.float32] = STATE_VALUES[self._worlds.codes[0]]
+        return values
 
     def _observe(self) -> NDArray[Any]:
         return self._worlds.values(0)[:, :, None]
@@ -252,7 +258,7 @@ class KoutrasCodeVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return self._worlds.snapshot()
 
     def restore(self, snapshot: dict[str, NDArray[Any]]) -> NDArray[Any]:
-        """Return the observations of the environments as they were at a snapshot of one made alike."""
+        """Restore a snapshot of environments like these; return their observations."""
         self._worlds.restore(snapshot)
         self._was_reset = True
         return self._observe()

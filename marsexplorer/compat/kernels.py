@@ -1,8 +1,8 @@
 """One move of a batch, compiled: the lidar by rays, the reward, the end.
 
-Maps are uint8[num, cells], row after row. `known` holds codes: 0 unknown, 1 free, 2 where the rover is or was unseen since,
-3 obstacle. The cells of a full ray are listed once for each rover's cell, in `rays`, and shared by the batch; a ray that an
-obstacle shortens is drawn again.
+Maps are uint8[num, cells], row after row. `known_codes` are codes: 0 unknown, 1 free, 2 where the
+rover is or was unseen since, 3 obstacle. The cells of a full ray are listed once for each rover's
+cell, in `rays`, and shared by the batch; a ray that an obstacle shortens is drawn again.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ RUNNING, EXPLORED, COLLIDED, OUT_OF_BOUNDS, TIMED_OUT = range(5)
 X, Y, STEPS, DISCOVERED, OUTCOME = range(5)
 """Columns of `scalars`, int64[num, 5]."""
 LENGTH, IS_CUT, COST, BONUS, COLLISION, LEAVING, LIMIT, TARGET = range(8)
-"""Places in `numbers`, float64[8]: range of the lidar, whether fractions of distances are cut off, rewards, ends."""
+"""Places in `numbers`, float64[8]: range of the lidar, whether fractions of distances are cut
+off, rewards, ends.
+"""
 SHIFTS: NDArray[np.int64] = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]], np.int64)
 """What the authors' actions add to (x, y)."""
 
@@ -30,7 +32,7 @@ SHIFTS: NDArray[np.int64] = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]], np.int6
 def draw_ray(
     x: int, y: int, cos: float, sin: float, length: float, rows: int, cols: int, cells: Any
 ) -> int:
-    """Write the different cells of a line, int32[POINTS], in order; return how many there are."""
+    """Write the different cells of a line, int32[POINTS], in order; return how many."""
     count = 0
     end_x, end_y = x + length * cos, y + length * sin
     step_x, step_y = (end_x - x) / (POINTS - 1), (end_y - y) / (POINTS - 1)
@@ -65,10 +67,10 @@ def ray_range(x: int, y: int, ray: Any, terrain: Any, numbers: Any, rows: int, c
 
 
 @kernel
-def show(known: Any, terrain: Any, cell: int) -> int:
+def show(known_codes: Any, terrain: Any, cell: int) -> int:
     """Write one cell as the lidar shows it; return 1 if it was unknown."""
-    is_new = known[cell] == 0
-    known[cell] = OBSTACLE if terrain[cell] else FREE
+    is_new = known_codes[cell] == 0
+    known_codes[cell] = OBSTACLE if terrain[cell] else FREE
     return 1 if is_new else 0
 
 
@@ -76,7 +78,7 @@ def show(known: Any, terrain: Any, cell: int) -> int:
 def scan(
     scalars: Any,
     terrain: Any,
-    known: Any,
+    known_codes: Any,
     shared: Any,
 ) -> None:
     """Scan from the rover's cell and mark it; `shared` is of `worlds.CodeWorlds`."""
@@ -84,29 +86,29 @@ def scan(
     x, y = scalars[X], scalars[Y]
     here = x * cols + y
     length = numbers[LENGTH]
-    own = rays[here]
+    ray_cells = rays[here]
     if not is_listed[here]:
         for k in range(len(directions)):
             count = draw_ray(x, y, directions[k, 0], directions[k, 1], length, rows, cols, line)
             for i in range(count):
-                own[k, i] = line[i]
+                ray_cells[k, i] = line[i]
         is_listed[here] = 1
     new = 0
     for k in range(len(directions)):
-        reach = ray_range(x, y, own[k], terrain, numbers, rows, cols)
+        reach = ray_range(x, y, ray_cells[k], terrain, numbers, rows, cols)
         shown = min(reach + 0.5, length)
         if shown == length:
-            for cell in own[k]:
+            for cell in ray_cells[k]:
                 if cell < 0:
                     break
-                new += show(known, terrain, cell)
+                new += show(known_codes, terrain, cell)
         else:
             count = draw_ray(x, y, directions[k, 0], directions[k, 1], shown, rows, cols, line)
             for i in range(count):
-                new += show(known, terrain, line[i])
-    if known[here] == 0:
+                new += show(known_codes, terrain, line[i])
+    if known_codes[here] == 0:
         new += 1
-    known[here] = ROVER
+    known_codes[here] = ROVER
     scalars[DISCOVERED] += new
 
 
@@ -117,27 +119,27 @@ def step(
     rewards: Any,
     scalars: Any,
     terrain: Any,
-    known: Any,
+    known_codes: Any,
     shared: Any,
 ) -> None:
-    """Make one move of every episode; write the rewards, and the outcomes into `scalars`."""
+    """Make one move of every episode; write rewards, and outcomes into `scalars`."""
     rows, cols, numbers = shared[4], shared[5], shared[3]
     for i in range(len(actions)):
-        own = scalars[i]
-        x, y = own[X] + shifts[actions[i], 0], own[Y] + shifts[actions[i], 1]
+        state = scalars[i]
+        x, y = state[X] + shifts[actions[i], 0], state[Y] + shifts[actions[i], 1]
         is_out = x < 0 or y < 0 or x >= rows or y >= cols
         is_blocked = not is_out and terrain[i, x * cols + y] != 0
         if not is_out and not is_blocked:
-            own[X], own[Y] = x, y
-        before = own[DISCOVERED]
-        scan(own, terrain[i], known[i], shared)
-        own[STEPS] += 1
-        rewards[i] = own[DISCOVERED] - before - numbers[COST]
-        if own[STEPS] > numbers[LIMIT]:
-            own[OUTCOME] = TIMED_OUT
-        elif own[DISCOVERED] > numbers[TARGET]:
-            own[OUTCOME], rewards[i] = EXPLORED, numbers[BONUS]
+            state[X], state[Y] = x, y
+        before = state[DISCOVERED]
+        scan(state, terrain[i], known_codes[i], shared)
+        state[STEPS] += 1
+        rewards[i] = state[DISCOVERED] - before - numbers[COST]
+        if state[STEPS] > numbers[LIMIT]:
+            state[OUTCOME] = TIMED_OUT
+        elif state[DISCOVERED] > numbers[TARGET]:
+            state[OUTCOME], rewards[i] = EXPLORED, numbers[BONUS]
         elif is_blocked:
-            own[OUTCOME], rewards[i] = COLLIDED, numbers[COLLISION]
+            state[OUTCOME], rewards[i] = COLLIDED, numbers[COLLISION]
         elif is_out:
-            own[OUTCOME], rewards[i] = OUT_OF_BOUNDS, numbers[LEAVING]
+            state[OUTCOME], rewards[i] = OUT_OF_BOUNDS, numbers[LEAVING]

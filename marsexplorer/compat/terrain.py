@@ -1,4 +1,4 @@
-"""Draw a terrain as the authors' generator does: in distribution, with random numbers of its own."""
+"""Draw a terrain as the authors' generator does, with other random numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Corners = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def draw_terrain(config: CodeConfig, seed: int) -> NDArray[np.bool_]:
-    """Return the terrain of a seed, bool[rows, cols], True where blocked; nothing checks that it can be solved."""
+    """The terrain of a seed, bool[rows, cols], True where blocked, solvable or not."""
     random, conf = np.random.default_rng(seed), config.conf
     corners = _lattice_corners(conf, random) if config.is_lattice else _corners(conf, random)
     sides = conf["obstacle_size"]

@@ -1,4 +1,4 @@
-"""Episodes of one configuration side by side: their terrains, what is known of them, and one move of all."""
+"""Episodes of one configuration side by side, all of which move at once."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class CodeWorlds:
         self.seeds[index] = seed
 
     def start_on(self, index: int, terrain: NDArray[Any], start: tuple[int, int]) -> None:
-        """Begin an episode on a given terrain, True where blocked; its start may be blocked."""
+        """Begin an episode on a terrain, True where blocked; its start may be blocked."""
         shape = self.config.rows, self.config.cols
         blocked = np.asarray(terrain, np.bool_)
         if blocked.shape != shape:
@@ -69,7 +69,10 @@ class CodeWorlds:
         kernels.scan(self.scalars[index], self.terrains[index], self.known[index], self._shared())
 
     def step(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Make one move of every episode and return the rewards; RuntimeError before each has begun."""
+        """Make one move of every episode and return the rewards.
+
+        Raises RuntimeError before each episode has begun.
+        """
         if not self._is_started.all():
             raise RuntimeError("no episode is running: call reset() first")
         rewards = np.zeros(len(self.scalars))
@@ -90,13 +93,13 @@ class CodeWorlds:
 
     def info(self, index: int) -> dict[str, Any]:
         """Return an episode's state in words and numbers."""
-        own = self.scalars[index]
-        discovered = int(own[DISCOVERED])
+        state = self.scalars[index]
+        discovered = int(state[DISCOVERED])
         return {
-            "position": (int(own[X]), int(own[Y])),
+            "position": (int(state[X]), int(state[Y])),
             "discovered": discovered,
             "coverage": discovered / self.config.n,
-            "outcome": OUTCOMES[own[OUTCOME]],
+            "outcome": OUTCOMES[state[OUTCOME]],
             "terrain_seed": None if self.seeds[index] < 0 else int(self.seeds[index]),
         }
 

@@ -1,4 +1,6 @@
-"""Puzzles: positions in which one first move is clearly better than each other, over terrains that agree with what is seen.
+"""Puzzles: positions in which one first move is clearly better than each other.
+
+The moves are compared over terrains that agree with what is seen.
 
 A rule drives over terrains of SEEDS. At its positions each move to a known free cell is tried on
 many terrains that agree with what is known (`kernels.posterior`), and the priced rule drives on to
@@ -51,7 +53,8 @@ class Puzzle:
     trail    the cells that the rover has stood on, from the start
     heading  of the last move
     means    moves from here to 99 % on average, by the first move
-    saves    of the best first move against the next best, on average over `terrains`, with its standard error
+    saves    of the best first move against the next best, on average over `terrains`, with its
+             standard error
     here     the same on the terrain itself
     """
 
@@ -79,7 +82,7 @@ class Verdict:
 
 
 class Judge:
-    """Tries first moves of one episode's positions; `look` is called at each of them in turn."""
+    """Tries first moves of an episode's positions; `look` is called at each in turn."""
 
     def __init__(self, seed: int, terrain: NDArray[np.bool_]) -> None:
         self._arrays = LookaheadArrays((CONFIG.rows, CONFIG.cols), CONFIG.sensor_radius, TERRAINS)
@@ -95,14 +98,14 @@ class Judge:
         return bits
 
     def look(self, memory: Memory) -> Verdict | None:
-        """Bring the terrains up to date, and return what the position's moves come to; None if it is no puzzle."""
+        """Update the terrains and judge the moves here; None if this is no puzzle."""
         codes, visited, (row, col) = memory.codes, memory.visited, memory.position
         arrays, (rows, cols) = self._arrays, codes.shape
         cell = row * cols + col
         board, target = arrays.board, int(completion_target(rows * cols))
         left = update_board(codes, board.board, arrays.half_sides, board.changed_columns)
-        known = rows * cols - int(left)
-        is_judged = KNOWN[0] <= known / (rows * cols) < KNOWN[1]
+        known_cells = rows * cols - int(left)
+        is_judged = KNOWN[0] <= known_cells / (rows * cols) < KNOWN[1]
         sweeps = SWEEPS if is_judged else 1
         count = move_chains(
             arrays.chains, board.board[0], rows, cols, target, sweeps, is_judged, self._state
@@ -113,7 +116,7 @@ class Judge:
         stride, radius = board.board[2][4:]
         fill_truths(arrays.chains, rows, cols, stride, radius, arrays.truths)
         most = MOST_MOVES * rows * cols
-        rover = cell, known
+        rover = cell, known_cells
         costs = self._tried(list(moves.values()), arrays.truths, SCREENED, rover, visited)
         if np.sort(costs.mean(1))[1] - costs.mean(1).min() < LEAST_SAVED / 2:
             return None
@@ -148,7 +151,7 @@ class Judge:
         rover: tuple[int, int],
         visited: NDArray[np.uint8],
     ) -> NDArray[np.float64]:
-        """Moves from here to the end, float64[moves, terrains], by the cell of the first move."""
+        """Moves to the end, float64[moves, terrains], by the cell of the first move."""
         arrays = self._arrays
         for k, cell in enumerate(cells):
             arrays.ways[k, 0], arrays.lengths[k] = cell, 1
@@ -163,9 +166,19 @@ class Judge:
             block = truths[first : first + BLOCK]
             used = min(BLOCK, count - first)
             compare(
-                real, arrays.trial, block, used, np.inf, arrays.rule, target, len(cells),
-                arrays.ways, arrays.lengths, arrays.costs, arrays.alive,
-            )  # fmt: skip
+                real,
+                arrays.trial,
+                block,
+                used,
+                np.inf,
+                arrays.rule,
+                target,
+                len(cells),
+                arrays.ways,
+                arrays.lengths,
+                arrays.costs,
+                arrays.alive,
+            )
             costs[:, first : first + used] = arrays.costs[: len(cells), :used]
         return costs
 
@@ -178,7 +191,7 @@ def _free_moves(codes: NDArray[np.uint8], cell: int, rows: int, cols: int) -> di
 
 
 def puzzle_on(seed: int) -> Puzzle | None:
-    """The clearest position of a terrain: the one whose answer saves most; None if there is none."""
+    """The position of a terrain whose answer saves most; None if there is none."""
     episode, policy, memory = Episode.begin(CONFIG, seed=seed), policies.load(WHEEL), Memory()
     judge = Judge(seed, episode.terrain)
     policy.reset(0)

@@ -1,8 +1,10 @@
-"""Worlds played together and greedily by a network, as its policy plays: with the loop guard, from the observation alone.
+"""Worlds played together and greedily by a network, as its policy plays.
 
-Worlds can be copied with all that is remembered of them and put back, also among other worlds, so an episode can be continued
-from any of its steps more than once: branches from many steps of many episodes are played together, so that the network is
-asked for all of them at once.
+It plays with the loop guard, from the observation alone.
+
+Worlds can be copied with all that is remembered of them and put back, also among other worlds, so
+an episode can be continued from any of its steps more than once: branches from many steps of many
+episodes are played together, so that the network is asked for all of them at once.
 """
 
 from __future__ import annotations
@@ -46,12 +48,13 @@ class Decisions:
 
 
 class GreedyRollouts:
-    """`num_worlds` worlds of one configuration and what is remembered of each in `memory`.
+    """`num_worlds` worlds of one configuration, and the `memory` of each.
 
     visited    uint8[num_worlds, cells], 1 where the rover has been
     headings   int64[num_worlds], the last action
     steps      int64[num_worlds], moves made
-    known_at   int64[num_worlds, cells], cells known when the rover was last there: the same number again starts the guard
+    known_at   int64[num_worlds, cells], cells known when the rover was last there: the same number
+               again starts the guard
     remaining  int64[num_worlds], moves that the guard still makes
     stuck_at   int64[num_worlds], the cells known when the guard started
 
@@ -82,7 +85,10 @@ class GreedyRollouts:
         return np.equal(self.worlds.outcomes, RUNNING)
 
     def decide(self, net: ActionScorer) -> Decisions:
-        """Return the decisions for what the worlds show now; call it once for each step, as the guard remembers it."""
+        """The decisions for what the worlds show now.
+
+        Call it once for each step, because the guard remembers it.
+        """
         memory, rovers, cells = self.memory, positions(self.worlds.scalars), self.mark_visited()
         remembered = (memory["visited"], memory["headings"])
         planes, moves = self._extractor(self.worlds.codes, cells, *remembered)
@@ -104,18 +110,23 @@ class GreedyRollouts:
         return cells
 
     def mark_visited(self) -> NDArray[np.int64]:
-        """Mark where the rovers stand as visited and return those cells, int64[num_worlds], row * cols + col."""
+        """Mark the rovers' cells as visited and return them, int64[num_worlds].
+
+        A cell is row * cols + col.
+        """
         rovers = positions(self.worlds.scalars)
         cells: NDArray[np.int64] = rovers[:, 0] * self.config.cols + rovers[:, 1]
         self.memory["visited"][self._indices, cells] = 1
         return cells
 
     def _update_guards(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return where the guard decides, bool[num_worlds]: `LoopGuard.overrule` for all worlds at once."""
+        """Where the guard decides, bool[num_worlds]: `LoopGuard.overrule` of all worlds."""
         memory, guarded = self.memory, np.zeros(self.num_worlds, np.bool_)
-        known = np.count_nonzero(self.worlds.codes.reshape(self.num_worlds, -1) != UNKNOWN, axis=1)
-        kept = (memory["known_at"], memory["remaining"], memory["stuck_at"])
-        update_guard(cells, known, *kept, guarded)
+        known_cells = np.count_nonzero(
+            self.worlds.codes.reshape(self.num_worlds, -1) != UNKNOWN, axis=1
+        )
+        counters = (memory["known_at"], memory["remaining"], memory["stuck_at"])
+        update_guard(cells, known_cells, *counters, guarded)
         return guarded
 
     def _guard_action(self, world: np.intp, rover: NDArray[np.int64]) -> int:
@@ -164,9 +175,12 @@ def play_branches(
     actions: NDArray[np.int64],
     limits: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Return the moves of whole episodes in which `actions` are taken in the worlds of a snapshot and the policy goes on.
+    """The moves of episodes that begin with `actions` and that the policy then plays.
 
-    actions, limits  int64[num_branches]; so is the result: where an episode still runs after its limit, that limit
+    They begin in the worlds of a snapshot.
+
+    actions, limits  int64[num_branches]; so is the result: where an episode still runs after its
+                     limit, that limit
     """
     num_branches = len(actions)
     lengths, started = limits.copy(), min(PARALLEL_BRANCHES, num_branches)
@@ -184,10 +198,10 @@ def play_branches(
         branches[finished] = -1
         are_few = (branches >= 0).sum() < MIN_RUNNING_SHARE * rollouts.num_worlds
         if started == num_branches and are_few:
-            kept = np.flatnonzero(branches >= 0)
-            if not len(kept):
+            running = np.flatnonzero(branches >= 0)
+            if not len(running):
                 return lengths
-            rollouts, branches = rollouts.subset(kept), branches[kept]
+            rollouts, branches = rollouts.subset(running), branches[running]
         next_actions = rollouts.decide(net).actions
         free = np.flatnonzero(branches < 0)[: num_branches - started]
         fresh = np.arange(started, started + len(free))

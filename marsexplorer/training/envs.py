@@ -1,7 +1,7 @@
-"""Environments as a network in training sees them: several levels and sizes, stepped as one.
+"""Environments as a network in training sees them: several sizes, stepped as one.
 
-No training terrain has a seed in EVALUATION_SEEDS: a run that drew one would stop. The whole state can be saved and loaded, so
-that a run that was interrupted goes on exactly where it stood.
+No training terrain has a seed in EVALUATION_SEEDS: a run that drew one would stop. The whole state
+can be saved and loaded, so that a run that was interrupted goes on exactly where it stood.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Observation = tuple[Tensor, ...]
 Codes = NDArray[np.uint8]
 Numbers = NDArray[np.int64]
 Encoder = Callable[[Codes, Numbers, Codes, Numbers], Observation]
-"""(codes, cells, visited, headings) of some environments -> the observation that the network is given."""
+"""(codes, cells, visited, headings) of some environments -> the network's observation."""
 EncoderFactory = Callable[[EnvConfig, int], Encoder]
 """(configuration, number of environments) -> an encoder for them."""
 
@@ -53,7 +53,9 @@ STATE_ARRAYS = ("visited", "headings", "steps", "returns", "cells")
 
 @dataclass
 class RecentEpisodes:
-    """The last thousand episodes that ended in training: steps, whether explored, return, coverage, outcome.
+    """The last thousand episodes that ended in training.
+
+    Of each: steps, whether explored, return, coverage, outcome.
 
     count  episodes that ended in all
     """
@@ -68,7 +70,7 @@ class RecentEpisodes:
     def add(
         self, ended: NDArray[np.bool_], steps: Numbers, returns: NDArray[np.float64], info: Any
     ) -> NDArray[np.bool_]:
-        """Add the episodes that ended in a step; return bool[num_envs], which of them explored."""
+        """Add the episodes that ended in a step; return which explored, bool[num_envs]."""
         outcomes = info["final_info"]["outcome"]  # older endings too
         explored: NDArray[np.bool_] = ended & (outcomes == "explored")
         self.steps += steps[ended].tolist()
@@ -119,7 +121,10 @@ class StepResult:
 
 
 class TrainingEnvs:
-    """Environments of one configuration with what a network needs of each: cells visited, headings, the observation."""
+    """Environments of one configuration with what a network needs of each.
+
+    That is: cells visited, headings, the observation.
+    """
 
     def __init__(
         self,
@@ -140,16 +145,19 @@ class TrainingEnvs:
         self._mark_visited(info["position"])
 
     def _mark_visited(self, positions: NDArray[np.int64]) -> None:
-        """Set the rovers' cells from positions int64[num_envs, 2] and mark them as visited."""
+        """Move the rovers to int64[num_envs, 2] and mark those cells as visited."""
         self.cells = positions[:, 0] * self.config.cols + positions[:, 1]
         self.visited[np.arange(self.num_envs), self.cells] = 1
 
     def observe(self) -> Observation:
-        """Return the observation of all environments; the tensors change with the next call."""
+        """The observation of all environments; the tensors change with the next call."""
         return self._encoder(self.codes, self.cells, self.visited, self.headings)
 
     def step(self, actions: NDArray[np.int64]) -> StepResult:
-        """Step every environment with actions int64[num_envs]; the next episode begins at once where one ended."""
+        """Step every environment with actions int64[num_envs].
+
+        The next episode begins at once where one ended.
+        """
         self.codes, rewards, terminated, truncated, info = self.env.step(actions)
         self.headings, self.steps, self.returns = actions, self.steps + 1, self.returns + rewards
         dones, late = terminated | truncated, np.flatnonzero(truncated)
@@ -165,7 +173,7 @@ class TrainingEnvs:
         return StepResult(rewards, dones, explored, late, final_obs)
 
     def _final_observations(self, indices: NDArray[np.intp], info: dict[str, Any]) -> Observation:
-        """Return the last observations of the environments of these indices, whose episodes have just ended."""
+        """The last observations of environments whose episodes have just ended."""
         positions = info["final_info"]["position"][indices]
         cells = positions[:, 0] * self.config.cols + positions[:, 1]
         visited = self.visited[indices]
@@ -190,7 +198,7 @@ class TrainingEnvs:
 
 
 class MixedEnvs:
-    """The environments of several configurations as one: all observe and step together."""
+    """The environments of several configurations as one."""
 
     def __init__(self, parts: Sequence[TrainingEnvs]) -> None:
         self.parts = list(parts)
@@ -200,19 +208,19 @@ class MixedEnvs:
     def observe(self) -> Observation:
         """Return the observation of all environments, part by part."""
         observations = (part.observe() for part in self.parts)
-        return tuple(torch.cat(each) for each in zip(*observations, strict=True))
+        return tuple(torch.cat(tensors) for tensors in zip(*observations, strict=True))
 
     def step(self, actions: NDArray[np.int64]) -> list[StepResult]:
-        """Step every environment with actions int64[num_envs]; return the result of each part."""
-        each = zip(self.parts, np.split(actions, self._splits), strict=True)
-        return [part.step(own) for part, own in each]
+        """Step every environment with actions int64[num_envs]; return each part's result."""
+        split = zip(self.parts, np.split(actions, self._splits), strict=True)
+        return [part.step(part_actions) for part, part_actions in split]
 
 
 def make_vector_env(config: EnvConfig, num_envs: int) -> MarsExplorerVector:
-    """Return `num_envs` environments of this very configuration that observe uint8 codes."""
-    given = config.to_dict() | {"observation": "uint8", "autoreset_mode": "SameStep"}
-    given["size"] = (given.pop("rows"), given.pop("cols"))
-    env = gymnasium.make_vec("MarsExplorer-v0", num_envs, "vector_entry_point", **given)
+    """`num_envs` environments of this configuration that observe uint8 codes."""
+    settings = config.to_dict() | {"observation": "uint8", "autoreset_mode": "SameStep"}
+    settings["size"] = (settings.pop("rows"), settings.pop("cols"))
+    env = gymnasium.make_vec("MarsExplorer-v0", num_envs, "vector_entry_point", **settings)
     assert isinstance(env, MarsExplorerVector)
     assert env.config == config
     return env
@@ -221,7 +229,9 @@ def make_vector_env(config: EnvConfig, num_envs: int) -> MarsExplorerVector:
 def make_envs(
     configs: Sequence[EnvConfig], num_envs: int, seed: int, make_encoder: EncoderFactory
 ) -> MixedEnvs:
-    """Return the environments of a run: every configuration has some, the first level half, larger grids fewer.
+    """The environments of a run, of every configuration some.
+
+    The first level has half of them; larger grids have fewer.
 
     ValueError when there are more configurations than environments.
     """
@@ -235,22 +245,25 @@ def make_envs(
         raise ValueError(f"{many}; choose fewer")
     seeds = [10**12 * (seed + 1) + 10**7 * k for k in range(len(configs))]
     parts = zip(configs, counts, seeds, strict=True)
-    return MixedEnvs([TrainingEnvs(*each, make_encoder) for each in parts])
+    return MixedEnvs([TrainingEnvs(*part, make_encoder) for part in parts])
 
 
 def rewards_in_moves(
     config: EnvConfig, step: StepResult, reward_per_cell: float
 ) -> NDArray[np.float64]:
-    """Return a step's rewards in units of moves, float64[num_envs]: `reward_per_cell` for each new cell, -1 for the move.
+    """A step's rewards in units of moves, float64[num_envs].
 
-    Undiscounted they rank explorations as eq. 8 does, by the number of moves, but they are of one magnitude at every size.
+    `reward_per_cell` for each new cell, -1 for the move.
+
+    Undiscounted they rank explorations as eq. 8 does, by the number of moves, but they are of one
+    magnitude at every size.
     """
     return reward_per_cell * (step.rewards + R_MOVE - config.r_bonus * step.explored) - 1.0
 
 
 def refuse_evaluation_seeds(seeds: NDArray[np.int64]) -> None:
     """Raise ValueError when a training terrain is one of those kept for evaluation."""
-    kept = (seeds >= EVALUATION_SEEDS.start) & (seeds < EVALUATION_SEEDS.stop)
-    if kept.any():
-        met = f"training met seed {int(seeds[kept][0])}, which is kept for evaluation"
+    is_for_evaluation = (seeds >= EVALUATION_SEEDS.start) & (seeds < EVALUATION_SEEDS.stop)
+    if is_for_evaluation.any():
+        met = f"training met seed {int(seeds[is_for_evaluation][0])}, which is kept for evaluation"
         raise ValueError(f"{met}; train with another seed")

@@ -1,1 +1,1 @@
-"""Which versions of Gymnasium, NumPy and Python, and which libraries, does the environment run with?"""
+"""With which versions of Gymnasium, NumPy, Python and libraries does all run?"""

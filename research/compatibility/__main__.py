@@ -1,9 +1,12 @@
-"""Run the environment with several versions of what it needs, and draw docs/compatibility.md.
+"""Run the environment with several versions of its needs; draw the page of it.
+
+The page is docs/compatibility.md.
 
     python -m research.compatibility
 
-Each row is an environment of its own, made with pip in a temporary folder: Gymnasium, NumPy, Numba and Pillow, without the rest
-of the playground. TorchRL and Tianshou are tried where this command's own interpreter has them.
+Each row is an environment of its own, made with pip in a temporary folder: Gymnasium, NumPy, Numba
+and Pillow, without the rest of the playground. TorchRL and Tianshou are tried where this command's
+own interpreter has them.
 """
 
 from __future__ import annotations
@@ -66,13 +69,13 @@ def try_case(case: Case, folder: Path) -> str:
     if python is None or subprocess.run([python, "-c", ""], capture_output=True).returncode:
         return f"{wanted}not run: no python{case.python} on the machine that drew this page|"
     subprocess.run([python, "-m", "venv", folder], check=True)
-    own = folder / "bin" / "python"
+    case_python = folder / "bin" / "python"
     packages = [
         name if not version else f"{name}=={version}"
         for name, version in (("gymnasium", case.gymnasium), ("numpy", case.numpy))
     ]
     command: list[str | Path] = [
-        own,
+        case_python,
         "-m",
         "pip",
         "install",
@@ -85,9 +88,9 @@ def try_case(case: Case, folder: Path) -> str:
         lines = [line for line in installed.stderr.splitlines() if line.startswith("ERROR")]
         return f"{wanted}does not install: {(lines or ['pip failed'])[0][:150]}|"
     gymnasium, numpy = subprocess.run(
-        [own, "-c", VERSIONS], capture_output=True, text=True, check=True
+        [case_python, "-c", VERSIONS], capture_output=True, text=True, check=True
     ).stdout.split()
-    return f"|{case.python}|{gymnasium}|{numpy}|{probe(own, folder, CHECKS)}|"
+    return f"|{case.python}|{gymnasium}|{numpy}|{probe(case_python, folder, CHECKS)}|"
 
 
 def probe(python: Path, folder: Path, checks: tuple[str, ...]) -> str:
@@ -97,8 +100,12 @@ def probe(python: Path, folder: Path, checks: tuple[str, ...]) -> str:
     try:
         done = subprocess.run(
             [python, script, *checks],
-            env=environ, cwd=folder, capture_output=True, text=True, timeout=PROBE_S,
-        )  # fmt: skip
+            env=environ,
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=PROBE_S,
+        )
     except subprocess.TimeoutExpired as error:
         output = error.stdout or b""
         return f"{_unfinished(checks, output.decode())} not done after {PROBE_S} s"
@@ -118,9 +125,14 @@ def libraries(folder: Path) -> Iterator[str]:
     yield "\n|library|version|result|\n|---|---|---|"
     for name in LIBRARIES:
         version = subprocess.run(
-            [sys.executable, "-c", f"from importlib.metadata import version; print(version('{name}'))"],
-            capture_output=True, text=True,
-        ).stdout.strip()  # fmt: skip
+            [
+                sys.executable,
+                "-c",
+                f"from importlib.metadata import version; print(version('{name}'))",
+            ],
+            capture_output=True,
+            text=True,
+        ).stdout.strip()
         result = probe(Path(sys.executable), folder, (name,)) if version else "not installed"
         yield f"|{name}|{version or '-'}|{result}|"
 

@@ -1,4 +1,7 @@
-"""What a version must do, run by `research.compatibility` in an environment that has it. Prints a word for each thing done."""
+"""What a version must do, run by `research.compatibility` in its environment.
+
+Prints a word for each thing done.
+"""
 
 import copy
 import pickle

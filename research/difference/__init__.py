@@ -1,1 +1,4 @@
-"""What makes the difference between PPO by the text of the paper and PPO by its code? README.md has the design."""
+"""What makes PPO by the text of the paper differ from PPO by its code?
+
+README.md has the design.
+"""

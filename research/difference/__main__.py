@@ -1,4 +1,4 @@
-"""The command `python -m research.difference`: train, export, and print the answers."""
+"""`python -m research.difference`: train, export, and print the answers."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def main(
     is_export: bool,
     is_table: bool,
 ) -> None:
-    """Train what the design has, one process a training; the same command goes on where it stopped."""
+    """Train what the design has, one process a training; run it again to go on."""
     trainings = [training for part in parts or PARTS for training in PARTS[part]()]
     if moves:
         fields = [{**vars(training), "moves": moves} for training in trainings]
-        trainings = [Training(**own) for own in fields]
+        trainings = [Training(**training_fields) for training_fields in fields]
     if is_table:
         click.echo(table(read_stored()))
     elif is_list:
@@ -53,7 +53,7 @@ def main(
 
 
 def export(out: Path) -> None:
-    """Write the logs of a folder to the stored data, a line a training, beside those of other trainings."""
+    """Write a folder's logs to the stored data, a line a training, beside the others."""
     records = {**read_stored(), **read_records(sorted(out.glob("*/log.jsonl")))}
     lines = []
     for record in records.values():

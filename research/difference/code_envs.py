@@ -20,7 +20,7 @@ NONE: NDArray[np.intp] = np.zeros(0, np.intp)
 
 
 class CodeEnvs:
-    """`training.envs.TrainingEnvs` of the authors' code; no episode is ever truncated there."""
+    """`training.envs.TrainingEnvs` of the authors' code, where nothing is truncated."""
 
     def __init__(self, env: KoutrasCodeVector, seed: int) -> None:
         self.env, self.num_envs = env, env.num_envs

@@ -92,7 +92,7 @@ class Training:
         return make_vector_env(self.config, num_envs)
 
     def begin(self) -> TrainingRun:
-        """Return the run at its beginning, with gradient steps on a CUDA device where there is one."""
+        """The run at its beginning, with gradient steps on a CUDA device if there is one."""
         device = "cuda" if torch.cuda.is_available() else "cpu"
         settings = self.settings
         run = TrainingRun.begin(settings, [self.config], self.moves, self.seed, device)
@@ -102,12 +102,12 @@ class Training:
         return run
 
     def run(self, folder: Path, on_progress: OnProgress) -> None:
-        """Train, from a checkpoint if there is one, play the held-out terrains, and write the log."""
+        """Train, from a checkpoint if there is one, play held-out terrains, write the log."""
         torch.set_num_threads(1)
         torch.set_flush_denormal(True)
-        own = folder / self.name
-        own.mkdir(parents=True, exist_ok=True)
-        checkpoint = own / "checkpoint.pt"
+        home = folder / self.name
+        home.mkdir(parents=True, exist_ok=True)
+        checkpoint = home / "checkpoint.pt"
         run, lines, machines = self.begin(), list[dict[str, Any]](), [hardware()]
         if checkpoint.is_file():
             stored = torch.load(checkpoint, "cpu", weights_only=True)
@@ -122,7 +122,7 @@ class Training:
             state = {"run": run.state_dict(), "lines": lines, "machines": machines}
             with replace_whole(checkpoint) as path:
                 torch.save(state, path)
-            write_lines(own / "log.jsonl", [head(), *lines])
+            write_lines(home / "log.jsonl", [head(), *lines])
 
         saved = time.monotonic()
         interval = self.moves // LINES
@@ -142,12 +142,12 @@ class Training:
                 saved = time.monotonic()
         result = play_held_out(self.batch, run.player, self.seed)
         last = {"kind": "result", "moves": run.global_step, **result}
-        write_lines(own / "log.jsonl", [head(), *lines, last])
+        write_lines(home / "log.jsonl", [head(), *lines, last])
         checkpoint.unlink(missing_ok=True)
 
 
 def curve_line(moves: int, envs: TrainingEnvs, numbers: dict[str, float]) -> dict[str, Any]:
-    """Return a line of the curve: means over the last episodes, and the update's numbers."""
+    """A line of the curve: means over the last episodes, and the update's numbers."""
     rounded = {name: round(number, 4) for name, number in numbers.items()}
     return {"kind": "curve", "moves": moves, **episode_means(envs.recent), **rounded}
 

@@ -1,4 +1,4 @@
-"""What a trained policy does: means over its last episodes in training, and its episodes on terrains kept apart."""
+"""What a trained policy does in its last episodes and on terrains kept apart."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOST = 0.9
 
 
 def episode_means(recent: RecentEpisodes) -> dict[str, float]:
-    """Return the means over the last episodes that ended in training, empty before the first has."""
+    """The means over the last episodes that ended in training; empty without any."""
     columns: dict[str, Iterable[float]] = {
         "return": recent.returns,
         "coverage": recent.coverages,
@@ -39,7 +39,7 @@ def episode_means(recent: RecentEpisodes) -> dict[str, float]:
 
 @torch.inference_mode()
 def play_held_out(batch: Callable[[int], Any], player: Any, seed: int) -> dict[str, Any]:
-    """Return how a policy does on terrains kept apart, its actions drawn as in training.
+    """How a policy does on terrains kept apart, its actions drawn as in training.
 
     Args:
         batch: makes so many environments that observe codes.
@@ -64,27 +64,27 @@ def play_held_out(batch: Callable[[int], Any], player: Any, seed: int) -> dict[s
 
 
 def _play_side_by_side(env: Any, player: Any, first: int) -> list[dict[str, Any]]:
-    """Return the first episode of each environment of a batch, on the terrains of the seeds from `first` on."""
+    """The first episode of each environment of a batch, on seeds from `first` on."""
     codes, info = env.reset(seed=first)
     rows, cols = codes.shape[1:]
     paths = [[int(x) * cols + int(y)] for x, y in info["position"]]
     actions = [""] * AT_ONCE
-    found: dict[int, dict[str, Any]] = {}
-    while len(found) < AT_ONCE:
+    episodes: dict[int, dict[str, Any]] = {}
+    while len(episodes) < AT_ONCE:
         probabilities = player.logits(torch.from_numpy(codes)).float().softmax(1)
         chosen = torch.multinomial(probabilities, 1).squeeze(1).numpy()
         codes, _, terminated, truncated, info = env.step(chosen)
         ended = terminated | truncated
-        for i in set(range(AT_ONCE)) - set(found):
+        for i in set(range(AT_ONCE)) - set(episodes):
             source = info["final_info"] if ended[i] else info
             x, y = source["position"][i]
             paths[i].append(int(x) * cols + int(y))
             actions[i] += str(int(chosen[i]))
             if ended[i]:
-                found[i] = {
+                episodes[i] = {
                     "coverage": float(source["coverage"][i]),
                     "outcome": str(source["outcome"][i]),
                     "actions": actions[i],
                     "clean_u": quadrant_course(paths[i], rows, cols).never_goes_back,
                 }
-    return [found[i] for i in range(AT_ONCE)]
+    return [episodes[i] for i in range(AT_ONCE)]

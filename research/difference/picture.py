@@ -1,4 +1,4 @@
-"""Draw the paths of the authors' three videos beside those of policies that were trained here."""
+"""Draw the paths of the authors' three videos beside those of trained policies."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from research.paper.figures.drawing import LINE_COLOUR, SAND, new_figure, plain,
 from research.paper.jobs import read_lines
 
 VIDEOS = DATA.parent / "videos.jsonl"
-"""What the frames of the three videos show: the blocked cells, and the rover's cells one after the other."""
+"""What the frames of the three videos show: the blocked cells, and the rover's cells one after
+the other.
+"""
 NAME = "paths"
 COLOURS = ("#0072B2", "#D55E00", "#009E73")
 SIDE, EPISODES = 21, 3
@@ -33,12 +35,12 @@ Path2D = Sequence[tuple[int, int]]
 def paths_of(kind: tuple[str, str, str]) -> list[list[Path2D]]:
     """Return the first paths of each seed on terrains kept apart, from the corner on."""
     records, (world, estimates, passes) = read_stored(), kind
-    found: list[list[Path2D]] = []
+    paths: list[list[Path2D]] = []
     for seed in range(EPISODES):
         result = records[Training(world, estimates, "free", seed, passes=passes)].result
         assert result is not None
-        found.append([walk(actions) for actions in result["actions"][:EPISODES]])
-    return found
+        paths.append([walk(actions) for actions in result["actions"][:EPISODES]])
+    return paths
 
 
 def walk(actions: str) -> Path2D:

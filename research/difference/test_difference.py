@@ -1,4 +1,4 @@
-"""Each verdict of the design comes out both ways, and a training goes on where it stopped."""
+"""Each verdict of the design comes out both ways; a stopped training goes on."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -76,8 +76,11 @@ def test_coverage_sweeps_with_certainty_or_shows_nothing():
 
 def test_the_effect_of_a_factor_is_found_where_it_was_put():
     stored = records(
-        lambda own: (
-            0.5 + 0.2 * (own.world == "code") - 0.1 * (own.leaving == "costs") + 0.01 * own.seed
+        lambda training: (
+            0.5
+            + 0.2 * (training.world == "code")
+            - 0.1 * (training.leaving == "costs")
+            + 0.01 * training.seed
         )
     )
     assert effect_of("world", stored).mean == pytest.approx(0.2)
@@ -87,12 +90,12 @@ def test_the_effect_of_a_factor_is_found_where_it_was_put():
 
 
 def test_what_is_not_finished_decides_nothing():
-    stored = records(lambda own: 0.5)
+    stored = records(lambda _: 0.5)
     training = combinations()[3]
     stored[training] = replace(stored[training], result=None)
     assert effect_of("world", stored) is None
     assert effect_of_passes(stored) is None
-    stored = records(lambda own: 0.5) | {own: record(own, 0.7) for own in full_passes()}
+    stored = records(lambda _: 0.5) | {full: record(full, 0.7) for full in full_passes()}
     assert effect_of_passes(stored).mean == pytest.approx(0.2)
     assert "not all finished" not in table(stored)
 
@@ -115,9 +118,9 @@ def test_a_training_that_was_stopped_ends_as_one_that_was_not(world, tmp_path):
     logs = [tmp_path / name / training.name / "log.jsonl" for name in ("whole", "stopped")]
     assert logs[0].read_text() == logs[1].read_text()
     assert training.is_done(tmp_path / "stopped")
-    (own,) = read_records(logs[:1]).values()
-    assert len(own.result["actions"]) == 20
-    assert own.result["coverage"] > 0
+    (trained,) = read_records(logs[:1]).values()
+    assert len(trained.result["actions"]) == 20
+    assert trained.result["coverage"] > 0
 
 
 def test_training_in_the_codes_world_refuses_the_terrains_kept_apart():

@@ -65,7 +65,7 @@ def main(
     episodes: int,
     seed: int,
 ) -> None:
-    """Play policies, and always both frontier rules, beside the search on the same terrains.
+    """Play policies and both frontier rules beside the search on the same terrains.
 
     `to informed` is the ratio of the mean steps to 99 % to those of the search, which is shown the
     true map: an upper bound of the fewest possible, and no policy. ± is half of the 95 % interval.

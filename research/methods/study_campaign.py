@@ -87,7 +87,7 @@ class Played:
 
     @property
     def steps(self) -> tuple[float, float]:
-        """The mean steps to 99 % of who finished and of everybody who began; NaN of nobody."""
+        """Mean steps to 99 % of who finished and of everybody who began; NaN of nobody."""
         first, second, *_ = (estimate.steps for estimate in self.report.groups[0].figures)
         return (first.mean if first else np.nan, second.mean if second else np.nan)
 
@@ -99,9 +99,7 @@ class Played:
         return float(np.mean([_rules_steps(seed) for seed in seeds]))
 
     def warning(self, words: str) -> str | None:
-        """Return the caution, or else the sentence of the page, with these words (a regular
-        expression); None for none.
-        """
+        """The caution, or else the page's sentence, that matches a regular expression."""
         cautions = (
             caution for caution in self.report.groups[0].cautions if re.search(words, caution)
         )
@@ -190,8 +188,7 @@ class Campaign:
         place: Path | None = None,
         erased: Sequence[int] = (),
     ) -> Played:
-        """Let people take part in a study on a real server, close it, and return it with its
-        report.
+        """Let people take part in a study on a real server, close it, and return it.
 
         Args:
             place: The folder of its database; a new one by default.
@@ -383,9 +380,7 @@ def _everybody(campaign: Campaign, how: str) -> Played:
 
 
 def _again(campaign: Campaign, recruitment: str) -> tuple[Played, Played]:
-    """Return a study without and with two people who come again from a second browser, and play
-    without a slip.
-    """
+    """A study without and with two people who come again from a second browser."""
     first = campaign.honest_people[:CHEATS]
     again = [replace(player, seed=player.seed + 500, slip=0.0) for player in first]
     played = campaign.play([*campaign.honest_people, *again], recruitment)

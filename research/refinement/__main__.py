@@ -98,7 +98,7 @@ was.
 
 
 def refine_policy(output: RefineOutput, rounds: int, processes: int) -> None:
-    """Make the rounds in so many processes, and write them; Ctrl-C ends the one under way."""
+    """Make the rounds in so many processes, and write them; Ctrl-C ends a round early."""
     run = output.run
     output.file.parent.mkdir(parents=True, exist_ok=True)
     bar = noted_progress("refining", rounds, "the first round is a long one")
@@ -114,7 +114,7 @@ def refine_policy(output: RefineOutput, rounds: int, processes: int) -> None:
 
 @dataclass
 class RefineOutput:
-    """Writes the policy with its card, and log.jsonl beside it, whole after every round.
+    """Writes the policy with its card, and log.jsonl beside it, after every round.
 
     file      of the policy
     card      of the policy that the run began with

@@ -134,7 +134,7 @@ def prepared(folder: Path, task: str, agents: int) -> list[str]:
 
 
 def lost(folder: Path, by_address: dict[str, dict[str, int]]) -> tuple[int, int]:
-    """Return how many moves were answered, and how many of them are not in the database."""
+    """How many moves were answered, and how many of them the database lacks."""
     sql = """SELECT a.card, a.instance, count(m.step) FROM agents_attempts a
         LEFT JOIN agents_moves m ON m.attempt = a.id GROUP BY 1, 2"""
     with closing(sqlite3.connect(folder / "play.db")) as conn:

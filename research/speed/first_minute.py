@@ -74,9 +74,7 @@ class Measured(NamedTuple):
 
 
 def list_kernels(cache: Path) -> list[tuple[str, str, str, str]]:
-    """Return of each kernel, the slowest first: name, how often it is compiled, processor
-    seconds, kB in the cache.
-    """
+    """Name, compilations, processor seconds and kB of each kernel, the slowest first."""
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", LIST_KERNELS],
         env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},

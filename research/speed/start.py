@@ -49,8 +49,9 @@ def seconds(code: str, cache: str) -> tuple[float, float]:
 
 
 def first_steps(quick: bool = False) -> list[Figure]:
-    """Return CPU seconds, the interpreter's start included: one environment and a stack of 1,024,
-    cold and warm.
+    """CPU seconds from the interpreter's start to a first step, cold and warm.
+
+    One environment, and a stack of 1,024.
 
     Warm is the median of three.
     """

@@ -130,7 +130,7 @@ def make_episodes(
 def mean_moves(
     rule: SizedRule, episodes: Sequence[PricedEpisodes], pool: ThreadPoolExecutor
 ) -> NDArray[np.float64]:
-    """Return the mean moves of a rule in each of some episodes, float64[len(episodes)]."""
+    """The mean moves of a rule in each of some episodes, float64[len(episodes)]."""
     return np.array(list(pool.map(lambda terrains: terrains.play(rule).mean(), episodes)))
 
 

@@ -1,7 +1,7 @@
-"""Read ONNX files as other libraries export them, and write each as one policy file of ours.
+"""Read ONNX files of other libraries, and write each as one policy file of ours.
 
-All that a model's shapes leave open is asked: an answer that is missing is one complaint among all others, each with its
-remedy.
+All that a model's shapes leave open is asked: an answer that is missing is one complaint among all
+others, each with its remedy.
 """
 
 from __future__ import annotations
@@ -69,11 +69,12 @@ Boards = Iterable[tuple[NDArray[np.uint8], bool]]
 def adopt(
     path: Path, out: Path, answers: Answers, boards_of: Callable[[tuple[int, int]], Boards]
 ) -> dict[str, str]:
-    """Read a foreign ONNX file and write it as one policy file; return how it was read, by subject.
+    """Read a foreign ONNX file and write a policy file; return the reading by subject.
 
     boards_of  the boards of a size that the result is tried on (`evaluation.boards.observations`)
 
-    ComplaintsError if the file cannot be read as it is, PolicyFileError if the result cannot play those boards.
+    ComplaintsError if the file cannot be read as it is, PolicyFileError if the result cannot play
+    those boards.
     """
     reading = _Reading(path, _read_model(path), answers)
     _put_weights_in(reading)
@@ -142,7 +143,7 @@ def _put_weights_in(reading: _Reading) -> None:
 
 
 def _weights_beside(path: Path, described: dict[str, str], size: int) -> bytes:
-    """The bytes of a tensor in a file beside a model; ValueError with what is wrong with that file."""
+    """The bytes of a tensor in a file beside a model; ValueError with its fault."""
     name = described.get("location", "")
     if name in ("", ".", "..") or any(sign in name for sign in "/\\\0"):
         raise ValueError(f"lie in {name!r}, expected a file in the same folder")
@@ -215,7 +216,8 @@ def _check_operators(reading: _Reading) -> None:
     if draws:
         reading.complain(
             f"the graph draws ({', '.join(sorted(draws))}), which no seed fixes",
-            "return the logits in place of a drawn action: return policy.get_distribution(observation).distribution.logits",
+            "return the logits in place of a drawn action: return "
+            "policy.get_distribution(observation).distribution.logits",
         )
 
 
@@ -265,7 +267,8 @@ def _states(reading: _Reading) -> tuple[tuple[GraphEnd, GraphEnd], ...]:
         after = reading.named(reading.outputs, following)
         if before is None or after is None:
             reading.complain(
-                f"--state {name}={following}: the inputs are {_names(reading.inputs)}, the outputs {_names(reading.outputs)}",
+                f"--state {name}={following}: the inputs are {_names(reading.inputs)}, the "
+                f"outputs {_names(reading.outputs)}",
                 "name an input and an output",
             )
         elif before.alone != after.alone or before.kind not in FLOATS:
@@ -317,8 +320,8 @@ def _observation(reading: _Reading, inputs: Sequence[GraphEnd]) -> GraphEnd | No
         if tensor is not candidates[0]:
             reading.complain(
                 f"the input {tensor.words} is unexplained",
-                f"--state {tensor.name}=OUTPUT if it is a state, --episode-start {tensor.name} if it says that an episode "
-                "starts, or export without it",
+                f"--state {tensor.name}=OUTPUT if it is a state, --episode-start {tensor.name} if "
+                "it says that an episode starts, or export without it",
             )
     if candidates[0].kind not in FLOATS | WHOLE:
         reading.complain(
@@ -327,7 +330,8 @@ def _observation(reading: _Reading, inputs: Sequence[GraphEnd]) -> GraphEnd | No
         )
     elif candidates[0].kind in FLOATS and reading.answers.values is None:
         reading.complain(
-            f"whether {candidates[0].words} holds eq. 6 (0, 0.3, 0.6, 1) or codes (0 to 3) does not show",
+            f"whether {candidates[0].words} holds eq. 6 (0, 0.3, 0.6, 1) or codes (0 to 3) does "
+            "not show",
             '--values eq6, or --values codes if it was trained with observation="uint8"',
         )
     return candidates[0]
@@ -340,7 +344,8 @@ def _shape(reading: _Reading, tensor: GraphEnd) -> tuple[tuple[int, int], int] |
     if len(sides) > 2 and sides[0] not in (1, None):
         reading.complain(
             f"expected one board at a time, got {tensor.words}",
-            f"export with a first side of 1: torch.zeros(1, {', '.join(str(side) for side in tensor.alone[1:])})",
+            "export with a first side of 1: torch.zeros(1, "
+            f"{', '.join(str(side) for side in tensor.alone[1:])})",
         )
     inner = sides if len(sides) == 2 and sides[0] not in (1, None) else sides[1:]
     if any(side is None for side in inner):
@@ -349,26 +354,26 @@ def _shape(reading: _Reading, tensor: GraphEnd) -> tuple[tuple[int, int], int] |
             "leave the batch alone open: dynamic_shapes=({0: 'batch'},)",
         )
         return None
-    known = [side for side in inner if side is not None]
-    if len(known) == 1:
+    known_sides = [side for side in inner if side is not None]
+    if len(known_sides) == 1:
         if answers.size is None:
             reading.complain(
                 f"rows and cols of the flat {tensor.words} do not show",
                 "--size ROWSxCOLS, as in --size 21x21",
             )
             return None
-        if known[0] % math.prod(answers.size):
+        if known_sides[0] % math.prod(answers.size):
             rows, cols = answers.size
             reading.complain(
                 f"--size {rows}x{cols} does not divide {tensor.words}",
                 "give the size of the boards it was trained on",
             )
             return None
-        size, frames = answers.size, known[0] // math.prod(answers.size)
-    elif len(known) == 2:
-        size, frames = (known[0], known[1]), 1
-    elif len(known) == 3:
-        size, frames = (known[1], known[2]), known[0]
+        size, frames = answers.size, known_sides[0] // math.prod(answers.size)
+    elif len(known_sides) == 2:
+        size, frames = (known_sides[0], known_sides[1]), 1
+    elif len(known_sides) == 3:
+        size, frames = (known_sides[1], known_sides[2]), known_sides[0]
     else:
         reading.complain(
             f"expected [1, rows, cols] or frames of them, got {tensor.words}",
@@ -389,8 +394,9 @@ def _shape(reading: _Reading, tensor: GraphEnd) -> tuple[tuple[int, int], int] |
     if frames > 1 and (answers.frames is None or answers.padding is None):
         reading.complain(
             f"{tensor.words} holds {frames} frames, whose order and start do not show",
-            "--frames oldest or --frames newest says which comes first, --padding zeros or --padding repeat what stands before "
-            "the first (gymnasium's FrameStackObservation: --frames oldest --padding repeat)",
+            "--frames oldest or --frames newest says which comes first, --padding zeros or "
+            "--padding repeat what stands before the first (gymnasium's FrameStackObservation: "
+            "--frames oldest --padding repeat)",
         )
     return size, frames
 
@@ -415,7 +421,8 @@ def _choice(reading: _Reading, outputs: Sequence[GraphEnd]) -> GraphEnd | None:
     if len(candidates) != 1:
         several = _names(scores + moves)
         reading.complain(
-            f"expected one output of four scores or of one whole action, got {several or _names(outputs) or 'none'}",
+            "expected one output of four scores or of one whole action, got "
+            f"{several or _names(outputs) or 'none'}",
             "--output NAME" if several else "return the logits [1, 4], or the action as int64 [1]",
         )
         return None

@@ -2,20 +2,25 @@
 
 Two kinds are understood.
 
-**A policy of any making.** Input `observation`, float32 (the state matrix of eq. 6) or uint8 (codes), of shape [rows, cols],
-[1, rows, cols] or [1, 1, rows, cols]; rows and cols may be left open. Output `logits` float32[4] or [1, 4]; output `value`,
-one float32, if there is one. With a further input `action_mask`, bool[4] or [1, 4] (True where valid), invalid moves never win.
-A batch dimension, where there is one, must take 1. An input `state_NAME`, float32 of a fixed shape, is zeros at an episode's
-start and then the output `next_state_NAME` of the move before. An input `start`, float32[1], is 1 at the start, 0 after it.
+**A policy of any making.** Input `observation`, float32 (the state matrix of eq. 6) or uint8
+(codes), of shape [rows, cols], [1, rows, cols] or [1, 1, rows, cols]; rows and cols may be left
+open. Output `logits` float32[4] or [1, 4]; output `value`, one float32, if there is one. With a
+further input `action_mask`, bool[4] or [1, 4] (True where valid), invalid moves never win. A batch
+dimension, where there is one, must take 1. An input `state_NAME`, float32 of a fixed shape, is
+zeros at an episode's start and then the output `next_state_NAME` of the move before. An input
+`start`, float32[1], is 1 at the start, 0 after it.
 
-**A network over our features**, as `training.network` writes it: inputs `planes` and `moves`, outputs `logits` and, if there
-is one, `value`. It plays with memory. A batch dimension that is left open must take any number of boards.
+**A network over our features**, as `training.network` writes it: inputs `planes` and `moves`,
+outputs `logits` and, if there is one, `value`. It plays with memory. A batch dimension that is left
+open must take any number of boards.
 
-The card under "card" in the metadata may say how a policy "acts": "samples" draws each move from the probabilities, "greedy"
-takes the best, "greedy with guard" has the loop guard besides, which networks over our features have unless the card says else.
+The card under "card" in the metadata may say how a policy "acts": "samples" draws each move from
+the probabilities, "greedy" takes the best, "greedy with guard" has the loop guard besides, which
+networks over our features have unless the card says else.
 
-A file is checked before it is run: at most 64 MiB, standard operators, no control flow, no functions, all weights inside. The
-memory that it allocates on the way is bounded, and a model that asks for more is refused.
+A file is checked before it is run: at most 64 MiB, standard operators, no control flow, no
+functions, all weights inside. The memory that it allocates on the way is bounded, and a model that
+asks for more is refused.
 """
 
 from __future__ import annotations
@@ -87,11 +92,11 @@ class OnnxModel:
         return set(self.inputs) == {"planes", "moves"}
 
     def acts(self, default: str, *others: str) -> str:
-        """Return how the policy acts, by its card; PolicyFileError when it is none of the ways given."""
-        found = self.card.get("acts", default)
-        if found not in (default, *others):
-            raise self.refuse(f'one of {", ".join((default, *others))} as "acts"', repr(found)[:60])
-        return str(found)
+        """How the policy acts, by its card; PolicyFileError if it is none of these ways."""
+        way = self.card.get("acts", default)
+        if way not in (default, *others):
+            raise self.refuse(f'one of {", ".join((default, *others))} as "acts"', repr(way)[:60])
+        return str(way)
 
     def weights(self) -> dict[str, NDArray[Any]]:
         """Return its weights by name."""
@@ -110,7 +115,10 @@ class OnnxModel:
 
 
 def load_imported(model: OnnxModel) -> ImportedPolicy:
-    """Return the policy of an ONNX model that takes observations, named after its file; PolicyFileError for anything else."""
+    """The policy of an ONNX model that takes observations, named after its file.
+
+    Raises PolicyFileError for any other file.
+    """
     states = {name for name in model.inputs if name.startswith("state_")}
     names = set(model.inputs) - states
     if not {"observation"} <= names <= {"observation", "action_mask", "start"}:
@@ -164,7 +172,7 @@ class OnnxEvaluation:
     def evaluate(
         self, observation: NDArray[Any], mask: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float32], float]:
-        """Turn an observation and an action mask into logits and a value, and carry the states on."""
+        """The logits and the value for an observation and a mask; the states are kept."""
         outputs = self.run(observation, mask)
         value = float(outputs["value"].reshape(-1)[0]) if "value" in outputs else float("nan")
         return np.nan_to_num(outputs["logits"].reshape(4), nan=INVALID_LOGIT), value
@@ -197,7 +205,7 @@ def check_outputs(
     boards: int = 1,
     states: Collection[str] = (),
 ) -> None:
-    """Raise PolicyFileError when the outputs of a first run are not what a policy gives for so many boards."""
+    """Raise PolicyFileError if the outputs of a first run are not those of a policy."""
     following = {f"next_{name}" for name in states}
     if not {"logits"} | following <= set(outputs) <= {"logits", "value"} | following:
         raise model.refuse("the outputs logits, and perhaps value", ", ".join(sorted(outputs))[:80])
@@ -213,13 +221,13 @@ def check_outputs(
             raise model.refuse(f"finite numbers in {name}", "others")
 
 
-def _shape(given: Any) -> tuple[int | None, ...]:
-    return tuple(side if isinstance(side, int) else None for side in given)
+def _shape(shape: Any) -> tuple[int | None, ...]:
+    return tuple(side if isinstance(side, int) else None for side in shape)
 
 
 @cache
 def _bound_memory() -> None:
-    """Give onnxruntime one store of MOST_MEMORY for the whole process; it can be given only once."""
+    """Give onnxruntime one store of MOST_MEMORY for the process; it takes only one."""
     place = onnxruntime.OrtMemoryInfo(
         "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, onnxruntime.OrtMemType.DEFAULT
     )

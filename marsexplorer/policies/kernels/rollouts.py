@@ -1,14 +1,17 @@
-"""Candidates of a move, and what they come to on terrains: each is walked, and the priced rule plays on (see `lookahead`).
+"""Candidates of a move, and what they come to on terrains (see `lookahead`).
+
+Each is walked, and then the priced rule plays.
 
 Kernels take an imagined board and its rover:
 
     board  of `prices`; its counts are kept for `squares` alone
     truth  uint64[words], the obstacles of the terrain as `blocked` of `visibility` holds them
-    done   uint8[rows, cols], 1 where there is nothing to see; cells that prove to be such are added: what is seen from a cell
-           only ever shrinks, so they stay so
+    done   uint8[rows, cols], 1 where there is nothing to see; cells that prove to be such are
+           added: what is seen from a cell only ever shrinks, so they stay so
     rover  int64[3]: its cell, the cells known, the moves made
-    rule   (tables of `prices`; highest, limits, weights of `priced.RuleTables`; (scratch of `prices`, distance int32[n],
-           queue int32[n]); squares int64[k], half sides; path int32[n])
+    rule   (tables of `prices`; highest, limits, weights of `priced.RuleTables`; (scratch of
+           `prices`, distance int32[n], queue int32[n]); squares int64[k], half sides; path
+           int32[n])
 """
 
 from __future__ import annotations
@@ -37,8 +40,8 @@ POSITION, KNOWN, MOVES = range(3)
 
 @kernel
 def look_round(board, truth, done, rover, squares, cols):
-    """Bring a board up to date with a look from where the rover stands; return the new cells."""
-    known, counts, view = board
+    """Update a board with a look from the rover's cell; return the new cells."""
+    known_codes, counts, view = board
     unknown, blocked, sight, visible, stride, radius = view
     row = rover[POSITION] // cols
     col = rover[POSITION] - row * cols
@@ -60,7 +63,7 @@ def look_round(board, truth, done, rover, squares, cols):
             word, bit = word_and_bit(r, c, stride, radius)
             unknown[word] ^= bit
             blocked[word] |= truth[word] & bit
-            known[r * cols + c] = OBSTACLE if truth[word] & bit != np.uint64(0) else FREE
+            known_codes[r * cols + c] = OBSTACLE if truth[word] & bit != np.uint64(0) else FREE
             count_in_squares(counts, squares, r, c, done.shape[0], cols, -1)
     return new
 
@@ -74,9 +77,12 @@ def step_to(rover, cell):
 
 @kernel
 def trace_back(goal, distance, order, rows, cols, path):
-    """Write the cells of a shortest path to a goal without the first, where the distance is 0; return how many they are.
+    """Write the cells of a shortest path to a goal but the first; return their count.
 
-    distance  int32[n], right wherever it is less than the goal's; order: 0 or 2, which of several ways back is taken
+    The distance is 0 at the first.
+
+    distance  int32[n], right wherever it is less than the goal's; order: 0 or 2, which of several
+              ways back is taken
     """
     cell, length = np.int64(goal), np.int64(distance[goal])
     for k in range(length - 1, -1, -1):
@@ -91,10 +97,13 @@ def trace_back(goal, distance, order, rows, cols, path):
 
 @kernel
 def most_priced(board, done, start, rule):
-    """Return the candidate of the highest value from a cell, by the priced rule, or -1; `distance` is right up to it."""
+    """The candidate of the highest value from a cell, by the priced rule, or -1.
+
+    `distance` is right up to it.
+    """
     tables, highest, limits, weights, search = rule[:5]
     scratch, distance, queue = search
-    known, counts, view = board
+    known_codes, counts, view = board
     rows, cols = done.shape
     limit, last_row = limits[0], (rows - 1) * cols
     forget_prices(scratch)
@@ -121,10 +130,13 @@ def most_priced(board, done, start, rule):
                 if value > best_value:
                     best, best_value = cell, value
         for near, is_inside in (
-            (cell - cols, cell >= cols), (cell + 1, c < cols - 1), (cell + cols, cell < last_row), (cell - 1, c > 0),
-        ):  # fmt: skip
+            (cell - cols, cell >= cols),
+            (cell + 1, c < cols - 1),
+            (cell + cols, cell < last_row),
+            (cell - 1, c > 0),
+        ):
             is_new = is_inside and distance[near] == UNREACHABLE
-            if is_new and known[near] != UNKNOWN and known[near] != OBSTACLE:
+            if is_new and known_codes[near] != UNKNOWN and known_codes[near] != OBSTACLE:
                 distance[near], queue[tail] = way + 1, near
                 tail += 1
     return best
@@ -132,7 +144,10 @@ def most_priced(board, done, start, rule):
 
 @kernel
 def play_on(board, truth, done, rover, rule, target, most):
-    """Play by the priced rule to `target` known cells or `most` moves; a goal is kept until something new is seen."""
+    """Play by the priced rule to `target` known cells or `most` moves.
+
+    A goal is kept until something new is seen.
+    """
     _, distance, _ = rule[4]
     squares, path = rule[5], rule[6]
     rows, cols = done.shape
@@ -170,11 +185,12 @@ def list_candidates(board, done, rover, rule, first, last, most, values, goals, 
     most    candidates before the last goal is added
     values  float64[n], scratch
     goals   int64[MOST_CANDIDATES], written: candidate 0 is `first`, a goal of -1
-    ways    int32[MOST_CANDIDATES, n] and lengths int64[MOST_CANDIDATES], written: the cells of each way
+    ways    int32[MOST_CANDIDATES, n] and lengths int64[MOST_CANDIDATES], written: the cells of each
+            way
     """
     tables, _, limits, weights, search = rule[:5]
     rows, cols = done.shape
-    known, counts, view = board
+    known_codes, counts, view = board
     scratch, distance, queue = search
 
     # 1. Search from the rover, and value each cell as the priced rule does.
@@ -196,11 +212,12 @@ def list_candidates(board, done, rover, rule, first, last, most, values, goals, 
         for action in range(4):
             near = neighbour(cell, action, rows, cols)
             is_new = near >= 0 and distance[near] == UNREACHABLE
-            if is_new and known[near] != UNKNOWN and known[near] != OBSTACLE:
+            if is_new and known_codes[near] != UNKNOWN and known_codes[near] != OBSTACLE:
                 distance[near], queue[tail] = distance[cell] + 1, near
                 tail += 1
 
-    # 2. The move of `ppo`, then the goals of the highest values, each by two shortest paths where they begin differently.
+    # 2. The move of `ppo`, then the goals of the highest values, each by two shortest paths where
+    #    they begin differently.
     goals[0], lengths[0], ways[0, 0] = -1, 1, first
     count, has_last = 1, False
     while count < most:
@@ -232,14 +249,17 @@ def list_candidates(board, done, rover, rule, first, last, most, values, goals, 
 
 @kernel
 def compare(real, trial, truths, samples, drop, rule, target, count, ways, lengths, costs, alive):
-    """Try candidates on the same terrains, some at a time, and drop those that fall behind; return how many terrains were used.
+    """Try candidates on the same terrains, in blocks; return how many were used.
+
+    Those that fall behind are dropped after each block.
 
     real, trial  (board, done, rover): what is known, and room for what is imagined
     truths       uint64[S, words], of which `samples` are used
-    costs        float64[MOST_CANDIDATES, S], written: moves that each candidate took on each terrain
+    costs        float64[MOST_CANDIDATES, S], written: moves that each candidate took on each
+                 terrain
     alive        uint8[MOST_CANDIDATES], written: candidates that were not dropped
     """
-    (known, counts, view), done_before, rover = real
+    (known_codes, counts, view), done_before, rover = real
     board, done, walker = trial
     squares = rule[5]
     most = MOST_MOVES * done.size
@@ -252,7 +272,7 @@ def compare(real, trial, truths, samples, drop, rule, target, count, ways, lengt
             if not alive[k]:
                 continue
             for s in range(used, until):
-                copy_to(board[0], known)
+                copy_to(board[0], known_codes)
                 for square in range(squares.shape[0]):
                     copy_to(board[1][square], counts[square])
                 copy_to(board[2][0], view[0])
@@ -265,7 +285,8 @@ def compare(real, trial, truths, samples, drop, rule, target, count, ways, lengt
                 costs[k, s] = walker[MOVES]
         used = until
 
-        # 2. The best so far; whoever is behind it by more than `drop` standard errors of the difference is dropped.
+        # 2. The best so far; whoever is behind it by more than `drop` standard errors of the
+        #    difference is dropped.
         best, least = 0, np.inf
         for k in range(count):
             if alive[k]:
@@ -295,7 +316,7 @@ def compare(real, trial, truths, samples, drop, rule, target, count, ways, lengt
 
 @kernel
 def fill_truths(chains, rows, cols, stride, radius, truths):
-    """Write the usable terrains, one after the other, as bits; return how many they are."""
+    """Write the usable terrains, one after the other, as bits; return their count."""
     _, covers, usable, _ = chains
     count = 0
     for s in range(covers.shape[0]):

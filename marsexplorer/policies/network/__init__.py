@@ -1,4 +1,5 @@
-"""Networks over our features: the features of a board, the policy that plays, and boards decided together.
+"""Networks over our features: of one board, as a policy, and of many boards.
 
-`features` and `batch` need numpy alone, `policy` the extra `play`. The network that is trained is in `training.network`.
+`features` and `batch` need numpy alone, `policy` the extra `play`. The network that is trained is
+in `training.network`.
 """

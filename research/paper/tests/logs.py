@@ -9,10 +9,12 @@ RESULT = {"terrains": 10, "first_seed": 10**9, "collisions": 0, "best_rule_steps
 
 
 def write_trial(folder, trial, scores, result=None, begin=1):
-    """Write the log of a trial whose score took these values evenly over its moves, one CPU second for each 100 moves.
+    """Write the log of a trial whose score took these values evenly over its moves.
 
-    A line stands for 100 episodes. The coverage is the score, a half of what is left of it explores and the rest runs out of
-    time; None: no episode had ended.
+    One CPU second for each 100 moves.
+
+    A line stands for 100 episodes. The coverage is the score, a half of what is left of it explores
+    and the rest runs out of time; None: no episode had ended.
     """
     head = {"trial": asdict(trial), "settings": {"variant": trial.variant}}
     lines = [{"kind": "trial", **head, "versions": {"torch": "2"}, "hardware": "a CPU"}]

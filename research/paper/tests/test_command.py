@@ -1,4 +1,4 @@
-"""`python -m research.paper` as people type it: what it would do, what it refuses, what it trains, draws and exports."""
+"""`python -m research.paper` as people type it, with its refusals and pictures."""
 
 import json
 import re
@@ -30,15 +30,15 @@ def run(*args):
 
 def test_the_list_names_each_job_and_does_nothing(tmp_path):
     out = tmp_path / "out"
-    code, said, _ = run("--figure", 4, "--budget", "full", "--seeds", 1, "--out", out, "--list")
+    code, printed, _ = run("--figure", 4, "--budget", "full", "--seeds", 1, "--out", out, "--list")
     assert (code, out.exists()) == (0, False)
-    assert "sac-works-random-21-s0" in said
-    assert "8 of 8 jobs to do in" in said
+    assert "sac-works-random-21-s0" in printed
+    assert "8 of 8 jobs to do in" in printed
     write_trial(out, trial_of(moves=1000), [0.1, 0.2])
     options = ("--moves", 1000, "--terrains", 10, "--out", out)
-    said = run(*PPO_ALONE[:-1], 3, *options, "--list")[1]
-    assert "ppo-paper-random-21-s0: done\n" in said
-    assert "2 of 3 jobs to do in" in said
+    printed = run(*PPO_ALONE[:-1], 3, *options, "--list")[1]
+    assert "ppo-paper-random-21-s0: done\n" in printed
+    assert "2 of 3 jobs to do in" in printed
 
 
 COMMAND = re.compile(r"python -m\s+research\.paper (--figure [^`#\n<]*(?:\n[^`#\n<]+(?=`))?)")
@@ -49,29 +49,32 @@ COMMAND = re.compile(r"python -m\s+research\.paper (--figure [^`#\n<]*(?:\n[^`#\
     "name", ["docs/paper.md", "docs/paper-trainings.md", "docs/evaluation.md", "research/README.md"]
 )
 def test_the_commands_of_the_documents_are_ones_that_there_are(name, tmp_path):
-    found = COMMAND.findall((Path(__file__).parents[3] / name).read_text())
-    commands = {each for each in found if "--redraw" not in each}
+    quoted = COMMAND.findall((Path(__file__).parents[3] / name).read_text())
+    commands = {command for command in quoted if "--redraw" not in command}
     assert commands
     for command in commands:
-        code, said, err = run(*command.replace("--list", "").split(), "--list", "--out", tmp_path)
-        assert (code, "jobs to do in" in said) == (0, True), f"{command}: {err}"
+        code, printed, err = run(
+            *command.replace("--list", "").split(), "--list", "--out", tmp_path
+        )
+        assert (code, "jobs to do in" in printed) == (0, True), f"{command}: {err}"
 
 
 def test_all_algorithms_that_have_a_variant_take_part(tmp_path):
-    said = run(
+    printed = run(
         "--figure", 4, "--variants", "paper,appendix", "--seeds", 1, "--out", tmp_path, "--list"
     )[1]
-    assert {line for line in said.splitlines() if line.endswith("-s0")} == {
-        *(f"{name}-paper-random-21-s0" for name in ALGORITHMS), "ppo-appendix-random-21-s0"
-    }  # fmt: skip
+    assert {line for line in printed.splitlines() if line.endswith("-s0")} == {
+        *(f"{name}-paper-random-21-s0" for name in ALGORITHMS),
+        "ppo-appendix-random-21-s0",
+    }
 
 
 def test_a_training_is_made_drawn_and_not_made_again(tmp_path):
     options = (*PPO_ALONE, "--moves", 4000, "--terrains", 2, "--out", tmp_path)
-    code, said, err = run(*options)
+    code, printed, err = run(*options)
     assert code == 0, err
     assert "1 of 1 jobs to do in" in err
-    assert "4 k" in said
+    assert "4 k" in printed
     assert {path.name for path in tmp_path.glob("figure4*")} == {*PICTURES, *TABLES}
     log = (tmp_path / "ppo-paper-random-21-s0" / "log.jsonl").read_bytes()
     assert "0 of 1 jobs to do in" in run(*options)[2]
@@ -83,14 +86,14 @@ def test_a_run_that_is_told_to_end_saves_where_its_training_is(tmp_path):
     options = (*PPO_ALONE, "--moves", 10**9, "--out", tmp_path / "out")
     command = [sys.executable, "-m", "research.paper", *map(str, options)]
     process = subprocess.Popen(command, cwd=Path(__file__).parents[3], stderr=subprocess.PIPE)
-    own, deadline = tmp_path / "out" / "ppo-paper-random-21-s0", time.monotonic() + 120
-    while not own.exists() and time.monotonic() < deadline:
+    home, deadline = tmp_path / "out" / "ppo-paper-random-21-s0", time.monotonic() + 120
+    while not home.exists() and time.monotonic() < deadline:
         time.sleep(0.1)
     process.terminate()
-    said = process.communicate()[1].decode()
+    printed = process.communicate()[1].decode()
     assert process.returncode == 1
-    assert "keeps what is done and how far trainings are; the same command goes on" in said
-    assert (own / "checkpoint.pt").stat().st_size < LARGEST_CHECKPOINT
+    assert "keeps what is done and how far trainings are; the same command goes on" in printed
+    assert (home / "checkpoint.pt").stat().st_size < LARGEST_CHECKPOINT
 
 
 def test_without_tianshou_three_algorithms_are_refused_before_anything_is_trained(
@@ -130,8 +133,8 @@ def test_without_tianshou_three_algorithms_are_refused_before_anything_is_traine
 )
 def test_a_mistake_is_one_sentence(tmp_path, options, code, part):
     write_trial(tmp_path, trial_of(moves=1000), [0.1, 0.2])
-    found, out, err = run(*options, "--out", tmp_path)
-    assert (found, out) == (code, "")
+    exit_code, out, err = run(*options, "--out", tmp_path)
+    assert (exit_code, out) == (code, "")
     assert part in err
 
 
@@ -143,13 +146,13 @@ def test_two_runs_in_a_folder_are_refused(tmp_path):
 
 
 def test_from_an_export_comes_what_comes_from_the_logs(tmp_path):
-    logs, again, data = (tmp_path / name for name in ("logs", "again", "data"))
+    logs, again, exported = (tmp_path / name for name in ("logs", "again", "data"))
     for seed in range(2):
         write_trial(logs, trial_of(seed=seed), [number / 300 for number in range(120)])
-    assert "figure4.jsonl: " in run("--figure", 4, "--export", data, "--out", logs)[1]
-    assert (data / "figure4.jsonl").stat().st_size < 10_000
+    assert "figure4.jsonl: " in run("--figure", 4, "--export", exported, "--out", logs)[1]
+    assert (exported / "figure4.jsonl").stat().st_size < 10_000
     drawn = run("--figure", 4, "--draw", "--out", logs)[1]
-    redrawn = run("--figure", 4, "--redraw", data, "--out", again)[1]
+    redrawn = run("--figure", 4, "--redraw", exported, "--out", again)[1]
     assert "0.397 ± 0.000" in drawn
     assert "No line for people" in drawn
     assert redrawn.replace(str(again), str(logs)) == drawn
@@ -177,9 +180,9 @@ def report(**changes):
 def test_the_human_line_comes_from_a_closed_study(tmp_path):
     path = tmp_path / "report.json"
     path.write_text(json.dumps(report()))
-    found = read_human_level(path)
-    assert (found.study, found.players, found.mean) == ("dunes", 10, 0.93)
-    assert (found.low, found.high) == (0.92, 0.94)
+    level = read_human_level(path)
+    assert (level.study, level.players, level.mean) == ("dunes", 10, 0.93)
+    assert (level.low, level.high) == (0.92, 0.94)
 
 
 @pytest.mark.parametrize(

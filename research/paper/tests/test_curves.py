@@ -1,4 +1,4 @@
-"""What is drawn and tabulated is what the logs say, and what was exported is drawn as the logs are."""
+"""What is drawn and tabulated is what the logs say, from an export too."""
 
 import csv
 import json
@@ -30,7 +30,7 @@ from research.paper.tests.logs import trial_of, write_trial
 
 @pytest.fixture
 def logs(tmp_path):
-    """Three seeds of PPO by the letter, one of SAC as it works, and a trial that is not finished."""
+    """Three seeds of PPO by the letter, one of SAC, and a trial that is not finished."""
     for seed, end in enumerate((0.5, 0.6, 0.7)):
         write_trial(tmp_path, trial_of(seed=seed), [0.1, end], {"steps": 100.0 + 20 * seed})
     write_trial(tmp_path, trial_of("sac", "works", moves=100), [None, 0.2, 0.9])
@@ -45,19 +45,23 @@ def of(records, algorithm):
 
 
 def test_seeds_are_averaged_where_all_have_points_with_their_t_interval(logs):
-    found = band(of(read_records(logs), "ppo"), "score", "cpu_s")
-    assert (found.x[0], found.x[-1], found.seeds) == (5, 10, 3)
-    assert found.mean[[0, -1]] == pytest.approx([0.1, 0.6])
-    assert found.mean[50] == pytest.approx(0.1 + 0.5 * (found.x[50] - 5) / 5)
+    averaged = band(of(read_records(logs), "ppo"), "score", "cpu_s")
+    assert (averaged.x[0], averaged.x[-1], averaged.seeds) == (5, 10, 3)
+    assert averaged.mean[[0, -1]] == pytest.approx([0.1, 0.6])
+    assert averaged.mean[50] == pytest.approx(0.1 + 0.5 * (averaged.x[50] - 5) / 5)
     half = stats.t.ppf(0.975, 2) * 0.1 / np.sqrt(3)
-    assert found.high[-1] - 0.6 == pytest.approx(half)
-    assert 0.6 - found.low[-1] == pytest.approx(half)
+    assert averaged.high[-1] - 0.6 == pytest.approx(half)
+    assert 0.6 - averaged.low[-1] == pytest.approx(half)
 
 
 def test_nothing_is_extrapolated_and_one_seed_has_no_interval(logs, tmp_path):
     records = read_records(logs)
-    found = band(of(records, "sac"), "score", "moves")
-    assert (found.x[0], found.x[-1], found.low) == (pytest.approx(66), pytest.approx(100), None)
+    averaged = band(of(records, "sac"), "score", "moves")
+    assert (averaged.x[0], averaged.x[-1], averaged.low) == (
+        pytest.approx(66),
+        pytest.approx(100),
+        None,
+    )
     write_trial(tmp_path / "more", trial_of(seed=3), [0.1, 0.3, 0.5], begin=2)
     both = [*of(records, "ppo"), *read_records(tmp_path / "more")]
     assert band(both, "score", "moves").x[0] == pytest.approx(500)
@@ -80,8 +84,8 @@ def test_what_was_exported_is_what_the_logs_give_and_the_claims_read_it(logs, tm
     assert read_exported(path) == records
     kinds = [json.loads(line)["kind"] for line in path.read_text().splitlines()]
     assert (kinds.count("settings"), kinds.count("trial")) == (2, 4)
-    found = read(path.parent).trials(algorithm="ppo", variant="paper")
-    assert [each.curve["score"][-1] for each in found] == [0.5, 0.6, 0.7]
+    trials = read(path.parent).trials(algorithm="ppo", variant="paper")
+    assert [trial.curve["score"][-1] for trial in trials] == [0.5, 0.6, 0.7]
     path.write_text('{"kind": "trial"}\n')
     with pytest.raises(ValueError, match="is no file of trials"):
         read_exported(path)
@@ -95,9 +99,9 @@ def test_an_export_keeps_trainings_of_other_kinds_and_none_of_an_earlier_run_of_
     write_trial(tmp_path / "more", trial_of(seed=0, variant="works-no-mask"), [0.1, 0.2])
     new = read_records(tmp_path / "more")
     add_records(new, path)
-    trials = [each.trial for each in read_exported(path)]
-    found = [(trial.variant, trial.algorithm, trial.seed) for trial in trials]
-    assert found == [("paper", "ppo", 1), ("works", "sac", 0), ("works-no-mask", "ppo", 0)]
+    trials = [exported.trial for exported in read_exported(path)]
+    named = [(trial.variant, trial.algorithm, trial.seed) for trial in trials]
+    assert named == [("paper", "ppo", 1), ("works", "sac", 0), ("works-no-mask", "ppo", 0)]
     assert all(record in read_exported(path) for record in new)
     whole = path.read_bytes()
     add_records(new, path)
@@ -116,8 +120,8 @@ def test_the_table_has_means_over_seeds_with_intervals(logs, tmp_path):
     written = write_table(rows, tmp_path / "table")
     assert [path.name for path in written] == ["table.csv", "table.jsonl"]
     first = json.loads(written[1].read_text().splitlines()[0])
-    found = [first[name] for name in ("score", "score_low", "cpu_minutes")]
-    assert found == [0.6, pytest.approx(0.3516, abs=1e-4), 1.167]
+    numbers = [first[name] for name in ("score", "score_low", "cpu_minutes")]
+    assert numbers == [0.6, pytest.approx(0.3516, abs=1e-4), 1.167]
 
 
 def test_figure_4_has_a_column_for_each_variant_and_the_curves_of_the_logs(logs):
@@ -140,7 +144,8 @@ def test_figure_4_has_a_column_for_each_variant_and_the_curves_of_the_logs(logs)
 def test_cpu_times_are_compared_where_all_are_of_one_processor_that_was_logged(logs, tmp_path):
     records = read_records(logs)
     named = [
-        replace(each, versions={"hardware": "x86_64, one of them, one thread"}) for each in records
+        replace(record, versions={"hardware": "x86_64, one of them, one thread"})
+        for record in records
     ]
     other = replace(named[0], versions={"hardware": "x86_64, another, one thread"})
     untimed = replace(named[0], curve=named[0].curve | {"cpu_s": [None]})
@@ -160,8 +165,10 @@ def test_a_training_whose_cpu_time_is_not_known_has_none_in_the_table_and_is_not
     assert "figure4-cpu.svg" in {path.name for path in figure4.draw(records, tmp_path)}
     nothing = [None] * len(records[0].curve["moves"])
     untimed = [
-        replace(each, curve=each.curve | {"cpu_s": nothing}, result=each.result | {"cpu_s": None})
-        for each in records
+        replace(
+            record, curve=record.curve | {"cpu_s": nothing}, result=record.result | {"cpu_s": None}
+        )
+        for record in records
     ]
     assert "figure4-cpu.svg" not in {path.name for path in figure4.draw(untimed, tmp_path)}
     (row,) = rows_of(untimed)
@@ -180,8 +187,8 @@ def test_figure_5_has_a_line_for_each_level(tmp_path):
     ends = [line.get_ydata()[-1] for axes in figure.axes[:3] for line in axes.get_lines()]
     assert sorted(ends) == pytest.approx([0.2 + number / 100 for number in range(12)])
     steps = {"mean": 51.0, "low": 50.0, "high": 52.0}
-    known = [{"policy": "informed", "level": "2-1-1", "steps_to_99": steps}]
-    panel = figure5.difficulty_figure(read_records(tmp_path), known).axes[-1]
+    reference = [{"policy": "informed", "level": "2-1-1", "steps_to_99": steps}]
+    panel = figure5.difficulty_figure(read_records(tmp_path), reference).axes[-1]
     bars = [line.get_xdata().tolist() for line in panel.get_lines() if 51 in line.get_ydata()]
     assert bars == [[1.66, 2.34]]
 
@@ -190,6 +197,6 @@ def test_a_curve_begins_when_enough_episodes_have_ended():
     head = {"kind": "trial", "trial": vars(trial_of()), "settings": {}, "versions": {}}
     head |= {"hardware": ""}
     line = {"kind": "curve", "cpu_s": 1.0}
-    lines = [{**line, "moves": each, "episodes": float(each)} for each in (99, 100, 300)]
+    lines = [{**line, "moves": moves, "episodes": float(moves)} for moves in (99, 100, 300)]
     assert record_of([head, *lines, {"kind": "result"}]).curve["moves"] == [100, 300]
     assert record_of([head, lines[0], {"kind": "result"}]).curve["moves"] == [99]

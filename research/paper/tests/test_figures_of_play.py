@@ -1,4 +1,4 @@
-"""Figures 6 and 7: what they measure equals a count by hand, jobs go on after a stop, and pictures come from results alone."""
+"""Figures 6 and 7 equal a count by hand, and their jobs go on after a stop."""
 
 import json
 import pickle
@@ -81,18 +81,18 @@ def test_an_obstacle_among_obstacles_cannot_be_discovered():
         hidden = np.argwhere(terrain & ~has_free_neighbour(terrain, with_corners))
         assert hidden.tolist() == [[0, 0], [0, 1], [1, 0], [1, 1]]
     terrain[3, 2] = True
-    by_sides, with_corners = (has_free_neighbour(terrain, each) for each in (False, True))
+    by_sides, with_corners = (has_free_neighbour(terrain, corners) for corners in (False, True))
     assert not by_sides[2, 1:].any() or with_corners[2, 2]
 
 
 def test_a_blind_spot_is_a_cell_where_most_obstacles_are_missed():
-    drawn, found = [0, 10, 4, 10, 10, 10], [0, 10, 0, 4, 5, 10]
-    line = {"rows": 2, "cols": 3, "drawn": drawn, "discoverable": drawn, "found": found}
+    drawn, discovered = [0, 10, 4, 10, 10, 10], [0, 10, 0, 4, 5, 10]
+    line = {"rows": 2, "cols": 3, "drawn": drawn, "discoverable": drawn, "found": discovered}
     obstacles = obstacles_of(line)
     # cell 2 has too few obstacles to say so, and half of those on cell 4 were found
     assert obstacles.blind_spots == (3,)
     assert obstacles.found_share == 29 / 44
-    moved = sum(abs(a / 44 - b / 29) for a, b in zip(drawn, found, strict=True)) / 2
+    moved = sum(abs(a / 44 - b / 29) for a, b in zip(drawn, discovered, strict=True)) / 2
     assert obstacles.distance == pytest.approx(moved)
 
 
@@ -101,15 +101,15 @@ def test_curves_and_moves_to_shares_equal_those_of_an_evaluation(played):
     table = evaluate(["frontier-cost", "random"], config, seeds=SEEDS, traces=True)
     lines = {line["policy"]: line for line in read_results(played, 7)}
     for policy, line in ((name, lines[name]) for name in ("frontier-cost", "random")):
-        own = [result.trace.discovered for result in table.results if result.policy == policy]
+        curves = [result.trace.discovered for result in table.results if result.policy == policy]
         for per_cent in PER_CENT:
             first = [
-                next((move for move, k in enumerate(known) if k / 81 >= per_cent / 100), None)
-                for known in own
+                next((move for move, k in enumerate(curve) if k / 81 >= per_cent / 100), None)
+                for curve in curves
             ]
             assert line["reached"][str(per_cent)] == first
-        assert (line["stride"], len(line["mean"])) == (1, max(map(len, own)))
-        at_5 = [known[min(5, len(known) - 1)] / 81 for known in own]
+        assert (line["stride"], len(line["mean"])) == (1, max(map(len, curves)))
+        at_5 = [curve[min(5, len(curve) - 1)] / 81 for curve in curves]
         assert line["mean"][5] == pytest.approx(np.mean(at_5), abs=1e-5)
         assert line["sd"][5] == pytest.approx(np.std(at_5, ddof=1), abs=1e-5)
         row = next(row for row in table.rows if row.policy == policy)
@@ -120,11 +120,11 @@ def test_curves_and_moves_to_shares_equal_those_of_an_evaluation(played):
 
 def test_a_terrain_for_which_the_search_finds_no_walk_is_in_no_comparison():
     size = {"rows": 9, "cols": 9}
-    own = {"policy": "a", **size, "reached": {"90": [8, 8, 8], "99": [10, 20, 30]}}
+    policy = {"policy": "a", **size, "reached": {"90": [8, 8, 8], "99": [10, 20, 30]}}
     search = {"policy": INFORMED, **size, "reached": {"90": [5, None, 5], "99": [8, None, 16]}}
     assert np.isnan(steps_of(search)).tolist() == [False, True, False]
-    assert compare(own, search).mean == 40 / 24
-    failing = {**own, "reached": search["reached"]}
+    assert compare(policy, search).mean == 40 / 24
+    failing = {**policy, "reached": search["reached"]}
     assert steps_of(failing).tolist() == [8, 81, 16], "a policy that fails counts the limit"
 
 
@@ -144,7 +144,7 @@ def test_jobs_are_of_policies_that_can_play_them():
     assert not can_play(INFORMED, EnvConfig.of("random", 84))
     names = {job.name for job in figure7.jobs(["frontier-cost", "ppo-paper", INFORMED])}
     played = ("frontier-cost-2-2-1-84", "ppo-paper-2-2-1-21", "informed-random-42")
-    assert names >= {f"figure7-{each}" for each in played}
+    assert names >= {f"figure7-{name}" for name in played}
     assert not names & {"figure7-ppo-paper-2-2-1-42", "figure7-informed-random-84"}
     with pytest.raises(ValueError, match="cannot play 42x42"):
         figure6.jobs(["ppo-paper"], size=42)
@@ -185,9 +185,15 @@ def test_pictures_and_tables_are_drawn_from_results_alone(played, tmp_path):
     assert first == again
     drawn = (*figure6.draw(played, tmp_path), *figure7.draw(played, tmp_path))
     assert {path.name for path in drawn} == {
-        "figure6-frontier-cost.svg", "figure6-frontier-utility.svg", "figure6-quadrants.svg", "figure6.md",
-        "figure7-coverage.svg", "figure7-steps.svg", "figure7-shares.svg", "figure7.md",
-    }  # fmt: skip
+        "figure6-frontier-cost.svg",
+        "figure6-frontier-utility.svg",
+        "figure6-quadrants.svg",
+        "figure6.md",
+        "figure7-coverage.svg",
+        "figure7-steps.svg",
+        "figure7-shares.svg",
+        "figure7.md",
+    }
     text = (tmp_path / "figure7.md").read_text()
     assert "| informed | random | 9 | 4 | 100 % |" in text
     assert "| policy | level | size | 50 % | 75 % | 90 % | 95 % | 99 % |" in text

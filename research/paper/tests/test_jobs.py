@@ -1,4 +1,4 @@
-"""Jobs run in processes: failures leave the others running, what is done is not done again, a killed run leaves no process."""
+"""Jobs run in processes: a failure leaves the others, and a killed run no process."""
 
 import os
 import signal

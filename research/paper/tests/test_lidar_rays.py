@@ -1,4 +1,4 @@
-"""The rays of the authors' lidar, point by point, and what docs/paper.md says about them."""
+"""The rays of the authors' lidar, point by point, as docs/paper.md has them."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The networks of the paper's four algorithms: what they compute, what they mask, and how their noise is left out."""
+"""The networks of the paper's four algorithms: outputs, masks, and noise left out."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def shape_of(trunk, size=SIZE, **more):
 
 
 def walk(config, steps, num=32, seed=0):
-    """Yield (codes, rovers' cells) of boards along random walks, invalid moves included."""
+    """Yield (codes, rovers' cells) along random walks, invalid moves included."""
     env, rng = make_vector_env(config, num), np.random.default_rng(seed)
     codes, info = env.reset(seed=seed)
     for _ in range(steps):
@@ -51,13 +51,13 @@ def walk(config, steps, num=32, seed=0):
 
 
 def invalid_by_definition(codes, position):
-    """Written out: a move is invalid when it leaves the grid or enters a known obstacle."""
-    found = []
+    """Written out: an invalid move leaves the grid or enters a known obstacle."""
+    is_invalid = []
     for row, col in DISPLACEMENTS:
         r, c = position[0] + row, position[1] + col
         on_grid = 0 <= r < codes.shape[0] and 0 <= c < codes.shape[1]
-        found.append(not on_grid or codes[r, c] == 3)
-    return found
+        is_invalid.append(not on_grid or codes[r, c] == 3)
+    return is_invalid
 
 
 def observation_of(trunk, codes, positions, radius=6):
@@ -68,8 +68,8 @@ def observation_of(trunk, codes, positions, radius=6):
     planes, moves = FeatureExtractor(num, rows, cols, radius, rules=())(
         codes, cells, np.zeros((num, rows * cols), np.uint8), headings
     )
-    own = moves[:, :, :ACTION_FEATURES].copy()
-    return torch.from_numpy(planes), torch.from_numpy(own)
+    action_features = moves[:, :, :ACTION_FEATURES].copy()
+    return torch.from_numpy(planes), torch.from_numpy(action_features)
 
 
 def masked_means(scores, invalid):
@@ -107,25 +107,31 @@ def test_the_mask_hits_exactly_the_invalid_moves(trunk, kind):
         observation = observation_of(trunk, codes, positions)
         boards = zip(codes, positions, strict=True)
         invalid = np.array([invalid_by_definition(*board) for board in boards])
-        seen |= {tuple(each) for each in invalid}
+        seen |= {tuple(mask) for mask in invalid}
         with torch.inference_mode():
             scores, before = (net.evaluate(*observation)[0].numpy() for net in (masked, plain))
         assert np.all(scores[invalid] == INVALID_LOGIT)
         assert np.all(before > -100)
         if masked.shape.head == "policy":  # what the logits of a board have in common means nothing
-            scores, before = (each - masked_means(each, invalid) for each in (scores, before))
+            scores, before = (logits - masked_means(logits, invalid) for logits in (scores, before))
         assert scores[~invalid] == pytest.approx(before[~invalid], abs=1e-6)
     assert len(seen) > 8
 
 
 def test_the_trunk_of_the_authors_is_that_of_their_repository_on_21x21():
-    """`[[8, [3, 3], 2], [16, [2, 2], 2], [512, [6, 6], 1]]`: 21 cells become 11, then 6, which the third filter covers."""
+    """21 cells become 11, then 6, which the third filter covers.
+
+    `[[8, [3, 3], 2], [16, [2, 2], 2], [512, [6, 6], 1]]`
+    """
     net = make_network(shape_of("authors", (21, 21), head="q"))
     state, rng = net.state_dict(), np.random.default_rng(3)
     codes = torch.from_numpy(rng.integers(0, 4, (6, 21, 21), np.uint8))
     assert [tuple(tensor.shape) for name, tensor in state.items() if name.endswith("weight")] == [
-        (8, 1, 3, 3), (16, 8, 2, 2), (512, 576), (4, 512)
-    ]  # fmt: skip
+        (8, 1, 3, 3),
+        (16, 8, 2, 2),
+        (512, 576),
+        (4, 512),
+    ]
     picture = torch.tensor([0, 0.3, 0.6, 1])[codes.long()][:, None]
     framed = torch.nn.functional.pad(picture, (1, 1, 1, 1))
     first = torch.conv2d(framed, state["trunk.layers.1.weight"], None, 2).relu()
@@ -146,7 +152,8 @@ def test_noise_has_no_mean_and_the_spread_that_its_sigma_says():
         layer.sample()
         drawn.append((layer(inputs) - mean).detach())
     spread = torch.stack(drawn)
-    # The weights' noise f(e_in) f(e_out) has variance E|e| E|e| = 2 / pi; the bias has f(e_out), of variance sqrt(2 / pi).
+    # The weights' noise f(e_in) f(e_out) has variance E|e| E|e| = 2 / pi; the bias has f(e_out), of
+    # variance sqrt(2 / pi).
     share = (2 / np.pi) ** 0.5
     expected = 0.5 / 40**0.5 * (share**2 * float((inputs**2).sum()) + share) ** 0.5
     assert abs(float(spread.mean())) < 0.05 * expected

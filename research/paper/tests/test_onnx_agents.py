@@ -1,4 +1,4 @@
-"""An exported network makes the moves that the network itself would make, and acts as its card says."""
+"""An exported network makes the moves of the network and acts as its card says."""
 
 import numpy as np
 import pytest
@@ -52,13 +52,13 @@ def test_its_thoughts_are_those_of_the_network(head, trunk, tmp_path):
         if episode.steps == 0:  # before anything is remembered
             with torch.inference_mode():
                 scores, value = net.evaluate(*observation_of(trunk, codes[None], cell))
-            shares, said = policy.thought()
+            shares, thought_value = policy.thought()
             expected = scores[0].softmax(0).numpy()
             if head in ("q", "categorical"):
                 expected = 1.0 * (np.arange(4) == int(scores[0].argmax()))
                 assert action == int(scores[0].argmax())
             assert shares == pytest.approx(expected, abs=1e-5)
-            assert said == pytest.approx(float(value[0]), rel=1e-4, nan_ok=True)
+            assert thought_value == pytest.approx(float(value[0]), rel=1e-4, nan_ok=True)
             assert all(shares[(scores[0] == INVALID_LOGIT).numpy()] == 0)
         episode.step(action)
     assert episode.outcome in ("explored", "timed_out")

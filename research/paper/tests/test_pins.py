@@ -1,4 +1,4 @@
-"""The environment of research: every package that it asks for is pinned, within its range."""
+"""The environment of research: every package it asks for is pinned in its range."""
 
 import tomllib
 from pathlib import Path
@@ -22,14 +22,16 @@ def requirements(extra, project):
 def test_every_requirement_is_pinned_within_its_range():
     lines = (ROOT / "research" / "constraints.txt").read_text().split()
     pinned = {
-        canonicalize_name(name): version for name, version in (each.split("==") for each in lines)
+        canonicalize_name(name): version for name, version in (line.split("==") for line in lines)
     }
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    own = (ROOT / "research" / "requirements.txt").read_text().splitlines()
-    wanted = [Requirement(line) for line in own if not line.startswith("#")]
-    assert {"tianshou", "pandas"} <= {each.name for each in wanted}
-    for each in (*wanted, *requirements("study", project), *requirements("train", project)):
-        assert each.specifier.contains(pinned[canonicalize_name(each.name)]), str(each)
+    asked = (ROOT / "research" / "requirements.txt").read_text().splitlines()
+    wanted = [Requirement(line) for line in asked if not line.startswith("#")]
+    assert {"tianshou", "pandas"} <= {requirement.name for requirement in wanted}
+    for requirement in (*wanted, *requirements("study", project), *requirements("train", project)):
+        assert requirement.specifier.contains(pinned[canonicalize_name(requirement.name)]), str(
+            requirement
+        )
 
 
 def test_the_ordinary_environment_does_not_pin_tianshou():

@@ -17,7 +17,7 @@ def test_figure_4_is_four_algorithms_in_two_variants_with_seed_0_first():
     jobs = plan(Request(("4",)), NOWHERE)
     assert len(jobs) == 24
     assert {(job.algorithm, job.variant) for job in jobs[:8]} == {
-        (name, each) for name in ALGORITHMS for each in ("paper", "works")
+        (name, variant) for name in ALGORITHMS for variant in ("paper", "works")
     }
     assert [job.seed for job in jobs] == [0] * 8 + [1] * 8 + [2] * 8
     assert len({job.name for job in jobs}) == 24

@@ -22,34 +22,55 @@ ONWARD, BACK = "0321:3", "0321:9"
 
 
 def played(policy, level, onward=100, order_of_others="0321", collided=0, missed=()):
-    """A result of figure 6: `onward` of 100 episodes never go back; obstacles on every cell, found but on the cells missed."""
+    """A result of figure 6: `onward` of 100 episodes never go back.
+
+    Obstacles are on every cell, and found but on the cells missed.
+    """
     counts = [10] * 441
-    found = [0 if cell in missed else count for cell, count in enumerate(counts)]
-    found[0] = counts[0] = 5  # a correlation needs counts that differ
+    discovered = [0 if cell in missed else count for cell, count in enumerate(counts)]
+    discovered[0] = counts[0] = 5  # a correlation needs counts that differ
     outcomes = {"collided": collided, "explored": 100 - collided}
     return {
-        "figure": 6, "policy": policy, "level": level, "rows": 21, "cols": 21, "played": 100,
+        "figure": 6,
+        "policy": policy,
+        "level": level,
+        "rows": 21,
+        "cols": 21,
+        "played": 100,
         "outcomes": {name: count for name, count in outcomes.items() if count},
         "courses": [ONWARD] * onward + [f"{order_of_others}:9"] * (100 - onward),
-        "drawn": counts, "discoverable": counts, "found": found,
-    }  # fmt: skip
+        "drawn": counts,
+        "discoverable": counts,
+        "found": discovered,
+    }
 
 
 def figure_6(onward=100, policy=LETTER, **other):
     rules = [played(rule, level, onward=20) for rule in RULES for level in DIFFICULTIES]
-    own = [played(policy, level, onward, **other) for level in DIFFICULTIES]
+    of_policy = [played(policy, level, onward, **other) for level in DIFFICULTIES]
     walks = [{"figure": 6, "null": "nearest", "courses": [ONWARD] * 10 + [BACK] * 90}]
-    return Results(plays={6: [*rules, *own], 7: []}, walks=walks)
+    return Results(plays={6: [*rules, *of_policy], 7: []}, walks=walks)
 
 
 def covered(policy, size, steps, last=0.09):
-    """A result of figure 7: 20 episodes that take about so many moves, the given share of them from 90 % on."""
-    wholes = [steps + each % 5 for each in range(20)]
+    """A result of figure 7: 20 episodes that take about so many moves.
+
+    last  share of the moves from 90 % on
+    """
+    wholes = [steps + number % 5 for number in range(20)]
     reached = {"99": wholes, "90": [round(whole * (1 - last)) for whole in wholes]}
     return {
-        "figure": 7, "policy": policy, "level": "2-2-1", "rows": size, "cols": size, "played": 20,
-        "outcomes": {"explored": 20}, "reached": {each: reached.get(each, wholes) for each in ("50", "75", "90", "95", "99")},
-    }  # fmt: skip
+        "figure": 7,
+        "policy": policy,
+        "level": "2-2-1",
+        "rows": size,
+        "cols": size,
+        "played": 20,
+        "outcomes": {"explored": 20},
+        "reached": {
+            percent: reached.get(percent, wholes) for percent in ("50", "75", "90", "95", "99")
+        },
+    }
 
 
 def figure_7(ppo=(300, 1200), last=0.09, rules_last=0.3, policy=LETTER):
@@ -58,8 +79,10 @@ def figure_7(ppo=(300, 1200), last=0.09, rules_last=0.3, policy=LETTER):
         for rule in RULES
         for size, steps in ((42, 330), (84, 1300))
     ]
-    own = [covered(policy, size, steps, last) for size, steps in zip((42, 84), ppo, strict=True)]
-    return Results(plays={6: [], 7: [*rules, *own]})
+    of_policy = [
+        covered(policy, size, steps, last) for size, steps in zip((42, 84), ppo, strict=True)
+    ]
+    return Results(plays={6: [], 7: [*rules, *of_policy]})
 
 
 def verdict_of(name, results):

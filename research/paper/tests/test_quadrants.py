@@ -1,4 +1,4 @@
-"""The order of quadrants on hand-made paths, and the null: random walks that are what they are said to be."""
+"""The order of quadrants on hand-made paths, and the null of random walks."""
 
 from collections import Counter
 
@@ -18,7 +18,7 @@ NW, NE, SE, SW = range(4)
 
 
 def walk(cols, *corners):
-    """Cells, flat, of a walk along rows and columns from (0, 0) through the corners given, rows first."""
+    """The flat cells of a walk from (0, 0) through the corners given, rows first."""
     row, col, cells = 0, 0, [0]
     for to_row, to_col in corners:
         while (row, col) != (to_row, to_col):
@@ -57,7 +57,7 @@ def test_courses_of_known_walks(corners, code, makes_u, never_goes_back):
 
 
 def test_through_the_middle_cell_three_changes_need_not_be_a_u():
-    """From NW through the middle to SE, then NE, and by the middle again to SW: each entered once, and no U."""
+    """From NW by the middle to SE, NE, and by the middle to SW: once each, no U."""
     course = quadrant_course([0, 1, 4, 7, 8, 5, 2, 1, 4, 3, 6], 3, 3)
     assert (course.entered, course.changes) == ((NW, SE, NE, SW), 3)
     assert (course.makes_u, course.never_goes_back) == (False, False)

@@ -1,6 +1,4 @@
-"""A2C, Rainbow and discrete SAC through tianshou: the same training gives the same weights, and does what their settings
-say.
-"""
+"""Tianshou's A2C, Rainbow and discrete SAC: reproducible, as their settings say."""
 
 import subprocess
 import sys
@@ -102,7 +100,7 @@ def test_what_follows_a_truncated_episode_is_its_last_observation():
 
 
 def numbered_moves(step, num_envs, ends=()):
-    """Return a move of every environment whose observation and reward say which step it was."""
+    """A move of every environment whose observation and reward have the step's number."""
     obs = np.full((num_envs, 4), step, np.uint8)
     ended = np.isin(np.arange(num_envs), ends)
     actions, rewards = np.zeros(num_envs, np.int64), np.full(num_envs, 10.0**step)
@@ -160,8 +158,8 @@ def test_the_network_chooses_the_move_whose_value_the_target_network_gives():
     trainer.net.expected = lambda codes: scores
     chosen = scores.argmax(1)
     returns = algorithm.policy.support.expand(len(obs), 51)
-    found = algorithm.target_distribution(obs, returns)
-    assert found.argmax(1).tolist() == chosen.tolist()
+    targets = algorithm.target_distribution(obs, returns)
+    assert targets.argmax(1).tolist() == chosen.tolist()
 
 
 class Theirs(RainbowTrainer):
@@ -178,12 +176,12 @@ class Theirs(RainbowTrainer):
 
 def test_a_gradient_step_is_the_one_of_the_library(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    found = []
+    outcomes = []
     for make in (RainbowTrainer, Theirs):
         trainer = make("paper", SMALL, 1, MOVES["rainbow"])
         numbers = advance(trainer, MOVES["rainbow"])
-        found.append((numbers[-1]["loss"], weights(trainer.net)))
-    (loss, ours), (their_loss, theirs) = found
+        outcomes.append((numbers[-1]["loss"], weights(trainer.net)))
+    (loss, ours), (their_loss, theirs) = outcomes
     assert loss == pytest.approx(their_loss, rel=1e-6)
     assert torch.equal(ours, theirs)
 
@@ -207,10 +205,10 @@ def test_sac_has_two_critics_with_targets_and_a_replay_with_priorities():
     critics = [algorithm.critic, algorithm.critic2, algorithm.critic_old, algorithm.critic2_old]
     assert len({id(next(critic.parameters())) for critic in critics}) == 4
     assert isinstance(trainer._buffer, PrioritizedVectorReplayBuffer)
-    before = [weights(each).clone() for each in (algorithm.critic, algorithm.critic2)]
+    before = [weights(critic).clone() for critic in (algorithm.critic, algorithm.critic2)]
     assert not torch.equal(*before)
     advance(trainer, MOVES["sac"])
-    after = [weights(each) for each in (algorithm.critic, algorithm.critic2)]
+    after = [weights(critic) for critic in (algorithm.critic, algorithm.critic2)]
     assert not any(map(torch.equal, before, after))
 
 

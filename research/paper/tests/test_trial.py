@@ -1,4 +1,4 @@
-"""A trial trains, measures and writes its result last; the same trial gives the same curve, policy and result."""
+"""A trial trains, measures and writes its result last, the same each time."""
 
 from dataclasses import asdict, replace
 from itertools import pairwise
@@ -41,7 +41,7 @@ def without_time(folder):
 
 
 def weights(path):
-    return [each.raw_data for each in onnx.load(path).graph.initializer]
+    return [tensor.raw_data for tensor in onnx.load(path).graph.initializer]
 
 
 def test_a_trial_has_a_log_of_its_settings_its_curve_and_its_result_and_a_policy_with_a_card(
@@ -51,7 +51,7 @@ def test_a_trial_has_a_log_of_its_settings_its_curve_and_its_result_and_a_policy
     assert not TRIAL.is_done(tmp_path)
     TRIAL.run(tmp_path, shares.append)
     head, *curve, result = read_lines(tmp_path / TRIAL.name / "log.jsonl")
-    assert shares[:3] == pytest.approx([TRAINING_SHARE * each / 3 for each in (1, 2, 3)])
+    assert shares[:3] == pytest.approx([TRAINING_SHARE * number / 3 for number in (1, 2, 3)])
     assert shares[-1] == 1
     assert (head["kind"], head["trial"]) == ("trial", asdict(TRIAL))
     assert head["settings"]["update_epochs"] == 2
@@ -68,7 +68,7 @@ def test_a_trial_has_a_log_of_its_settings_its_curve_and_its_result_and_a_policy
     card = OnnxModel(path).card
     assert card["training"]["settings"] == head["settings"]
     assert card["results"]["random 9x9"]["score"] == result["score"]
-    assert [each for each in replay_card(path) if each] == []
+    assert not any(replay_card(path))
     assert result["commonest"] in ACTIONS
     assert 0.25 <= result["commonest_share"] <= 1
     assert 0 <= result["entropy_of_moves"] <= log(4) + 1e-4
@@ -85,12 +85,12 @@ def test_the_same_trial_gives_the_same_curve_policy_and_result(quick, tmp_path):
 
 
 def stops_after(rounds):
-    """Return what a job tells its progress to that is stopped after some rounds."""
-    told = []
+    """The progress callback of a job that is stopped after some rounds."""
+    shares = []
 
     def on_progress(share):
-        told.append(share)
-        if len(told) == rounds:
+        shares.append(share)
+        if len(shares) == rounds:
             raise KeyboardInterrupt
 
     return on_progress
@@ -146,8 +146,8 @@ def test_the_values_of_a_rollout_are_what_the_network_says_of_its_steps(variant)
     buffer = RolloutBuffer.empty(config, run.envs.observe())
     after = collect_rollout(run, buffer)
     with torch.no_grad():
-        said = [forward(run, obs)[1] for obs in zip(*buffer.obs, strict=True)]
-        assert torch.allclose(buffer.values, torch.stack(said), atol=1e-6)
+        values = [forward(run, obs)[1] for obs in zip(*buffer.obs, strict=True)]
+        assert torch.allclose(buffer.values, torch.stack(values), atol=1e-6)
         assert torch.allclose(after, forward(run, run.envs.observe())[1], atol=1e-6)
     assert len(buffer.values.unique()) > 8
 
