@@ -262,7 +262,7 @@ def test_unknown_things_and_bad_bodies_are_said_in_words(server, tmp_path):
             {"keys": {"north": ["KeyW"], "south": ["KeyW"]}},
             "one key cannot mean two directions",
         ),
-        ("join", {"outside_ids": {"PROLIFIC_PID": "x" * 300}}, "at most 200 characters"),
+        ("join", {"outside_ids": {"PROLIFIC_PID": "x" * 300}}, "at most 201 characters"),
     ):
         assert said in person.refused(what, body, 422)
     assert str(tmp_path) not in client.get("/api/studies/none").text
