@@ -1,4 +1,4 @@
-"""What users of Gymnasium do with an environment: copies, checkpoints, autoreset modes, vector wrappers, specs, keys, seeds."""
+"""What users of Gymnasium do with an environment: copies, modes, wrappers, keys."""
 
 import copy
 import pickle
@@ -212,7 +212,9 @@ OF_OTHER_SPACES = {
     "ClipAction", "FilterObservation", "GrayscaleObservation", "RescaleAction", "ResizeObservation", "HumanRendering",
     "RecordVideo", "ArrayConversion", "JaxToNumpy", "JaxToTorch", "NumpyToTorch",
 }  # fmt: skip
-"""For continuous actions, dictionaries or pictures; or they need a screen, an encoder, or arrays of other libraries."""
+"""For continuous actions, dictionaries or pictures; or they need a screen, an encoder, or arrays
+of other libraries.
+"""
 
 
 def test_the_table_of_wrappers_is_gymnasiums():
@@ -222,12 +224,12 @@ def test_the_table_of_wrappers_is_gymnasiums():
 @pytest.mark.parametrize("name", WRAPPERS)
 def test_gymnasiums_vector_wrappers_pass(name):
     envs = WRAPPERS[name](gymnasium.make_vec(ID, 3, size=(6, 9)))
-    own = WRAPPERS[name](SyncVectorEnv([lambda: gymnasium.make(ID, size=(6, 9))] * 3))
+    gymnasiums = WRAPPERS[name](SyncVectorEnv([lambda: gymnasium.make(ID, size=(6, 9))] * 3))
     rng = np.random.default_rng(1)
-    assert_same(envs.reset(seed=0)[0], own.reset(seed=0)[0])
+    assert_same(envs.reset(seed=0)[0], gymnasiums.reset(seed=0)[0])
     for _ in range(60):
         actions = rng.integers(0, 4, 3)
-        one, other = envs.step(actions), own.step(actions)
+        one, other = envs.step(actions), gymnasiums.step(actions)
         assert np.allclose(one[0], other[0])
         assert np.allclose(one[1], other[1])
         assert_same(one[2:4], other[2:4])
@@ -236,14 +238,14 @@ def test_gymnasiums_vector_wrappers_pass(name):
 def test_a_stack_is_drawn_and_asked_as_gymnasiums_own_is():
     options = {"size": (6, 9), "render_mode": "rgb_array"}
     envs = gymnasium.make_vec(ID, 2, **options)
-    own = SyncVectorEnv([lambda: gymnasium.make(ID, **options)] * 2)
-    for stack in (envs, own):
+    gymnasiums = SyncVectorEnv([lambda: gymnasium.make(ID, **options)] * 2)
+    for stack in (envs, gymnasiums):
         stack.reset(seed=5)
-    assert_same(envs.render(), own.render())
+    assert_same(envs.render(), gymnasiums.render())
     for name in ("render_mode", "config", "terrain"):
-        assert_same(envs.get_attr(name), own.get_attr(name))
+        assert_same(envs.get_attr(name), gymnasiums.get_attr(name))
     for name in ("action_masks", "render", "config"):
-        assert_same(envs.call(name), own.call(name))
+        assert_same(envs.call(name), gymnasiums.call(name))
     envs.set_attr("note", ["a", "a"])
     assert envs.get_attr("note") == ("a", "a")
     with pytest.raises(ValueError, match="one value for the whole stack"):

@@ -26,7 +26,7 @@ assert (observation == observations[0]).all()
 
 
 def first_step(**env):
-    """Return what a process that makes the environment by its module and id writes to stderr until its first steps."""
+    """What a process that makes the environment writes to stderr up to its first step."""
     command = [sys.executable, "-W", "error", "-c", FIRST_STEP]
     return subprocess.run(
         command, env=os.environ | env, capture_output=True, text=True, check=True
@@ -54,10 +54,10 @@ def test_nothing_is_left_to_compile_once_every_kernel_has_been_called():
 
 @pytest.mark.long
 def test_a_cold_start_says_it_once_and_leaves_nothing_to_compile(tmp_path):
-    said = [first_step(NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2)]
-    assert said[0].count("compiling the rules") == 1
-    assert len(said[0].splitlines()) == 1
-    assert said[1] == ""
+    printed = [first_step(NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2)]
+    assert printed[0].count("compiling the rules") == 1
+    assert len(printed[0].splitlines()) == 1
+    assert printed[1] == ""
 
 
 DOUBLED = """

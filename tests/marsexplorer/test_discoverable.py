@@ -1,4 +1,4 @@
-"""Episodes in which only what can be discovered counts, and the buildings and caves that need them."""
+"""Episodes in which only the discoverable counts, and the levels that need them."""
 
 import hashlib
 
@@ -21,7 +21,7 @@ def discoverable(terrain, start, radius):
     """The cells that are seen from the cells that moves lead to, by their definition."""
     reached = reference.reached_from(terrain, start)
     seen = (reference.visible(terrain, *cell, radius) for cell in reached)
-    return set().union(*(zip(*np.nonzero(each), strict=True) for each in seen))
+    return set().union(*(zip(*np.nonzero(cells), strict=True) for cells in seen))
 
 
 @pytest.mark.parametrize("radius", [1, 2, 5])
@@ -132,7 +132,10 @@ def test_a_given_map_has_no_seed_and_other_levels_no_other_target():
 
 @pytest.mark.parametrize("name", ["frontier-cost", "frontier-utility", "frontier-priced"])
 def test_rules_see_all_that_can_be_seen_on_given_maps(name):
-    """Also what borders on free cells out of reach, which are seen past corners: no free cell within reach touches that."""
+    """Also what borders on free cells out of reach, which are seen past corners.
+
+    No free cell within reach touches that.
+    """
     rng, policy = np.random.default_rng(5), policies.load(name, 5)
     config = EnvConfig.of("map", (9, 13), sensor_radius=5, beta=1.0, max_steps=1000)
     for _ in range(30):
@@ -153,12 +156,12 @@ def test_figures_are_shares_of_what_can_be_discovered(level):
         episode = Episode.begin(config, seed=result.seed)
         expected = len(discoverable(episode.terrain, (0, 0), 6))
         assert result.cells == expected <= config.n - 9 * (level == "cave")
-        known, end = result.trace.discovered, fewest_cells(expected, 0.99)
-        assert known[-2] < end <= known[-1]
+        discovered, end = result.trace.discovered, fewest_cells(expected, 0.99)
+        assert discovered[-2] < end <= discovered[-1]
         assert result.outcome == "explored"
-        assert result.coverage == known[-1] / expected
-        padded = [*known, *[known[-1]] * config.n][1 : config.n // 4 + 1]
+        assert result.coverage == discovered[-1] / expected
+        padded = [*discovered, *[discovered[-1]] * config.n][1 : config.n // 4 + 1]
         assert result.auc == pytest.approx(np.mean(padded) / expected)
         curve = coverage_curves([result], 500)[0]
         assert curve[-1] == result.coverage
-        assert curve[0] == known[0] / expected
+        assert curve[0] == discovered[0] / expected

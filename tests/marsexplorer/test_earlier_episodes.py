@@ -1,4 +1,7 @@
-"""Recorded episodes: a change of terrains, rules or frontier rules shows here, and CORE_VERSION rises with it."""
+"""Recorded episodes: a change of terrains or rules shows here.
+
+CORE_VERSION rises with such a change.
+"""
 
 import pytest
 
@@ -11,7 +14,7 @@ def name_of(row):
 
 
 def is_quick(row):
-    """Whether a row belongs to `make test`: the small grids, and one terrain of a level at 21x21."""
+    """Whether a row belongs to `make test`: small grids, one 21x21 terrain a level."""
     return row["rows"] < 21 or (row["rows"] == 21 and row["seed"] == 0)
 
 

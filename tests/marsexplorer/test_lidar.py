@@ -19,7 +19,7 @@ def seen_from(terrain, row, col, radius):
 
 
 def differing_cells(terrain, radius):
-    """How many (free cell, other cell) pairs the compiled and the literal lidar see differently."""
+    """How many (free, other) cell pairs the compiled and literal lidar see unlike."""
     rows, cols = terrain.shape
     literal = reference.visible_from_everywhere(terrain, radius)
     worlds = Worlds(EnvConfig(rows=rows, cols=cols, sensor_radius=radius))

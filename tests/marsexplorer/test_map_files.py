@@ -1,4 +1,4 @@
-"""What a map file says of each pixel: as Nav2's map_io reads modes, thresholds, numbers and pictures."""
+"""What a map file says of each pixel, by modes, thresholds and numbers of Nav2."""
 
 import math
 
@@ -77,8 +77,11 @@ def test_modes_and_thresholds_mean_what_they_mean_in_nav2(tmp_path, mode, negate
     ],
 )
 def test_numbers_are_read_in_all_ways_that_they_are_written(tmp_path, written, number):
-    path = map_file(tmp_path, resolution=written, origin=f"[-{written.strip('+')}, 1e1, {written}]"
-                    if written[0] != "'" else None)  # fmt: skip
+    path = map_file(
+        tmp_path,
+        resolution=written,
+        origin=f"[-{written.strip('+')}, 1e1, {written}]" if written[0] != "'" else None,
+    )
     if written[0] == "'":
         path.write_text(path.read_text() + f"origin:\n- -{number}\n- {written}\n- 0\n")
         assert read_occupancy(path).origin == (-number, number, 0.0)

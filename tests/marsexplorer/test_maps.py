@@ -1,4 +1,4 @@
-"""Maps in the format of map_server: read as terrains, written, refused when they are malformed."""
+"""Maps in the format of map_server: read as terrains, written, or refused."""
 
 import json
 import math
@@ -25,7 +25,7 @@ FIELDS = {
 
 
 def saved(tmp_path, pixels, **changes):
-    """A map of float pixels [height, width] (0 occupied, 1 free) as a YAML file with these fields."""
+    """A map of float pixels [height, width] (0 occupied, 1 free) as a YAML file."""
     fields, shades = {**FIELDS, **changes}, np.round(255 * np.asarray(pixels)).astype(np.uint8)
     Image.fromarray(shades).save(tmp_path / fields["image"])
     path = tmp_path / "hall.yaml"
@@ -43,11 +43,11 @@ def hall():
 
 @pytest.mark.parametrize("image", ["hall.pgm", "hall.png"])
 def test_a_cell_is_blocked_when_any_pixel_of_it_is_not_free(tmp_path, image):
-    found = read_map(saved(tmp_path, hall(), image=image), cell=0.5)
-    assert found.terrain.shape == (6, 10)
-    assert np.argwhere(found.terrain).tolist() == [[0, 1], [5, 9]]
+    grid_map = read_map(saved(tmp_path, hall(), image=image), cell=0.5)
+    assert grid_map.terrain.shape == (6, 10)
+    assert np.argwhere(grid_map.terrain).tolist() == [[0, 1], [5, 9]]
     negated = read_map(saved(tmp_path, 1 - hall(), image=image, negate=1))
-    assert (negated.terrain == found.terrain).all()
+    assert (negated.terrain == grid_map.terrain).all()
 
 
 def test_a_plain_pgm_is_read_too(tmp_path):
@@ -85,11 +85,11 @@ def test_cells_and_metres_are_one_another(tmp_path):
     straight = read_map(saved(tmp_path, hall()))
     assert straight.to_metres((5, 0)) == (-0.75, -1.75)
     assert straight.to_cell(-0.9, -1.6) == (5, 0)
-    for found in (turned, straight):
+    for grid_map in (turned, straight):
         for cell in ((0, 0), (5, 9), (2, 7)):
-            assert found.to_cell(*found.to_metres(cell)) == cell
+            assert grid_map.to_cell(*grid_map.to_metres(cell)) == cell
         with pytest.raises(ValueError, match="lies off the map"):
-            found.to_cell(30.0, 30.0)
+            grid_map.to_cell(30.0, 30.0)
 
 
 def test_the_start_is_the_one_given_or_the_free_cell_nearest_to_the_origin(tmp_path):
@@ -190,7 +190,7 @@ def test_a_map_is_cut_to_what_is_known(tmp_path):
     yaw=st.sampled_from([0.0, 0.7, -2.0]),
 )
 def test_cutting_changes_no_cell(tmp_path_factory, seed, cell, inflation, yaw):
-    """Each cell that is kept has the state and the metres of the whole map's, and one ring of unknown ones is kept."""
+    """Each kept cell keeps its state and metres, and one ring of unknown ones is kept."""
     rng = np.random.default_rng(seed)
     height, width = rng.integers(30, 50, 2)
     pixels = np.full((height, width), robot_maps.UNKNOWN)
@@ -200,7 +200,7 @@ def test_cutting_changes_no_cell(tmp_path_factory, seed, cell, inflation, yaw):
     origin = (-3.0, 4.0, yaw)
     rows, cols = (math.ceil(side * 0.25 / cell - 1e-9) for side in (height, width))
     whole = GridMap(np.ones((rows, cols), bool), cell, origin, (0, 0))
-    known = np.zeros((rows, cols), bool)
+    is_known = np.zeros((rows, cols), bool)
     blocked_south, blocked_west = (np.array(at) * 0.25 for at in np.nonzero(pixels[::-1] != 1))
     for row, col in np.ndindex(rows, cols):
         south, west = (rows - 1 - row) * cell, col * cell
@@ -213,7 +213,7 @@ def test_cutting_changes_no_cell(tmp_path_factory, seed, cell, inflation, yaw):
         low, high = (int((south + shift) / 0.25) for shift in (1e-9, cell - 1e-9))
         first, last = (int((west + shift) / 0.25) for shift in (1e-9, cell - 1e-9))
         part = pixels[::-1][low : high + 1, first : last + 1]
-        known[row, col] = (part != robot_maps.UNKNOWN).any()
+        is_known[row, col] = (part != robot_maps.UNKNOWN).any()
     free = np.argwhere(~whole.terrain)
     assume(len(free))
     start = whole.to_metres(tuple(free[0]))
@@ -229,10 +229,10 @@ def test_cutting_changes_no_cell(tmp_path_factory, seed, cell, inflation, yaw):
         assert metres == pytest.approx(whole.to_metres(before), abs=1e-9)
         assert cut.to_cell(*metres) == position
         assert cut.terrain[position] == whole.terrain[before]
-    box = [(int(at.min()), int(at.max())) for at in np.nonzero(known)]
+    box = [(int(at.min()), int(at.max())) for at in np.nonzero(is_known)]
     ends = [
         (max(low - 1, 0), min(high + 1, side - 1))
-        for (low, high), side in zip(box, known.shape, strict=True)
+        for (low, high), side in zip(box, is_known.shape, strict=True)
     ]
     assert corner == (ends[0][0], ends[1][0])
     assert cut.terrain.shape == tuple(high - low + 1 for low, high in ends)
@@ -308,20 +308,22 @@ def test_what_is_no_map_at_all_is_refused(tmp_path):
 
 def test_the_environment_plays_a_map(tmp_path):
     path = saved(tmp_path, hall())
-    found = read_map(path)
-    name, shape = "marsexplorer:MarsExplorer-v0", found.terrain.shape
+    grid_map = read_map(path)
+    name, shape = "marsexplorer:MarsExplorer-v0", grid_map.terrain.shape
     env = gymnasium.make(name, level="map", size=shape, sensor_radius=2)
-    for named in (path, str(path), found):
+    for named in (path, str(path), grid_map):
         _, info = env.reset(options={"map": named})
-        assert info["position"] == found.start
-        assert (env.unwrapped.terrain == found.terrain).all()
-    episode = Episode.begin(found.config(sensor_radius=2), terrain=found.terrain, start=found.start)
+        assert info["position"] == grid_map.start
+        assert (env.unwrapped.terrain == grid_map.terrain).all()
+    episode = Episode.begin(
+        grid_map.config(sensor_radius=2), terrain=grid_map.terrain, start=grid_map.start
+    )
     assert info["coverage"] == episode.coverage
     with pytest.raises(ValueError, match=r'level="map"'):
-        gymnasium.make(name, size=(6, 10)).reset(options={"map": found})
-    said = r"the map has 6 x 10 cells: make the environment with size=\(6, 10\)"
-    with pytest.raises(ValueError, match=said):
-        gymnasium.make(name, level="map", size=21).reset(options={"map": found})
+        gymnasium.make(name, size=(6, 10)).reset(options={"map": grid_map})
+    sentence = r"the map has 6 x 10 cells: make the environment with size=\(6, 10\)"
+    with pytest.raises(ValueError, match=sentence):
+        gymnasium.make(name, level="map", size=21).reset(options={"map": grid_map})
 
 
 def test_policies_are_compared_on_maps_by_what_can_be_discovered_from_their_starts():
@@ -331,15 +333,15 @@ def test_policies_are_compared_on_maps_by_what_can_be_discovered_from_their_star
         terrain[6:, 9:] = True  # solid: its inside cannot be seen
         terrain[4, 6] = False
         maps[f"hall{seed}"] = GridMap(terrain, 0.5, (0.0, 0.0, 0.0), (4, 6))
-    found = evaluate_on_maps(["frontier-cost", "frontier-utility"], maps)
-    assert [each.name for each in found] == ["hall1", "hall2"]
-    for each in found:
-        cost, utility = each.results
-        terrain = maps[each.name].terrain
-        counted = cells_that_count(maps[each.name].config(), terrain, (4, 6))
+    played_maps = evaluate_on_maps(["frontier-cost", "frontier-utility"], maps)
+    assert [played.name for played in played_maps] == ["hall1", "hall2"]
+    for played in played_maps:
+        cost, utility = played.results
+        terrain = maps[played.name].terrain
+        counted = cells_that_count(maps[played.name].config(), terrain, (4, 6))
         assert cost.cells == utility.cells == counted < terrain.size
-        assert {result.outcome for result in each.results} == {"explored"}
-        assert each.to_rule(cost) == cost.steps / min(cost.steps, utility.steps)
-    document = json.loads(to_json(found))
-    assert [len(each["results"]) for each in document["maps"]] == [2, 2]
+        assert {result.outcome for result in played.results} == {"explored"}
+        assert played.to_rule(cost) == cost.steps / min(cost.steps, utility.steps)
+    document = json.loads(to_json(played_maps))
+    assert [len(played["results"]) for played in document["maps"]] == [2, 2]
     assert document["maps"][0]["start"] == [4, 6]

@@ -1,4 +1,4 @@
-"""The valid moves are those that stay on the grid and off known obstacles, for one rover and for many."""
+"""Valid moves stay on the grid and off known obstacles, for one rover or many."""
 
 import numpy as np
 from hypothesis import given, settings

@@ -27,14 +27,14 @@ def literal(value):
 
 
 @kernel
-def all_of_them(key, k, limit, state, found):
+def all_of_them(key, k, limit, state, draws):
     """Write what each compiled function gives."""
-    found[0] = np.float64(numbered(key, k) >> np.uint64(11))
-    found[1] = numbered_below(key, k, limit)
+    draws[0] = np.float64(numbered(key, k) >> np.uint64(11))
+    draws[1] = numbered_below(key, k, limit)
     state[0] = key
-    found[2] = np.float64(next_number(state) >> np.uint64(11))
-    found[3] = below(state, limit)
-    found[4] = uniform(state)
+    draws[2] = np.float64(next_number(state) >> np.uint64(11))
+    draws[3] = below(state, limit)
+    draws[4] = uniform(state)
 
 
 def test_the_generator_never_changes():
@@ -52,12 +52,12 @@ def test_python_draws_are_the_literal_ones(seed, counter, limit):
 @settings(deadline=None)
 @given(st.integers(0, ALL_BITS), st.integers(1, 2**20), st.integers(1, 2**32))
 def test_compiled_draws_are_the_literal_ones(key, k, limit):
-    state, found = np.zeros(1, np.uint64), np.zeros(5)
-    all_of_them(np.uint64(key), k, limit, state, found)
+    state, draws = np.zeros(1, np.uint64), np.zeros(5)
+    all_of_them(np.uint64(key), k, limit, state, draws)
     kth = literal(key + (k - 1) * GAMMA)
-    assert found[0] == kth >> 11
-    assert found[1] == (kth >> 32) * limit >> 32
-    assert found[2] == literal(key) >> 11
-    assert found[3] == (literal(key + GAMMA) >> 32) * limit >> 32
-    assert found[4] == (literal(key + 2 * GAMMA) >> 11) / 2**53
+    assert draws[0] == kth >> 11
+    assert draws[1] == (kth >> 32) * limit >> 32
+    assert draws[2] == literal(key) >> 11
+    assert draws[3] == (literal(key + GAMMA) >> 32) * limit >> 32
+    assert draws[4] == (literal(key + 2 * GAMMA) >> 11) / 2**53
     assert int(state[0]) == (key + 3 * GAMMA) & ALL_BITS

@@ -48,9 +48,9 @@ def test_the_rule_for_what_can_be_discovered_holds_for_dense_terrains(radius):
         terrain = rng.random((rows, cols)) < rng.choice([0.05, 0.2, 0.35])
         bits = bitmap.pack(terrain, config)
         shape = (bitmap.shape_of(config), bitmap.row_masks(config))
-        found = bool(is_solvable(bits, np.zeros_like(bits), *shape))
-        assert found == reference.is_solvable(terrain, radius, config.beta)
-        agreed[found] += 1
+        solvable = bool(is_solvable(bits, np.zeros_like(bits), *shape))
+        assert solvable == reference.is_solvable(terrain, radius, config.beta)
+        agreed[solvable] += 1
     assert min(agreed.values()) > 10
 
 
@@ -110,7 +110,7 @@ def test_packing_is_undone_by_unpacking():
 
 
 def filled(reached, free):
-    """Return the free bits connected with a reached one, run by run, from the definition."""
+    """The free bits connected with a reached one, run by run, by definition."""
     runs = [(match.start(), match.end()) for match in re.finditer("1+", f"{free:064b}")]
     of_run = [((1 << 64 - a) - 1) & ~((1 << 64 - b) - 1) for a, b in runs]
     return sum(run for run in of_run if run & reached)

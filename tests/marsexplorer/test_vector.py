@@ -1,4 +1,4 @@
-"""The vector environment: whose arrays it returns, where it writes them, in several threads, under Gymnasium's wrappers."""
+"""The vector environment: its arrays, threads, and Gymnasium's wrappers."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -24,7 +24,7 @@ def made(num_envs, **options):
 
 
 def blind(envs, steps=40):
-    """Step with random moves, most of which soon end an episode; yield what each step returns."""
+    """Step with random moves, which often end an episode soon; yield the results."""
     rng = np.random.default_rng(3)
     envs.reset(seed=7)
     for _ in range(steps):
@@ -125,8 +125,11 @@ def test_codes_and_infos_are_views_and_float_ones_last():
 )
 def test_observations_are_written_into_a_tensor_that_the_caller_gives(observation, dtype):
     tensor = torch.full((4, 6, 9), 9, dtype=dtype)
-    plain, given = made(4, observation=observation), made(4, observation=observation, out=tensor)
-    for one, other in zip(blind(plain), blind(given), strict=True):
+    plain, with_tensor = (
+        made(4, observation=observation),
+        made(4, observation=observation, out=tensor),
+    )
+    for one, other in zip(blind(plain), blind(with_tensor), strict=True):
         assert (tensor.numpy() == one[0]).all()
         assert np.shares_memory(other[0], tensor.numpy())
 

@@ -135,16 +135,16 @@ def test_a_replayed_record_is_the_record(config, seed, actions, gives_up):
 
 
 def test_the_garbage_collector_has_no_more_to_look_at_however_many_moves_an_episode_has():
-    """A server keeps the episodes of all its boards; what is in lists would be looked at again and again."""
+    """A server keeps all episodes; what is in lists is looked at again and again."""
 
     def looked_at(episode):
-        found, waiting = {}, [vars(episode)]
+        reached, waiting = {}, [vars(episode)]
         while waiting:
-            each = waiting.pop()
-            if id(each) not in found and not isinstance(each, type | ModuleType | FunctionType):
-                found[id(each)] = each
-                waiting += gc.get_referents(each)
-        return len(found)
+            thing = waiting.pop()
+            if id(thing) not in reached and not isinstance(thing, type | ModuleType | FunctionType):
+                reached[id(thing)] = thing
+                waiting += gc.get_referents(thing)
+        return len(reached)
 
     episode = Episode.begin(EnvConfig.of("random", 21), seed=7)
     sizes = []

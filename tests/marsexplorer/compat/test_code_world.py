@@ -1,4 +1,7 @@
-"""The authors' world: it agrees with a twin written from docs/from-mars-explorer.md, and programs for it run."""
+"""The authors' world agrees with a twin of it, and programs for it run.
+
+The twin is written from docs/from-mars-explorer.md.
+"""
 
 import pickle
 import random
@@ -85,13 +88,13 @@ def test_terrains_agree_with_the_twins_in_distribution(preset, draws):
     error = np.sqrt(sum(share * (1 - share) for share in shares) / draws)
     error = np.maximum(error, 1 / draws)  # of cells that are rarely blocked
     assert (np.abs(shares[0] - shares[1]) <= 4 * error).all()
-    counts = [each.sum((1, 2)) for each in (ours, theirs)]
+    counts = [terrains.sum((1, 2)) for terrains in (ours, theirs)]
     spread = np.sqrt(sum(count.var() for count in counts) / draws)
     assert abs(counts[0].mean() - counts[1].mean()) <= 4 * spread
 
 
 def test_numbers_of_the_authors_terrains():
-    """What the page of the paper says of them: the ring is free, the start need not be."""
+    """What the page of the paper says: the ring is free, the start need not be."""
     drawn = np.stack([draw_terrain(CodeConfig.of(), seed) for seed in range(300)])
     ring = np.ones((21, 21), bool)
     ring[1:-1, 1:-1] = False
@@ -111,9 +114,17 @@ def test_our_actions_are_theirs_in_another_order():
     theirs = gymnasium.make("exploConf-v1", preset="videos").unwrapped
     for seed in range(20):
         first, second = ours.reset(seed=seed)[0], theirs.reset(seed=seed)[0]
-        for own, other in ((2, 0), (1, 2), (0, 1), (3, 3)):  # south, east, north, west
+        for our_action, their_action in (
+            (2, 0),
+            (1, 2),
+            (0, 1),
+            (3, 3),
+        ):  # south, east, north, west
             np.testing.assert_array_equal(first, second[:, :, 0])
-            (first, *ours_rest), (second, *theirs_rest) = ours.step(own), theirs.step(other)
+            (first, *ours_rest), (second, *theirs_rest) = (
+                ours.step(our_action),
+                theirs.step(their_action),
+            )
             assert ours_rest == theirs_rest
             if ours_rest[1]:
                 break
@@ -123,8 +134,8 @@ def test_a_batch_is_equal_to_single_environments():
     batch = gymnasium.make_vec(
         "KoutrasCode-v0", 4, "vector_entry_point", preset="videos", observation="uint8"
     )
-    made = {"preset": "videos", "observation": "uint8"}
-    singles = [gymnasium.make("KoutrasCode-v0", **made) for _ in range(4)]
+    options = {"preset": "videos", "observation": "uint8"}
+    singles = [gymnasium.make("KoutrasCode-v0", **options) for _ in range(4)]
     observations, _ = batch.reset(seed=3)
     expected = [env.reset(seed=3 + i)[0] for i, env in enumerate(singles)]
     rng, ended = np.random.default_rng(1), 0
@@ -133,13 +144,13 @@ def test_a_batch_is_equal_to_single_environments():
         actions = rng.choice([1, 2], 4)
         observations, rewards, over, _, info = batch.step(actions)
         for i, env in enumerate(singles):
-            expected[i], reward, is_over, _, own = env.step(actions[i])
+            expected[i], reward, is_over, _, single_info = env.step(actions[i])
             assert (rewards[i], over[i]) == (reward, is_over)
             if is_over:
                 ended += 1
                 np.testing.assert_array_equal(info["final_obs"][i], expected[i])
-                assert info["final_info"]["outcome"][i] == own["outcome"]
-                assert info["final_info"]["coverage"][i] == own["coverage"]
+                assert info["final_info"]["outcome"][i] == single_info["outcome"]
+                assert info["final_info"]["coverage"][i] == single_info["coverage"]
                 expected[i], _ = env.reset()
     assert ended > 20
 
@@ -151,11 +162,11 @@ def test_a_snapshot_of_a_batch_goes_on_as_the_batch_does():
     )
     first.reset(seed=1)
     actions = np.random.default_rng(2).integers(4, size=(60, 3))
-    for own in actions[:30]:
-        first.step(own)
+    for batch_actions in actions[:30]:
+        first.step(batch_actions)
     second.restore(first.snapshot())
-    for own in actions[30:]:
-        one, other = first.step(own), second.step(own)
+    for batch_actions in actions[30:]:
+        one, other = first.step(batch_actions), second.step(batch_actions)
         np.testing.assert_array_equal(one[0], other[0])
         np.testing.assert_array_equal(one[1], other[1])
 

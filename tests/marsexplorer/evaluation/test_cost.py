@@ -1,4 +1,4 @@
-"""The cost of each move: V is the length of literal episodes, costs add up, mistakes have the kinds defined."""
+"""The cost of each move: lengths of literal episodes, sums, and kinds of mistakes."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def crash(episode, outcome):
 
 
 def drive(net, config, seed, slip, ending="explored", moves=0):
-    """An episode of Expert that slips into random valid moves and, after some moves, ends otherwise if it can."""
+    """An episode of Expert that slips into random valid moves and may end otherwise."""
     rng, episode, policy = (
         np.random.default_rng(seed),
         Episode.begin(config, seed=seed),
@@ -78,11 +78,14 @@ def drive(net, config, seed, slip, ending="explored", moves=0):
 
 
 def goes_on(net, record, step, action=None):
-    """An episode after so many moves, and Expert, who has watched them; `action` is made instead of the next one."""
+    """An episode after so many moves, and Expert, who has watched them.
+
+    `action` is made instead of the next move.
+    """
     episode, policy = Episode.again(record), expert_of(net, record.config)
-    for made in (*record.actions[:step], *([] if action is None else [action])):
+    for move in (*record.actions[:step], *([] if action is None else [action])):
         policy.act(episode.codes)
-        episode.step(made)
+        episode.step(move)
     return episode, policy
 
 
@@ -143,7 +146,7 @@ def test_every_ending_is_drawn_and_all_but_explored_count_the_limit(net, estimat
 
 def test_the_loop_guard_stands_as_the_path_left_it(net):
     """Back and forth between two cells makes the guard of whoever watches take over."""
-    found = 0
+    differing = 0
     for seed in range(SEED, SEED + 12):
         episode = Episode.begin(CONFIG, seed=seed)
         action = valid_actions(episode.codes, *episode.position)[0]
@@ -157,8 +160,8 @@ def test_the_loop_guard_stands_as_the_path_left_it(net):
         policy._guard.reset()
         while not fresh.ended:
             fresh.step(policy.act(fresh.codes))
-        found += fresh.steps != lengths[6]
-    assert found, "where the guard begins anew, another episode follows"
+        differing += fresh.steps != lengths[6]
+    assert differing, "where the guard begins anew, another episode follows"
 
 
 def test_shares_and_actions_are_experts_on_each_board_of_the_episode(net, estimator):
@@ -178,15 +181,20 @@ def test_a_mistake_is_a_stretch_of_moves_that_are_not_experts(net, estimator):
         is_other = episode_costs.actions != episode_costs.advice.actions[: record.steps]
         assert not costs[~is_other].any(), "who goes as Expert does loses nothing"
         for mistake in episode_costs.mistakes:
-            own = steps[mistake.first : mistake.last + 1]
-            assert is_other[own].all()
-            assert mistake.cost == costs[own].sum() > 0
-            assert costs[mistake.step] == costs[own].max() > 0
-            joined += len(own) > 1
+            stretch = steps[mistake.first : mistake.last + 1]
+            assert is_other[stretch].all()
+            assert mistake.cost == costs[stretch].sum() > 0
+            assert costs[mistake.step] == costs[stretch].max() > 0
+            joined += len(stretch) > 1
         biggest = [mistake.cost for mistake in episode_costs.biggest(3)]
-        assert biggest == sorted((each.cost for each in episode_costs.mistakes), reverse=True)[:3]
+        assert (
+            biggest
+            == sorted((mistake.cost for mistake in episode_costs.mistakes), reverse=True)[:3]
+        )
         named = [
-            step for each in episode_costs.mistakes for step in range(each.first, each.last + 1)
+            step
+            for mistake in episode_costs.mistakes
+            for step in range(mistake.first, mistake.last + 1)
         ]
         assert len(named) == len(set(named)), "no two mistakes have a move in common"
         kinds = [step for step, kind in enumerate(episode_costs.kinds) if kind is not None]
@@ -241,11 +249,11 @@ def leaves_pocket_by_scipy(codes, terrain, position, towards, radius):
         cells = np.argwhere(groups == number)
         if len(cells) > POCKET_CELLS or terrain[tuple(cells.T)].all():
             continue
-        before, made, better = (
+        before, after, better = (
             np.abs(cells - place).sum(1).min() for place in (position, *towards)
         )
         is_near = np.abs(cells - position).max(1).min() <= radius
-        if is_near and better < before <= made:
+        if is_near and better < before <= after:
             return True
     return False
 
@@ -260,9 +268,9 @@ def test_pockets_are_the_groups_that_scipy_labels(seed, rows, cols, unknown, rad
     codes = np.where(rng.random((rows, cols)) < unknown, UNKNOWN, FREE).astype(np.uint8)
     terrain = rng.random((rows, cols)) < 0.5
     position = (int(rng.integers(rows)), int(rng.integers(cols)))
-    for made in range(4):
+    for action in range(4):
         for expert in range(4):
-            towards = [moved(position, made), moved(position, expert)]
+            towards = [moved(position, action), moved(position, expert)]
             asked = (codes, terrain, position, towards, radius)
             assert leaves_pocket(*asked) == leaves_pocket_by_scipy(*asked)
 
@@ -271,15 +279,15 @@ def test_what_is_kept_is_read_again_and_a_broken_file_is_worked_out_anew(
     tmp_path, monkeypatch, net
 ):
     record = drive(net, CONFIG, SEED, 0.9, "abandoned", 12)
-    kept = CostEstimator(cache=tmp_path / "costs")
-    first = kept.costs(record).lengths
+    estimator = CostEstimator(cache=tmp_path / "costs")
+    first = estimator.costs(record).lengths
     (path,) = (tmp_path / "costs").iterdir()
     worked_out = "marsexplorer.evaluation.cost.whole_lengths"
     monkeypatch.setattr(worked_out, lambda *arguments: pytest.fail("worked out again"))
-    assert (kept.costs(record).lengths == first).all()
+    assert (estimator.costs(record).lengths == first).all()
     monkeypatch.undo()
     path.write_bytes(b"\x93NUMPY broken")
-    assert (kept.costs(record).lengths == first).all()
+    assert (estimator.costs(record).lengths == first).all()
     assert (np.load(path) == first).all()
 
 
@@ -305,14 +313,18 @@ def test_what_was_missed_is_what_expert_sees_soon_after_its_move(net, estimator)
     mistakes = estimator.costs(record).biggest(5)
     missed = estimator.missed(record, mistakes)
     assert len(mistakes) == 5
-    assert sum(len(each.cells) for each in missed) > 0
+    assert sum(len(part.cells) for part in missed) > 0
     for mistake, picture in zip(mistakes, missed, strict=True):
-        # 1. The player's own way: what was known at the move, SOON moves after it, and when the rest was seen.
-        boards = [(own.position, own.codes.copy()) for own, _ in moves_of(record)]
+        # 1. The player's own way: what was known at the move, SOON moves after it, and when the
+        #    rest was seen.
+        boards = [(board.position, board.codes.copy()) for board, _ in moves_of(record)]
         assert picture.position == boards[mistake.step][0]
         assert (picture.codes == boards[mistake.step][1]).all()
-        known = [codes != UNKNOWN for _, codes in boards] + [replay(record).codes != UNKNOWN]
-        before, soon = known[mistake.step], known[min(mistake.step + SOON, len(record.actions))]
+        known_cells = [codes != UNKNOWN for _, codes in boards] + [replay(record).codes != UNKNOWN]
+        before, soon = (
+            known_cells[mistake.step],
+            known_cells[min(mistake.step + SOON, len(record.actions))],
+        )
         # 2. Expert's way.
         other, policy = goes_on(net, record, mistake.step, mistake.expert_action)
         for _ in range(SOON - 1):
@@ -320,6 +332,8 @@ def test_what_was_missed_is_what_expert_sees_soon_after_its_move(net, estimator)
                 other.step(policy.act(other.codes))
         cells = np.argwhere((other.codes != UNKNOWN) & ~before & ~soon)
         assert picture.cells.tolist() == cells.tolist()
-        seen = [[step for step, codes in enumerate(known) if codes[tuple(cell)]] for cell in cells]
+        seen = [
+            [step for step, codes in enumerate(known_cells) if codes[tuple(cell)]] for cell in cells
+        ]
         expected = max(steps[0] for steps in seen) if seen and all(seen) else None
         assert picture.seen_at == expected

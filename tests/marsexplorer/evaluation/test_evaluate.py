@@ -1,4 +1,4 @@
-"""The same terrains for all, a table that does not depend on the number of processes, intervals that are t intervals."""
+"""The same terrains for all, one table for any number of processes, t intervals."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""Pictures of an evaluation: what is drawn is what was played, and the same table gives the same bytes."""
+"""Pictures of an evaluation show what was played, with the same bytes each time."""
 
 from dataclasses import replace
 
@@ -57,15 +57,20 @@ def test_a_coverage_plot_ends_with_the_explored_and_names_every_policy(table):
 def test_the_same_table_gives_the_same_files_and_needs_traces(table, tmp_path):
     first, second = save_plots(table, tmp_path / "a"), save_plots(table, tmp_path / "b")
     assert [path.name for path in first] == [
-        "coverage-random-7x11.png", "coverage-1-1-1-7x11.png", "heat-frontier-cost.png", "heat-random.png"
-    ]  # fmt: skip
+        "coverage-random-7x11.png",
+        "coverage-1-1-1-7x11.png",
+        "heat-frontier-cost.png",
+        "heat-random.png",
+    ]
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
     assert {path.name for path in (tmp_path / "a").iterdir()} == {path.name for path in first}
     alike = [replace(CONFIGS[0], sensor_radius=radius) for radius in (2, 3)]
     both = evaluate(["random"], alike, 2, 0, traces=True)
     assert [path.name for path in save_plots(both, tmp_path / "c")] == [
-        "coverage-random-7x11.png", "coverage-random-7x11-2.png", "heat-random.png"
-    ]  # fmt: skip
+        "coverage-random-7x11.png",
+        "coverage-random-7x11-2.png",
+        "heat-random.png",
+    ]
     without = evaluate(["random"], CONFIGS[0], 2, 0)
     with pytest.raises(ValueError, match="traces=True"):
         save_plots(without, tmp_path)

@@ -1,4 +1,7 @@
-"""ONNX files as other libraries export them: read with answers to what their shapes leave open, and written as one of ours."""
+"""ONNX files of other libraries, read with answers to what their shapes lack.
+
+Each is written as one of ours.
+"""
 
 import json
 import os
@@ -29,9 +32,18 @@ EQ6 = Answers(values="eq6", acts="greedy")
 
 
 def model(
-    shape=(1, ROWS, COLS), name="observation", kind=FLOAT, output="logits", states=False, extra=(), out_kind=FLOAT
-):  # fmt: skip
-    """A linear policy over the flattened input; with states it adds a tenth of the last scores, unless an episode starts."""
+    shape=(1, ROWS, COLS),
+    name="observation",
+    kind=FLOAT,
+    output="logits",
+    states=False,
+    extra=(),
+    out_kind=FLOAT,
+):
+    """A linear policy over the flattened input.
+
+    With states it adds a tenth of the last scores, unless an episode starts.
+    """
     count = int(np.prod([side or 1 for side in shape]))
     nodes = [
         helper.make_node("Cast", [name], ["floats"], to=FLOAT),
@@ -293,8 +305,8 @@ def test_the_command_writes_a_file_that_plays(tmp_path, capsys):
     out = tmp_path / "mine.onnx"
     code, _, err = command(capsys, "policies", "add", str(tmp_path / "net.onnx"))
     assert (code, err.count("\n- ")) == (2, 2)
-    said = ("--values", "eq6", "--acts", "greedy", "--out", str(out))
-    code, text, _ = command(capsys, "policies", "add", str(tmp_path / "net.onnx"), *said)
+    options = ("--values", "eq6", "--acts", "greedy", "--out", str(out))
+    code, text, _ = command(capsys, "policies", "add", str(tmp_path / "net.onnx"), *options)
     assert (code, "input float[1, 6, 7] holds eq. 6" in text) == (0, True)
     assert json.loads(command(capsys, "policies", "card", str(out))[1])["acts"] == "greedy"
 

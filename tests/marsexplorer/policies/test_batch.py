@@ -1,4 +1,4 @@
-"""Boards decided together make the moves they would make alone, and one that fails fails alone."""
+"""Boards decided together make the moves they make alone; each fails alone."""
 
 import time
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What the cards of shipped policies say of their terrains comes out again, move for move."""
+"""What the cards of shipped policies say of their terrains is played again."""
 
 import numpy as np
 import pytest
@@ -12,16 +12,16 @@ FILES = {**shipped(), **of_paper()}
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_first_ten_terrains_of_a_card_are_played_again(name):
-    assert [each for each in replay_card(FILES[name], 10) if each] == []
+    assert not any(replay_card(FILES[name], 10))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", FILES)
 def test_all_terrains_of_a_card_are_played_again(name):
-    found = list(replay_card(FILES[name]))
+    differences = list(replay_card(FILES[name]))
     results = read_card(FILES[name])["results"]
-    assert len(found) == sum(each["terrains"] for each in results.values()) >= 200
-    assert [each for each in found if each] == []
+    assert len(differences) == sum(result["terrains"] for result in results.values()) >= 200
+    assert not any(differences)
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -40,8 +40,8 @@ def test_another_episode_and_a_card_without_any_are_noticed(tmp_path):
     result["moves"][1] += 1
     result["actions"][2] = "0" * 12
     write_card(path, card)
-    wrong = [each for each in replay_card(path, 3) if each]
-    assert [each.seed - result["first_seed"] for each in wrong] == [1, 2]
+    wrong = [difference for difference in replay_card(path, 3) if difference]
+    assert [difference.seed - result["first_seed"] for difference in wrong] == [1, 2]
     empty = write_onnx(tmp_path / "none.onnx", card={"summary": "One."})
     with pytest.raises(ValueError, match="lists no episodes"):
         next(replay_card(empty))

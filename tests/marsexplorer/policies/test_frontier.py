@@ -68,7 +68,7 @@ def test_the_expected_discoveries_are_the_literal_count(terrain, radius, data):
     st.sampled_from(["cost", "utility"]),
 )
 def test_a_rule_sees_all_that_can_be_seen_and_wanders_no_more_than_it_must(terrain, radius, rule):
-    """Unsolvable terrains included: what some reachable free cell sees is seen before the rule runs out of candidates."""
+    """A rule first sees what reachable free cells see, on unsolvable terrains too."""
     n = terrain.size
     seen = None
     for codes, *board, _ in steps_through(terrain, radius, f"frontier-{rule}", limit=n * n):

@@ -1,4 +1,4 @@
-"""The shipped network decides as it was recorded: tests/fixtures/policies has what it saw, computed and did."""
+"""The shipped network decides as tests/fixtures/policies has recorded it."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,10 @@ RECORDED = Path(__file__).parents[2] / "fixtures" / "policies" / "ppo-decisions.
 
 @pytest.fixture(scope="module")
 def recorded():
-    """(head, observations uint8[steps, rows, cols]) of each recorded episode, and the arrays of all steps in order."""
+    """(head, observations) of each recorded episode, and the arrays of all steps.
+
+    Observations are uint8[steps, rows, cols].
+    """
     arrays = np.load(RECORDED)
     episodes, byte = [], 0
     for head in json.loads(str(arrays["episodes"])):
@@ -32,35 +35,35 @@ def recorded():
 
 def test_every_recorded_decision_is_made_again(recorded):
     episodes, arrays = recorded
-    policy, actions, said = policies.load("ppo"), [], []
+    policy, actions, thoughts = policies.load("ppo"), [], []
     for head, observations in episodes:
         policy.reset(head["seed"])
         for observation in observations:
             actions.append(policy.act(observation))
             probabilities, value = policy.thought()
-            said.append((*probabilities, value))
+            thoughts.append((*probabilities, value))
     assert actions == arrays["action"].tolist()
-    assert np.allclose(np.array(said)[:, :4], arrays["probabilities"], atol=1e-5)
-    assert np.allclose(np.array(said)[:, 4], arrays["value"], atol=1e-4)
+    assert np.allclose(np.array(thoughts)[:, :4], arrays["probabilities"], atol=1e-5)
+    assert np.allclose(np.array(thoughts)[:, 4], arrays["value"], atol=1e-4)
 
 
 def test_every_recorded_logit_is_computed_again_by_the_file_that_plays_and_the_network_that_trains(
     recorded,
 ):
-    """To some millionths, as another version or processor rounds otherwise, with the same best move."""
+    """To some millionths, as other processors round otherwise; the same best move."""
     episodes, arrays = recorded
-    policy, found, shown = policies.load("ppo"), [], []
+    policy, computed, shown = policies.load("ppo"), [], []
     for head, observations in episodes:
         policy.reset(head["seed"])
         for observation in observations:
             planes, moves = policy.extract_features(observation)
             logits, values = policy.net.infer(planes, moves)
             policy.choose(logits[0], float(values[0]))
-            found.append(logits[0])
+            computed.append(logits[0])
             shown.append((torch.from_numpy(planes.copy()), torch.from_numpy(moves.copy())))
     with torch.no_grad():
         trained = load_net(shipped()["ppo"])(*map(torch.cat, zip(*shown, strict=True)))[0].numpy()
-    for logits in (found, trained):
+    for logits in (computed, trained):
         assert np.allclose(logits, arrays["logits"], atol=1e-4)
         assert (np.argmax(logits, 1) == arrays["logits"].argmax(1)).all()
 

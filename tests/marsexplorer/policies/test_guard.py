@@ -1,4 +1,4 @@
-"""The loop guard of a stack of episodes is the guard of each of them, by its definition."""
+"""The loop guard of a stack of episodes is, by definition, that of each of them."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -8,7 +8,10 @@ from marsexplorer.policies.guard import GUARD_STEPS, update_guard
 
 
 class LiteralGuard:
-    """The definition: a pair met before sets the guard off for GUARD_STEPS moves, and until something new is known."""
+    """The definition: a pair met before sets the guard off for GUARD_STEPS moves.
+
+    It goes on until something new is known.
+    """
 
     def __init__(self):
         self.met, self.left, self.stuck_at = set(), 0, -1
@@ -31,7 +34,7 @@ class LiteralGuard:
     )
 )
 def test_a_stack_is_guarded_as_each_episode_alone(moves):
-    """Each move is a cell and whether something new is known there: what is known never shrinks."""
+    """A move is a cell and whether something new is known there; nothing is forgotten."""
     num, cells = 3, 4
     known_before, known = np.full((num, cells), -1), np.zeros(num, np.int64)
     steps_left = np.zeros(num, np.int64)

@@ -1,4 +1,4 @@
-"""Policies on the hub: what is pushed is pulled again, against a stand-in of its HTTP API (`tests.support.hub_server`)."""
+"""What is pushed to the hub is pulled again, against a stand-in of its API."""
 
 import json
 import shutil
@@ -26,7 +26,7 @@ REPO = "ada/mars-explorer"
 
 @pytest.fixture
 def hub_app(monkeypatch, tmp_path):
-    """The stand-in, listening; the client's caches and token lie in a folder of the test."""
+    """The stand-in, listening; the client's caches and token are in a test's folder."""
     app = create_hub()
     sock = socket.create_server(("127.0.0.1", 0))
     engine = uvicorn.Server(uvicorn.Config(app, log_level="error", ws="none"))
@@ -46,34 +46,34 @@ def hub_app(monkeypatch, tmp_path):
 
 
 def test_a_policy_comes_back_from_the_hub_as_it_went(hub_app, capsys, tmp_path):
-    code, said, complained = command(capsys, "policies", "push", "ppo", REPO, "--private")
+    code, printed, complained = command(capsys, "policies", "push", "ppo", REPO, "--private")
     assert code == 0, complained
-    assert f"/{REPO}" in said
+    assert f"/{REPO}" in printed
     held = hub_app.state.repositories[REPO]
     assert held.private
     assert set(held.commits[-1]) == {"ppo.onnx", "config.json", "README.md"}
     assert len(held.commits) == 2, "one commit after the empty one"
     words = ("policies", "pull", REPO, "--out", str(tmp_path / "pulled"))
-    code, said, complained = command(capsys, *words)
+    code, printed, complained = command(capsys, *words)
     assert code == 0, complained
     pulled = tmp_path / "pulled" / "ppo.onnx"
     assert pulled.read_bytes() == shipped()["ppo"].read_bytes()
-    assert str(pulled) in said
+    assert str(pulled) in printed
     assert load(pulled).name == load("ppo").name
 
 
 def test_a_model_card_has_the_hubs_metadata_and_the_figures_of_the_card():
-    found = ModelCard(hub.model_card(shipped()["ppo"], REPO))
+    model_card = ModelCard(hub.model_card(shipped()["ppo"], REPO))
     card = read_card(shipped()["ppo"])
-    assert found.data.library_name == "humanplay"
-    each = found.data.eval_results
-    results = {(one.dataset_name, one.metric_type): one.metric_value for one in each}
+    assert model_card.data.library_name == "humanplay"
+    eval_results = model_card.data.eval_results
+    results = {(one.dataset_name, one.metric_type): one.metric_value for one in eval_results}
     for setting, figures in card["results"].items():
         assert results[f"MarsExplorer {setting}", "steps"] == figures["steps"]
-    assert card["summary"] in found.text
-    assert f"marsexplorer policies pull {REPO}" in found.text
-    assert card["limits"] in found.text
-    assert max(map(len, found.text.splitlines())) < 300  # no list of an entry for each episode
+    assert card["summary"] in model_card.text
+    assert f"marsexplorer policies pull {REPO}" in model_card.text
+    assert card["limits"] in model_card.text
+    assert max(map(len, model_card.text.splitlines())) < 300  # no list of an entry for each episode
     assert json.loads(hub.card_json(shipped()["ppo"])) == card
 
 

@@ -1,4 +1,4 @@
-"""Looking ahead: terrains from the posterior, imagined looks, and moves that follow from the record alone."""
+"""Looking ahead: terrains, imagined looks, and moves that follow from the record."""
 
 import logging
 from itertools import product
@@ -21,7 +21,7 @@ CONFIG = EnvConfig.of("random", 14)
 
 
 def is_kept(blocked):
-    """Whether the generator keeps a terrain whose every cell must be seen but 1 %, found by hand."""
+    """Whether the generator keeps a terrain that is seen but for 1 %, by hand."""
     if blocked[0, 0]:
         return False
     reached, waiting = {(0, 0)}, [(0, 0)]
@@ -42,8 +42,8 @@ def is_kept(blocked):
 def test_terrains_have_the_distribution_that_counting_them_all_gives():
     rows, cols = shape = (7, 8)
     assert rectangles_of(rows * cols) == 2
-    known = np.full(shape, UNKNOWN, np.uint8)
-    known[:4, :4], known[0, 0], known[3, 3], known[6, 7] = FREE, ROVER, OBSTACLE, FREE
+    codes = np.full(shape, UNKNOWN, np.uint8)
+    codes[:4, :4], codes[0, 0], codes[3, 3], codes[6, 7] = FREE, ROVER, OBSTACLE, FREE
 
     # 1. Every pair of rectangles, weighed as the generator draws them.
     alone = []
@@ -56,21 +56,21 @@ def test_terrains_have_the_distribution_that_counting_them_all_gives():
     total, share = 0.0, np.zeros(shape)
     for (one, weight), (other, more) in product(alone, repeat=2):
         blocked = one | other
-        agrees = blocked[3, 3] and not blocked[(known == FREE) | (known == ROVER)].any()
+        agrees = blocked[3, 3] and not blocked[(codes == FREE) | (codes == ROVER)].any()
         if agrees and is_kept(blocked):
             total += weight * more
             share += weight * more * blocked
 
     # 2. The chains, from one state on.
     chains, state = posterior_chains(shape, 50), np.array([7], np.uint64)
-    found, count = np.zeros(shape), 0
+    drawn, count = np.zeros(shape), 0
     for _ in range(200):
-        move_chains(chains, known.reshape(-1), rows, cols, 56, 3, True, state)
+        move_chains(chains, codes.reshape(-1), rows, cols, 56, 3, True, state)
         usable = chains[1][chains[2] > 0].reshape(-1, *shape) > 0
         assert all(map(is_kept, usable[:2]))
-        found, count = found + usable.sum(0), count + len(usable)
+        drawn, count = drawn + usable.sum(0), count + len(usable)
     assert count > 9000
-    np.testing.assert_allclose(found / count, share / total, atol=0.02)
+    np.testing.assert_allclose(drawn / count, share / total, atol=0.02)
 
 
 @pytest.mark.parametrize("side", [21, pytest.param(42, marks=pytest.mark.long)])
@@ -107,9 +107,9 @@ def test_an_imagined_look_shows_what_the_rules_show():
         look_round(board.board, truth, done, rover, squares, cols)
         seen = episode.codes.copy()
         seen[seen == ROVER] = FREE
-        known = board.board[0].reshape(shape).copy()
-        known[known == ROVER] = FREE  # where it stood at first
-        np.testing.assert_array_equal(known, seen)
+        imagined = board.board[0].reshape(shape).copy()
+        imagined[imagined == ROVER] = FREE  # where it stood at first
+        np.testing.assert_array_equal(imagined, seen)
         if episode.ended:
             break
     fresh = PricedBoard(shape, radius)
@@ -125,12 +125,16 @@ def is_invalid(episode, action):
 
 
 def decided(policy, observation):
-    """A move, with where the policy's draws have come to: other draws could make the same moves."""
+    """A move, with where the policy's draws have come to.
+
+    Other draws could make the same moves.
+    """
     return policy.act(observation), int(policy._state[0]), policy.compared
 
 
 def test_moves_and_draws_follow_from_the_observations_alone():
-    # 1. The same again, whatever the seed of `reset`, also from a policy that has played other terrains.
+    # 1. The same again, whatever the seed of `reset`, also from a policy that has played other
+    #    terrains.
     policy, episode, seen, answers = (
         policies.load("lookahead"),
         Episode.begin(CONFIG, seed=11),
@@ -145,11 +149,12 @@ def test_moves_and_draws_follow_from_the_observations_alone():
     assert sum(compared > 0 for _, _, compared in answers) >= 5
     play_episode(policy, CONFIG, 12)  # what it leaves behind must not count
     policy.reset(5)
-    assert not any(each.any() for each in policy._arrays.chains[:2])
-    assert [decided(policy, each) for each in seen] == answers
+    assert not any(chain.any() for chain in policy._arrays.chains[:2])
+    assert [decided(policy, observed) for observed in seen] == answers
     assert play_episode(policies.load("lookahead"), CONFIG, 11).actions == episode.actions
 
-    # 2. From any place of an episode that somebody else has played, as after a restart or "Try from here".
+    # 2. From any place of an episode that somebody else has played, as after a restart or "Try from
+    #    here".
     walker, episode = policies.load("frontier-utility"), Episode.begin(CONFIG, seed=8)
     seen, answers = [], []
     policy.reset(0)
@@ -160,7 +165,7 @@ def test_moves_and_draws_follow_from_the_observations_alone():
     for stop in range(10, len(seen), 15):
         rebuilt = policies.load("lookahead")
         rebuilt.reset(99)
-        assert [decided(rebuilt, each) for each in seen[: stop + 1]] == answers[: stop + 1]
+        assert [decided(rebuilt, observed) for observed in seen[: stop + 1]] == answers[: stop + 1]
 
 
 def test_elsewhere_it_is_ppo_and_says_so(caplog):
@@ -170,8 +175,8 @@ def test_elsewhere_it_is_ppo_and_says_so(caplog):
         assert play_episode(policy, config, 2).actions == play_episode(ppo, config, 2).actions
     assert not policy.compared
     assert "elsewhere it is ppo" in policies.describe("lookahead")
-    said = "on level 2-2-2 it plays as ppo"
-    assert [said in record.getMessage() for record in caplog.records] == [True]
+    sentence = "on level 2-2-2 it plays as ppo"
+    assert [sentence in record.getMessage() for record in caplog.records] == [True]
     large = EnvConfig.of("random", (90, 80))
     episode, moves = Episode.begin(large, seed=1), []
     policies.begin(policy, "random", 1)

@@ -48,7 +48,7 @@ def test_thoughts_are_probabilities_that_leave_invalid_moves_out(file):
 
 
 def features(episode, place, visited=None):
-    """The pictures of one board as arrays [PLANES, side, side], and the numbers of its moves."""
+    """The pictures of a board, [PLANES, side, side], and the numbers of its moves."""
     rows, cols = episode.codes.shape
     visited = np.zeros((1, rows * cols), np.uint8) if visited is None else visited
     board = episode.codes[None], np.array([place]), visited, np.array([1])
@@ -60,7 +60,7 @@ def features(episode, place, visited=None):
 
 
 def test_the_pictures_are_centred_on_the_rover_and_hold_the_shares_of_their_blocks():
-    """Against the definition, cell by cell, on a board that is wider than the finest picture."""
+    """By definition, cell by cell, on a board wider than the finest picture."""
     episode = Episode.begin(EnvConfig("random", 15, 34), seed=5)
     for action in (1, 1, 2, 2, 1):
         if not episode.ended:
@@ -108,7 +108,7 @@ def test_a_stack_of_boards_has_the_features_of_each_alone():
 
 
 def test_what_is_kept_of_a_board_changes_no_feature():
-    """An extractor that follows several episodes in turn gives the features that a fresh one gives."""
+    """An extractor for several episodes in turn gives the features of a fresh one."""
     config = EnvConfig("2-2-1", 17, 70)
     rng, extractor = np.random.default_rng(3), FeatureExtractor(1, 17, 70, 6)
     episodes = [Episode.begin(config, seed=seed) for seed in range(3)]
@@ -167,8 +167,8 @@ def test_a_network_of_another_format_is_refused_by_name(file, tmp_path):
     card.value = card.value.replace(FORMAT, "marsexplorer-network-0")
     onnx.save(model, path)
     for load in (policies.load, load_net):
-        said = rf"expected the format {FORMAT}, got 'marsexplorer-network-0'"
-        with pytest.raises(policies.PolicyFileError, match=said):
+        sentence = rf"expected the format {FORMAT}, got 'marsexplorer-network-0'"
+        with pytest.raises(policies.PolicyFileError, match=sentence):
             load(path)
 
 

@@ -1,4 +1,4 @@
-"""The agents of the paper's four algorithms play from their ONNX files as the networks did that trained them."""
+"""The agents of the paper play from ONNX files as the trained networks did."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,9 @@ from tests.support.policy_files import write_onnx
 RECORDED = json.loads(
     (Path(__file__).parents[2] / "fixtures" / "policies" / "paper_agents.json").read_text()
 )
-"""Agent -> episodes that its network decided, without ONNX: their moves, and what was thought of the first board."""
+"""Agent -> episodes that its network decided, without ONNX: their moves, and what was thought of
+the first board.
+"""
 
 
 def begin(recorded):
@@ -38,8 +40,10 @@ def test_every_recorded_move_is_made_again(name):
             assert action == int(digit), number
             if number == 0:
                 shares, value = policy.thought()
-                said = [np.nan if each is None else each for each in recorded["first_thought"]]
-                assert [*shares, value] == pytest.approx(said, rel=1e-4, abs=2e-4, nan_ok=True)
+                thought = [
+                    np.nan if number is None else number for number in recorded["first_thought"]
+                ]
+                assert [*shares, value] == pytest.approx(thought, rel=1e-4, abs=2e-4, nan_ok=True)
             episode.step(action)
 
 
@@ -69,7 +73,7 @@ def test_boards_decided_together_make_the_moves_of_single_decisions():
             drivers[-1].reset(seed)
             episodes.append(Episode.begin(EnvConfig(), seed=seed))
         for _ in range(20):
-            actions = act_many(drivers, [each.codes for each in episodes])
+            actions = act_many(drivers, [episode.codes for episode in episodes])
             for episode, action in zip(episodes, actions, strict=True):
                 episode.step(action)
         alone = policies.load(name)
@@ -96,6 +100,6 @@ def test_moves_are_drawn_by_the_seed_where_the_card_says_so(tmp_path):
 @pytest.mark.parametrize("acts", ["dreams", ["greedy"], 3])
 def test_a_card_that_says_something_else_is_refused(acts, tmp_path):
     path = write_onnx(tmp_path / "odd.onnx", card={"acts": acts})
-    said = r'is no policy: expected .* as "acts", got '
-    with pytest.raises(policies.PolicyFileError, match=said):
+    sentence = r'is no policy: expected .* as "acts", got '
+    with pytest.raises(policies.PolicyFileError, match=sentence):
         policies.load(path)

@@ -90,8 +90,8 @@ def test_memory_knows_the_heading_from_positions_alone():
 
 
 def test_an_unknown_policy_is_named_with_what_to_choose_instead(tmp_path):
-    said = r'no policy "ppo2" in data/policies; choose one of: .*sac-works, or give'
-    with pytest.raises(policies.PolicyNotFoundError, match=said):
+    sentence = r'no policy "ppo2" in data/policies; choose one of: .*sac-works, or give'
+    with pytest.raises(policies.PolicyNotFoundError, match=sentence):
         policies.load("ppo2")
     with pytest.raises(policies.PolicyNotFoundError, match="no policy file at"):
         policies.load(tmp_path / "none.onnx")

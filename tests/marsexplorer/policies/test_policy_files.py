@@ -1,4 +1,4 @@
-"""Policies from files of other makers: played as they would play, and refused with a sentence when they are anything else."""
+"""Policies of other makers' files play as they would, or a sentence refuses them."""
 
 import json
 import pickle
@@ -97,7 +97,7 @@ def test_a_network_plays_what_it_computes_where_it_is_trained_and_is_read_back_a
     before = torch.get_rng_state()
     save_network(net, path, {"summary": "Wanders."})
     assert torch.equal(torch.get_rng_state(), before)  # a training may be under way
-    assert [each.name for each in tmp_path.iterdir()] == ["own.onnx"]
+    assert [path.name for path in tmp_path.iterdir()] == ["own.onnx"]
     assert policies.describe(str(path)) == "Wanders."
     policy, again = policies.load(path), load_net(path)
     seen = []
@@ -108,7 +108,7 @@ def test_a_network_plays_what_it_computes_where_it_is_trained_and_is_read_back_a
             planes, moves = policy.extract_features(episode.codes)
             seen.append((planes.copy(), moves.copy(), *policy.net.infer(planes, moves)))
             episode.step(policy.choose(seen[-1][2][0], 0.0))
-    planes, moves, logits, values = (np.concatenate(each) for each in zip(*seen, strict=True))
+    planes, moves, logits, values = (np.concatenate(arrays) for arrays in zip(*seen, strict=True))
     for computed in (net, again):
         with torch.inference_mode():
             expected = computed(torch.from_numpy(planes), torch.from_numpy(moves))
@@ -171,7 +171,7 @@ def test_policy_files_are_read_and_their_cards_written_without_the_package_onnx(
 @settings(max_examples=200, deadline=None)
 @given(data=st.data())
 def test_a_file_with_other_bytes_loads_or_is_refused(data, tmp_path_factory):
-    """ONNX Runtime is given what our own reader lets through, so it must not end the process."""
+    """ONNX Runtime gets what our own reader lets through: it must not end the process."""
     model = bytearray(files.onnx_model().SerializeToString())
     for _ in range(data.draw(st.integers(1, 3))):
         place = data.draw(st.integers(0, len(model) - 1))
@@ -186,19 +186,19 @@ def test_evaluate_scores_files_of_other_makers(tmp_path, capsys):
     files.write_onnx(tmp_path / "mine.onnx")
     files.write_onnx(tmp_path / "other.onnx", masked=True)
     names = ["--policy", str(tmp_path / "mine.onnx"), "--policy", str(tmp_path / "other.onnx")]
-    code, said, _ = command(capsys, "evaluate", *names, "--size", "6x7", "--episodes", "3")
+    code, printed, _ = command(capsys, "evaluate", *names, "--size", "6x7", "--episodes", "3")
     assert code == 0
-    assert "mine" in said
-    assert "other" in said
+    assert "mine" in printed
+    assert "other" in printed
 
 
 def test_evaluate_refuses_a_size_that_a_policy_was_not_made_for(tmp_path, capsys):
     path = files.write_onnx(tmp_path / "mine.onnx")
-    given = "--policy", path, "--size", "9", "--episodes", "3"
-    code, _, said = command(capsys, "evaluate", *given)
+    options = "--policy", path, "--size", "9", "--episodes", "3"
+    code, _, complaint = command(capsys, "evaluate", *options)
     assert code == 2
-    assert "made for 6x7 and cannot play 9x9" in said
-    assert len(said.splitlines()) == 1
+    assert "made for 6x7 and cannot play 9x9" in complaint
+    assert len(complaint.splitlines()) == 1
 
 
 @pytest.mark.parametrize(("head", "output"), [("policy_head", "logits"), ("value_head", "value")])

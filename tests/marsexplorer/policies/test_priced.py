@@ -1,4 +1,4 @@
-"""The priced rule is the literal one, ends everywhere, and never needs the guard that stands behind it."""
+"""The priced rule is the literal one, ends everywhere, and never needs its guard."""
 
 import numpy as np
 import pytest
@@ -40,8 +40,8 @@ def test_the_compiled_rule_is_the_literal_one(radius, rule):
     policy.reset(0)
     while not episode.ended:
         codes, board = episode.codes.copy(), (set(episode.path), episode.position, heading, radius)
-        own = plain(rule.of(9, 14, radius))
-        expected = reference_frontier.decide_priced(codes.tolist(), *board, own)
+        parameters = plain(rule.of(9, 14, radius))
+        expected = reference_frontier.decide_priced(codes.tolist(), *board, parameters)
         if expected is None:
             break
         heading = policy.act(episode.observation())
@@ -64,7 +64,10 @@ def test_every_terrain_is_explored_and_the_guard_never_acts(level, size, rule):
 @settings(max_examples=30, deadline=None)
 @given(strategies.terrains(max_side=16, max_density=0.5), st.integers(2, 8))
 def test_the_rule_sees_all_that_can_be_seen(terrain, radius):
-    """Unsolvable terrains included: what borders on a reachable free cell is known before the candidates run out."""
+    """What borders on a reachable free cell is known before the candidates run out.
+
+    Unsolvable terrains are included.
+    """
     limits = {"beta": 1.0, "max_steps": terrain.size**2}
     config = EnvConfig("random", *terrain.shape, sensor_radius=radius, **limits)
     episode, policy = Episode.begin(config, terrain=terrain), FrontierPriced(radius)
@@ -87,29 +90,29 @@ def test_the_rule_sees_all_that_can_be_seen(terrain, radius):
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 9), st.integers(0, 2**32 - 1))
 def test_what_is_kept_of_a_board_is_what_a_new_board_would_have(rows, cols, radius, seed):
-    """Boards may follow each other in any order: also one on which less is known than on the one before."""
+    """Boards may follow each other in any order, also one on which less is known."""
     rng = np.random.default_rng(seed)
     half_sides = PriceTables([TUNED.small.prices], radius).arrays[0]
-    kept, before = PricedBoard((rows, cols), radius), np.full((rows, cols), 255, np.uint8)
+    followed, before = PricedBoard((rows, cols), radius), np.full((rows, cols), 255, np.uint8)
     for _ in range(4):
         is_other, others = rng.random((rows, cols)) < rng.random(), rng.integers(0, 4, (rows, cols))
         codes = read_only(np.where(is_other, others, before % 4).astype(np.uint8))
-        left = update_board(codes, kept.board, half_sides, kept.changed_columns)
+        left = update_board(codes, followed.board, half_sides, followed.changed_columns)
         new = PricedBoard((rows, cols), radius)
         assert left == update_board(codes, new.board, half_sides, new.changed_columns)
         assert left == np.count_nonzero(codes == UNKNOWN)
         visibility = VisibilityMap((rows, cols), radius)
         visibility.fill(codes)
         for k in range(2):
-            assert (kept.board[2][k] == new.board[2][k]).all()
-            assert (kept.board[2][k] == visibility.view[k]).all()
-        assert (kept.board[0] == new.board[0]).all()
-        assert (kept.board[1] == new.board[1]).all()
+            assert (followed.board[2][k] == new.board[2][k]).all()
+            assert (followed.board[2][k] == visibility.view[k]).all()
+        assert (followed.board[0] == new.board[0]).all()
+        assert (followed.board[1] == new.board[1]).all()
         for row in range(rows):
             lines = (before[row], codes[row])
             was, now = ((line == UNKNOWN) + 2 * (line == OBSTACLE) for line in lines)
             changed = np.flatnonzero(was != now).tolist() or [cols, -1]
-            assert kept.changed_columns[row].tolist() == [changed[0], changed[-1]]
+            assert followed.changed_columns[row].tolist() == [changed[0], changed[-1]]
         before = codes
 
 
@@ -130,7 +133,7 @@ def test_parameters_change_with_the_logarithm_of_the_side():
     ):
         halfway = TUNED.of(rows, cols)
         assert halfway.power == pytest.approx((first.power + last.power) / 2)
-        weights = (each.prices.weights[1] for each in (first, last))
+        weights = (rule.prices.weights[1] for rule in (first, last))
         assert halfway.prices.weights[1] == pytest.approx(sum(weights) / 2)
     # A grid is as large as it is in units of the radius.
     assert TUNED.of(14, 14, radius=4) == TUNED.small

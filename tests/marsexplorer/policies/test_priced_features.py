@@ -22,7 +22,7 @@ RADIUS = 3
 
 
 def explored(rows, cols, steps):
-    """An episode some moves after its start, its moves drawn at random, and the cells visited."""
+    """An episode after some random moves, and the cells visited."""
     episode = Episode.begin(EnvConfig("random", rows, cols, sensor_radius=RADIUS), seed=4)
     rng = np.random.default_rng(2)
     while episode.steps < steps:
@@ -46,8 +46,8 @@ def numbers(codes, position, path):
 
 
 def literal_values(grid, visited, rover, rule):
-    """For each action the highest value that it leads to and the way there, from the definition."""
-    reach, found = literal.distances(grid, rover), [(0.0, 0)] * 4
+    """For each action the highest value that it leads to and the way, by definition."""
+    reach, best_values = literal.distances(grid, rover), [(0.0, 0)] * 4
     plain = {**vars(rule), **vars(rule.prices)}
     priced = cache(lambda u: literal.price(grid, u, RADIUS, plain))
     for cell, way in reach.items():
@@ -59,8 +59,10 @@ def literal_values(grid, visited, rover, rule):
         back = literal.distances(grid, cell)
         for action, (d_row, d_col) in enumerate(literal.DISPLACEMENTS):
             if back.get((rover[0] + d_row, rover[1] + d_col)) == way - 1:
-                found[action] = max(found[action], (value, way), key=lambda pair: pair[0])
-    return found
+                best_values[action] = max(
+                    best_values[action], (value, way), key=lambda pair: pair[0]
+                )
+    return best_values
 
 
 @pytest.mark.parametrize("steps", [9, 30, 60])
@@ -70,16 +72,16 @@ def test_the_numbers_are_those_of_the_definition(steps):
     grid, visited = episode.codes.tolist(), set(episode.path)
     moves = numbers(episode.codes, episode.position, episode.path)
     for k, rule in enumerate(RULES):
-        found = literal_values(grid, visited, episode.position, rule)
-        best = max(value for value, _ in found)
-        for action, (value, way) in enumerate(found):
+        values_and_ways = literal_values(grid, visited, episode.position, rule)
+        best = max(value for value, _ in values_and_ways)
+        for action, (value, way) in enumerate(values_and_ways):
             share, expected = value / best, [0.0] * 3
             if share > LEAST_SHARE and moves[action, 0] > 0:
                 over = (share - LEAST_SHARE) / (1 - LEAST_SHARE)
                 expected = [over, float(value == best), 0.3 * math.log(1 + way)]
             first = ACTION_FEATURES + 3 * k
-            own = moves[action, first : first + 3]
-            assert own == pytest.approx(expected, abs=1e-6), (k, action)
+            priced_numbers = moves[action, first : first + 3]
+            assert priced_numbers == pytest.approx(expected, abs=1e-6), (k, action)
     assert moves[:, -1] == pytest.approx(0.2 * math.log(rows * cols) * moves[:, 0])
     assert moves.shape == (4, ACTION_FEATURES + PRICED_FEATURES)
 
@@ -102,7 +104,7 @@ def test_the_prior_is_linear_between_the_sides_that_it_has_weights_for():
 def test_rules_on_which_nothing_depends_are_not_priced_and_logits_and_values_stay_the_same(
     side, rules
 ):
-    """Bit by bit, but for 84 x 84, where rounding gives the rules for 42 x 42 a ten-millionth."""
+    """Bit by bit, but for 84 x 84, where rounding gives a ten-millionth."""
     far = 1e-5 if side == 84 else 0.0
     net, config = load("ppo").net, EnvConfig("random", side, side)
     assert net.rules_that_count(side, side) == rules
@@ -112,8 +114,8 @@ def test_rules_on_which_nothing_depends_are_not_priced_and_logits_and_values_sta
     for _ in range(30):
         decisions = all_rules.decide(net), few_rules.decide(net)
         assert np.abs(decisions[0].logits - decisions[1].logits).max() <= far
-        given = [net.infer(each.planes, each.moves)[1] for each in decisions]
-        assert np.abs(given[0] - given[1]).max() <= far
+        values = [net.infer(decision.planes, decision.moves)[1] for decision in decisions]
+        assert np.abs(values[0] - values[1]).max() <= far
         assert (decisions[1].moves[:, :, -1] == decisions[0].moves[:, :, -1]).all()
         for rollouts in (all_rules, few_rules):
             rollouts.step(decisions[0].actions)

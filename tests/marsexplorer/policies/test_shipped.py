@@ -1,4 +1,4 @@
-"""The shipped policies are measured as their cards say, and the network is worth it."""
+"""The shipped policies do as their cards say, and the network is worth it."""
 
 import pytest
 

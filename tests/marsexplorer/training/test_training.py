@@ -51,7 +51,7 @@ def few_validation_terrains(monkeypatch):
 
 @pytest.fixture
 def no_curve(monkeypatch):
-    """Draw no learning curve: `test_a_tiny_policy_beats_random_on_fifty_terrains` does."""
+    """Draw no curve; `test_a_tiny_policy_beats_random_on_fifty_terrains` does."""
     monkeypatch.setattr(run_folder, "plot_learning_curve", lambda _, path: path.touch())
 
 
@@ -78,14 +78,14 @@ def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
     folder.save()
     tiny, chance = load(folder.policy), load("random")
     scores = [
-        [play_episode(each, SMALL, k).score for k in EVALUATION_SEEDS[:50]]
-        for each in (tiny, chance)
+        [play_episode(policy, SMALL, k).score for k in EVALUATION_SEEDS[:50]]
+        for policy in (tiny, chance)
     ]
     gap = np.subtract(*scores)
     # Student's t, 49 degrees of freedom
     assert gap.mean() > 2.01 * gap.std(ddof=1) / len(gap) ** 0.5
-    found = {path.name.split(".")[0] for path in folder.folder.iterdir()}
-    assert found == {"tiny", "checkpoint", "log", "curve", "events"}
+    written = {path.name.split(".")[0] for path in folder.folder.iterdir()}
+    assert written == {"tiny", "checkpoint", "log", "curve", "events"}
     lines = [json.loads(line) for line in (folder.folder / "log.jsonl").read_text().splitlines()]
     assert [line["moves"] for line in lines] == [512 * (k + 1) for k in range(6)]
     assert lines[-1]["greedy"] < lines[0]["greedy"]
@@ -196,7 +196,7 @@ def test_advantages_are_the_slow_sum_of_discounted_surprises():
     buffer, next_values = RolloutBuffer.empty(config, (torch.zeros(3, 1),)), torch.rand(3)
     buffer.rewards, buffer.values = torch.rand(7, 3), torch.rand(7, 3)
     buffer.dones = (torch.rand(7, 3) < 0.3).float()
-    found = compute_advantages(buffer, next_values, gamma, gae_lambda)
+    advantages = compute_advantages(buffer, next_values, gamma, gae_lambda)
     for board in range(3):
         for t in range(7):
             total, weight = 0.0, 1.0
@@ -206,7 +206,7 @@ def test_advantages_are_the_slow_sum_of_discounted_surprises():
                 reward, value = float(buffer.rewards[k, board]), float(buffer.values[k, board])
                 total += weight * (reward + gamma * following * goes_on - value)
                 weight *= gamma * gae_lambda * goes_on
-            assert float(found[t, board]) == pytest.approx(total, abs=1e-5)
+            assert float(advantages[t, board]) == pytest.approx(total, abs=1e-5)
 
 
 def test_a_value_that_has_moved_too_far_counts_with_the_larger_error_of_its_own_and_of_its_clipped_self():
@@ -215,7 +215,8 @@ def test_a_value_that_has_moved_too_far_counts_with_the_larger_error_of_its_own_
     values = torch.tensor([8.0, 30.0, 30.0, 12.0, 25.0], requires_grad=True)
     minibatch = ppo.Minibatch((), torch.zeros(5), torch.zeros(5, 4), old, torch.zeros(5), returns)
     errors = ppo.value_errors(LETTER, values, minibatch)
-    # moved by 8: its own; by 30 towards its return: as if by 10; by 30 or 38 away from it: its own; beyond it: its own
+    # moved by 8: its own; by 30 towards its return: as if by 10; by 30 or 38 away from it: its own;
+    # beyond it: its own
     assert errors.tolist() == [433.0**2, 431.0**2, 471.0**2, 429.0**2, 20.0**2]
     errors.sum().backward()
     assert values.grad.tolist() == [2 * -433.0, 0.0, 2 * 471.0, 2 * -429.0, 2 * 20.0]
@@ -233,12 +234,12 @@ def test_without_the_bonus_the_end_of_an_episode_has_no_reward(config):
         rule.reset(0)
     ends = {"explored": 0, "failed": 0}
     for _ in range(40):
-        known = (envs.codes != 0).sum((1, 2))
+        known_before = (envs.codes != 0).sum((1, 2))
         chosen = [rule.act(codes.copy()) for rule, codes in zip(rules, envs.codes, strict=False)]
         step = envs.step(np.array(chosen + torch.randint(4, (8,)).tolist()))
         with torch.no_grad():
             rewards = ppo.compute_rewards(run, envs, step)
-            new = (envs.codes != 0).sum((1, 2)) - known
+            new = (envs.codes != 0).sum((1, 2)) - known_before
         goes_on, scale = ~step.dones, config.reward_per_cell
         assert rewards[goes_on] == pytest.approx((scale * new - 1 if scale else new - 0.5)[goes_on])
         assert rewards[step.failed] == pytest.approx(-1.0 if scale else 0.0)
@@ -255,11 +256,11 @@ def test_rewards_in_moves_are_a_cost_of_one_and_a_share_for_each_new_cell():
     for policy in policies:
         policy.reset(0)
     for _ in range(60):
-        known = (envs.codes != 0).sum((1, 2))
+        known_before = (envs.codes != 0).sum((1, 2))
         boards = zip(policies, envs.codes, strict=True)
         step = envs.step(np.array([policy.act(codes.copy()) for policy, codes in boards]))
         rewards = rewards_in_moves(SMALL, step, 0.5)
-        new = (envs.codes != 0).sum((1, 2)) - known
+        new = (envs.codes != 0).sum((1, 2)) - known_before
         assert rewards[~step.dones] == pytest.approx(0.5 * new[~step.dones] - 1)
         assert (rewards[step.explored] > -1).all()
         assert (rewards[step.explored] < 0.5 * SMALL.n - 1).all()
@@ -312,22 +313,22 @@ def test_evaluation_seeds_are_refused():
 
 
 def test_the_priced_recipe_begins_as_the_rules(tmp_path):
-    """By the mean of the three rules at 42 x 42; where it is close, the untrained head may decide."""
+    """By the mean of three rules at 42 x 42; the untrained head decides close ones."""
     torch.manual_seed(0)
     config = EnvConfig("random", 42, 42)
     net = playing(RECIPES["priced"].make_network([config]), tmp_path)
     rollouts = GreedyRollouts(config, 3)
     rollouts.worlds.start(np.arange(3))
-    made = 0
+    decided = 0
     for _ in range(60):
         decisions = rollouts.decide(net)
         rules = rule_probabilities(torch.from_numpy(decisions.moves), 1.0)[0]
         best, second = rules.sort(1, descending=True)[0].T[:2]
         certain = ((best > 4 * second).numpy()) & ~decisions.guarded
         assert (decisions.logits.argmax(1) == rules.argmax(1).numpy())[certain].all()
-        made += int(certain.sum())
+        decided += int(certain.sum())
         rollouts.step(decisions.actions)
-    assert made > 100
+    assert decided > 100
 
 
 def test_the_divergence_from_the_rules_counts_by_the_size_of_the_grid():
@@ -339,14 +340,14 @@ def test_the_divergence_from_the_rules_counts_by_the_size_of_the_grid():
         assert (moves[:, :, 0] == 0).any()
         logits = torch.where(moves[:, :, 0] > 0, torch.randn(6, 4), torch.tensor(-1e9))
         log_probs, scale = logits.log_softmax(1), config.prior_scale
-        rules = np.array([rule_by_definition(each, side, scale) for each in moves.numpy()])
+        rules = np.array([rule_by_definition(numbers, side, scale) for numbers in moves.numpy()])
         literal = -(rules * log_probs.numpy())[rules > 0].sum() / 6
-        found = float(ppo.rule_divergence(config, moves, log_probs))
-        assert found == pytest.approx(coef * literal, rel=1e-4)
+        divergence = float(ppo.rule_divergence(config, moves, log_probs))
+        assert divergence == pytest.approx(coef * literal, rel=1e-4)
 
 
 def rule_by_definition(moves, side, scale):
-    """The probabilities of four moves by the rules of one size, from their numbers [4, numbers of a move]."""
+    """The probabilities of four moves by the rules of one size, from their numbers."""
     counts = np.array({21: (3, 0, 0), 42: (1, 1, 1), 84: (0, 3, 0)}[side])
     weight = np.zeros(4)
     for action in range(4):
@@ -374,12 +375,12 @@ def test_sigterm_that_is_handled_like_ctrl_c_waits_for_the_end_of_an_update():
 
 
 def test_transposing_exchanges_rows_and_columns():
-    """A board and its transpose look the same once transposed, moves exchanged north-west and east-south."""
+    """A board and its transpose look the same once transposed, with moves exchanged."""
     codes = np.random.default_rng(5).choice([0, 1, 1, 3], size=(1, 21, 21)).astype(np.uint8)
     codes[0, 8, 5] = 2
     features, nothing = FeatureExtractor(1, 21, 21, 6), np.zeros((1, 441), np.uint8)
-    found = features(codes, np.array([8 * 21 + 5]), nothing, np.array([1]))
-    planes, moves = (each.copy() for each in found)
+    arrays = features(codes, np.array([8 * 21 + 5]), nothing, np.array([1]))
+    planes, moves = (array.copy() for array in arrays)
     turned = np.ascontiguousarray(codes.transpose(0, 2, 1))
     mirrored, flipped = features(turned, np.array([5 * 21 + 8]), nothing, np.array([2]))
     assert np.array_equal(planes[:, :, TRANSPOSED], mirrored)

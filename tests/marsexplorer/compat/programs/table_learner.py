@@ -1,4 +1,4 @@
-"""A learner with a table of values over positions, in the loop that agents for the environment are written with."""
+"""A learner with a table of values over positions, in the usual loop of agents."""
 
 import random
 from collections import defaultdict
