@@ -189,7 +189,7 @@ def test_nothing_of_erased_people_is_kept_after_the_next_reading(store):
         store.connection.execute("UPDATE episodes SET driver = 'script'")
         volunteers.renew(store.connection)
     assert kept.human_level(store) == {"figures": [], "sentence": NOBODY_PLAYED}
-    assert kept._made == {}
+    assert kept._cached == {}
 
 
 def test_the_interval_is_the_t_interval_of_the_mean():

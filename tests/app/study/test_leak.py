@@ -244,6 +244,8 @@ def test_scores_of_ranked_episodes_are_null_in_every_answer_until_the_debrief(se
 PASSWORD = "red-planet-4"
 OF_THE_MOMENT = ("now_ms", "health", "actions", "code_until_ms", "up_s")
 """What differs from one moment to the next whoever plays: times, and the server's health."""
+SHOWN_TO_THE_OPERATOR = r'("(?:minutes|connections)":)\d+'
+"""How long somebody has been here in all, and how often they connected: nothing of an episode."""
 
 
 @pytest.fixture
@@ -292,6 +294,7 @@ def answers(server, person, clients):
                 text = unzipped(answer.content) if url.endswith(".zip") else answer.text
                 for ident in (person.where["session"], person.frame["episode"]):
                     text = text.replace(ident, "ID")
+                text = re.sub(SHOWN_TO_THE_OPERATOR, r"\g<1>0", text)
                 if text.startswith("{"):
                     text = {
                         key: part
