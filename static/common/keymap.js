@@ -154,7 +154,7 @@ export function paintKeys({ allowed, order }, keys, layout) {
   for (const line of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-keys]"))) {
     if (line.dataset.keys === "alone") line.replaceChildren(...alone());
     else if (line.dataset.keys === "first") line.replaceChildren(...order.map((action) => key(action)));
-    else if (!allowed || !line.matches(".keys")) line.replaceChildren(...alone(), ` drive ${order.map(actionText).join(", ")}`);
+    else if (!allowed || !line.matches(".keys")) line.replaceChildren(...alone(), ` for ${order.map(actionText).join(", ")}`);
     else line.replaceChildren(...named());
   }
 }

@@ -10,7 +10,7 @@ export function progress(participant, isPlaying) {
   const part = stage === "warm_up" || stage === "ranked" ? participant[stage] : null;
   const name = stage === "ranked" ? "Ranked" : `Warm-up${tryLine(participant)}`;
   if (part) return isPlaying ? `${name}: ${task.round} ${Math.min(part.of, part.done + 1)} of ${part.of}` : `${name}: ${part.done} of ${part.of} done`;
-  return { consent: "Consent", instructions: "Instructions", tutorial: "Practice drive", questions: questionsTitle(questions.length), debrief: "Debrief",
+  return { consent: "Consent", instructions: "Instructions", tutorial: "Trying the keys", questions: questionsTitle(questions.length), debrief: "Debrief",
     complete: "Finished", withdrawn: "Left the study" }[/** @type {"consent"} */ (stage)] ?? "";
 }
 
@@ -42,7 +42,7 @@ const tryLine = ({ practice }) => (practice && practice.number > 1 ? `, try ${pr
 /** @param {Study.Participant} participant @returns the screen before the first episode of a phase */
 export function readyText(participant) {
   const { stage, warm_up, ranked, practice, task: { round, clock } } = participant;
-  if (stage === "tutorial") return { title: "Practice drive", lines: [`One ${round} to try the keys on. Nothing you do here is part of your result.`], go: "Start the practice drive" };
+  if (stage === "tutorial") return { title: "Trying the keys", lines: [`One ${round} to try the keys on. Nothing you do here is part of your result.`], go: "Try the keys" };
   if (stage === "warm_up") {
     const isAgain = practice !== null && practice.number > 1;
     const again = isAgain ? "The practice is not passed yet." : "";
@@ -71,7 +71,7 @@ export function endCard(frame, participant) {
   return { title, line, figures, note: endNote(frame, advice, participant), next: endNext(participant, participant.phase) };
 }
 
-/** @param {Frame} frame @param {string} advice of the task after a practice drive @param {Study.Participant} participant */
+/** @param {Frame} frame @param {string} advice of the task after trying the keys @param {Study.Participant} participant */
 function endNote({ score: scored }, advice, participant) {
   const { phase, stage, rules, task, block } = participant;
   if (phase === "tutorial") return advice;

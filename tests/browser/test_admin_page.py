@@ -81,7 +81,7 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     page.get_by_test_id("show-outcomes").click()
     page.get_by_test_id("outcomes").get_by_label("Whoever ended the last ranked episode").fill("C1")
     page.get_by_test_id("save-outcomes").click()
-    page.get_by_text("6 endings have no text").wait_for()
+    page.get_by_text("7 endings have no text").wait_for()
     health = page.evaluate("playground.state.overview.health")
     assert page.evaluate(RED, health) == []
     health["disk"]["is_low"] = True
@@ -262,7 +262,7 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     page = me.page
     page.goto(server.url)
     page.get_by_test_id("leaderboard-link").click()
-    page.get_by_text("Nobody has five ranked terrains in the last seven days").wait_for()
+    page.get_by_text("Nobody has 5 ranked terrains in the last seven days").wait_for()
     look(page, "leaderboard-people-empty")
     page.get_by_test_id("view-policies").click()
     until(page, "window.playground && window.playground.state.detail")

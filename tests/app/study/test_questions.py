@@ -286,7 +286,12 @@ def test_shipped_blocks_are_taken_by_name_and_a_program_answers_them(asking, dat
 
 @pytest.mark.parametrize(
     "change",
-    ["UPDATE answers SET answer = 1 WHERE question = 'hand'", "UPDATE free_texts SET words = 'York'"],
+    [
+        "UPDATE answers SET answer = 1 WHERE question = 'hand'",
+        "UPDATE free_texts SET words = 'York'",
+        "DELETE FROM answers WHERE question = 'hand'",
+        "DELETE FROM free_texts",
+    ],
 )  # fmt: skip
 def test_an_answer_that_is_changed_in_the_database_no_longer_fits_the_chain(
     asking, database, capsys, change
