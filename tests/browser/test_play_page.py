@@ -211,7 +211,7 @@ def test_watching_two_policies_and_then_on_a_map(serve, player, tmp_path):
     assert f"{share} percent" in me.page.get_by_test_id("chart").get_attribute("aria-label")
     me.page.reload()
     me.wait("window.playground.state.level === 'warehouse'")
-    assert me.page.get_by_test_id("level").input_value() == "map:warehouse"
+    me.wait("document.querySelector('[data-testid=level]').value === 'map:warehouse'")
     assert me.errors == []
 
 

@@ -50,11 +50,11 @@ def test_whoever_does_not_pass_tries_again_and_reads_why_it_is_over(practising):
     for is_last in (False, True):
         gives_up(person)
         person.page.get_by_test_id("end-card").wait_for(state="visible")
+        person.wait("window.study.state.participant.about.frame.outcome")
         card = person.page.get_by_test_id("end-card").inner_text()
         assert ("another try follows" in card) == is_last
         if is_last:
             look(person, "end")
-        person.wait("window.study.state.participant.about.frame.outcome")
         person.page.keyboard.press("Enter")
     person.stands("ready")
     assert "Warm-up, try 2 of 2" in reads(person, "ready")
