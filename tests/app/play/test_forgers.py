@@ -200,7 +200,7 @@ def test_no_forger_in_a_study_enters_a_human_figure_but_as_one_who_left(server, 
 @pytest.mark.long
 @pytest.mark.parametrize(("speed", "fewest", "most"), [(100.0, 0, 0), (1.0, 18, 20)])
 def test_a_program_at_a_persons_speed_is_not_told_apart(server, tmp_path, speed, fewest, most):
-    """Measure what docs/study.md states of forgers who press with honest times; a hundred times as fast, none counts."""
+    """Measure what docs/attestation.md states of forgers who press with honest times; a hundred times as fast, none counts."""
     boards = {"size": (9, 12), "ranked": 2, "warm_up": 1, "players": 10}
     study = freeze(tmp_path / "playground.db-studies", recruitment="invitation", **boards)
     issued = Invitations(Folder(tmp_path / "playground.db-studies")).issue(study.name, 10)
