@@ -63,6 +63,10 @@ declare namespace Admin {
     max_steps: number,
     /** people that the protocol wants */
     planned: number,
+    /** people who may agree at most; null: any number */
+    cap: number | null,
+    /** of these; whoever agreed goes on also where theirs is free again */
+    places_taken: number,
     /** practice episodes of each */
     warm_up: number,
     /** ranked episodes of each */
@@ -221,7 +225,7 @@ declare namespace Admin {
   };
   /** How taking part can end, and what people read then. */
   type OutcomeText = {
-    /** finished, unfit_device, no_consent, failed_questions, failed_practice, withdrew, left, stopped_by_us */
+    /** finished, unfit_device, over_quota, no_consent, failed_questions, failed_practice, withdrew, left, stopped_by_us */
     outcome: string,
     /** who comes to it */
     words: string,

@@ -84,14 +84,15 @@ export function attention({ participants, labels }, health) {
 export function glance(study, { disk, watched }) {
   const people = study.participants.filter(({ kind }) => kind === "human");
   const through = people.filter(({ stage }) => THROUGH.includes(stage)).length;
-  const agreed = people.filter(({ stage }) => stage !== "consent").length;
+  const agreed = people.filter(({ stage, left_at: left }) => stage !== "consent" && left !== "consent").length;
+  const places = study.cap === null ? "" : `, ${study.places_taken} of ${many(study.cap, "place")} taken`;
   const links = study.invitations.filter(({ state }) => state === "issued").length;
   const warnings = attention(study, null).filter(({ isWarning }) => isWarning).length;
   const flagged = study.labels.reduce((sum, { episodes }) => sum + episodes, 0);
   const without = study.outcomes.filter(({ text }) => !text).length;
   const age_ms = 1000 * watched.backup_age_seconds;
   return [
-    { name: "Recruitment", number: `${through} of ${study.planned}`, detail: `through; ${many(people.length, "person has", "people have")} come${links ? `, ${many(links, "link")} not opened` : ""}`, isWarning: false },
+    { name: "Recruitment", number: `${through} of ${study.planned}`, detail: `through; ${many(people.length, "person has", "people have")} come${places}${links ? `, ${many(links, "link")} not opened` : ""}`, isWarning: false },
     { name: "Quality", number: String(warnings), detail: `to look at; ${many(flagged, "flag")} on episodes`, isWarning: warnings > 0 },
     { name: "Payments", number: String(agreed), detail: `${agreed === 1 ? "has" : "have"} agreed; ${without ? `${many(without, "ending has", "endings have")} no text` : "every ending has a text"}`, isWarning: false },
     { name: "Disk", number: size(disk.free), detail: `free; ${age_ms < 0 ? "no backup is made" : `backup ${ago(age_ms)}`}`, isWarning: disk.is_low },

@@ -16,6 +16,7 @@ TEXTS = {
     "finished": "C1DONE",
     "unfit_device": "C2DEVICE",
     "no_consent": "C3NO",
+    "over_quota": "C5FULL",
     "stopped_by_us": "C4STOPPED",
 }
 PAY = {"currency": "GBP", "base": 2, "each": 0.5, "hour": 9, "outcomes": {"failed_questions": 0.5}}
@@ -28,7 +29,7 @@ def from_prolific(open_browser, serve, tmp_path):
     """`from_prolific(digit)` comes from Prolific with an ID of that digit, in a browser of their own."""
     freeze(
         tmp_path / "playground.db-studies", "tiny", platform="prolific", recruitment="panel",
-        device="computer", question_tries=2, warm_up=0, ranked=1, outcomes=TEXTS, payment=PAY,
+        device="computer", question_tries=2, cap=4, warm_up=0, ranked=1, outcomes=TEXTS, payment=PAY,
     )  # fmt: skip
     server = serve()
 
@@ -117,6 +118,13 @@ def test_each_outcome_is_read_by_whoever_comes_to_it_and_is_paid_as_the_protocol
     busy.choose("begin")
     busy.driving()
     busy.press(busy.next_action())
+
+    late = from_prolific("7")
+    late.stands("withdrawn")
+    assert late.page.locator("#withdrawn-title").inner_text() == "This study is full"
+    assert reads(late) == ("C5FULL", f"{BACK}C5FULL", None)
+    look(late, "full")
+
     database = "--database", tmp_path / "playground.db"
     assert command(capsys, "study", "close", "tiny", "--yes", "--now", *database)[0] == 0
     busy.page.reload()
@@ -126,7 +134,7 @@ def test_each_outcome_is_read_by_whoever_comes_to_it_and_is_paid_as_the_protocol
 
     out = tmp_path / "list.csv"
     code, said, _ = command(capsys, "study", "payments", "tiny", "--csv", out, *database)
-    assert (code, "2 people did not agree" in said) == (0, True)
+    assert (code, "3 people did not agree" in said) == (0, True)
     rows = {row["identifier"][0]: row for row in csv.DictReader(io.StringIO(out.read_text()))}
     assert {key: (row["outcome"], row["code"]) for key, row in rows.items()} == {
         "3": ("failed_questions", ""),
@@ -135,5 +143,5 @@ def test_each_outcome_is_read_by_whoever_comes_to_it_and_is_paid_as_the_protocol
         "6": ("stopped_by_us", "C4STOPPED"),
     }
     assert [rows[key]["amount"] for key in "345"] == ["0.50", "0.00", "2.50"]
-    for person in (phone, shy, wrong, leaver, finisher, busy):
+    for person in (phone, shy, wrong, leaver, finisher, busy, late):
         assert person.errors == []

@@ -173,6 +173,7 @@ class NotedArrivals(TypedDict, total=False):
     declined: int
     undecided: int
     unfit: int
+    over_quota: int
     issued: int | None
     revoked: int | None
     unopened: int | None

@@ -404,6 +404,17 @@ def count_participants(reader: Reader, study: str) -> int:
     return int(reader.query(sql, [study])[0]["n"])
 
 
+def count_places(reader: Reader, study: str, since_ms: int | None) -> int:
+    """Count the people who finished, or agreed after a time; None: all who agreed.
+
+    An erased person counts where they had finished: when the others agreed is not known any more.
+    """
+    sql = """SELECT count(*) AS n FROM participants WHERE study = ?1 AND kind = 'human' AND consent_ms IS NOT NULL
+        AND (?2 IS NULL OR completed_ms IS NOT NULL OR consent_ms > ?2)"""
+    erased = sum(person["completed"] for person in erased_people(reader, study))
+    return int(reader.query(sql, [study, since_ms])[0]["n"]) + erased
+
+
 def count_freezings(reader: Reader, study: str) -> int:
     """Return how often a study of this name was frozen, as the chain says: secrets that were tried out stand there."""
     sql = "SELECT count(*) AS n FROM chain WHERE kind = 'frozen' AND json_extract(note, '$.study') = ?"

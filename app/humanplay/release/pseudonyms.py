@@ -298,10 +298,12 @@ def count_arrivals(
 
     invitations  of the study by id, where its folder is at hand
     """
-    unfit = """EXISTS (SELECT 1 FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'withdrawn'
-        AND json_extract(v.detail, '$.outcome') = 'unfit_device')"""
-    undecided = f"""SELECT coalesce(sum(stage = 'withdrawn' AND NOT {unfit}), 0) AS declined,
-        coalesce(sum(stage <> 'withdrawn'), 0) AS undecided, coalesce(sum({unfit}), 0) AS unfit
+    left_as = """(SELECT json_extract(v.detail, '$.outcome') FROM stage_events v
+        WHERE v.participant_id = p.id AND v.kind = 'withdrawn')"""
+    undecided = f"""SELECT coalesce(sum(stage = 'withdrawn' AND {left_as} IS NULL), 0) AS declined,
+        coalesce(sum(stage <> 'withdrawn'), 0) AS undecided,
+        coalesce(sum({left_as} IS 'unfit_device'), 0) AS unfit,
+        coalesce(sum({left_as} IS 'over_quota'), 0) AS over_quota
         FROM participants p WHERE study = ? AND kind = 'human' AND consent_ms IS NULL"""
     (counted,) = rows(conn, undecided, study)
     erased = rows(conn, "SELECT value FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%")

@@ -362,7 +362,14 @@ def flow_steps(flow: ParticipantFlow) -> list[FlowStep]:
     if arrivals.issued is not None:
         lost = [("revoked", arrivals.revoked or 0), ("never opened", arrivals.unopened or 0)]
         steps.append(_step("Invitations issued", arrivals.issued, lost))
-    without = _lost(flow, Status.DECLINED, Status.UNFIT_DEVICE, Status.UNDECIDED, Status.ERASED)
+    without = _lost(
+        flow,
+        Status.DECLINED,
+        Status.UNFIT_DEVICE,
+        Status.OVER_QUOTA,
+        Status.UNDECIDED,
+        Status.ERASED,
+    )
     steps.append(_step("Opened the study", flow.joined, without))
     steps.append(_step("Agreed to take part", flow.agreed, _lost(flow, *EARLY)))
     left = (status for status in (Status.BOT, *BEGAN) if status not in ENDED)

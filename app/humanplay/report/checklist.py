@@ -157,6 +157,7 @@ def _turned_away(people: GroupReport) -> dict[str, object]:
     came = people.flow.joined
     reasons = (
         (Status.UNFIT_DEVICE, "came with a device that does not fit"),
+        (Status.OVER_QUOTA, "came when every place was taken"),
         (Status.DECLINED, "did not agree to the consent text"),
         (Status.FAILED_QUESTIONS, "failed the questions on the instructions"),
     )

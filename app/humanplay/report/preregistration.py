@@ -17,6 +17,7 @@ from humanplay.report.statistics.intervals import INTERVAL_IN_WORDS
 from humanplay.report.statistics.planning import assumptions_in_words, power_in_words
 from humanplay.report.statistics.study_figures import EVERYBODY_RULE
 from humanplay.study.folder import Study
+from humanplay.study.places import cap_in_words
 from humanplay.study.plausibility import labels_of
 from humanplay.study.policy_episodes import tested_policies
 from humanplay.study.practice import criterion
@@ -46,6 +47,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
     environment.filters["utc"] = utc
     return environment.get_template("preregistration.md.j2").render(
         protocol=protocol,
+        cap=cap_in_words(protocol),
         declared={name: text or "TO BE STATED" for name, text in protocol.declarations},
         config=protocol.env_config,
         study=study,

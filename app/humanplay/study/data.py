@@ -205,11 +205,12 @@ def _arrivals(reader: Reader, study: str, people: Sequence[Person]) -> Arrivals:
     """Return the counts of people before they agreed, and of the erased."""
     undecided = [each for each in people if each.kind == "human" and each.consent_version is None]
     withdrawn = [person for person in undecided if person.stage == "withdrawn"]
-    unfit = sum(left_as(person.events) is Outcome.UNFIT_DEVICE for person in withdrawn)
+    turned_away = Counter(left_as(person.events) for person in withdrawn)
     return arrivals_of(
-        declined=len(withdrawn) - unfit,
+        declined=turned_away[None],
         undecided=len(undecided) - len(withdrawn),
-        unfit=unfit,
+        unfit=turned_away[Outcome.UNFIT_DEVICE],
+        over_quota=turned_away[Outcome.OVER_QUOTA],
         erased=erased_people(reader, study),
     )
 

@@ -72,6 +72,7 @@ class Status(StrEnum):
     NEVER_BEGAN = "never_began"
     DECLINED = "declined"
     UNFIT_DEVICE = "unfit_device"
+    OVER_QUOTA = "over_quota"
     UNDECIDED = "undecided"
     ERASED = "erased"
 
@@ -96,6 +97,7 @@ STATUS_IN_WORDS: dict[Status, str] = {
     Status.NEVER_BEGAN: "never began a ranked episode",
     Status.DECLINED: "declined",
     Status.UNFIT_DEVICE: "came with a device that does not fit",
+    Status.OVER_QUOTA: "came when every place was taken",
     Status.UNDECIDED: "did not answer",
     Status.ERASED: "erased",
 }
@@ -136,6 +138,7 @@ class Arrivals:
     declined   did not agree
     undecided  opened the study and did not answer
     unfit      came with a device that does not fit
+    over_quota came when every place was taken
     erased     had everything erased, whenever that was
     erased_after_closing  of them, when the estimates were known
     erased_began      of the erased, those who had begun a ranked episode
@@ -149,6 +152,7 @@ class Arrivals:
     declined: int = 0
     undecided: int = 0
     unfit: int = 0
+    over_quota: int = 0
     erased: int = 0
     erased_after_closing: int = 0
     erased_began: int = 0
@@ -190,7 +194,7 @@ class ParticipantFlow:
 
 
 def arrivals_of(
-    declined: int, undecided: int, unfit: int, erased: Sequence[ErasedPerson]
+    declined: int, undecided: int, unfit: int, over_quota: int, erased: Sequence[ErasedPerson]
 ) -> Arrivals:
     """Count people as the database knows them; `erased` of `humanplay.db.series.erased_people`."""
     asked = Counter(person["asked_by"] for person in erased if person["asked_by"] is not None)
@@ -198,6 +202,7 @@ def arrivals_of(
         declined,
         undecided,
         unfit,
+        over_quota,
         erased=len(erased),
         erased_after_closing=sum(person["after_closing"] for person in erased),
         erased_began=sum(person["ranked_begun"] > 0 for person in erased),
@@ -212,6 +217,7 @@ def participant_flow(arrivals: Arrivals, statuses: Iterable[Status]) -> Particip
     people[Status.DECLINED] = arrivals.declined
     people[Status.UNDECIDED] = arrivals.undecided
     people[Status.UNFIT_DEVICE] = arrivals.unfit
+    people[Status.OVER_QUOTA] = arrivals.over_quota
     people[Status.ERASED] = arrivals.erased
     return ParticipantFlow(
         arrivals, {status: people[status] for status in Status if people[status]}
@@ -225,6 +231,7 @@ def with_noted(arrivals: Arrivals, noted: NotedArrivals) -> Arrivals:
         declined=arrivals.declined + noted.get("declined", 0),
         undecided=arrivals.undecided + noted.get("undecided", 0),
         unfit=arrivals.unfit + noted.get("unfit", 0),
+        over_quota=arrivals.over_quota + noted.get("over_quota", 0),
         issued=noted.get("issued"),
         revoked=noted.get("revoked"),
         unopened=noted.get("unopened"),

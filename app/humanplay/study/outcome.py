@@ -10,6 +10,7 @@ class Outcome(StrEnum):
 
     FINISHED = "finished"
     UNFIT_DEVICE = "unfit_device"
+    OVER_QUOTA = "over_quota"
     NO_CONSENT = "no_consent"
     FAILED_QUESTIONS = "failed_questions"
     FAILED_PRACTICE = "failed_practice"
@@ -18,11 +19,12 @@ class Outcome(StrEnum):
     STOPPED_BY_US = "stopped_by_us"
 
 
-BEFORE_CONSENT = frozenset({Outcome.UNFIT_DEVICE, Outcome.NO_CONSENT})
+BEFORE_CONSENT = frozenset({Outcome.UNFIT_DEVICE, Outcome.OVER_QUOTA, Outcome.NO_CONSENT})
 """No code is drawn for these, and their IDs are deleted at once."""
 OUTCOME_IN_WORDS: dict[Outcome, str] = {
     Outcome.FINISHED: "ended the last ranked episode",
     Outcome.UNFIT_DEVICE: "came with a device that does not fit, before the consent",
+    Outcome.OVER_QUOTA: "came, or agreed, when every place was taken",
     Outcome.NO_CONSENT: "did not agree to the consent text",
     Outcome.FAILED_QUESTIONS: "did not answer the questions rightly in the tries that the protocol allows",
     Outcome.FAILED_PRACTICE: "did not pass the practice in the tries that the protocol allows",

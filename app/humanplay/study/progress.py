@@ -29,6 +29,7 @@ from humanplay.study.folder import Folder, Study
 from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import Ending, ending, read_texts
 from humanplay.study.participation import CLOSED_MESSAGE, Participations, StageError
+from humanplay.study.places import is_full
 from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from humanplay.study.questions import Sent
 from humanplay.study.recruitment import Arrival, Recruitment, supervise
@@ -185,6 +186,7 @@ class ParticipantProgress:
                 invitation = self.recruitment.admit(study, player_id, comes, found)
         if found is not None:
             self._note_return(study, found, invitation, kept, now)
+            self._turn_away_if_full(study, found, now)
             return self.study_store.participant(found.id), False
         self.add_study(study)
         new = Participant(
@@ -193,13 +195,17 @@ class ParticipantProgress:
             consent_version=None, consent_ms=None, joined_ms=now, completed_ms=None, completion_code=None,
             settings="{}", invitation=invitation,
         )  # fmt: skip
-        self._add(study, new, kept)
-        return new, True
+        with self.lobby.store.transaction():
+            self._add(study, new, kept)
+            self._turn_away_if_full(study, new, now)
+        return self.study_store.participant(new.id), True
 
     def consent(
         self, name: str, player_id: str | None, version: str, agree: bool, unfit: bool = False
     ) -> None:
         """Note the answer to the consent text: on to the instructions, or withdrawn.
+
+        Whoever agrees when every place is taken is withdrawn, too.
 
         Args:
             unfit: The page finds that the device does not fit, so that nobody is asked.
@@ -217,6 +223,10 @@ class ParticipantProgress:
         with self.recruitment.noting(now), self.lobby.store.transaction():
             if participant.kind == "human":
                 self.recruitment.check_consent(study, participant)
+                # counted in the transaction that takes the place: two people never take one
+                if is_full(self.lobby.store, study, now):
+                    self.study_store.withdraw(participant, now, outcome=Outcome.OVER_QUOTA)
+                    return
             agreed: dict[str, str | int] = {"consent_version": version, "consent_ms": now}
             if study.protocol.platform == "code":
                 agreed["completion_code"] = self._sources.completion_code()
@@ -440,6 +450,12 @@ class ParticipantProgress:
         for name in study.protocol.outside_ids[1:]:
             if name in ids and ids[name] != self.study_store.identity(found.id, name):
                 self.study_store.set_identity(found.id, name, ids[name])
+
+    def _turn_away_if_full(self, study: Study, participant: Participant, now: int) -> None:
+        """Withdraw a person who has not agreed yet where every place is taken."""
+        is_asked = participant.kind == "human" and participant.stage == "consent"
+        if is_asked and is_full(self.lobby.store, study, now):
+            self.study_store.withdraw(participant, now, outcome=Outcome.OVER_QUOTA)
 
     def _add(self, study: Study, new: Participant, kept: Mapping[str, str]) -> None:
         """Add a participant, with what is known of their outside id if they are a person."""

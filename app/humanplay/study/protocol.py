@@ -256,6 +256,8 @@ class Protocol(Part):
     lock                 what else must be the same where it is served (`Lock.current`); freezing writes it
     warm_up, ranked      episodes a participant plays that do not count, and that do
     players              participants planned
+    cap                  people who may agree to take part, at most; None: nobody is turned away
+    place_minutes        after the consent of somebody who has not finished, when their place is free again; None: never
     break_every          ranked episodes after which a break is offered
     pause_after_s        seconds without a key after which the page pauses
     max_pauses           how often an episode on a clock may stand still before it ends as left
@@ -301,6 +303,8 @@ class Protocol(Part):
     warm_up: int = Field(default=15, ge=0, le=500)
     ranked: int = Field(default=30, ge=1, le=500)
     players: int = Field(default=10, ge=1, le=100_000)
+    cap: int | None = Field(default=None, ge=1, le=100_000)
+    place_minutes: float | None = Field(default=None, gt=0, le=525_600, allow_inf_nan=False)
     break_every: int = Field(default=10, ge=1)
     pause_after_s: float = Field(default=60, gt=0, le=3600, allow_inf_nan=False)
     max_pauses: int = Field(default=ClockLimits.pauses, ge=0, le=1000)
@@ -408,6 +412,24 @@ class Protocol(Part):
         if self.panel_links == "signed" and self.recruitment != "panel":
             got = f"got recruitment {self.recruitment}"
             raise ValueError(f"panel_links signed is for recruitment panel, {got}")
+        return self
+
+    @model_validator(mode="after")
+    def _cap_leaves_room(self) -> Protocol:
+        if self.cap is None:
+            if self.place_minutes is not None:
+                raise ValueError(
+                    "place_minutes frees places of a cap, and there is no cap: give the protocol one, or take place_minutes "
+                    "out"
+                )
+            return self
+        least, reason = self.players, "who are planned"
+        if self.platform == "prolific":
+            # who returns or times out there has agreed here, and Prolific sends another person
+            least = self.players + math.ceil(self.players / 10)
+            reason = f"the {self.players} places on Prolific plus a tenth, since it replaces whoever returns"
+        if self.cap < least:
+            raise ValueError(f"cap must be at least {least}, {reason}; got {self.cap}")
         return self
 
     @model_validator(mode="after")

@@ -30,6 +30,7 @@ from humanplay.db.trial import Trial
 from humanplay.study.closing import close_study as close_study_of
 from humanplay.study.folder import SECRET_KEPT
 from humanplay.study.invitations import MAX_INVITATIONS, token_of
+from humanplay.study.places import places_taken
 from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from humanplay.task import describe
 from humanplay.web.access import ADMIN, close, is_operator, services_of
@@ -216,14 +217,15 @@ async def show_study(admin: Operator, name: str) -> answers.ConsoleStudy:
     study = admin.progress.folder.study(name)
     store, now = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
 
-    def read() -> tuple[list[answers.Participant], answers.Recruiting, answers.OutcomeTexts]:
+    def read() -> tuple[list[answers.Participant], answers.Recruiting, answers.OutcomeTexts, int]:
         texts = payments.show_outcomes(admin.progress.folder, name)
         with closing(Reader.open(store.path)) as reader:
             invited = recruiting(reader, admin.progress.recruitment.invitations, study, now)
             present = participants.list_participants(reader, name, now, study.is_open)
-        return present, invited, texts
+            taken = places_taken(reader, study, now)
+        return present, invited, texts, taken
 
-    present, invited, texts = await asyncio.to_thread(read)
+    present, invited, texts, taken = await asyncio.to_thread(read)
     figures = await asyncio.to_thread(admin.figures.of, name)
     protocol = study.protocol
     return answers.ConsoleStudy(
@@ -239,6 +241,8 @@ async def show_study(admin: Operator, name: str) -> answers.ConsoleStudy:
         where=protocol.environment.texts(protocol.env_config).setting,
         max_steps=protocol.env_config.limit,
         planned=protocol.players,
+        cap=protocol.cap,
+        places_taken=taken,
         warm_up=protocol.warm_up,
         ranked=protocol.ranked,
         stages=participants.count_stages(present),

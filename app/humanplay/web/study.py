@@ -71,6 +71,10 @@ UNFIT = (
     "This study is for a computer with a keyboard and a mouse or the like, and this browser has none. Nothing was recorded but "
     "that this page was opened."
 )
+OVER_QUOTA = (
+    "Everybody whom this study has room for is taking part already, so that you cannot. Nothing was recorded but that this "
+    "page was opened."
+)
 AGAIN_ON_A_COMPUTER = " You can open the link that you were sent again on a computer."
 
 
@@ -330,6 +334,8 @@ def _note(
     if ending is not None and ending.outcome is Outcome.UNFIT_DEVICE:
         has_text = (ending.code or ending.address or ending.sentence) is not None
         return UNFIT if has_text else UNFIT + AGAIN_ON_A_COMPUTER
+    if ending is not None and ending.outcome is Outcome.OVER_QUOTA:
+        return OVER_QUOTA
     if participant.stage == "withdrawn":
         if participant.consent_ms is None:
             return "You did not agree to take part. Nothing was recorded but that this page was opened."

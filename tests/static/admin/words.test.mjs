@@ -9,7 +9,7 @@ import { ago, attention, endings, exportText, flags, glance, invitationCounts, p
 const person = (label, rest = {}) => ({ id: label, label, kind: "human", script: null, stage: "ranked", joined_ms: 0, minutes: 0, is_quiet: false, left_at: null, asks_erasure: false, deviations: 0,
   warm_up: 0, ranked: 0, mean_score: null, mean_steps: null, outcomes: {}, repeated: [], not_attested: [], invitation: null, supervised_ms: null, ...rest });
 const study = (rest = {}) => ({ name: "dunes", title: "Dunes", status: "open", frozen_ms: Date.UTC(2026, 10, 2), closed_ms: null, level: "random", rows: 21, cols: 21, max_steps: 441,
-  planned: 10, warm_up: 15, ranked: 30, stages: [], participants: [], figure: null, labels: [], exports: { report: null, release: null }, now_ms: 0, ...rest });
+  planned: 10, cap: null, places_taken: 0, warm_up: 15, ranked: 30, stages: [], participants: [], figure: null, labels: [], exports: { report: null, release: null }, now_ms: 0, ...rest });
 const well = { disk: { free: 5e10, total: 1e11, is_low: false }, database: {}, check: { is_whole: true, result: "ok" } };
 
 test("times and sizes are short", () => {
@@ -45,6 +45,10 @@ test("recruitment, quality, payments and the disk stand first", () => {
   assert.deepEqual(facts.map(({ number, detail, isWarning }) => [number, detail, isWarning]), [
     ["1 of 10", "through; 3 people have come, 1 link not opened", false], ["1", "to look at; 2 flags on episodes", true],
     ["2", "have agreed; 1 ending has no text", false], ["50.0 GB", "free; backup 2 h ago", false]]);
+  const turned = [person("D", { stage: "withdrawn", left_at: "consent" })];
+  const full = glance(study({ cap: 12, places_taken: 12, participants: [...participants, ...turned], labels, outcomes, invitations }), { ...well, watched: { backup_age_seconds: 7200 } });
+  assert.deepEqual(full.slice(0, 3).map(({ detail }) => detail), ["through; 4 people have come, 12 of 12 places taken, 1 link not opened", "to look at; 2 flags on episodes", "have agreed; 1 ending has no text"]);
+  assert.equal(full[2].number, "2", "whoever did not agree is none of those to pay");
 });
 
 test("signs of taking part twice are told apart from ids that are missing", () => {

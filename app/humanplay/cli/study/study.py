@@ -222,6 +222,7 @@ def freeze(
     from humanplay.report.statistics.planning import AT_FREEZING
     from humanplay.study.folder import BEGINNINGS, beginnings
     from humanplay.study.kept_out import keep_out
+    from humanplay.study.places import cap_cautions, cap_in_words
     from humanplay.study.protocol import PLANNED
     from humanplay.study.screening import screening_cautions
 
@@ -261,7 +262,9 @@ def freeze(
             "Caution: no lowest score is declared (`bounds` of the environment's file): there is no mean score of everybody "
             "who began, nobody who gives up is in the per-protocol estimate, and no difference in score is tested"
         )
-    for sentence in screening_cautions(found.protocol):
+    if limit := cap_in_words(found.protocol):
+        echo(limit)
+    for sentence in (*screening_cautions(found.protocol), *cap_cautions(found.protocol)):
         echo(f"Caution: {sentence}")
     echo(f"The study {name!r} is frozen. Publish this line before anybody plays:\n{hashes(found)}")
     echo(f"A running server offers it at once, at /study/{name}")
@@ -439,21 +442,25 @@ def show(name: str, folder: Folder) -> None:
 @argument("name")
 @STUDIES
 def check(name: str, folder: Folder) -> None:
-    """Print what a draft lacks, and what speaks against its paid screen-out.
+    """Print what a draft lacks, its cap, and what speaks against it.
 
     \b
     Example:
       humanplay study check pilot
     """
+    from humanplay.study.places import cap_cautions, cap_in_words
     from humanplay.study.screening import screening_cautions
 
     with study_errors():
         protocol = folder.draft(name)
-    notes = [f"Caution: {sentence}" for sentence in screening_cautions(protocol)]
+    cautions = *screening_cautions(protocol), *cap_cautions(protocol)
+    notes = [f"Caution: {sentence}" for sentence in cautions]
     if unanswered := protocol.declarations.unanswered():
         notes.insert(
             0, f"Freezing needs what only you know, as declarations: {', '.join(unanswered)}"
         )
+    if limit := cap_in_words(protocol):
+        echo(limit)
     for note in notes or [f"Nothing of what is checked speaks against {name!r}"]:
         echo(note)
 

@@ -116,6 +116,7 @@ def status_rows(data: StudyData, cohort: Cohort, everybody: Everybody) -> tuple[
         counts[Status.DECLINED] = data.arrivals.declined
         counts[Status.UNDECIDED] = data.arrivals.undecided
         counts[Status.UNFIT_DEVICE] = data.arrivals.unfit
+        counts[Status.OVER_QUOTA] = data.arrivals.over_quota
         counts[Status.ERASED] = data.arrivals.erased
     rows = []
     for status in (status for status in Status if counts[status]):

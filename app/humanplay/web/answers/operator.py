@@ -274,6 +274,10 @@ class ConsoleStudy(Recruiting, LiveFigures, OutcomeTexts):
     where: str = described("what is played, in words")
     max_steps: int = described("moves after which an episode times out")
     planned: int = described("people that the protocol wants")
+    cap: int | None = described("people who may agree at most; null: any number")
+    places_taken: int = described(
+        "of these; whoever agreed goes on also where theirs is free again"
+    )
     warm_up: int = described("practice episodes of each")
     ranked: int = described("ranked episodes of each")
     stages: list[StageCount]
