@@ -3,7 +3,8 @@
 The table `chain` has an entry for each study and each daily terrain, each session with a move, each
 finished episode with its steps and input events, each batch of input events that came after an
 episode's end, and each state of a participant. Further entries say in words what fixes a study
-(`Mark`): its freezing, its opening, its end, the erasure of a person, a release.
+(`Mark`): its freezing, an export while it is open, an operator's act, its end, the erasure of a
+person, a release.
 
 An entry's `hash` is SHA-256 over one salted hash for each table it covers. Its `head` is SHA-256
 over the entry and the head before it, so a head that was printed or published stands for everything

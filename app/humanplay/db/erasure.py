@@ -187,8 +187,9 @@ def unlink(database: Path, study: SeriesRow) -> int:
 
     Invitations get other ids, the same one the same. The chain says so, without any; the file is written anew.
     """
+    # no invitation that was issued begins as another one's
     linked = """SELECT id, invitation FROM participants p WHERE study = ? AND (completion_code IS NOT NULL
-        OR invitation IS NOT NULL OR EXISTS (SELECT 1 FROM identities WHERE participant_id = p.id)) ORDER BY id"""
+        OR invitation NOT LIKE 'I%' OR EXISTS (SELECT 1 FROM identities WHERE participant_id = p.id)) ORDER BY id"""
     other_ids = defaultdict[str, str](_other_invitation)
     with _lock_unless_served(database) as lock, _rewritten(database, lock) as conn:
         people = conn.execute(linked, [study.name]).fetchall()

@@ -224,11 +224,11 @@ class RowPseudonymizer:
         return row
 
     def masked(self, words: str | None) -> str | None:
-        """A free text in which nothing names somebody that can be known by its form or as an outside id."""
+        """A free text without addresses, long numbers and outside ids."""
         if words is None:
             return None
         for ident in sorted(self._identities, key=len, reverse=True):
-            words = re.sub(rf"(?<!\w){re.escape(ident)}(?!\w)", MASKED, words, flags=re.IGNORECASE)
+            words = re.sub(_as_word(ident), MASKED, words, flags=re.IGNORECASE)
         return _NAMES_SOMEBODY.sub(MASKED, words)
 
     def _text(self, text: str, place: str) -> str:
@@ -260,8 +260,12 @@ def _holds(text: str, ident: str) -> bool:
     """Whether a text is an id or holds a long one, not as a part of a longer word."""
     if len(ident) < _LONG_ID or ident not in text:
         return text == ident
-    pattern = _NOT_WITHIN_A_WORD + re.escape(ident) + _NOT_WITHIN_A_WORD
-    return re.search(pattern, text) is not None
+    return re.search(_as_word(ident), text) is not None
+
+
+def _as_word(ident: str) -> str:
+    """The pattern of an id that is no part of a longer word."""
+    return _NOT_WITHIN_A_WORD + re.escape(ident) + _NOT_WITHIN_A_WORD
 
 
 def _texts_in(content: object) -> Iterator[str]:

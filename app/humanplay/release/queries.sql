@@ -1,7 +1,7 @@
 -- The SELECT by which each table of the bundle is made from study.sqlite (SQLite 3.38 or newer).
 -- `answer_counts`, `policy_episodes`, `participant_statuses`, `input_summaries` and `move_costs` are tables of the bundle alone: the policies'
 -- moves, where each person is, and what the software computes of an episode's input and moves. All else is as the server recorded it,
--- under pseudonyms.
+-- under pseudonyms, but for what DATASHEET.md says is left out or masked.
 
 -- table: participants
 SELECT

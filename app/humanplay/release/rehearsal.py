@@ -11,14 +11,18 @@ from humanplay.release.errors import ReleaseError
 from humanplay.release.minari_data import datasets_in, write_plays
 from humanplay.study.protocol import Protocol, StudyError
 from humanplay.task import RunEndedError, counted
+from humanplay.tasks.processes import LostError
 
 MOST_MOVES = 200
 SEED = 2**53 - 1
 """Of the rehearsed instance: a study draws it once in 2^53 times."""
 
+FAILURES = (RunEndedError, LostError, OSError, ValueError, TypeError, LookupError, RuntimeError)
+"""What an environment, its process or its data set raises."""
+
 
 def rehearse(protocol: Protocol) -> str:
-    """Play an episode at random, replay it and write it as a data set; say what was done.
+    """Play an episode at random, replay it, write it as a data set and say so.
 
     Raises:
         StudyError: Something of it fails.
@@ -55,12 +59,15 @@ def rehearse(protocol: Protocol) -> str:
             outcome=record.outcome,
         )
         with TemporaryDirectory() as folder, datasets_in(Path(folder)):
-            write_plays("rehearsal/rehearsal-v0", [(trial, environment.replay_record(record))])
+            plays = [(trial, environment.replay_record(record))]
+            written = write_plays("rehearsal/rehearsal-v0", plays)
     except ReleaseError as error:  # a library of [export] is not installed
-        return f"a rehearsed episode was recorded and replayed, not released: {error}"
-    except (RunEndedError, ValueError, TypeError, KeyError, RuntimeError) as error:
+        return f"a rehearsed episode was recorded and replayed, not written as a data set: {error}"
+    except (*FAILURES, AssertionError) as error:  # Minari asserts
         raise StudyError(
             f"the study {protocol.name!r} cannot be frozen: a rehearsed episode failed: {error}"
         ) from error
     moves = counted(len(record.actions), "move")
-    return f"a rehearsed episode of {moves} was recorded, replayed and released"
+    if not written:
+        return f"a rehearsed episode of {moves} was recorded and replayed, and is too short for a data set"
+    return f"a rehearsed episode of {moves} was recorded, replayed and written as a data set"

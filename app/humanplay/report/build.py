@@ -152,10 +152,7 @@ def _group(
         stages=dict(sorted(Counter(person.stage for person in cohort.people).items())),
         outcomes=dict(Counter(str(trial.outcome) for trial in trials)),
         labels=dict(Counter(label for trial in trials for label in trial.labels)),
-        flags={
-            words: len(people)
-            for words, people in flagged(cohort, everybody.reasons, protocol.flags).items()
-        },
+        flags=_flags(data, cohort, everybody),
         figures=study_figures(data, cohort, everybody),
         worst=worst,
         statuses=status_rows(data, cohort, everybody),
@@ -190,6 +187,14 @@ def _with_costs(
     reason = None if data.protocol.environment.courses is None else why_not_judged(data)
     named = replace(group, costs=shown, no_costs=reason)
     return replace(named, cautions=cautions(data, named))
+
+
+def _flags(data: StudyData, cohort: Cohort, everybody: Everybody) -> dict[str, int]:
+    """How many who began break each rule; empty for an open study's people."""
+    if cohort.kind == "human" and data.closed_ms is None:
+        return {}
+    by_words = flagged(cohort, everybody.reasons, data.protocol.flags)
+    return {words: len(people) for words, people in by_words.items()}
 
 
 def _left(data: StudyData, cohort: Cohort) -> int:

@@ -22,7 +22,11 @@ from humanplay.report.statistics.planning import (
     metric_in_words,
     power_in_words,
 )
-from humanplay.report.statistics.study_figures import figure_sentence
+from humanplay.report.statistics.study_figures import (
+    figure_sentence,
+    interval_for,
+    why_no_interval,
+)
 from humanplay.study.data import StudyData
 from humanplay.study.flow import Status
 from humanplay.study.questions import Item as AskedItem
@@ -36,7 +40,7 @@ RECRUITMENT = {
 }
 """How participants came, by the protocol's `recruitment`."""
 UNSAID = "What people and agents see is not said in the environment's description."
-TEST = "Test of the paired differences over players and instances, the inverse of the interval, adjusted by Holm's method."
+TEST = "Test of the paired differences for {whom}, the inverse of the interval, adjusted by Holm's method."
 
 
 def checklist(data: StudyData, people: GroupReport, policies: Sequence[str]) -> tuple[Item, ...]:
@@ -89,7 +93,8 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
     sets = [f"{figure.name}: {figure_sentence(figure, protocol)}" for figure in played]
     erased, finishers = data.arrivals.erased, data.arrivals.erased_finishers
     lost = f" {counted(erased, 'more was', 'more were')} erased, {finishers} of whom had ended all ranked episodes."
-    is_compared, nobody = bool(policies and players), "Nobody has played."
+    is_compared = bool(policies and players)
+    nobody = "Nobody has played." if data.closed_ms else "It is shown once the study is closed."
     no_policy = "No policy is compared with people."
     seconds = _human_time(data)
     estimates = [
@@ -97,7 +102,10 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         for figure in (people.figure, people.everybody)
         for estimate in (figure.score, figure.steps)
     ]
-    has_interval = any(estimate and estimate.interval for estimate in estimates)
+    shown = [estimate for estimate in estimates if estimate]
+    has_interval = any(estimate.interval for estimate in shown)
+    of_means = [f"Of the means, for {interval_for(protocol)}."] if has_interval else []
+    reasons = dict.fromkeys(filter(None, map(why_no_interval, shown)))
     return {
         "protocol": protocol,
         "people": people,
@@ -115,9 +123,8 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "hash": data.protocol_hash[:16],
         "recruitment": RECRUITMENT[protocol.recruitment],
         "questions": counted(len(protocol.questions), "question"),
-        "warm_up": counted(protocol.warm_up, "warm-up episode"),
         "exposure": people.exposure,
-        **_turned_away(people),
+        **_turned_away(data, people),
         **_answers(data, people),
         "length": protocol.warm_up + protocol.ranked,
         "excluded": people.started - players,
@@ -125,7 +132,7 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "labelled": counted(labelled, "carries a label", "carry a label"),
         "compared": "Yes" if is_compared else "No",
         "policies": ", ".join(policies) or "none played",
-        "test": TEST if is_compared else "None.",
+        "test": TEST.format(whom=interval_for(protocol)) if is_compared else "None.",
         "equal": "Yes" if is_compared else "N/A",
         "metrics": f"{words.score[0].upper()}{words.score[1:]} and {words.steps} for both."
         if is_compared
@@ -137,10 +144,12 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "timed": "No" if seconds is None else "Yes",
         "seconds": seconds or ("No ranked episode succeeded." if ranked else nobody),
         "has_interval": "Yes" if has_interval else "No",
-        "intervals": "Of the means, over players and instances."
-        if has_interval
-        else "There are too few players for an interval.",
+        "intervals": " ".join([*of_means, *reasons]) or nobody,
         "trained": "Yes" if protocol.warm_up else "Tutorial alone",
+        "training": "Tutorial and practice" if protocol.warm_up else "Tutorial",
+        "with_feedback": f" and {counted(protocol.warm_up, 'warm-up episode')} with feedback"
+        if protocol.warm_up
+        else "",
         "randomized": "Yes" if protocol.ranked > 1 else "N/A",
         "orders": "Orders are rows of a Latin square permuted by the study's secret."
         if protocol.ranked > 1
@@ -151,16 +160,19 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
     }
 
 
-def _turned_away(people: GroupReport) -> dict[str, object]:
+def _turned_away(data: StudyData, people: GroupReport) -> dict[str, object]:
     """Whom the study itself turned away before a ranked episode."""
     assert people.flow is not None
     came = people.flow.joined
-    reasons = (
+    reasons = [
         (Status.UNFIT_DEVICE, "came with a device that does not fit"),
         (Status.OVER_QUOTA, "came when every place was taken"),
         (Status.DECLINED, "did not agree to the consent text"),
         (Status.FAILED_QUESTIONS, "failed the questions on the instructions"),
-    )
+    ]
+    practice = data.protocol.practice
+    if practice is not None and practice.then == "screen_out":
+        reasons.append((Status.FAILED_PRACTICE, "failed the practice"))
     counts = [(people.flow.count(status), words) for status, words in reasons]
     listed = ", ".join(f"{count} {words}" for count, words in counts)
     return {
@@ -188,10 +200,14 @@ def _answers(data: StudyData, people: GroupReport) -> dict[str, str]:
 
 
 def _counts_for(data: StudyData, people: GroupReport, item: AskedItem) -> str:
-    """The counts of the questions that fill an item; empty where nobody was asked."""
+    """The counts of the questions that fill an item; empty where none asks for it."""
     questions = [question for block in data.protocol.blocks for question in block.questions]
     names = {question.name for question in questions if question.tells == item}
+    if names and data.closed_ms is None:
+        return "How many gave which answer is shown once the study is closed."
     counts = [answers for answers in people.answers if answers.question in names]
+    if names and not counts:
+        return "Nobody has answered."
     return " ".join(f"“{answers.asked}” {answers.sentence()}." for answers in counts)
 
 

@@ -22,6 +22,7 @@ from humanplay.study.plausibility import labels_of
 from humanplay.study.policy_episodes import tested_policies
 from humanplay.study.practice import criterion
 from humanplay.study.protocol import PER_PROTOCOL, Protocol
+from humanplay.study.questions import POSITIONS, in_order
 
 RECRUITMENT = {
     "open": "Anybody who has the link may take part.",
@@ -48,6 +49,8 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
     return environment.get_template("preregistration.md.j2").render(
         protocol=protocol,
         cap=cap_in_words(protocol),
+        blocks=in_order(protocol.blocks),
+        positions=POSITIONS,
         declared={name: text or "TO BE STATED" for name, text in protocol.declarations},
         config=protocol.env_config,
         study=study,

@@ -114,8 +114,8 @@ def _ends(question: AnyQuestion) -> list[tuple[str, str]]:
         gap = 1 if question.whole else 0
         return [
             (
-                f"{max(question.least, start * width):g}",
-                f"{min(question.most, (start + 1) * width - gap):g}",
+                f"{max(question.least, start * width):.15g}",
+                f"{min(question.most, (start + 1) * width - gap):.15g}",
             )
             for start in starts
         ]

@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -133,7 +133,10 @@ class Invitations:
 
         Whoever has agreed to the consent text with one goes on.
         """
-        self._folder.study(name)
+        if not self._folder.study(name).is_running:
+            raise StudyError(
+                f"the study {name!r} is closed: its invitations let nobody in, and none is left to take back"
+            )
         # a whole token begins with the id
         wanted = [read_code(ident)[:ID_LENGTH] for ident in idents]
         with self._changing(name) as found:
@@ -147,6 +150,12 @@ class Invitations:
                 at = found[ident].revoked_at or now
                 found[ident] = replace(found[ident], revoked_at=at)
         return [found[ident] for ident in wanted]
+
+    def note_used(self, name: str, idents: Iterable[str]) -> None:
+        """Let no invitation that was used count as revoked, once nobody knows any more who used it."""
+        with self._changing(name) as invitations:
+            for ident in invitations.keys() & set(idents):
+                invitations[ident] = replace(invitations[ident], revoked_at=None)
 
     def read_token(self, study: Study, token: str) -> Invitation | None:
         """Return the invitation, revoked or not, that a token was signed for; None for any other text."""

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import asdict
+from decimal import Decimal
 from typing import Annotated, Literal
 
 from pydantic import (
@@ -53,6 +54,10 @@ Rule = Literal[
 ExclusionRules = dict[Rule, StrictBool | float]
 PER_PROTOCOL = "protocol"
 """The exclusion set of the per-protocol estimate."""
+SHARES: tuple[Rule, ...] = ("most_given_up", "max_pause_share")
+"""Rules that take a number, 0 to 1."""
+NUMBERS: tuple[Rule, ...] = (*SHARES, "least_minutes", "most_minutes")
+"""Rules that take a number; the others are true or false."""
 EXCLUSION: dict[str, ExclusionRules] = {
     PER_PROTOCOL: {"completed": True, "all_ranked_driver_human": True, "most_given_up": 0.5},
     "strict": {
@@ -191,7 +196,7 @@ class Payment(Part):
     unit      what is counted: successes, or steps or score beyond a number in each episode
     beyond    the steps, or the score, of an episode from which on units count
     direction whether more or fewer than that earns
-    rounding  amounts are multiples of it
+    rounding  the bonus, and pay by the hour, are multiples of it; it is one of 0.01
     most      the bonus is at most this; None: there is no cap. It is never below 0
     hour      by the hour, for whoever we stop
     outcomes  what another outcome gets, as a bonus
@@ -211,6 +216,13 @@ class Payment(Part):
     outcomes: dict[Outcome, Money] = Field(default_factory=dict)
     screen_out: Outcome | None = None
     bonus_at_once: bool = False
+
+    @field_validator("rounding")
+    @classmethod
+    def _rounding_can_be_paid(cls, rounding: float) -> float:
+        if Decimal(str(rounding)) % Decimal("0.01"):
+            raise ValueError(f"rounding must be a multiple of 0.01, got {rounding:g}")
+        return rounding
 
     @field_validator("outcomes")
     @classmethod
@@ -465,12 +477,18 @@ class Protocol(Part):
         return [self.per_protocol, *self.exclusion.values(), self.flags]
 
     @model_validator(mode="after")
-    def _minutes_leave_somebody(self) -> Protocol:
+    def _rules_have_bounds(self) -> Protocol:
         for rules in self._rule_sets():
+            for rule, bound in rules.items():
+                expected = "a number" if rule in NUMBERS else "true or false"
+                if isinstance(bound, bool) is (rule in NUMBERS):
+                    raise ValueError(f"the rule {rule} takes {expected}, got {bound}")
+                if rule in SHARES and not 0 <= bound <= 1:
+                    raise ValueError(f"the rule {rule} takes a share, 0 to 1, got {bound:g}")
             least, most = rules.get("least_minutes", 0.0), rules.get("most_minutes", math.inf)
-            if isinstance(least, bool) or isinstance(most, bool) or not 0 <= least < most:
+            if not 0 <= least < most:
                 raise ValueError(
-                    f"least_minutes and most_minutes are numbers, the first one below the second, got {least} and {most}"
+                    f"least_minutes must be at least 0 and below most_minutes, got {least:g} and {most:g}"
                 )
         return self
 

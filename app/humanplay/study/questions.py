@@ -109,19 +109,11 @@ class Asked(Part):
         """What a page gets besides name, question and choices."""
         return {}
 
-    def label(self, answer: float) -> str:
-        """What an answer says, in words."""
-        return f"{answer:g}"
-
 
 class _OneChoice(Asked, _Choices):
     def numbers(self, sent: Sent) -> dict[int, float]:
         """The index of the choice."""
         return {0: self._index(sent)}
-
-    def label(self, answer: float) -> str:
-        """What an answer says, in words."""
-        return self.choices[int(answer)]
 
 
 class Choice(_OneChoice):
@@ -173,10 +165,6 @@ class Several(Asked, _Choices):
         chosen = {self._index(index) for index in sent}
         return {index: float(index in chosen) for index in range(len(self.choices))}
 
-    def label(self, answer: float) -> str:
-        """What an answer says, in words."""
-        return "yes" if answer else "no"
-
 
 class Likert(Asked):
     """Statements that are rated on the same points.
@@ -215,10 +203,6 @@ class Likert(Asked):
     def shown(self) -> Shown:
         """What a page gets of it alone."""
         return {"rows": self.rows, "points": self.points}
-
-    def label(self, answer: float) -> str:
-        """What an answer says, in words."""
-        return self.points[int(answer)]
 
 
 class Scale(Asked):
@@ -269,7 +253,7 @@ class Number(Asked):
         ):
             return {0: float(sent)}
         kind = "a whole number" if self.whole else "a number"
-        raise ValueError(f"must be {kind} from {self.least:g} to {self.most:g}, got {sent!r}")
+        raise ValueError(f"must be {kind} from {self.least:.15g} to {self.most:.15g}, got {sent!r}")
 
     def shown(self) -> Shown:
         """What a page gets of it alone."""
@@ -311,10 +295,6 @@ class Statement(Asked):
         if sent is True:
             return {0: 1.0}
         raise ValueError(f"must be true, for agreeing, got {sent!r}")
-
-    def label(self, answer: float) -> str:
-        """What an answer says, in words."""
-        return "agreed"
 
 
 AnyQuestion = Annotated[

@@ -69,8 +69,8 @@ REPEATED = (
 )
 LONGEST_ID = 200
 TOO_LONG = (
-    "this link has a {name} of more than 200 characters, which is no participant ID: open the link that you were sent just as "
-    "it stands"
+    f"this link has a {{name}} of more than {LONGEST_ID} characters, which is no participant ID: open the link that you were "
+    "sent just as it stands"
 )
 MISSHAPEN = "this link has a {name} that is none of {platform}'s: open the link there again, and do not change it"
 KEPT_OUT = (

@@ -14,10 +14,20 @@ LATEST_SHARE = 1 / 5
 """Share of the minutes in all after which nobody is to be screened out."""
 
 
-def minutes_in_all(protocol: Protocol) -> float:
-    """The minutes that whoever finishes needs, roughly."""
-    each_min = protocol.environment.texts(protocol.env_config).minutes
-    return BEFORE_PRACTICE_MIN + each_min * (protocol.warm_up + protocol.ranked)
+def minutes_until(protocol: Protocol, episodes: int) -> float:
+    """The minutes from the first page to the end of so many episodes, roughly."""
+    episode_min = protocol.environment.texts(protocol.env_config).minutes
+    return BEFORE_PRACTICE_MIN + episode_min * episodes
+
+
+def _can_come(protocol: Protocol, outcome: Outcome) -> bool:
+    """Whether the protocol lets anybody come to an outcome."""
+    practice = protocol.practice
+    return {
+        Outcome.UNFIT_DEVICE: protocol.device != "any",
+        Outcome.FAILED_QUESTIONS: protocol.question_tries is not None,
+        Outcome.FAILED_PRACTICE: practice is not None and practice.then == "screen_out",
+    }.get(outcome, True)
 
 
 def _latest_min(protocol: Protocol, outcome: Outcome) -> float:
@@ -27,9 +37,8 @@ def _latest_min(protocol: Protocol, outcome: Outcome) -> float:
     if outcome is Outcome.FAILED_QUESTIONS:
         return BEFORE_PRACTICE_MIN
     if outcome is Outcome.FAILED_PRACTICE:
-        each_min = protocol.environment.texts(protocol.env_config).minutes
-        return BEFORE_PRACTICE_MIN + each_min * protocol.most_warm_up
-    return minutes_in_all(protocol)
+        return minutes_until(protocol, protocol.most_warm_up)
+    return minutes_until(protocol, protocol.warm_up + protocol.ranked)
 
 
 def screening_cautions(protocol: Protocol) -> Iterator[str]:
@@ -38,7 +47,14 @@ def screening_cautions(protocol: Protocol) -> Iterator[str]:
     if payment is None or payment.screen_out is None:
         return
     outcome, platform = payment.screen_out, PLATFORMS[protocol.platform]
-    whole_min, latest_min = minutes_in_all(protocol), _latest_min(protocol, outcome)
+    if not _can_come(protocol, outcome):
+        yield (
+            f"the protocol lets nobody come to the paid screen-out {outcome} ({OUTCOME_IN_WORDS[outcome]}): take it out of "
+            "payment, or fix in the protocol when somebody comes to it"
+        )
+        return
+    whole_min = minutes_until(protocol, protocol.warm_up + protocol.ranked)
+    latest_min = _latest_min(protocol, outcome)
     if latest_min > LATEST_SHARE * whole_min:
         yield (
             f"the paid screen-out {outcome} ({OUTCOME_IN_WORDS[outcome]}) can come after {latest_min:.0f} of about "

@@ -525,6 +525,22 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
     )
 
 
+def test_an_interval_on_fixed_instances_is_for_these_alone_and_a_missing_one_says_why():
+    def item(scores, number, **protocol):
+        report = build(study(*played(scores), **protocol))
+        return {item.number: item for item in report.checklist}[number]
+
+    many = np.vstack([SCORES, SCORES[::-1] - 0.1])
+    assert item(many, "4.2").detail == "Of the means, for other players and other instances."
+    fixed = item(many, "4.2", fixed_terrains=True)
+    assert (fixed.answer, fixed.detail) == (
+        "Yes",
+        "Of the means, for other players on these instances.",
+    )
+    assert item(SCORES, "4.2").detail == "Fewer than 5 players give no interval."
+    assert item(SCORES, "2.6.1", warm_up=0).answer == "Tutorial"
+
+
 def test_what_is_known_of_terrains_told_to_others_is_said_without_a_verdict(data):
     report = build(data)
     item = next(item for item in report.checklist if item.number == "2.5")

@@ -36,6 +36,7 @@ OUTCOME_OF = {
     Status.LEFT: Outcome.LEFT,
     Status.NEVER_BEGAN: Outcome.LEFT,
     Status.FAILED_QUESTIONS: Outcome.FAILED_QUESTIONS,
+    Status.FAILED_PRACTICE: Outcome.FAILED_PRACTICE,
     Status.DECLINED: Outcome.NO_CONSENT,
     Status.UNFIT_DEVICE: Outcome.UNFIT_DEVICE,
 }
@@ -203,10 +204,11 @@ def test_whoever_uses_up_their_tries_at_the_questions_does_not_go_on(serve, tmp_
 
 def test_the_outcomes_of_a_list_are_those_of_the_report(serve, tmp_path, capsys):
     """Everybody who agreed has in the list of payments the outcome that their status in the report stands for."""
-    freeze(tmp_path / "playground.db-studies", question_tries=2)
+    practice = {"reach": 1, "tries": 1}
+    freeze(tmp_path / "playground.db-studies", question_tries=2, practice=practice)
     server = serve()
-    finisher, quitter, early, gone, busy, wrong, broken, stopped = people = [
-        Person(server) for _ in range(8)
+    finisher, quitter, early, gone, busy, wrong, untrained, broken, stopped = people = [
+        Person(server) for _ in range(9)
     ]
     finisher.to_warm_up()
     finisher.play_on()
@@ -223,6 +225,10 @@ def test_the_outcomes_of_a_list_are_those_of_the_report(serve, tmp_path, capsys)
     wrong.call("advance", {"from": "tutorial"})
     for _ in range(2):
         wrong.call("answers", {"answers": [1, 0, 0]})
+    untrained.to_warm_up()
+    for _ in range(2):
+        untrained.call("next")
+        untrained.call("give-up", {"episode": untrained.frame["episode"], "step": 0})
     for person in (busy, stopped):
         person.to_warm_up()
         person.call("next")
@@ -252,7 +258,8 @@ def test_the_outcomes_of_a_list_are_those_of_the_report(serve, tmp_path, capsys)
     for person in (broken, stopped):
         assert listed[person.where["participant"]] == "stopped_by_us"
     assert sorted(listed.values()) == [
-        "failed_questions", "finished", "left", "stopped_by_us", "stopped_by_us", "stopped_by_us", "withdrew", "withdrew",
+        "failed_practice", "failed_questions", "finished", "left", "stopped_by_us", "stopped_by_us", "stopped_by_us",
+        "withdrew", "withdrew",
     ]  # fmt: skip
 
 

@@ -241,6 +241,11 @@ def test_a_bonus_is_never_below_nothing_or_above_its_cap(payment, bonus):
     assert amounts(paid, Outcome.LEFT, played, 10.0) == (0, 0)
 
 
+def test_amounts_are_rounded_to_what_can_be_paid():
+    with pytest.raises(ValueError, match="rounding must be a multiple"):
+        Payment(currency="USD", rounding=0.015)
+
+
 def test_what_the_platform_pays_as_a_screen_out_is_no_bonus():
     outcomes = {"failed_questions": 0.4, "withdrew": 0.3}
     paid = Payment(currency="USD", outcomes=outcomes, screen_out="failed_questions")

@@ -96,6 +96,11 @@ def test_whoever_fails_every_try_at_the_practice_does_not_go_on_and_everybody_sa
         "1 of 3 people who agreed is in neither estimate: 1 began no ranked episode (failed the practice: 1), 0 played as "
         "bots throughout." in group.cautions
     )
+    items = {item.number: item for item in report.checklist}
+    assert items["2.3.2"].answer == "1 of 3"
+    assert "0 failed the questions on the instructions, 1 failed the practice." in (
+        items["2.3.2"].detail
+    )
 
 
 def test_who_fails_may_go_on_and_is_then_left_out_per_protocol_alone(serve, tmp_path, capsys):

@@ -7,6 +7,7 @@ from humanplay.report.page import render
 from humanplay.study.data import load
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import EXCLUSION, PER_PROTOCOL, StudyError, default_protocol
+from humanplay.study.screening import screening_cautions
 from marsexplorer.config import EnvConfig
 from tests.support.command import command
 from tests.support.recorded import alter
@@ -54,17 +55,20 @@ def test_minutes_take_out_of_the_estimate_and_flags_leave_nobody_out(played, tmp
     assert {row.status: row.people for row in group.statuses} == {"finished": 2, "excluded": 1}
     assert group.flags == {
         "took at most 90 minutes in all": 1,
-        "gave up at most 40 % of them": 0,
+        "gave up at most 40 % of the ranked episodes": 0,
     }
-    flags = "gave up at most 40 % of them 0, took at most 90 minutes in all 1."
+    flags = "gave up at most 40 % of the ranked episodes 0, took at most 90 minutes in all 1."
     assert (
-        f"Data-quality flags that were fixed beforehand; people who began, of whom it does not hold: {flags}"
+        f"so many do not keep to a data-quality rule that was fixed beforehand: {flags}"
         in render(report)
     )
 
 
 def test_the_operator_of_an_open_study_sees_flags_of_people_and_nothing_of_an_episode(played):
     server, (fast, _, slow) = played
+    report = build(load(server.services.store.path, "small"))
+    assert report.groups[0].flags == {}
+    assert "data-quality rule" not in render(report)
     client = server.client(headers={"Origin": server.url})
     assert client.post("/api/admin/login", json={"password": PASSWORD}).status_code == 200
     url = "/api/admin/studies/small"
@@ -81,10 +85,20 @@ def test_the_operator_of_an_open_study_sees_flags_of_people_and_nothing_of_an_ep
     assert {name: people[slow][name] for name in hidden} == hidden
 
 
-@pytest.mark.parametrize("flags", [{"least_minutes": 9, "most_minutes": 9}, {"most_minutes": True}])
-def test_minutes_that_leave_nobody_are_refused(tmp_path, flags):
-    with pytest.raises(StudyError, match="least_minutes and most_minutes are numbers"):
-        freeze(tmp_path, flags=flags)
+@pytest.mark.parametrize(
+    ("flags", "sentence"),
+    [
+        ({"least_minutes": 9, "most_minutes": 9}, "least_minutes must be at least 0 and below"),
+        ({"most_minutes": True}, "the rule most_minutes takes a number, got True"),
+        ({"most_given_up": False}, "the rule most_given_up takes a number, got False"),
+        ({"no_labels": 1}, "the rule no_labels takes true or false, got 1"),
+        ({"max_pause_share": 1.5}, "the rule max_pause_share takes a share, 0 to 1, got 1.5"),
+    ],
+)
+def test_a_rule_without_a_bound_of_its_kind_is_refused(tmp_path, flags, sentence):
+    for rules in ({"flags": flags}, {"exclusion": {"some": flags}}):
+        with pytest.raises(StudyError, match=sentence):
+            freeze(tmp_path, **rules)
 
 
 @pytest.mark.parametrize(
@@ -109,6 +123,8 @@ def test_a_screen_out_that_comes_late_or_is_paid_too_little_is_warned_of(
             platform="prolific",
             recruitment="panel",
             practice={"reach": 10},
+            device="computer",
+            question_tries=2,
             payment=paid,
         )
     )
@@ -119,3 +135,19 @@ def test_a_screen_out_that_comes_late_or_is_paid_too_little_is_warned_of(
     for caution, sentence in zip(cautions, sentences, strict=True):
         assert sentence in caution
     assert "Freezing needs what only you know" in text
+
+
+@pytest.mark.parametrize(
+    ("outcome", "fields"),
+    [
+        ("unfit_device", {}),
+        ("failed_questions", {}),
+        ("failed_practice", {}),
+        ("failed_practice", {"practice": {"reach": 1, "then": "go_on"}, "flags": {"passed_practice": True}}),
+    ],
+)  # fmt: skip
+def test_a_screen_out_that_nobody_comes_to_is_warned_of(tmp_path, outcome, fields):
+    paid = {"currency": "GBP", "outcomes": {outcome: 0.01}, "screen_out": outcome}
+    protocol = default_protocol("pilot", EnvConfig.of("random", 21), payment=paid, **fields)
+    (caution,) = screening_cautions(protocol)
+    assert f"lets nobody come to the paid screen-out {outcome} " in caution

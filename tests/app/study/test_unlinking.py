@@ -146,6 +146,7 @@ def test_nobody_can_be_told_by_the_invitation_they_used_and_the_counts_stay(
     server = serve()
     for invitation in issued[:2]:
         Person(server, invitation=token_of(study, invitation.id)).to_tutorial()
+    Invitations(Folder(tmp_path / "playground.db-studies")).revoke("small", [issued[0].id])
     database = "--database", tmp_path / "playground.db"
     assert command(capsys, "study", "close", "small", "--yes", "--now", *database)[0] == 0
     before = arrivals_in(tmp_path)
@@ -154,5 +155,10 @@ def test_nobody_can_be_told_by_the_invitation_they_used_and_the_counts_stay(
     used = ask(tmp_path / "playground.db", "SELECT DISTINCT invitation FROM participants")
     assert len(used) == 2
     assert not {ident for (ident,) in used} & {invitation.id for invitation in issued}
-    assert (before.unopened, arrivals_in(tmp_path)) == (1, before)
+    assert (before.unopened, before.revoked, arrivals_in(tmp_path)) == (1, 0, before)
+    code, _, refusal = command(capsys, "study", "revoke", "small", issued[1].id, *database)
+    assert (code, "none is left to take back" in refusal) == (2, True)
+    code, text, _ = command(capsys, "study", "unlink", "small", "--yes", *database)
+    assert (code, "of 0 people" in text) == (0, True)
+    assert ask(tmp_path / "playground.db", "SELECT DISTINCT invitation FROM participants") == used
     assert command(capsys, "verify", *database)[0] == 0

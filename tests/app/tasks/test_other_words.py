@@ -73,5 +73,7 @@ def test_a_study_of_another_environment_speaks_of_it_alone(said):
     examined = (
         r"moves came to the same in fresh processes; a rehearsed episode of \d+ moves? was recorded"
     )
-    assert re.search(rf"^[\d,]+ {examined}, replayed and released", said["freeze"], re.MULTILINE)
+    assert re.search(
+        rf"^[\d,]+ {examined}, replayed and written as a data set", said["freeze"], re.MULTILINE
+    )
     assert {name: lines for name, text in said.items() if (lines := words_of_mars(text))} == {}

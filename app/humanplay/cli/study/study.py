@@ -772,8 +772,10 @@ def unlink(name: str, yes: bool, folder: Folder, database: Path) -> None:
       humanplay study unlink pilot
     """
     from humanplay.db import erasure
+    from humanplay.study.invitations import Invitations
     from humanplay.study.outcomes import delete_texts
 
+    uses = _uses(database, name)
     with failures(f"cannot write {database}"), study_errors():
         found = folder.study(name)
         if found.is_running:
@@ -782,6 +784,9 @@ def unlink(name: str, yes: bool, folder: Folder, database: Path) -> None:
             )
         if not yes:
             _confirm(f"Delete the identifiers and codes of {name!r} for good?", "deleted")
+        used = [ident for ident, use in uses.items() if use.state == "used"]
+        if found.protocol.recruitment == "invitation":
+            Invitations(folder).note_used(name, used)
         people = erasure.unlink(database, found.row())
         delete_texts(folder.path(name))
     echo(f"deleted from {database}: identifiers and codes of {counted(people, 'person', 'people')}")

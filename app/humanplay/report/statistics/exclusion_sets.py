@@ -504,10 +504,10 @@ def _rule_text(rule: Rule, bound: bool | float) -> str:
     """What holds of whoever keeps to a rule."""
     texts: dict[Rule, str] = {
         "completed": "ended every ranked episode",
-        "all_ranked_driver_human": "made every move of them",
-        "most_given_up": f"gave up at most {percent(float(bound))} of them",
+        "all_ranked_driver_human": "made every move of the ranked episodes",
+        "most_given_up": f"gave up at most {percent(float(bound))} of the ranked episodes",
         "no_labels": "no ranked episode carries a label",
-        "max_pause_share": f"none was paused for more than {percent(float(bound))} of its time",
+        "max_pause_share": f"no ranked episode was paused for more than {percent(float(bound))} of its time",
         "passed_practice": "passed the practice",
         "least_minutes": f"took at least {bound:g} minutes in all",
         "most_minutes": f"took at most {bound:g} minutes in all",

@@ -234,7 +234,8 @@ def test_the_guide_lists_every_declaration_with_its_question():
 
 def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
     study("new", "mine", *SHORT)
-    edit(tmp_path, recruitment="panel", outside_ids=["PROLIFIC_PID"])
+    asked = {"recruitment": "panel", "outside_ids": ["PROLIFIC_PID"], "blocks": ["demographics"]}
+    edit(tmp_path, **asked)
     code, draft, _ = study("preregister", "mine")
     assert (code, "> **DRAFT.**" in draft, "protocol hash" in draft) == (0, True, False)
     assert draft.count("TO BE STATED") == 1
@@ -247,7 +248,7 @@ def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
         frozen.protocol_hash, frozen.commitment, "Planned: 12 people who finish. Through a recruiting panel",
         "| `strict` | who ended every ranked episode", "never called flat", "Holm's method",
         "rows of a balanced Latin square",
-        *DECLARATIONS.values(),
+        *DECLARATIONS.values(), "(`demographics`), before the first episode:\n  - ",
         "6 ranked episodes", "What is not preregistered", "empirical likelihood on the means",
     ):  # fmt: skip
         assert said in text, said
