@@ -20,6 +20,11 @@ def minutes_until(protocol: Protocol, episodes: int) -> float:
     return BEFORE_PRACTICE_MIN + episode_min * episodes
 
 
+def minutes_in_all(protocol: Protocol) -> float:
+    """The minutes that whoever finishes needs, roughly."""
+    return minutes_until(protocol, protocol.warm_up + protocol.ranked)
+
+
 def _can_come(protocol: Protocol, outcome: Outcome) -> bool:
     """Whether the protocol lets anybody come to an outcome."""
     practice = protocol.practice
@@ -38,7 +43,7 @@ def _latest_min(protocol: Protocol, outcome: Outcome) -> float:
         return BEFORE_PRACTICE_MIN
     if outcome is Outcome.FAILED_PRACTICE:
         return minutes_until(protocol, protocol.most_warm_up)
-    return minutes_until(protocol, protocol.warm_up + protocol.ranked)
+    return minutes_in_all(protocol)
 
 
 def screening_cautions(protocol: Protocol) -> Iterator[str]:
@@ -53,8 +58,7 @@ def screening_cautions(protocol: Protocol) -> Iterator[str]:
             "payment, or fix in the protocol when somebody comes to it"
         )
         return
-    whole_min = minutes_until(protocol, protocol.warm_up + protocol.ranked)
-    latest_min = _latest_min(protocol, outcome)
+    whole_min, latest_min = minutes_in_all(protocol), _latest_min(protocol, outcome)
     if latest_min > LATEST_SHARE * whole_min:
         yield (
             f"the paid screen-out {outcome} ({OUTCOME_IN_WORDS[outcome]}) can come after {latest_min:.0f} of about "

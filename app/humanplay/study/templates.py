@@ -14,7 +14,7 @@ from string import Formatter
 from humanplay.study.practice import criterion
 from humanplay.study.protocol import Protocol, StudyError, parse_protocol
 from humanplay.study.questions import Block
-from humanplay.study.screening import BEFORE_PRACTICE_MIN, minutes_until
+from humanplay.study.screening import BEFORE_PRACTICE_MIN, minutes_in_all
 
 PLACEHOLDERS = {
     "name": "the study's name",
@@ -115,13 +115,12 @@ def filled(text: str, protocol: Protocol) -> str:
 def placeholder_values(protocol: Protocol) -> dict[str, str]:
     """Return what each placeholder becomes in this protocol."""
     config = protocol.env_config
-    episodes = protocol.warm_up + protocol.ranked
-    minutes = minutes_until(protocol, episodes) - BEFORE_PRACTICE_MIN
+    minutes = minutes_in_all(protocol) - BEFORE_PRACTICE_MIN
     values: dict[str, object] = {
         "name": protocol.name,
         "warm_up": protocol.warm_up,
         "ranked": protocol.ranked,
-        "episodes": episodes,
+        "episodes": protocol.warm_up + protocol.ranked,
         "practice": f" {text}" if (text := criterion(protocol)) else "",
         "break_every": protocol.break_every,
         "pause_after": f"{protocol.pause_after_s:g}",
