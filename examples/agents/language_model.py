@@ -2,9 +2,9 @@
 
 Any OpenAI-compatible API does: OPENAI_BASE_URL and OPENAI_API_KEY say which.
 
-    .venv-agents/bin/python examples/agents/language_model.py http://127.0.0.1:8000/agents/TOKEN
-    --model MODEL .venv-agents/bin/python examples/agents/language_model.py
-    http://127.0.0.1:8000/agents/TOKEN --model MODEL --frames picture
+    CARD=http://127.0.0.1:8000/agents/TOKEN
+    .venv-agents/bin/python examples/agents/language_model.py $CARD --model MODEL
+    .venv-agents/bin/python examples/agents/language_model.py $CARD --model MODEL --frames picture
 """
 
 import argparse

@@ -4,8 +4,8 @@ Any OpenAI-compatible API with tools does: OPENAI_BASE_URL and OPENAI_API_KEY sa
 client of MCP, an assistant for programmers say, plays as well: its server is the card's address and
 `/mcp`.
 
-    .venv-agents/bin/python examples/agents/mcp_tools.py http://127.0.0.1:8000/agents/TOKEN --model
-    MODEL
+    CARD=http://127.0.0.1:8000/agents/TOKEN
+    .venv-agents/bin/python examples/agents/mcp_tools.py $CARD --model MODEL
 """
 
 import argparse

@@ -1,7 +1,6 @@
 """Boards of other environments: key to picture, and twelve at 60 ticks a second.
 
-    python -m research.speed.real_time [--presses 100] [--boards 12] [--seconds 60] [--json
-    figures.json]
+    python -m research.speed.real_time [--presses 100] [--boards 12] [--seconds 60] [--json FILE]
 
 First a person presses keys in a real Chromium: FourRooms and Crafter in turns, Breakout in real
 time, as far as installed. A time goes from the key's event to the task after the animation frame

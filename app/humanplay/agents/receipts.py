@@ -1,9 +1,10 @@
 """The receipts and the opening of a closed evaluation: written, signed, checked.
 
     DATABASE-agents/NAME/opening.json      the protocol, the secrets from which every instance
-    follows, the chains DATABASE-agents/NAME/receipts/ID.json  every action and outcome of a card,
-    in a chain of hashes DATABASE-agents/NAME/policies.json     the moves of policies on the same
-    instances DATABASE-agents/NAME/comparison.json   people, policies and agents (`comparison`)
+                                           follows, the chains
+    DATABASE-agents/NAME/receipts/ID.json  every action and outcome of a card, in a chain of hashes
+    DATABASE-agents/NAME/policies.json     the moves of policies on the same instances
+    DATABASE-agents/NAME/comparison.json   people, policies and agents (`comparison`)
 
 They are signed by the server's key. A receipt alone proves that the holder of the key wrote it and
 that nothing in it was changed; with the opening every episode is simulated again. Receipts are the

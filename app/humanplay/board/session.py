@@ -47,9 +47,12 @@ SessionKind = Literal["ranked", "practice", "challenge", "watch", "daily", "stud
 """What an episode on a board is.
 
 ranked     a person's alone, on a terrain that the server drew: it counts, unless something comes
-between practice   beside a policy, on a terrain that was chosen, or moved by a script challenge  a
-person's on the terrain of a finished episode, against what was done there watch      a policy's
-daily, study  a person's attempt at the day's terrain, a participant's
+           between
+practice   beside a policy, on a terrain that was chosen, or moved by a script
+challenge  a person's on the terrain of a finished episode, against what was done there
+watch      a policy's
+daily      a person's attempt at the day's terrain
+study      a participant's
 """
 
 

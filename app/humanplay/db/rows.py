@@ -11,8 +11,9 @@ Attestation = Literal["unattested", "spoilt", "attested", "supervised"]
 
 unattested  the first move has no input event of its own that fits it, or its presses are a copy
 spoilt      the first move has one, and a later one does not: it counts as abandoned
-(`Trial.forfeited`) attested    every move fits an input event of its own supervised  attested, and
-the operator had typed their code shortly before
+            (`Trial.forfeited`)
+attested    every move fits an input event of its own
+supervised  attested, and the operator had typed their code shortly before
 """
 AskedBy = Literal["participant", "operator", "review board"]
 """Who asked for an erasure."""

@@ -49,15 +49,22 @@ class Superseded(TypedDict):
 class ReleaseHeader:
     """A release.
 
-    version     1, 2, ... of this study's releases released    ISO 8601, UTC secret      hex
-    supersedes  the release it stands in for rows        rows by table left_out    what the release
-    does not hold, counted chain_head  hex: head of the chain (of `chain_entries`) of the database
-    it was made from; None without an entry arrivals    people who are not in it, and invitations
-    attestation ranked episodes of people by level; "" stands for those that have none withdrawn
-    people who agreed and withdrew later frozen_at, first_came_at  ISO 8601, UTC: when the protocol
-    was frozen, and when the first participant came ("" for nobody) expert_hash  SHA-256 of the
-    policy that moves are judged by; "" without costs without_policies  of the protocol, which the
-    report leaves out because their files were not at hand
+    version           1, 2, ... of this study's releases
+    released          ISO 8601, UTC
+    secret            hex
+    supersedes        the release it stands in for
+    rows              rows by table
+    left_out          what the release does not hold, counted
+    chain_head        hex: head of the chain (of `chain_entries`) of the database it was made
+                      from; None without an entry
+    arrivals          people who are not in it, and invitations
+    attestation       ranked episodes of people by level; "" stands for those that have none
+    withdrawn         people who agreed and withdrew later
+    frozen_at         ISO 8601, UTC: when the protocol was frozen
+    first_came_at     when the first participant came; "" for nobody
+    expert_hash       SHA-256 of the policy that moves are judged by; "" without costs
+    without_policies  of the protocol, which the report leaves out because their files were not
+                      at hand
     """
 
     study: str

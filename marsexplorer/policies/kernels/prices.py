@@ -14,17 +14,21 @@ mirrored.
 
 Kernels take, of one board, the tuples
 
-    board    known_codes  uint8[n], the codes at the last update, NO_CODE before the first counts
-             int16[SQUARES, n], the unknown cells in each square round each cell view         of
-             `visibility`, with the bitboards at the last update
-    tables   half_sides  int64[SQUARES], cells closed      int32[SQUARES, most + 1, rules], what a
-             square adds to a price, by its number of unknown cells pockets     int32[cells, rules],
-             what a region adds by its number of cells; larger regions add nothing fade
-             int32[2 radius + 1, 2 radius + 1, rules], by the window cell rules       tuple of the
-             numbers 0, 1, ... of the rules: its length is known when a kernel is compiled
-    scratch  price     int32[n, rules], 0 where a cell has not been priced since `forget_prices`
-             region    int32[n], 0 where a region has not been measured since then queue
-             int32[n] totals    int64[rules], see `sum_prices`
+    board    known_codes  uint8[n], the codes at the last update, NO_CODE before the first
+             counts       int16[SQUARES, n], the unknown cells in each square round each cell
+             view         of `visibility`, with the bitboards at the last update
+    tables   half_sides   int64[SQUARES], cells
+             closed       int32[SQUARES, most + 1, rules], what a square adds to a price, by its
+                          number of unknown cells
+             pockets      int32[cells, rules], what a region adds by its number of cells; larger
+                          regions add nothing
+             fade         int32[2 radius + 1, 2 radius + 1, rules], by the window cell
+             rules        tuple of the numbers 0, 1, ... of the rules: its length is known when a
+                          kernel is compiled
+    scratch  price        int32[n, rules], 0 where a cell has not been priced since `forget_prices`
+             region       int32[n], 0 where a region has not been measured since then
+             queue        int32[n]
+             totals       int64[rules], see `sum_prices`
 
 Several rules, each with parameters of its own, price a view together: each cell is looked up once
 for all of them.

@@ -52,11 +52,16 @@ CELLS_AT_ONCE = 1_000_000
 class StudyDesign:
     """What a study's power follows from, in the primary metric.
 
-    mean         of people's episodes that do not fail player_sd    between people; terrain_sd: of
-    terrains, of policy minus people; episode_sd: of the rest failed_share of episodes that fail,
-    leaver_share: of people who begin and leave, each 0..1 bounds       of an episode's value worst
-    the value of a failed episode; None where no lowest is declared: none fails, nobody leaves
-    policies     in the family that is tested
+    mean          of people's episodes that do not fail
+    player_sd     between people
+    terrain_sd    of terrains, of policy minus people
+    episode_sd    of the rest
+    failed_share  of episodes that fail, 0..1
+    leaver_share  of people who begin and leave, 0..1
+    bounds        of an episode's value
+    worst         the value of a failed episode; None where no lowest is declared: none fails,
+                  nobody leaves
+    policies      in the family that is tested
     """
 
     participants: int
