@@ -109,8 +109,8 @@ export function paintFailures(list, { failures, now_ms }) {
   list.dataset.shown = key;
   list.replaceChildren(...failures.map(({ episode, ended_ms: at_ms, seed, report }) => {
     const [line, ...trace] = report.split("\n");
-    const place = `Episode ${episode}, ${seed === null ? "a seed that is secret until the study closes" : `seed ${seed}`}, ${ago(now_ms - at_ms)}`;
-    return create("details", [create("summary", line), create("p", place, { class: "fine" }), create("pre", trace.join("\n"), { tabindex: "0" })]);
+    const place = at_ms === null ? "seed, step and time are secret while its study is open" : `seed ${seed}, ${ago(now_ms - at_ms)}`;
+    return create("details", [create("summary", line), create("p", `Episode ${episode}: ${place}`, { class: "fine" }), create("pre", trace.join("\n"), { tabindex: "0" })]);
   }));
 }
 

@@ -130,11 +130,11 @@ declare namespace Admin {
   /** What an environment raised at the move that ended an episode. */
   type Failure = {
     episode: string,
-    /** ms since 1970 */
-    ended_ms: number,
-    /** of the instance; null while a study keeps it secret */
+    /** ms since 1970; null while its study is open */
+    ended_ms: number | null,
+    /** of the instance; null while its study is open */
     seed: number | null,
-    /** step, action, error and traceback */
+    /** step (not while its study is open), action, error and traceback */
     report: string,
   };
   /** A study in the server's folder, drafts and broken ones too. */

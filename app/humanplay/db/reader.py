@@ -173,9 +173,16 @@ class Reader:
         return episodes
 
     def newest_failures(self, most: int) -> list[FailureRow]:
-        """What environments raised, the newest first; no seed that is secret."""
-        sql = """SELECT e.id AS episode, e.ended_ms, e.failure AS report,
-            CASE WHEN s.name IS NULL OR s.secret IS NOT NULL THEN e.seed END AS seed
+        """What environments raised, the newest first.
+
+        Of a series with a secret that is not known yet no seed, time or step is told.
+        """
+        is_told = "s.name IS NULL OR s.secret IS NOT NULL"
+        after_step = "substr(e.failure, instr(e.failure, ', ') + 2)"
+        sql = f"""SELECT e.id AS episode,
+            CASE WHEN {is_told} THEN e.ended_ms END AS ended_ms,
+            CASE WHEN {is_told} THEN e.seed END AS seed,
+            CASE WHEN {is_told} THEN e.failure ELSE {after_step} END AS report
             FROM episodes e LEFT JOIN series_episodes x ON x.episode_id = e.id
             LEFT JOIN series s ON s.name = x.series
             WHERE e.failure IS NOT NULL ORDER BY e.ended_ms DESC, e.id LIMIT ?"""

@@ -107,10 +107,10 @@ class EndedEpisode(EpisodeRow):
 
 
 class FailureRow(TypedDict):
-    """What an environment raised in an episode; no seed while it is secret."""
+    """What an environment raised; no seed, time or step while a study is open."""
 
     episode: str
-    ended_ms: int
+    ended_ms: int | None
     seed: int | None
     report: str
 

@@ -19,7 +19,7 @@ from humanplay.web.operator.login import (
 )
 from humanplay.web.settings import Settings
 from tests.support.command import command
-from tests.support.recorded import ask
+from tests.support.recorded import alter, ask
 from tests.support.servers import eventually, forged
 from tests.support.study import Person, freeze
 
@@ -307,6 +307,27 @@ def test_an_open_study_shows_how_many_have_finished_and_nothing_of_their_episode
     (row,) = answer["participants"]
     hidden = {"ranked": None, "mean_score": None, "mean_steps": None, "outcomes": {}}
     assert {name: row[name] for name in hidden} == hidden
+
+
+def test_what_an_environment_raised_in_an_open_study_tells_no_seed_time_or_step(admin, tmp_path):
+    freeze(tmp_path / "playground.db-studies", "hidden", warm_up=0, ranked=1)
+    operator, person = admin.operator(), Person(admin, "hidden")
+    person.to_warm_up()
+    person.call("next")
+    episode = person.play()[-1]["episode"]
+    report = "step 17, action 1 (east): KeyError: no such room\nTraceback, line 4"
+    statement = f"UPDATE episodes SET failure = '{report}' WHERE id = '{episode}'"
+    assert alter(tmp_path / "playground.db", statement) == 1
+
+    def failure():
+        (shown,) = operator.get("/api/admin/overview").json()["failures"]
+        return shown["report"], shown["ended_ms"], shown["seed"]
+
+    assert failure() == (report.partition(", ")[2], None, None)
+    closing = {"name": "hidden", "now": True}
+    operator.post("/api/admin/studies/hidden/close", json=closing).raise_for_status()
+    assert failure()[0] == report
+    assert None not in failure()
 
 
 def test_boards_are_watched_live_by_the_operator_on_their_own_page_alone(admin):

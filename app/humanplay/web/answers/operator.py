@@ -123,9 +123,9 @@ class Failure(Answer):
     """What an environment raised at the move that ended an episode."""
 
     episode: str
-    ended_ms: int = described("ms since 1970")
-    seed: int | None = described("of the instance; null while a study keeps it secret")
-    report: str = described("step, action, error and traceback")
+    ended_ms: int | None = described("ms since 1970; null while its study is open")
+    seed: int | None = described("of the instance; null while its study is open")
+    report: str = described("step (not while its study is open), action, error and traceback")
 
 
 class Overview(Answer):
