@@ -114,8 +114,10 @@ def test_a_worker_that_dies_fails_its_own_job_alone():
         other = jobs.submit(functions.sleep, 1)
         killed = jobs.submit(functions.die)
         after = [jobs.submit(functions.add, 1, n) for n in range(3)]
-        with pytest.raises(JobError, match="ended early, with code -9"):
+        with pytest.raises(JobError, match=r"ended early, with code -9; ask again$"):
             killed.result()
+        with pytest.raises(JobError, match=r"with code -9; ask again in 10 minutes$"):
+            jobs.submit(functions.die, key="remembered").result()
         assert other.result() == "slept"
         assert [future.result() for future in after] == [1, 2, 3]
         idle = jobs.submit(functions.pid).result()

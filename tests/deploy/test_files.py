@@ -130,15 +130,17 @@ def test_the_unit_lets_pass_every_system_call_of_a_server_and_its_boards(tmp_pat
     serve = [sys.executable, "-m", "humanplay.cli", "serve", "--port", "0"]
     environments = ["--env", "mars", "--env", "FrozenLake-v1", "--env", "CartPole-v1"]
     files = ["--database", tmp_path / "a.db", "--backup-every", "60", "--backup-to", tmp_path / "b"]
-    with command_server([*traced, "-o", counts, *serve, *environments, *files]) as (_, address):
-        with httpx.Client(base_url=address, timeout=PATIENCE_S) as client:
-            client.headers["Origin"] = address
-            for root in ("", "/play/frozenlake-v1", "/play/cartpole-v1"):
-                begun = client.post(f"{root}/api/sessions", json={})
-                assert begun.status_code == 201, begun.text
-            watched = client.post("/api/sessions", json={"player": "ppo", "size": [7, 9]})
-            assert watched.status_code == 201
-            assert client.get("/api/export/episodes.csv").status_code == 200
+    with (
+        command_server([*traced, "-o", counts, *serve, *environments, *files]) as (_, address),
+        httpx.Client(base_url=address, timeout=PATIENCE_S) as client,
+    ):
+        client.headers["Origin"] = address
+        for root in ("", "/play/frozenlake-v1", "/play/cartpole-v1"):
+            begun = client.post(f"{root}/api/sessions", json={})
+            assert begun.status_code == 201, begun.text
+        watched = client.post("/api/sessions", json={"player": "ppo", "size": [7, 9]})
+        assert watched.status_code == 201
+        assert client.get("/api/export/episodes.csv").status_code == 200
     calls = set(re.findall(r"(\w+)$", counts.read_text(), re.M)) - {"syscall", "total", "errors"}
     assert calls >= GUARDS, "boards keep to their files"
     assert calls - AS_ROOT - GUARDS == set()

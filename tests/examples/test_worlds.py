@@ -12,12 +12,31 @@ from humanplay.study.verification import verify_database
 from humanplay.task.registration import WORLDS, environment_of, register, static_of
 from humanplay.tasks.base import CodePolicies
 from humanplay.tasks.costs import LOSS
+from humanplay.tasks.text import TextConfig, TextRun
 from humanplay.web.simulate import NoisyPolicy, Plan, simulate
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.servers import eventually
 
 MAZE = ROOT / "examples" / "worlds" / "maze"
+
+
+class PacesRun(TextRun):
+    """A world in which each move scores."""
+
+    names, version = ("on",), "paces 1"
+
+    def begin(self):
+        """Nothing is set up."""
+
+    def move(self, action):
+        """Score half a point."""
+        self.score += 0.5
+        return 0.5
+
+    def observation(self):
+        """The score."""
+        return str(self.score)
 
 
 @pytest.fixture
@@ -55,6 +74,19 @@ def test_a_world_is_served_and_drawn_from_its_own_folder(serve, maze, tmp_path):
     assert replay.status_code == 200, replay.text
     server.stop()
     assert verify_database(tmp_path / "playground.db").findings == ()
+
+
+@pytest.mark.parametrize("values", [{"width": 9}, {"side": "9"}, {"side": 8}])
+def test_settings_that_are_none_of_its_are_refused(maze, values):
+    with pytest.raises(ValueError, match="expected"):
+        environment_of(maze).configuration(values)
+
+
+def test_a_path_has_the_score_after_each_move():
+    run = PacesRun(TextConfig(3), 1)
+    for _ in range(3):
+        run.step(0)
+    assert json.loads(run.view().history("any"))["headlines"] == [0.0, 0.5, 1.0, 1.5]
 
 
 def test_its_episodes_follow_from_seed_and_moves(maze):

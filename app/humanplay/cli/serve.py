@@ -149,16 +149,11 @@ def play(env: str, port: int, database: Path | None, no_browser: bool) -> None:
       humanplay play myenv.py
       humanplay play rooms.toml --database rooms.db
     """
-    import webbrowser
-    from threading import Thread
+    from humanplay.cli.pilot.links import open_browser
 
     place = {} if database is None else {"database": database}
     settings = settings_of(task=task_name(env), port=port, confined=False, **place)
-
-    def show(address: str) -> None:
-        Thread(target=webbrowser.open, args=(address,), daemon=True).start()
-
-    _run(settings, *([] if no_browser else [show]))
+    _run(settings, *([] if no_browser else [open_browser]))
 
 
 def _run(settings: Settings, *opened: Callable[[str], object]) -> None:

@@ -23,10 +23,11 @@ from collections import Counter, deque
 from collections.abc import Callable, Hashable
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypedDict, TypeVar, Unpack
 
 from humanplay.jobs import held
 
@@ -61,17 +62,34 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@dataclass(frozen=True, eq=False)
-class _Job:
-    """A call that waits or runs; see `Jobs.submit`."""
+class JobOptions(TypedDict, total=False):
+    """How a job is run.
 
-    function: Callable[..., object]
-    arguments: tuple[object, ...]
+    owner        whose turn it takes
+    key          of jobs with the same result: while one waits or runs, the others get its future,
+                 and what failed is refused with the same error for REMEMBERED_S seconds
+    limit_s      seconds that it may run
+    on_progress  called with (done, in all), in a thread of this process; the function then gets
+                 `progress=`, which it calls with the same
+    """
+
     owner: str
     key: Hashable | None
     limit_s: float | None
     on_progress: Progress | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """A call that waits or runs; see `JobOptions`."""
+
+    function: Callable[..., object]
+    arguments: tuple[object, ...]
     future: Future[Any]
+    owner: str = ""
+    key: Hashable | None = None
+    limit_s: float | None = None
+    on_progress: Progress | None = None
 
 
 class Jobs(Executor):
@@ -129,42 +147,32 @@ class Jobs(Executor):
         function: Callable[..., T],
         /,
         *arguments: object,
-        owner: str = "",
-        key: Hashable | None = None,
-        limit_s: float | None = None,
-        on_progress: Progress | None = None,
+        **options: Unpack[JobOptions],
     ) -> Future[T]:
         """Queue `function(*arguments)` and return its future.
 
         The future raises what the function raises, and JobError if its process ended early or it
         took longer than `limit_s`.
 
-        Args:
-            key: Of jobs with the same result: while one waits or runs, the others get its future,
-                and what failed is refused with the same error for REMEMBERED_S seconds.
-            limit_s: Seconds that it may run.
-            on_progress: Called with (done, in all), in a thread of this process. The function then
-                gets `progress=`, which it calls with the same.
-
         Raises:
             JobsFullError: If too many jobs of this owner wait.
         """
+        future: Future[T] = Future()
+        job = _Job(function, arguments, future, **options)
         with self._changed:
             if self._is_closed:
                 raise JobsFullError("this server is closing; ask again in a minute")
-            if key is not None and (earlier := self._earlier(key)) is not None:
+            if job.key is not None and (earlier := self._earlier(job.key)) is not None:
                 return earlier
-            waiting = self._waiting.get(owner, deque())
+            waiting = self._waiting.get(job.owner, deque())
             if self._most_waiting is not None and len(waiting) >= self._most_waiting:
                 raise JobsFullError(
                     f"{len(waiting)} things that take long are being worked out for you already; ask again in {RETRY_S} s"
                 )
-            future: Future[T] = Future()
-            job = _Job(function, arguments, owner, key, limit_s, on_progress, future)
-            self._waiting.setdefault(owner, waiting).append(job)
-            if key is not None:
-                self._by_key[key] = future
-                future.add_done_callback(lambda _: self._forget(key, future))
+            self._waiting.setdefault(job.owner, waiting).append(job)
+            if job.key is not None:
+                self._by_key[job.key] = future
+                future.add_done_callback(partial(self._forget, job.key))
             waiting_jobs = sum(map(len, self._waiting.values()))
             if waiting_jobs > self._idle and len(self._threads) < self._most_workers:
                 thread = threading.Thread(target=self._serve, name="jobs", daemon=True)
@@ -174,24 +182,10 @@ class Jobs(Executor):
         return future
 
     async def run(
-        self,
-        function: Callable[..., T],
-        *arguments: object,
-        owner: str = "",
-        key: Hashable | None = None,
-        limit_s: float | None = None,
-        on_progress: Progress | None = None,
+        self, function: Callable[..., T], *arguments: object, **options: Unpack[JobOptions]
     ) -> T:
         """A job's result; see `submit` and `result_of`."""
-        job = self.submit(
-            function,
-            *arguments,
-            owner=owner,
-            key=key,
-            limit_s=limit_s,
-            on_progress=on_progress,
-        )
-        return await result_of(job)
+        return await result_of(self.submit(function, *arguments, **options))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
         """As `close`: nothing goes on after it, whatever is asked for."""
@@ -227,7 +221,7 @@ class Jobs(Executor):
         failed.set_exception(error.with_traceback(None))
         return failed
 
-    def _forget(self, key: Hashable, future: object) -> None:
+    def _forget(self, key: Hashable, future: Future[T]) -> None:
         with self._changed:
             if self._by_key.get(key) is future:
                 del self._by_key[key]
@@ -375,9 +369,10 @@ class _Process:
         except (EOFError, ConnectionError, pickle.UnpicklingError) as error:
             self.end()
             code = self._process.returncode
-            minutes = f"{REMEMBERED_S / 60:.0f} minutes"
+            # a job without a key may be asked for again at once
+            later = "" if job.key is None else f" in {REMEMBERED_S / 60:.0f} minutes"
             raise JobError(
-                f"its process ended early, with code {code}; ask again in {minutes}"
+                f"its process ended early, with code {code}; ask again{later}"
             ) from error
         except BaseException:
             self.end()  # else its answer would be taken for the next job's

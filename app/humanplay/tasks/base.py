@@ -33,6 +33,7 @@ from humanplay.task import (
     PolicyOffer,
     Record,
     Run,
+    View,
     View3D,
 )
 from humanplay.tasks.courses import FrameCourses
@@ -63,6 +64,34 @@ class EpisodeRecord:
     core_version: str
     terrain: bytes = b""
     start: tuple[int, int] = (0, 0)
+
+
+def frame_text(
+    view: View,
+    episode_id: str,
+    shown: Mapping[str, object],
+    figures: tuple[float, float, float],
+    hides_scores: bool,
+) -> str:
+    """A frame of a picture or a text as JSON text, its figures null where hidden.
+
+    Args:
+        shown: The picture or the text, and what may be chosen.
+        figures: The reward of the last move, the sum of all, and the score.
+    """
+    reward, total, score = (None, None, None) if hides_scores else figures
+    frame = {
+        "kind": "frame",
+        "episode": episode_id,
+        "step": view.steps,
+        **shown,
+        "reward": reward,
+        "return": total,
+        "score": score,
+        "headline": score,
+        "outcome": view.outcome if view.ended else None,
+    }
+    return json.dumps(frame, separators=(",", ":"))
 
 
 class BaseEnvironment:

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from humanplay.board.messages import NewBoard, NewEpisode, Sent
 from humanplay.task import About, Allowed, Lock, Messages, Metric, Policy, SeenByAgent, Texts
-from humanplay.tasks.base import BaseEnvironment, CodePolicies, EpisodeRecord
+from humanplay.tasks.base import BaseEnvironment, CodePolicies, EpisodeRecord, frame_text
 
 Cell = tuple[int, int]
 """Row and column."""
@@ -66,7 +66,7 @@ class TextRun(ABC):
         self.config, self.seed = config, seed
         self.actions, self._rewards = bytearray(), list[float]()
         self.begin()
-        self._counts, self.way = [self.discovered], [self.cell]
+        self._counts, self.way, self.scores = [self.discovered], [self.cell], [self.score]
 
     @abstractmethod
     def begin(self) -> None:
@@ -97,6 +97,7 @@ class TextRun(ABC):
             self.outcome = "timed_out"
         self._counts.append(self.discovered)
         self.way.append(self.cell)
+        self.scores.append(self.score)
         return self._rewards[-1]
 
     def abandon(self) -> None:
@@ -158,8 +159,8 @@ class TextView:
     def __init__(self, run: TextRun) -> None:
         self.steps, self.ended, self.outcome = len(run.actions), run.ended, run.outcome
         self.discovered, self.actions = run.discovered, bytes(run.actions)
-        self._text, self._score, self._way = run.observation(), run.score, tuple(run.way)
-        self._rewards = tuple(run.rewards())
+        self._text, self._way = run.observation(), tuple(run.way)
+        self._rewards, self._scores = tuple(run.rewards()), tuple(run.scores)
 
     def observation(self) -> str:
         """The text."""
@@ -167,25 +168,13 @@ class TextView:
 
     def frame(self, episode_id: str, hides_scores: bool = False) -> str:
         """The text with its figures, which are null where they are hidden."""
-        score = None if hides_scores else self._score
-        frame = {
-            "kind": "frame",
-            "episode": episode_id,
-            "step": self.steps,
-            "picture": None,
-            "text": self._text,
-            "reward": None if hides_scores else (0.0, *self._rewards)[-1],
-            "return": None if hides_scores else sum(self._rewards),
-            "score": score,
-            "headline": score,
-            "outcome": self.outcome if self.ended else None,
-        }
-        return json.dumps(frame, separators=(",", ":"))
+        shown = {"picture": None, "text": self._text}
+        figures = (0.0, *self._rewards)[-1], sum(self._rewards), self._scores[-1]
+        return frame_text(self, episode_id, shown, figures, hides_scores)
 
     def history(self, episode_id: str, hides_scores: bool = False) -> str:
-        """The way so far; the score only of its end."""
-        scores = [0.0] * self.steps + [self._score]
-        headlines = [None for _ in scores] if hides_scores else scores
+        """The way so far."""
+        headlines = [None for _ in self._scores] if hides_scores else self._scores
         history = {"kind": "history", "episode": episode_id, "headlines": headlines}
         return json.dumps({**history, "cells": self._way}, separators=(",", ":"))
 

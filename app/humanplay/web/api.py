@@ -258,7 +258,7 @@ def board_router(messages: Messages) -> APIRouter:
     ) -> dict[str, object]:
         """Begin a board.
 
-        All fields are optional; an empty body begins a 21x21 `random` board for you, without a
+        All fields are optional; an empty body begins the server's usual board for you, without a
         rival.
 
         `session` in the answer cannot be guessed: whoever knows it can watch and drive.
@@ -301,10 +301,7 @@ def board_router(messages: Messages) -> APIRouter:
         "/sessions/{session_id}/history", tags=["play"], summary="The path so far", responses=path
     )
     async def get_history(request: Request, session_id: str) -> Response:
-        """Return the path: where the rover was after each step, the start first.
-
-        With each position comes the number of discovered cells.
-        """
+        """Return what was known at the start and after each move, in fields of the world's own."""
         return _json((await session_of(request, session_id)).history())
 
     @router.post(
@@ -340,7 +337,7 @@ def board_router(messages: Messages) -> APIRouter:
     ) -> dict[str, object]:
         """Begin the next episode, the rival's too.
 
-        One still running is abandoned: its return so far minus `r_invalid` counts.
+        One still running is abandoned, and counts as one that was left.
 
         On a board of the page, a ranked terrain that waits for its first move is not exchanged: the
         answer is then the board on which it waits, or a new board, with a `session` of its own.

@@ -18,13 +18,16 @@ its `frame` holds what may be seen; `POST .../act` answers a frame with a move a
 Errors are `{{"detail": "..."}}` with what was expected and what came: 404 unknown, 409 not the current frame, 422 bad input."""
 """What the API is; the title of what is played goes into it."""
 
-EXAMPLE = """import httpx
+EXAMPLE = """import random
+
+import httpx
 
 with httpx.Client(base_url="http://127.0.0.1:8000") as api:       # one client keeps the player cookie
     session = api.post("/api/sessions", json={"seed": 7}).json()
     frame, actions = session["frame"], session["task"]["actions"]
     while frame["outcome"] is None:
-        move = {"episode": frame["episode"], "step": frame["step"], "action": actions[0]}
+        action = random.choice(frame.get("allowed") or actions)
+        move = {"episode": frame["episode"], "step": frame["step"], "action": action}
         frame = api.post(f"/api/sessions/{session['session']}/act", json=move).json()
     print(frame["outcome"], frame["score"])"""
 

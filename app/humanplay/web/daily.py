@@ -146,7 +146,7 @@ async def get_results(request: Request, day: Day) -> dict[str, object]:
 async def day_page(request: Request, day: Day) -> Response:
     """Serve the daily page with the results of a day.
 
-    Its preview shows the best route once the day is over.
+    Its preview shows the route of the first in the table once the day is over.
     """
     services = services_of(request)
     terrain = await _terrain_on(services, day)
@@ -158,7 +158,9 @@ async def day_page(request: Request, day: Day) -> Response:
         if people["table"]:
             best = people["table"][0]["episode"]
             site = addresses(request)["site"]
-            context |= {"picture": f"{site}replay/{best}.png", "picture_alt": "The best route"}
+            # with nobody at the goal, the first is who came furthest
+            route = "The best route" if people["moves"] else "The route of who came furthest"
+            context |= {"picture": f"{site}replay/{best}.png", "picture_alt": route}
     return page(request, "daily", NO_CACHE, **context)
 
 

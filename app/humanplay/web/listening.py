@@ -209,7 +209,5 @@ class AnnouncingServer(uvicorn.Server):
         gc.collect()
         gc.freeze()  # what is there now stays for ever, and is not looked at again while people play
         if self.started:
-            print(
-                f"MarsExplorer Playground is open at {self._address} (Ctrl-C closes it)", flush=True
-            )
+            print(f"The playground is open at {self._address} (Ctrl-C closes it)", flush=True)
             self._opened(self._address)

@@ -41,7 +41,7 @@ NO_GHOST = "none"
     summary="The course of a finished episode",
 )
 async def get_replay(request: Request, episode_id: str) -> dict[str, object]:
-    """Return where the rover was after each move, and since when each cell was known.
+    """Return what the episode's replay shows after each move.
 
     404 as for the episode.
     """

@@ -199,9 +199,7 @@ class RandomMoves:
 
     def choose(self, frame: Frame) -> str:
         """The action that answers a frame."""
-        allowed = frame.get("allowed")
-        if allowed is None:
-            return self._dice.choice(self._actions)
+        allowed = frame.get("allowed") or self._actions
         return self._dice.choice([action for action in self._actions if action in allowed])
 
 
@@ -376,10 +374,12 @@ def _answer_to(question: ShownQuestion, draws: random.Random) -> object:
             return draws.randrange(question.steps or 1)
         case "number":
             least, most = question.least or 0, question.most or 0
-            return draws.randint(math.ceil(least), math.floor(most))
+            if question.whole:
+                return draws.randint(math.ceil(least), math.floor(most))
+            return draws.uniform(least, most)
         case "statement":
             return True
-    return "A synthetic player has no words."
+    return "A synthetic player has no words."[: math.floor(question.most or 0)]
 
 
 def _content(answer: httpx.Response) -> dict[str, Any]:

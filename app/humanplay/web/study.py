@@ -489,7 +489,7 @@ async def begin_next(asks: AskingOf) -> State:
 
 @router.post("/{name}/give-up", response_model=Participation, summary="Give the running episode up")
 async def abandon(asks: AskingOf, given: AbandonEpisode) -> State:
-    """Abandon the running episode: its return so far minus `r_invalid` counts, and its terrain does not come again."""
+    """Abandon the running episode: it counts as one that was left, and its terrain does not come again."""
     frame = given.episode, given.step
     return await asks.after(asks.progress.abandon(asks.name, asks.player, *frame))
 

@@ -147,8 +147,11 @@ class MazeEnvironment(TextEnvironment):
     policy_classes = (FarWall,)
 
     def configuration(self, values: Mapping[str, int]) -> MazeConfig:
-        """A configuration of some settings."""
-        return MazeConfig(**values)
+        """A configuration of some settings; ValueError for others."""
+        try:
+            return MazeConfig(**values)
+        except TypeError as error:
+            raise ValueError(f"expected whole numbers side and limit, got {values}") from error
 
     def texts(self, config: MazeConfig) -> Texts:
         """What pages and studies say of a configuration."""

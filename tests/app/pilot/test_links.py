@@ -1,6 +1,7 @@
 """The links that `play` shows, by where its program and its page are."""
 
 import sys
+import threading
 import webbrowser
 from types import ModuleType, SimpleNamespace
 
@@ -9,7 +10,7 @@ import pytest
 from humanplay import play
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.links import show
-from tests.support.servers import eventually
+from tests.support.servers import PATIENCE_S
 
 LOCAL, SHARED, PUBLIC = "http://127.0.0.1:8123", "http://0.0.0.0:8123", "https://play.example"
 FORWARDING = "ssh -N -L 8123:127.0.0.1:8123"
@@ -37,6 +38,14 @@ def cells(monkeypatch):
     return shown
 
 
+def show_all(address, **options):
+    """Show the links, and wait until the browser was asked."""
+    before = set(threading.enumerate())
+    show(address, **options)
+    for thread in set(threading.enumerate()) - before:
+        thread.join(PATIENCE_S)
+
+
 def over_ssh(monkeypatch):
     monkeypatch.setenv("SSH_CONNECTION", "10.0.0.1 50000 10.0.0.2 22")
 
@@ -57,7 +66,7 @@ def test_a_program_prints_one_link_and_opens_it_where_the_browser_is(
 ):
     if is_remote:
         over_ssh(monkeypatch)
-    show(address, public_url=public_url)
+    show_all(address, public_url=public_url)
     first, *others = capsys.readouterr().out.splitlines()
     if link:
         assert first == f"Play at {link}"
@@ -67,8 +76,6 @@ def test_a_program_prints_one_link_and_opens_it_where_the_browser_is(
         assert "0.0.0.0" not in first
     is_forwarded = is_remote and link == LOCAL
     assert [FORWARDING in line for line in others] == [True] * is_forwarded
-    if tab:
-        eventually(lambda: opened == [tab])
     assert opened == [tab] * bool(tab)
 
 
@@ -90,7 +97,7 @@ def test_a_notebook_shows_one_link(
     if has_proxy:
         (tmp_path / "jupyter_server_proxy.py").touch()
         monkeypatch.syspath_prepend(tmp_path)
-    show(address, public_url=public_url)
+    show_all(address, public_url=public_url)
     (cell,) = cells
     assert f'<a href="{link}"' in cell
     assert "None" not in cell

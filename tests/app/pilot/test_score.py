@@ -56,6 +56,20 @@ class Model:
         return np.array([1]), (state or 0) + 1
 
 
+def test_a_policy_that_raises_is_named_once_with_the_seed(serve, database):
+    server = serve(task=LAKE)
+    played(server, people=1)
+    ((seed,),) = ask(database, "SELECT seed FROM episodes WHERE seed IS NOT NULL")
+    server.stop()
+
+    def broken(observation):
+        raise KeyError("north")
+
+    with pytest.raises(PilotError) as raised:
+        score(database, {"mine": broken})
+    assert str(raised.value) == f"the policy 'mine' failed: KeyError: 'north'; on seed {seed}"
+
+
 def test_people_stand_beside_random_actions_and_policies_on_what_they_played(serve, database):
     server = serve(task=POLE)
     played(server, 5, moves=("left", "right"))

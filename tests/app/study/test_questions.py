@@ -71,6 +71,16 @@ def agree(person):
     person.call("consent", {"version": "1", "agree": True})
 
 
+def test_a_synthetic_player_answers_a_fraction_and_a_short_text(asking):
+    share = {"kind": "number", "name": "share", "question": "Which share?", "most": 0.5}
+    initials = {"kind": "text", "name": "initials", "question": "Initials?", "most": 2}
+    questions = [{**share, "least": 0.25, "whole": False}, initials]
+    person = asking(block("first", questions=questions))
+    agree(person)
+    person.answer_block()
+    assert person.where["block"] is None
+
+
 def test_a_block_stands_at_each_place_and_nothing_goes_on_before_it_is_answered(asking):
     person = asking(
         ask("last", at="after"),

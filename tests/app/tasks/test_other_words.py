@@ -1,10 +1,12 @@
 """A study of another environment says no word of MarsExplorer's world."""
 
 import re
+from html import unescape
 
 import pytest
 
 from humanplay.study.folder import Folder
+from humanplay.web.api_docs import EXAMPLE
 from humanplay.web.simulate import Participant, RandomMoves
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
@@ -20,6 +22,21 @@ bounds = [-1.2, 1]
 """
 COLUMNS = re.compile(r"^## Columns.*", re.DOTALL | re.MULTILINE)
 """The datasheet's last part: one schema for all worlds, which says of a column whose it is."""
+
+
+def test_the_api_s_page_speaks_of_no_other_world_and_its_example_plays_it(serve, capsys):
+    server = serve(task="gymnasium:FrozenLake-v1")
+    page = server.client().get("/docs").text
+    # in the fields of every world an instance is a terrain, and whoever moves drives
+    calls = re.sub(
+        r"terrains?|dr(ove|iv(e|en|es))\b|discovered", "", unescape(re.sub("<[^>]+>", "", page))
+    )
+    assert "r_invalid" not in calls
+    assert words_of_mars(calls) == []
+    exec(compile(EXAMPLE.replace("http://127.0.0.1:8000", server.url), "/docs", "exec"), {})
+    assert re.fullmatch(
+        r"(terminated|truncated|succeeded|failed) [01]\.0\n", capsys.readouterr().out
+    )
 
 
 @pytest.fixture(params=["FrozenLake", "own"])

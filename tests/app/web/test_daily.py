@@ -144,6 +144,7 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
     preview = tags(stranger.get(f"/daily/{day}"))
     assert preview["og:image"] == f"{server.url}/replay/{frame['episode']}.png"
     assert preview["og:description"] == f"1 person, the best with {moves} moves."
+    assert preview["og:image:alt"] == "The best route"
     assert picture_of(stranger, preview, server.url) == (1200, 630)
     assert "common/preview.png" in tags(stranger.get(f"/daily/{tomorrow}"))["og:image"]
     for other_day in ("2020-01-01", utc_day(server.clock.now_ms() + DAY_MS), "today"):
@@ -152,6 +153,21 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
     assert page.get("/api/daily").json()["streak"] == 1
     assert stranger.get("/api/daily/2020-01-01").status_code == 404
     assert verify_database(services.store.path).findings == ()
+
+
+def test_the_link_of_a_day_that_nobody_finished_shows_no_best_route(server, small):
+    page = at_noon(server).page()
+    about = begin(page)
+    with server.socket(about["session"], page) as socket:
+        frame = socket.receive("frame")
+        while frame["outcome"] is None:
+            socket.act(frame, "north", input="key")
+            frame = socket.frame_after(frame["step"])
+    server.clock.skipped_ms += DAY_MS
+    preview = tags(server.client().get(f"/daily/{about['daily']}"))
+    assert preview["og:image"] == f"{server.url}/replay/{frame['episode']}.png"
+    assert preview["og:description"] == "1 person, and nobody finished."
+    assert preview["og:image:alt"] == "The route of who came furthest"
 
 
 def test_nobody_can_practise_todays_terrain_by_its_seed(server, small):

@@ -36,11 +36,6 @@ def in_notebook() -> bool:
     return getattr(shell, "kernel", None) is not None
 
 
-def is_loopback(address: str) -> bool:
-    """Whether only this machine opens an address."""
-    return urlsplit(address).hostname in ("127.0.0.1", "::1", "localhost")
-
-
 def with_host(address: str, host: str) -> str:
     """The address of a page by another name of the machine."""
     return f"http://{host}:{urlsplit(address).port}"
@@ -69,10 +64,14 @@ def local_address(address: str) -> str:
 def forwarding(address: str) -> str:
     """The command that brings a page to where ssh came from; empty if none is needed."""
     connection = os.environ.get("SSH_CONNECTION", "").split()
-    port = urlsplit(address).port
-    if len(connection) != 4 or not is_loopback(address):
+    if len(connection) != 4:
         return ""
-    return f"ssh -N -L {port}:127.0.0.1:{port} {getpass.getuser()}@{connection[2]}"
+    from humanplay.web.protection.hosts import is_loopback
+
+    parts = urlsplit(address)
+    if not is_loopback(parts.hostname or ""):
+        return ""
+    return f"ssh -N -L {parts.port}:127.0.0.1:{parts.port} {getpass.getuser()}@{connection[2]}"
 
 
 def proxied(address: str) -> str:
@@ -92,6 +91,11 @@ def _base_of_parent() -> str:
     return next(
         (str(server["base_url"]) for server in servers if str(server["pid"]) in parents), "/"
     )
+
+
+def open_browser(address: str) -> None:
+    """Open a page in this machine's browser, without waiting for that."""
+    Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
 
 def show(
@@ -115,8 +119,7 @@ def show(
         print(f"Play at {shared}", flush=True)
         # over ssh the browser is elsewhere
         if opens and "SSH_CONNECTION" not in os.environ:
-            opened = public_url or local_address(address)
-            Thread(target=webbrowser.open, args=(opened,), daemon=True).start()
+            open_browser(public_url or local_address(address))
     if command:
         print(f"From the machine that you sit at, first: {command}", flush=True)
     for number, link in enumerate(links, 1):

@@ -44,6 +44,8 @@ def played_score(
                 mask[:] = False
                 mask[list(codes)] = True
             run.step(_chosen(name, choose, run.newest_observation, mask))
+    except PilotError as error:
+        raise PilotError(f"{error}; on seed {seed}") from error
     except (RunEndedError, ValueError) as error:
         raise PilotError(f"the episode of {name!r} on seed {seed} failed: {error}") from error
     return float(run.scores()[-1])

@@ -16,7 +16,7 @@ import numpy as np
 
 from humanplay.board.pictures import jpeg, png
 from humanplay.task import Allowed, SeenByAgent
-from humanplay.tasks.base import EpisodeRecord
+from humanplay.tasks.base import EpisodeRecord, frame_text
 from humanplay.tasks.gymnasium.codes import ActionCodes, Mask, allowed_in
 from humanplay.tasks.gymnasium.description import (
     Description,
@@ -272,21 +272,9 @@ class GymnasiumView:
 
     def frame(self, episode_id: str, hides_scores: bool = False) -> str:
         """Return the frame as JSON text, with the picture as a data URL; its figures are null where they are hidden."""
-        score = None if hides_scores else self._score
-        frame = {
-            "kind": "frame",
-            "episode": episode_id,
-            "step": self.steps,
-            "picture": self.picture,
-            "text": self.text,
-            "allowed": self._allowed_names,
-            "reward": None if hides_scores else self._reward,
-            "return": None if hides_scores else self._total,
-            "score": score,
-            "headline": score,
-            "outcome": self.outcome if self.ended else None,
-        }
-        return json.dumps(frame, separators=(",", ":"))
+        shown = {"picture": self.picture, "text": self.text, "allowed": self._allowed_names}
+        figures = self._reward, self._total, self._score
+        return frame_text(self, episode_id, shown, figures, hides_scores)
 
     def history(self, episode_id: str, hides_scores: bool = False) -> str:
         """Return the headline after 0, 1, 2, ... moves, null where hidden, as JSON text: a picture has no path."""

@@ -7,13 +7,13 @@ takes long is a job (`humanplay.jobs`); what was made lately is kept.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from humanplay.board.spectators import Replayer
-from humanplay.jobs import Jobs
+from humanplay.jobs import JobOptions, Jobs
 from humanplay.task import Course, GhostError, PolicyOffer, RunEndedError, Task
 from humanplay.task.registration import environment_of
 from humanplay.web.replays.episodes import (
@@ -112,14 +112,10 @@ class Replays:
         """
         shown = await self.replay(episode_id, asker, owner)
         key = ("replay", episode_id, shown.episode.trial.trajectory_hash, form, ghost)
-        if (cached := self._files.get(key)) is not None:
-            return cached
         courses = [shown.course.renamed(shown.episode.name)]  # a file is for everybody
         if ghost is not None:
             courses.append(await self._ghost(shown.episode, ghost, owner))
-        asked: Any = {"owner": owner, "key": key, "limit_s": LONGEST_S}
-        content = await self._jobs.run(file_of, form, episode_id, courses, **asked)
-        return _keep(self._files, MAX_FILES, key, content)
+        return await self._written(key, owner, file_of, form, episode_id, courses)
 
     async def challenge(self, episode_id: str, asker: Asker, owner: str) -> bytes:
         """The picture of a challenge to an episode.
@@ -129,10 +125,16 @@ class Replays:
         """
         shown = await self.replay(episode_id, asker, owner)
         key = ("challenge", episode_id, shown.episode.trial.trajectory_hash)
+        return await self._written(key, owner, shown.course.preview, True)
+
+    async def _written(
+        self, key: Hashable, owner: str, write: Callable[..., bytes], *arguments: object
+    ) -> bytes:
+        """A file that is kept, or is written and kept."""
         if (cached := self._files.get(key)) is not None:
             return cached
-        asked: Any = {"owner": owner, "key": key, "limit_s": LONGEST_S}
-        content = await self._jobs.run(shown.course.preview, True, **asked)
+        options: JobOptions = {"owner": owner, "key": key, "limit_s": LONGEST_S}
+        content = await self._jobs.run(write, *arguments, **options)
         return _keep(self._files, MAX_FILES, key, content)
 
     def _plays(self, task: str) -> bool:
