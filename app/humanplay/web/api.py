@@ -301,7 +301,7 @@ def board_router(messages: Messages) -> APIRouter:
         "/sessions/{session_id}/history", tags=["play"], summary="The path so far", responses=path
     )
     async def get_history(request: Request, session_id: str) -> Response:
-        """Return what was known at the start and after each move, in fields of the world's own."""
+        """Return what was known at the start and after each move, as the world has it."""
         return _json((await session_of(request, session_id)).history())
 
     @router.post(
