@@ -36,6 +36,8 @@ def t_quantile(degrees_of_freedom: float, confidence: float = CONFIDENCE) -> flo
 @lru_cache(10_000)
 def t_exceeded(degrees_of_freedom: float, tail: float) -> float:
     """The number that Student's t exceeds with probability `tail`, in (0, 0.5]."""
+    if math.isnan(degrees_of_freedom):
+        return math.nan
     # The tail is convex and longer than the normal one, so Newton's method begins there, comes
     # nearer from below and never passes the value.
     quantile = -NormalDist().inv_cdf(tail)

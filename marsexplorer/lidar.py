@@ -44,7 +44,7 @@ ONE = np.uint64(1)
 
 
 def hides(br: int, bc: int, dr: int, dc: int) -> bool:
-    """Whether an obstacle at (br, bc) blocks the sight from (0, 0) to (dr, dc)."""
+    """Whether an obstacle at (br, bc) hides (dr, dc) from (0, 0); offsets in cells."""
     if (br, bc) in ((0, 0), (dr, dc)):
         return False
     if not (min(0, dr) <= br <= max(0, dr) and min(0, dc) <= bc <= max(0, dc)):

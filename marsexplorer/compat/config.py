@@ -229,11 +229,12 @@ def _check_memory(conf: Conf) -> None:
     """Raise ValueError where the rays of all cells would take more than MOST_MEMORY."""
     rows, cols = conf["size"]
     channels, points = conf["lidar_channels"], points_of_ray(conf)
-    if 4 * rows * cols * channels * points > MOST_MEMORY:
+    needed = 4 * rows * cols * channels * points
+    if needed > MOST_MEMORY:
         raise ValueError(
             f"conf asks for {rows} x {cols} cells with {channels} rays of up to {points} cells "
-            f"each, which may take {MOST_MEMORY >> 20} MiB; make size, lidar_channels or "
-            "lidar_range smaller"
+            f"each: {ceil(needed / 2**20):,} MiB, and {MOST_MEMORY >> 20} MiB are allowed; make "
+            "size, lidar_channels or lidar_range smaller"
         )
 
 

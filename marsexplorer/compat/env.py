@@ -69,9 +69,9 @@ class KoutrasCode(gymnasium.Env[NDArray[Any], np.int64]):
         options = options or {}
         if unknown := sorted(set(options) - OPTIONS):
             raise ValueError(f"options may hold terrain and start, got {', '.join(unknown)}")
-        start = options.get("start", self.config.initial)
-        if "terrain" in options:
-            self._worlds.start_on(0, options["terrain"], start)
+        terrain, start = options.get("terrain"), options.get("start")
+        if terrain is not None:
+            self._worlds.start_on(0, terrain, start)
         else:
             self._seed = following(self._seed) if seed is None else check_seed(seed)
             self._worlds.start(0, self._seed, start)

@@ -48,17 +48,18 @@ class CodeWorlds:
 
     def start(self, index: int, seed: int, start: tuple[int, int] | None = None) -> None:
         """Begin an episode on the terrain of a seed, from a start or the configuration's."""
-        start = self.config.initial if start is None else start
         self.start_on(index, draw_terrain(self.config, seed), start)
         self.seeds[index] = seed
 
-    def start_on(self, index: int, terrain: NDArray[Any], start: tuple[int, int]) -> None:
+    def start_on(
+        self, index: int, terrain: NDArray[Any], start: tuple[int, int] | None = None
+    ) -> None:
         """Begin an episode on a terrain, True where blocked; its start may be blocked."""
         shape = self.config.rows, self.config.cols
         blocked = np.asarray(terrain, np.bool_)
         if blocked.shape != shape:
             raise ValueError(f"the terrain must have shape {shape}, got {blocked.shape}")
-        x, y = (int(number) for number in start)
+        x, y = self.config.initial if start is None else (int(number) for number in start)
         if not (0 <= x < shape[0] and 0 <= y < shape[1]):
             raise ValueError(f"the start must be a cell of the grid, got {(x, y)}")
         self._is_started[index] = True

@@ -73,7 +73,7 @@ def _first_seen(record: Record) -> NDArray[np.int64]:
 
 
 def _seen_soon(player: GreedyRollouts, action: int, net: ActionScorer) -> NDArray[np.bool_]:
-    """The cells known SOON moves after `action`, the policy going on."""
+    """The cells known SOON moves after `action`, Expert going on: bool[rows, cols]."""
     branch = player.subset(np.zeros(1, np.intp))
     branch.step(np.array([action]))
     for _ in range(SOON - 1):

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import click
 
-from research.difference.answers import DATA, read_records, read_stored, table
+from marsexplorer.evaluation import RULES
+from research.difference.answers import DATA, RULE_RESULTS, read_records, read_stored, table
 from research.difference.design import PARTS, Training
+from research.difference.held_out import play_rule
 from research.paper.jobs import run_jobs, write_lines
 
 
@@ -21,6 +23,9 @@ from research.paper.jobs import run_jobs, write_lines
 @click.option("--moves", type=int, help="Of every training, to try it.")
 @click.option("--list", "is_list", is_flag=True, help="Say what there is, and do nothing.")
 @click.option("--export", "is_export", is_flag=True, help=f"Write what is in --out to {DATA.name}.")
+@click.option(
+    "--rules", "is_rules", is_flag=True, help=f"Play the rules; write {RULE_RESULTS.name}."
+)
 @click.option("--table", "is_table", is_flag=True, help="Print the answers from the stored data.")
 def main(
     out: Path,
@@ -29,6 +34,7 @@ def main(
     moves: int | None,
     is_list: bool,
     is_export: bool,
+    is_rules: bool,
     is_table: bool,
 ) -> None:
     """Train what the design has, one process a training; run it again to go on."""
@@ -43,6 +49,8 @@ def main(
             click.echo(f"{training.name}{': done' if training.is_done(out) else ''}")
     elif is_export:
         export(out)
+    elif is_rules:
+        write_lines(RULE_RESULTS, [play_rule(name) for name in RULES])
     else:
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         failures = run_jobs(trainings, out, workers, lambda done, total: None)

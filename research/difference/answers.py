@@ -1,21 +1,23 @@
-"""What the trainings say: coverage of each combination, effect of each factor, and the verdicts of the design."""
+"""The coverage of each combination, the effect of each factor, and the verdicts."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
-from statistics import fmean, stdev
+from statistics import fmean
 from textwrap import fill
 from typing import Any
 
-from marsexplorer.intervals import t_quantile
 from research.difference.design import SEEDS, Training
+from research.paper.figures.drawing import per_cent
 from research.paper.jobs import read_lines
+from research.paper.tables import Estimate, low_to_high
 
 DATA = Path(__file__).parent / "data" / "trainings.jsonl"
+RULE_RESULTS = DATA.with_name("rules.jsonl")
+"""Of the frontier rules on the terrains kept apart of the videos' level, in the code's world."""
 COLUMNS = ("coverage", "out_of_bounds", "collided")
 """Of the curve, that the table prints."""
 HELD_OUT = ("covers_most", "explored", "clean_u")
@@ -32,22 +34,6 @@ LEVELS = {
     "leaving": ("free", "costs"),
 }
 """Factor -> its levels: the effect is the first less the second."""
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A mean over seeds with its 95 % t interval."""
-
-    mean: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, values: Sequence[float]) -> Interval:
-        """Return the interval of at least two values."""
-        mean = fmean(values)
-        half = t_quantile(len(values) - 1) * stdev(values) / len(values) ** 0.5
-        return cls(mean, mean - half, mean + half)
 
 
 @dataclass(frozen=True)
@@ -71,8 +57,10 @@ class Record:
 Records = Mapping[Training, Record]
 
 
-def verdict(effect: Interval) -> str:
-    """Return what an effect on coverage says of its factor."""
+def verdict(effect: Estimate | None) -> str:
+    """Return the verdict on a factor by its effect; None: not all trainings are finished."""
+    if effect is None:
+        return "undecided"
     if effect.low > LARGE or effect.high < -LARGE:
         return "makes the difference"
     if effect.low > -LARGE and effect.high < LARGE:
@@ -81,11 +69,11 @@ def verdict(effect: Interval) -> str:
 
 
 def sweeps(coverages: Sequence[float]) -> bool:
-    """Return whether trainings of one kind cover so much with certainty; that they do not shows nothing."""
-    return len(coverages) > 1 and Interval.of(coverages).low > SWEEPS
+    """Return whether trainings of one kind cover SWEEPS with certainty."""
+    return Estimate.of(coverages).low > SWEEPS  # NaN of one training is not above
 
 
-def effect_of(factor: str, records: Records) -> Interval | None:
+def effect_of(factor: str, records: Records) -> Estimate | None:
     """Return the effect of a factor on coverage; None until all trainings are finished."""
     high, low = LEVELS[factor]
     by_seed: dict[int, list[float]] = {seed: [] for seed in SEEDS}
@@ -103,11 +91,11 @@ def effect_of(factor: str, records: Records) -> Interval | None:
         by_seed[training.seed].append(record.last("coverage") - other.last("coverage"))
     if any(len(differences) != 4 for differences in by_seed.values()):
         return None
-    return Interval.of([fmean(differences) for differences in by_seed.values()])
+    return Estimate.of([fmean(differences) for differences in by_seed.values()])
 
 
-def effect_of_passes(records: Records) -> Interval | None:
-    """Return full less light passes in the code's corner; None until the trainings are finished."""
+def effect_of_passes(records: Records) -> Estimate | None:
+    """Return full less light passes in the code's corner; None until all are finished."""
     differences = []
     for seed in SEEDS:
         light = Training("code", "code", "free", seed)
@@ -118,7 +106,7 @@ def effect_of_passes(records: Records) -> Interval | None:
         assert full_record is not None
         assert light_record is not None
         differences.append(full_record.last("coverage") - light_record.last("coverage"))
-    return Interval.of(differences)
+    return Estimate.of(differences)
 
 
 def read_stored(path: Path = DATA) -> Records:
@@ -164,64 +152,71 @@ def table(records: Records) -> str:
     for kind, group in groupby(ordered, lambda record: kind_of(record.training)):
         own = list(group)
         moves = min(record.lines[-1]["moves"] for record in own)
-        columns = [spread([record.last(name) for record in own]) for name in COLUMNS]
+        columns = [low_to_high([record.last(name) for record in own]) for name in COLUMNS]
         results = [record.result for record in own if record.result]
         for name in HELD_OUT:
-            columns.append(spread([result[name] for result in results]) if results else "")
+            columns.append(low_to_high([result[name] for result in results]) if results else "")
         is_sweep = sweeps([record.last("coverage") for record in own])
         rows.append([*kind, str(len(own)), f"{moves:,}", *columns, "yes" if is_sweep else ""])
     effects = [["factor", "effect on coverage", "verdict"], ["---"] * 3]
     measured = {factor: effect_of(factor, records) for factor in LEVELS}
     for factor, effect in {**measured, "passes": effect_of_passes(records)}.items():
-        if effect is None:
-            effects.append([factor, "not all finished", "undecided"])
-        else:
-            effects.append([factor, words(effect), verdict(effect)])
+        size = effect.span("{:+.2f}") if effect is not None else "not all finished"
+        effects.append([factor, size, verdict(effect)])
     return "\n\n".join("\n".join(f"|{'|'.join(row)}|" for row in part) for part in (rows, effects))
 
 
+MAJORITY = 0.5
+"""Of a training's episodes: more of them make it what the training does."""
+
+
 def in_short(records: Records) -> str:
-    """What PPO does by the letter in either world, and by the code in the code's."""
-    groups: dict[str, list[Record]] = {"text": [], "code": [], "full": []}
-    for training, record in records.items():
-        if training.level == "videos" and record.result is not None:
-            if (training.estimates, training.passes) == ("text", "light"):
-                groups[training.world].append(record)
-            if (training.world, training.estimates, training.passes) == ("code", "code", "full"):
-                groups["full"].append(record)
-    text, code, full = (
-        spread([record.last("coverage") for record in group]) for group in groups.values()
+    """What PPO does by the letter in either world, and by the code in the code's.
+
+    Empty until the trainings of the design in light passes and those in full passes are finished.
+    """
+    letter = {
+        world: finished(records, world=world, estimates="text", passes="light")
+        for world in LEVELS["world"]
+    }
+    full = finished(records, world="code", estimates="code", passes="full")
+    if not full or not all(letter.values()):
+        return ""
+    covered = {world: low_to_high(coverages(group)) for world, group in letter.items()}
+    completed = low_to_high(results_of(letter["text"], "explored"), per_cent)
+    with_u, explored, left = (
+        ", ".join(f"{100 * share:g}" for share in results_of(full, name))
+        for name in ("clean_u", "explored", "out_of_bounds")
     )
-    completed = max(_results(groups["text"], "explored"))
-    share = f"{completed:.1%}" if completed else "none"
-    u_shares, explored = (_results(groups["full"], name) for name in ("clean_u", "explored"))
-    number = u_shares.index(max(u_shares))
-    record = groups["full"][number]
-    assert record.result is not None
-    coverage, left = record.result["coverage"], record.result["out_of_bounds"]
-    others = [share for i, share in enumerate(explored) if i != number]
+    makers = sum(share > MAJORITY for share in results_of(full, "clean_u"))
     sentences = (
-        f"On the level of the videos, PPO by the letter covers {text} of the text's world and completes "
-        f"{share} of its terrains; of the code's it covers {code}. With the code's discount and lambda and as many "
-        f"gradient steps as the authors' it covers {full} of the code's. Of its episodes on terrains kept apart, "
-        f"seed {record.training.seed} makes a U as in the videos, mirrored, in {u_shares[number]:.1%}, covers "
-        f"{coverage:.0%} in the mean, and leaves the grid in {left:.1%}; the other seeds complete "
-        f"{' and '.join(f'{share:.1%}' for share in sorted(others))}."
+        f"On the level of the videos, PPO by the letter covers {covered['text']} of the text's world and "
+        f"completes {completed} of its terrains; of the code's it covers {covered['code']}. With the code's "
+        f"discount and lambda and as many gradient steps as the authors' it covers {low_to_high(coverages(full))} "
+        f"of the code's. A U without going back, as in the videos, is what most episodes of {makers} of these "
+        f"{len(full)} seeds make. By seed, on terrains kept apart, {with_u}\N{NO-BREAK SPACE}% make one, "
+        f"{explored}\N{NO-BREAK SPACE}% complete the terrain and {left}\N{NO-BREAK SPACE}% leave the grid."
     )
-    return fill(re.sub(r"(?<=\d)%", " %", sentences), 110, break_on_hyphens=False)
+    return fill(sentences, 110, break_on_hyphens=False).replace("\N{NO-BREAK SPACE}", " ")
 
 
-def _results(records: Sequence[Record], name: str) -> list[float]:
+def finished(records: Records, **kind: str) -> list[Record]:
+    """The finished trainings of a kind on the level of the videos, by seed."""
+    of_kind = [
+        record
+        for training, record in records.items()
+        if training.level == "videos"
+        and record.result is not None
+        and all(getattr(training, name) == setting for name, setting in kind.items())
+    ]
+    return sorted(of_kind, key=lambda record: record.training.seed)
+
+
+def coverages(records: Sequence[Record]) -> list[float]:
+    """The coverage of each training at its end."""
+    return [record.last("coverage") for record in records]
+
+
+def results_of(records: Sequence[Record], name: str) -> list[float]:
     """A column of the results on terrains kept apart, of finished trainings."""
     return [record.result[name] for record in records if record.result is not None]
-
-
-def spread(values: list[float]) -> str:
-    """Return the smallest and the largest of some values."""
-    low, high = (f"{limit(values):.2f}" for limit in (min, max))
-    return low if low == high else f"{low} to {high}"
-
-
-def words(effect: Interval) -> str:
-    """Return an effect with its interval."""
-    return f"{effect.mean:+.2f} ({effect.low:+.2f} to {effect.high:+.2f})"

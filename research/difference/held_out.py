@@ -1,13 +1,15 @@
-"""What a trained policy does in its last episodes and on terrains kept apart."""
+"""What policies do in their last episodes of training and on terrains kept apart."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import torch
 
+from marsexplorer import policies
+from marsexplorer.compat.env import KoutrasCode
 from marsexplorer.training.envs import EVALUATION_SEEDS, RecentEpisodes
 from research.paper.episodes.quadrants import quadrant_course
 
@@ -50,16 +52,46 @@ def play_held_out(batch: Callable[[int], Any], player: Any, seed: int) -> dict[s
     env, episodes = batch(AT_ONCE), list[dict[str, Any]]()
     for first in range(EVALUATION_SEEDS.start, EVALUATION_SEEDS.start + EPISODES, AT_ONCE):
         episodes += _play_side_by_side(env, player, first)
+    actions = [episode["actions"] for episode in episodes[:PATHS]]
+    return {**means(episodes), "actions": actions}
+
+
+def play_rule(name: str) -> dict[str, Any]:
+    """How a rule does on the same terrains of the code's world, of the videos' level."""
+    rule, env, episodes = policies.load(name), KoutrasCode("videos", observation="uint8"), []
+    for seed in range(EVALUATION_SEEDS.start, EVALUATION_SEEDS.start + EPISODES):
+        codes, info = env.reset(seed=seed)
+        rule.reset(seed)
+        rows, cols = codes.shape
+        path, moves, is_over = [info["position"]], 0, False
+        while not is_over:
+            action = rule.act(codes)
+            codes, _, is_over, _, info = env.step(np.int64(action))
+            path.append(info["position"])
+            moves += 1
+        course = quadrant_course([x * cols + y for x, y in path], rows, cols)
+        episodes.append(
+            {
+                "coverage": info["coverage"],
+                "outcome": info["outcome"],
+                "moves": moves,
+                "clean_u": course.never_goes_back,
+            }
+        )
+    return {"policy": name, **means(episodes)}
+
+
+def means(episodes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The means and shares over episodes."""
     shares = [episode["coverage"] for episode in episodes]
     outcomes = [episode["outcome"] for episode in episodes]
     return {
         "terrains": EPISODES,
         "coverage": round(float(np.mean(shares)), 4),
         "covers_most": float(np.mean(np.array(shares) >= MOST)),
-        "steps": round(float(np.mean([len(episode["actions"]) for episode in episodes])), 2),
+        "steps": round(float(np.mean([episode["moves"] for episode in episodes])), 2),
         **{ending: outcomes.count(ending) / EPISODES for ending in ENDINGS},
         "clean_u": float(np.mean([episode["clean_u"] for episode in episodes])),
-        "actions": [episode["actions"] for episode in episodes[:PATHS]],
     }
 
 
@@ -85,6 +117,7 @@ def _play_side_by_side(env: Any, player: Any, first: int) -> list[dict[str, Any]
                     "coverage": float(source["coverage"][i]),
                     "outcome": str(source["outcome"][i]),
                     "actions": actions[i],
+                    "moves": len(actions[i]),
                     "clean_u": quadrant_course(paths[i], rows, cols).never_goes_back,
                 }
     return [episodes[i] for i in range(AT_ONCE)]

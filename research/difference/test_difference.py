@@ -9,13 +9,16 @@ from click.testing import CliRunner
 
 from marsexplorer.compat import make
 from marsexplorer.compat.env import KoutrasCodeVector
+from marsexplorer.evaluation import RULES
 from marsexplorer.training.envs import EVALUATION_SEEDS
+from research.difference import held_out
 from research.difference.__main__ import main
 from research.difference.answers import (
-    Interval,
+    RULE_RESULTS,
     Record,
     effect_of,
     effect_of_passes,
+    in_short,
     read_records,
     sweeps,
     table,
@@ -25,6 +28,7 @@ from research.difference.code_envs import CodeEnvs
 from research.difference.design import Training, combinations, full_passes, random_level
 from research.difference.picture import PANELS, VIDEOS, draw
 from research.paper.jobs import read_lines
+from research.paper.tables import Estimate
 
 
 def record(training, coverage, finished=True):
@@ -65,7 +69,7 @@ def test_the_design_has_the_trainings_that_it_says():
     ],
 )
 def test_an_effect_makes_a_difference_or_none_or_is_undecided(interval, words):
-    assert verdict(Interval(*interval)) == words
+    assert verdict(Estimate(*interval)) == words
 
 
 def test_coverage_sweeps_with_certainty_or_shows_nothing():
@@ -98,6 +102,32 @@ def test_what_is_not_finished_decides_nothing():
     stored = records(lambda _: 0.5) | {full: record(full, 0.7) for full in full_passes()}
     assert effect_of_passes(stored).mean == pytest.approx(0.2)
     assert "not all finished" not in table(stored)
+
+
+def test_the_words_follow_from_the_trainings():
+    def words(*u_shares):
+        stored = records(lambda training: 0.9 if training.world == "code" else 0.4)
+        for training, u_share in zip(full_passes(), u_shares, strict=True):
+            shares = {"clean_u": u_share, "explored": 0.2, "out_of_bounds": 0.1}
+            stored[training] = replace(record(training, 0.95), result=shares)
+        return " ".join(in_short(stored).split())
+
+    sweeping = words(0.9, 0.6, 0.8)
+    assert "PPO by the letter covers 0.40 of the text's world and completes 0 %" in sweeping
+    assert "of the code's it covers 0.90" in sweeping
+    assert "most episodes of 3 of these 3 seeds" in sweeping
+    assert "90, 60, 80 % make one, 20, 20, 20 % complete the terrain and 10, 10, 10 %" in sweeping
+    assert "most episodes of 0 of these 3 seeds" in words(0.1, 0.0, 0.2)
+    assert in_short(records(lambda _: 0.5)) == ""
+
+
+def test_the_rules_are_played_in_the_codes_world(monkeypatch):
+    monkeypatch.setattr(held_out, "EPISODES", 3)
+    played = held_out.play_rule("frontier-cost")
+    assert (played["policy"], played["terrains"], played["explored"]) == ("frontier-cost", 3, 1.0)
+    assert 0.95 < played["coverage"] <= 1.0
+    stored = {line["policy"]: line for line in read_lines(RULE_RESULTS)}
+    assert [*stored] == [*RULES]
 
 
 @pytest.mark.parametrize("world", ["text", "code"])

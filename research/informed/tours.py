@@ -2,8 +2,8 @@
 
 A tour is `count` viewpoints: their cells in points int32[capacity], and for each one of TIE_BREAKS
 ways of choosing among the shortest paths to it in tie_breaks int8[capacity]. Cells are flat, row *
-cols + col. What is seen is held as bits, cell c as bit c of uint64[words]. A known terrain is the
-tuple `known` of
+cols + col. What is seen is held as bits, cell c as bit c of uint64[words]. A known `terrain` is the
+tuple of
 
     neighbours  int32[n, 4]        the cells one move north, east, south, west; -1 for off the grid
                 or an obstacle
@@ -136,6 +136,9 @@ def step_toward(cell, row, tie_break, last, neighbours):
 @kernel
 def walk_tour(start, points, tie_breaks, count, terrain, covered, path):
     """The moves of a tour; its cells go to path, what they show to covered.
+
+    path     int32[...], whose first moves + 1 cells are written
+    covered  uint64[words]
 
     A path longer than its array is cut there: the array is far longer than any tour that could be
     the shortest.

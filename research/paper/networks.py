@@ -238,6 +238,7 @@ class PolicyNetwork(PaperNetwork):
             _make_small(self.value_head)
 
     def logits(self, *observation: Tensor) -> Tensor:
+        """The logits float32[b, 4]."""
         return self._logits(self.trunk(*observation), observation)
 
     def value(self, *observation: Tensor) -> Tensor:

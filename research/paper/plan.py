@@ -45,11 +45,13 @@ class Budget:
     terrains: int
 
 
+MOVES_OF_AN_UPDATE = 4000
+"""Of PPO, RLlib's default."""
 ITERATIONS = 2250
 """Of RLlib, at which the authors' script cuts figure 4 (`comparingV2.py`)."""
 PAPER_MOVES = {
-    "ppo": 4000 * ITERATIONS,
-    "a2c": 4000 * ITERATIONS,
+    "ppo": MOVES_OF_AN_UPDATE * ITERATIONS,
+    "a2c": MOVES_OF_AN_UPDATE * ITERATIONS,
     "rainbow": 1000 * ITERATIONS,
     "sac": 100 * ITERATIONS,
 }

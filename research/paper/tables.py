@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import isnan, nan
 
@@ -50,6 +50,12 @@ class Estimate:
 
 
 UNKNOWN = Estimate(nan, nan, nan)
+
+
+def low_to_high(numbers: Sequence[float], text: Callable[[float], str] = "{:.2f}".format) -> str:
+    """The smallest and the largest of some numbers in words."""
+    low, high = text(min(numbers)), text(max(numbers))
+    return low if low == high else f"{low} to {high}"
 
 
 def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

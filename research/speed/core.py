@@ -43,7 +43,13 @@ costs more than its end.
 
 @kernel
 def choose(codes, places, actions, state):  # type: ignore[no-untyped-def]  # numba infers it
-    """Fill actions with one valid move a world, from a xorshift generator."""
+    """Fill actions with one valid move a world, from a xorshift generator.
+
+    codes    uint8[num, rows, cols]
+    places   uint64[num], row and col in 32 bits each
+    actions  int64[num]
+    state    uint64[1], of the generator
+    """
     for i in range(actions.shape[0]):
         row, col = np.int64(places[i] >> np.uint64(32)), np.int64(places[i] & np.uint64(0xFFFFFFFF))
         number = state[0]

@@ -1,5 +1,7 @@
 """Student's t and Wilson's interval as SciPy has them."""
 
+import math
+
 import numpy as np
 import pytest
 import scipy
@@ -24,6 +26,10 @@ def test_the_quantiles_of_every_confidence_are_those_of_scipy(freedom):
     for confidence in (0.02, 0.1, 0.5, 0.8, 0.9, 0.95, 0.99, 0.999):
         expected = scipy.special.stdtrit(freedom, (1 + confidence) / 2)
         assert t_quantile(freedom, confidence) == pytest.approx(expected, rel=1e-10)
+
+
+def test_the_quantile_of_no_number_ends_and_is_none():
+    assert math.isnan(t_quantile(math.nan))
 
 
 @settings(deadline=None)

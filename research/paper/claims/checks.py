@@ -29,7 +29,7 @@ from research.paper.jobs import Line, write_lines
 
 EPISODES = 40
 MOST_NEW_CELLS = 13
-"""No single move on open ground shows more at radius 6: a disc shifted by one cell."""
+"""By which a move widens what lies within radius 6: a disc shifted by one cell, 13 cells high."""
 
 
 @dataclass(frozen=True)
@@ -168,21 +168,27 @@ def score_one() -> Finding:
     """
     config = EnvConfig()
     one = score(config, config.r_bonus + config.n)
+    reach = np.hypot(*np.indices((config.rows, config.cols))) <= config.sensor_radius
+    moves = -(-(config.target - int(reach.sum())) // MOST_NEW_CELLS)
     bounds = []
     for seed in range(500):
         first = Episode.begin(config, seed=seed).discovered
-        moves = -(-(config.target - first) // MOST_NEW_CELLS)
         bounds.append(score(config, config.r_bonus + config.n - first - R_MOVE * moves))
     measured = f"a return of {config.r_bonus + config.n} scores {one:g}; but the first scan earns nothing and moves cost, so "
     measured += f"no episode can score more than {max(bounds):.3f} (mean bound of 500 terrains {np.mean(bounds):.3f})"
     return Finding(one == 1.0, measured)
 
 
+PRINTED = 0.4273
+"""Rainbow's share of the human level in section 3.2."""
+
+
 def shares() -> Finding:
     """The shares of section 3.2 follow from one another: 85.8, 50.04, 42.73 %."""
     low, high = 0.8575 * 0.50035, 0.8585 * 0.50045
-    measured = f"85.8 % times 50.04 % is {0.858 * 0.5004:.2%} ({low:.2%} to {high:.2%} with rounding), and 42.73 % is printed"
-    return Finding(low <= 0.4273 <= high, measured)
+    measured = f"85.8 % times 50.04 % is {0.858 * 0.5004:.2%} ({low:.2%} to {high:.2%} with rounding), and "
+    measured += f"{100 * PRINTED:.2f} % is printed"
+    return Finding(low <= PRINTED <= high, measured)
 
 
 DRAWS = 1000

@@ -1,60 +1,73 @@
 """The paper's findings, judged by trainings in the world of the authors' code.
 
-They are on one level, that of the videos, so a finding is reached there in part at most. That it is not reached counts
-after the paper's moves and gradient steps alone.
+They are on one level, that of the videos, so a finding is reached there in part at most: where all
+seeds reach it with certainty. That none does counts after the paper's gradient steps alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from research.difference.answers import Record, Records, spread
-from research.paper.claims.results import NOT_REPRODUCED, NOT_YET, PARTLY, UNDECIDED
+from marsexplorer.intervals import wilson_interval
+from research.difference.answers import MAJORITY, Record, Records, finished, results_of
+from research.paper.claims.results import NOT_REPRODUCED, NOT_YET, PARTLY, UNDECIDED, Results
+from research.paper.tables import Estimate, low_to_high
 
-MAJORITY, MOST = 0.5, 0.9
+MOST = 0.9
 
 
-def on_one_level(shares: Sequence[float], least: float, is_full: bool) -> str:
-    """Judge a finding by the share of episodes in which each seed reaches it."""
+def on_one_level(shares: Sequence[float], least: tuple[float, float], is_full: bool) -> str:
+    """Judge a finding by the share of each seed's episodes that reach it.
+
+    least  the share to surpass, as its 95 % interval
+    """
     if not shares:
         return NOT_YET
-    if any(share > least for share in shares):
+    over_seeds = Estimate.of(shares)
+    if over_seeds.low > least[1]:
         return PARTLY
-    return NOT_REPRODUCED if is_full else UNDECIDED
+    return NOT_REPRODUCED if over_seeds.high < least[0] and is_full else UNDECIDED
 
 
 def trained(records: Records) -> tuple[list[Record], bool]:
-    """The finished trainings in the code's world, with full passes if possible."""
-    finished = [
-        record
-        for training, record in records.items()
-        if record.result is not None
-        and (training.level, training.world, training.estimates) == ("videos", "code", "code")
-        and training.leaving == "free"
+    """The finished trainings by the code in its world, with full passes if possible."""
+    code = {"world": "code", "estimates": "code", "leaving": "free"}
+    full = finished(records, passes="full", **code)
+    return full or finished(records, passes="light", **code), bool(full)
+
+
+def judged(results: Results, column: str, least: tuple[float, float], words: str) -> str:
+    """A judgement by a column of the results on terrains kept apart, with the shares."""
+    records, is_full = trained(results.trainings)
+    shares = results_of(records, column)
+    verdict = on_one_level(shares, least, is_full)
+    return f"{verdict}: {words} in {low_to_high(shares)}" if shares else verdict
+
+
+def generalises(results: Results) -> str:
+    """Most new terrains are mostly covered."""
+    return judged(results, "covers_most", (MOST, MOST), "90 % of a new terrain")
+
+
+def hilbert(results: Results) -> str:
+    """A U without going back is a majority, and more than either rule makes there."""
+    rules = results.code_rules
+    if not rules:
+        return NOT_YET
+    intervals = [
+        wilson_interval(round(line["clean_u"] * line["terrains"]), line["terrains"])
+        for line in rules
     ]
-    full = [record for record in finished if record.training.passes == "full"]
-    return full or finished, bool(full)
+    low, high = (max(MAJORITY, *limits) for limits in zip(*intervals, strict=True))
+    words = ", ".join(f"`{line['policy']}` {line['clean_u']:.2f}" for line in rules)
+    judgement = judged(results, "clean_u", (low, high), "a U without going back")
+    return f"{judgement}; {words}"
 
 
-def share_of(column: str, least: float, words: str) -> Callable[[Records], str]:
-    """What judges a finding by a column of the results on terrains kept apart."""
-
-    def judge(records: Records) -> str:
-        own, is_full = trained(records)
-        shares = [record.result[column] for record in own if record.result is not None]
-        judgement = on_one_level(shares, least, is_full)
-        return f"{judgement}: {words} in {spread(shares)}" if shares else judgement
-
-    return judge
+BY_CODE: dict[str, Callable[[Results], str]] = {"generalises": generalises, "hilbert": hilbert}
+"""Finding -> its judge; the others are not measured there."""
 
 
-BY_CODE: dict[str, Callable[[Records], str]] = {
-    "generalises": share_of("covers_most", MOST, "90 % of a new terrain"),
-    "hilbert": share_of("clean_u", MAJORITY, "a U without going back"),
-}
-"""Finding -> what judges it; the others are not measured there."""
-
-
-def by_code(name: str, records: Records) -> str:
+def by_code(name: str, results: Results) -> str:
     """Judge a finding in the world of the code; empty if not measured there."""
-    return BY_CODE[name](records) if name in BY_CODE else ""
+    return BY_CODE[name](results) if name in BY_CODE else ""

@@ -8,45 +8,41 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from research.paper.claims.results import UNDECIDED, Results
+from research.paper.episodes.play import DIFFICULTIES
 from research.paper.jobs import write_text
-from research.paper.plan import LEVEL_MOVES, PAPER_MOVES
+from research.paper.plan import LEVEL, LEVEL_MOVES, MOVES_OF_AN_UPDATE, PAPER_MOVES, SEEDS, SIZE
 
 FILE = Path(__file__).resolve().parents[1] / "data" / "update.json"
-MOVES_OF_AN_UPDATE = 4000
 UPDATES = 3
-"""That are measured; the fastest one counts."""
+"""How many are measured; the fastest counts."""
 
 
 @dataclass(frozen=True)
 class Needed:
-    """Trainings of PPO with the paper's moves and gradient steps."""
+    """Trainings of PPO with the paper's moves and gradient steps, SEEDS a level."""
 
-    trainings: int
+    levels: Sequence[str]
     moves: int
-    of: str
+    words: str
 
 
-RANDOM = Needed(3, PAPER_MOVES["ppo"], "PPO on `random`")
-LEVELS = Needed(36, LEVEL_MOVES, "PPO on the 12 levels")
+RANDOM = Needed((LEVEL,), PAPER_MOVES["ppo"], "PPO on `random`")
+LEVELS = Needed(DIFFICULTIES, LEVEL_MOVES, "PPO on the 12 levels")
 NEEDED: Mapping[str, Needed] = {
     "best": RANDOM,
     "second": RANDOM,
     "half": RANDOM,
-    "millions": RANDOM,
-    "no-knee": RANDOM,
     "morphology-first": LEVELS,
     "morphology-degrades": LEVELS,
     "hardest": LEVELS,
     "bonus-little": LEVELS,
-    "harder-generalises": LEVELS,
-    "generalises": Needed(12, PAPER_MOVES["ppo"], "PPO on `random`, four numbers of terrains"),
 }
-"""Finding -> what decides it, if it is undecided."""
+"""Finding -> what can decide it, if it is undecided; the others no training of PPO can."""
 
 
 def seconds_of_an_update() -> float:
@@ -55,19 +51,26 @@ def seconds_of_an_update() -> float:
 
 
 def hours(needed: Needed, results: Results, seconds: float) -> float:
-    """Processor hours of what is not trained yet."""
-    moves = needed.trainings * needed.moves
-    if needed is RANDOM:
-        moves -= sum(line["moves"] for line in results.unfinished)
-    return moves / MOVES_OF_AN_UPDATE * seconds / 3600
+    """Processor hours of what is not trained yet, finished or not."""
+    progress = [(record.trial, record.result["moves"]) for record in results.records]
+    progress += [(line["trial"], line["moves"]) for line in results.unfinished]
+    moves = {(level, seed): 0 for level in needed.levels for seed in range(SEEDS)}
+    for trial, trained in progress:
+        place = trial.level, trial.seed
+        is_of_kind = (trial.algorithm, trial.variant, trial.size) == ("ppo", "appendix", SIZE)
+        if is_of_kind and place in moves:
+            moves[place] = max(moves[place], min(trained, needed.moves))
+    left = len(moves) * needed.moves - sum(moves.values())
+    return left / MOVES_OF_AN_UPDATE * seconds / 3600
 
 
 def to_decide(name: str, verdict: str, results: Results) -> str:
-    """What decides an undecided finding, with its hours; empty for others."""
+    """What can decide an undecided finding, with its hours; empty if nothing can."""
     if verdict != UNDECIDED or name not in NEEDED:
         return ""
     needed = NEEDED[name]
-    return f"{needed.of}: {hours(needed, results, seconds_of_an_update()):.0f} h"
+    left = hours(needed, results, seconds_of_an_update())
+    return f"{needed.words}: {left:.0f} h" if left else ""
 
 
 def main() -> None:

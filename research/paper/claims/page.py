@@ -15,7 +15,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from research.difference import picture
-from research.difference.answers import Records, read_stored
 from research.paper.claims.claims import CLAIMS, FINDINGS, cells
 from research.paper.claims.code_claims import by_code
 from research.paper.claims.hours import to_decide
@@ -110,14 +109,11 @@ def names_of(text: str) -> list[str]:
     return [match["name"] for kind in (FINDING, ROW) for match in kind.finditer(text)]
 
 
-def redraw(text: str, results: Results, records: Records | None = None) -> str:
+def redraw(text: str, results: Results) -> str:
     """A page with its drawn parts as the results have them.
 
     KeyError for a row or a block that is unknown.
-
-    records  the trainings in both worlds, the stored ones by default
     """
-    in_both_worlds = read_stored() if records is None else records
     printed = set[str]()
 
     def row(match: re.Match[str]) -> str:
@@ -131,7 +127,7 @@ def redraw(text: str, results: Results, records: Records | None = None) -> str:
             if lengths[0] in printed:
                 measured = measured.replace(lengths[0], "Trainings as long as above")
             printed.add(lengths[0])
-        in_the_codes = "" if verdict in (PEOPLE, SLIP) else by_code(name, in_both_worlds)
+        in_the_codes = "" if verdict in (PEOPLE, SLIP) else by_code(name, results)
         hours = to_decide(name, verdict, results)
         return f"|`{name}`|{match['says']}|{measured}|{verdict}|{in_the_codes}|{hours}|"
 

@@ -42,7 +42,7 @@ from research.paper.episodes.scale import (
 )
 from research.paper.figures.figure7 import CONSTANT_PACE
 from research.paper.jobs import Line
-from research.paper.tables import Estimate
+from research.paper.tables import Estimate, low_to_high
 
 DENSEST = ("3-2-1", "3-2-2")
 LEARNT, LETTER = "ppo", "ppo-paper-"
@@ -67,12 +67,6 @@ def learners(lines: Sequence[Line]) -> dict[str, dict[str, Line]]:
         for policy, by_level in by_policy.items()
         if len(by_level) == len(DIFFICULTIES)
     }
-
-
-def span(shares: Sequence[float]) -> str:
-    """The range of shares in words."""
-    low, high = f"{min(shares):.2f}", f"{max(shares):.2f}"
-    return low if low == high else f"{low} to {high}"
 
 
 def decided(
@@ -123,11 +117,11 @@ def hilbert(results: Results) -> Judgement:
             > max([0.5, *(by_rule[level].high for by_rule in rules.values() if level in by_rule)])
             for level, rate in rates.items()
         ]
-        shares = span([rate.mean for rate in rates.values()])
+        shares = low_to_high([rate.mean for rate in rates.values()])
         return f"{shares}, a majority and above both rules on {sum(held)}", held
 
     others = [
-        f"`{rule}` {span([rate.mean for rate in by_rule.values()] or [nan])}"
+        f"`{rule}` {low_to_high([rate.mean for rate in by_rule.values()] or [nan])}"
         for rule, by_rule in rules.items()
     ]
     others += [f"walks by `{walk['null']}` {never_back(walk).mean:.2f}" for walk in results.walks]
@@ -145,7 +139,7 @@ def same_family(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
     every = [order for level_orders in orders for order in level_orders]
     common = max(set(every), key=every.count)
     shares = [level_orders.count(common) / len(level_orders) for level_orders in orders]
-    return span(shares), [share > 0.9 for share in shares]
+    return low_to_high(shares), [share > 0.9 for share in shares]
 
 
 @of_learners("shares of the episodes there that collided and were completed")
@@ -159,7 +153,9 @@ def dexterous(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
         for outcome in ("collided", "explored")
     )
     pairs = zip(crashed, explored, strict=True)
-    return f"{span(crashed)} and {span(explored)}", [a < 0.05 and b > 0.9 for a, b in pairs]
+    return f"{low_to_high(crashed)} and {low_to_high(explored)}", [
+        a < 0.05 and b > 0.9 for a, b in pairs
+    ]
 
 
 @of_learners("correlation, and levels of 12 without blind spots")
@@ -167,7 +163,7 @@ def no_blind_spots(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
     """The obstacles that a policy discovers match the drawn distribution."""
     matches = [obstacles_of(line) for line in by_level.values()]
     held = [not match.blind_spots for match in matches]
-    return f"{span([match.correlation for match in matches])} and {sum(held)}", held
+    return f"{low_to_high([match.correlation for match in matches])} and {sum(held)}", held
 
 
 def discovered(results: Results) -> Judgement:

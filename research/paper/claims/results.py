@@ -22,6 +22,7 @@ import numpy as np
 from scipy import stats
 
 from marsexplorer.intervals import Floats, t_interval, t_quantile
+from research.difference import answers
 from research.paper.figures.curves import Record, chosen, longest, read_exported
 from research.paper.jobs import Line, read_lines
 from research.paper.tables import Estimate
@@ -39,6 +40,8 @@ class Results:
     records    finished trials
     plays      figure (5, 6 or 7; 8: generalisation) -> results of policies
     walks      results of the untrained walks of figure 6
+    trainings  those in both worlds, see `research.difference`
+    code_rules  results of the rules in the code's world
     unfinished  the progress of trainings, see `trial.read_unfinished`
     """
 
@@ -46,6 +49,8 @@ class Results:
     records: list[Record] = field(default_factory=list)
     plays: dict[int, list[Line]] = field(default_factory=lambda: {5: [], 6: [], 7: [], 8: []})
     walks: list[Line] = field(default_factory=list)
+    trainings: answers.Records = field(default_factory=dict)
+    code_rules: list[Line] = field(default_factory=list)
     unfinished: list[Line] = field(default_factory=list)
 
     def trials(self, **wanted: Any) -> list[Record]:
@@ -54,8 +59,15 @@ class Results:
 
 
 def read(folder: Path = FOLDER) -> Results:
-    """The results in a folder; ValueError for a file that holds no such results."""
-    results = Results(unfinished=read_unfinished(folder / "checkpoints"))
+    """The results in a folder; ValueError for a file that holds no such results.
+
+    With the trainings in both worlds as they are stored.
+    """
+    results = Results(
+        unfinished=read_unfinished(folder / "checkpoints"),
+        trainings=answers.read_stored(),
+        code_rules=read_lines(answers.RULE_RESULTS),
+    )
     for path in sorted(folder.glob("*.jsonl")):
         if path.name == CHECKS_FILE:
             results.checks.update({line["claim"]: line for line in read_lines(path)})

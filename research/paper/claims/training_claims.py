@@ -1,13 +1,13 @@
-"""What the paper says of its trainings (figures 4 and 5), measured from the logs of trials.
+"""The paper's claims about its trainings (figures 4, 5), from the logs of trials.
 
-And what `docs/paper.md` shows of them besides: tables of trained policies, and what each change is worth. A change is judged by
-the completion that is lost without it, so its importance is that of a part of the paper's setting for an algorithm.
+And what `docs/paper.md` shows of them besides: tables of trained policies, and what changes of the
+paper's settings are worth. A change is judged by the completion that is lost without it.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from math import isnan
 from textwrap import fill
@@ -50,45 +50,57 @@ from research.paper.figures.curves import (
     points_of,
     rows_of,
 )
+from research.paper.figures.drawing import per_cent
 from research.paper.jobs import Line
-from research.paper.plan import LEVEL, LEVEL_MOVES, PAPER_MOVES, SIZE, is_full
-from research.paper.tables import Estimate, markdown_table
+from research.paper.plan import (
+    LEVEL,
+    LEVEL_MOVES,
+    MOVES_OF_AN_UPDATE,
+    PAPER_MOVES,
+    SIZE,
+    is_full,
+)
+from research.paper.tables import Estimate, low_to_high, markdown_table
 from research.paper.trial import ENDINGS, HELD_OUT_TERRAINS, Trial
 
 
 def by_training(results: Results) -> dict[str, dict[str, list[Line]]]:
-    """Return level trained on -> level played -> results of PPO as it works, a seed each."""
-    found: dict[str, dict[str, list[Line]]] = {}
+    """Return level trained on -> level played -> results of PPO as it works.
+
+    A result a seed.
+    """
+    groups: dict[str, dict[str, list[Line]]] = {}
     for line in results.plays[8]:
         trained_on = line["policy"].removeprefix("ppo-works-").rsplit("-", 2)[0]
-        found.setdefault(trained_on, {}).setdefault(line["level"], []).append(line)
-    return found
+        groups.setdefault(trained_on, {}).setdefault(line["level"], []).append(line)
+    return groups
 
 
 def few_terrains(results: Results) -> Trials:
     """Return number of training terrains in words -> the trials on level random."""
     kinds = {"10": "works@10", "100": "works@100", "1,000": "works@1000", "unlimited": "works"}
-    found = {words: of_figure_4(results, "ppo", variant) for words, variant in kinds.items()}
-    return {words: own for words, own in found.items() if own}
+    trials = {words: of_kind(results, "ppo", variant, LEVEL) for words, variant in kinds.items()}
+    return {words: records for words, records in trials.items() if records}
 
 
 def as_it_works(holds: bool) -> str:
-    """Return the verdict on a statement by PPO as it works: at best in part, and nothing against the paper."""
+    """Return the verdict by PPO as it works: in part, or nothing against the paper."""
     return PARTLY if holds else UNDECIDED
 
 
 def generalises(results: Results) -> Judgement:
-    """Training on diverse terrains gives strong generalisation: new terrains are completed, the more the more there were."""
+    """Training on diverse terrains gives strong generalisation to new ones.
+
+    More terrains to train on give more completed new ones.
+    """
     trials = few_terrains(results)
     if not trials:
         return NOTHING
-    shares = {
-        words: np.array([record.result["completion"] for record in own])
-        for words, own in trials.items()
-    }
+    shares = {words: results_of(records, "completion") for words, records in trials.items()}
     words = ", ".join(
-        f"{name} {Estimate.of(each).percent()} and {_moves_of(trials[name])}"
-        for name, each in shares.items()
+        f"{name} {Estimate.of(completions).percent()} and "
+        f"{Estimate.of(results_of(trials[name], 'steps')).text(0)}"
+        for name, completions in shares.items()
     )
     measured = f"as it works, completion of new terrains, and moves to 99 %, after training on so many: {words}"
     if len(shares) < 4 or min(map(len, shares.values())) < SEEDS:
@@ -96,8 +108,9 @@ def generalises(results: Results) -> Judgement:
     return Judgement(measured, as_it_works(is_above(shares["unlimited"], shares["10"])))
 
 
-def _moves_of(records: Sequence[Record]) -> str:
-    return Estimate.of([record.result["steps"] for record in records]).text(0)
+def results_of(records: Iterable[Record], name: str) -> Floats:
+    """Return a number of each training's result: float64[seeds]."""
+    return np.array([record.result[name] for record in records], np.float64)
 
 
 EASIEST, HARDEST = ("1-1-1", "1-1-2"), ("3-2-1", "3-2-2")
@@ -105,7 +118,10 @@ EASIEST, HARDEST = ("1-1-1", "1-1-2"), ("3-2-1", "3-2-2")
 
 
 def moves_between(results: Results, levels: Sequence[str]) -> Floats:
-    """Return the mean moves on the levels between the easiest and the hardest, of each training on one of `levels`."""
+    """Return the mean moves on the levels between the easiest and the hardest.
+
+    Of each training on one of `levels`: float64[trainings].
+    """
     trained = by_training(results)
     return np.array(
         [
@@ -124,13 +140,13 @@ def moves_between(results: Results, levels: Sequence[str]) -> Floats:
 
 
 def harder_generalises(results: Results) -> Judgement:
-    """What was trained on the greater difficulty does better on levels that it was not trained on."""
+    """Policies of the greater difficulty do better on levels not trained on."""
     easy, hard = (moves_between(results, levels) for levels in (EASIEST, HARDEST))
     if not len(easy) or not len(hard):
         return NOTHING
     words = ", ".join(
-        f"trained on {' or '.join(levels)} {Estimate.of(each).text(1)} ({len(each)} trainings)"
-        for levels, each in ((EASIEST, easy), (HARDEST, hard))
+        f"trained on {' or '.join(levels)} {Estimate.of(moves).text(1)} ({len(moves)} trainings)"
+        for levels, moves in ((EASIEST, easy), (HARDEST, hard))
     )
     measured = (
         f"as it works, moves to 99 % on the levels between the easiest and the hardest: {words}"
@@ -147,32 +163,57 @@ SERIOUS = 0.1
 """Loss of normalized score that counts as a serious degradation; the paper's is about 0.2 (a little above 0.6 from 0.8)."""
 Trials = dict[str, list[Record]]
 """Algorithm or level -> its trials."""
-PAPER_STEPS = 30 * -(-4000 // 128)
-"""Gradient steps of the paper's PPO for each 4,000 moves: 30 passes in batches of 128."""
+PAPER_STEPS = 30 * -(-MOVES_OF_AN_UPDATE // 128)
+"""Gradient steps of an update of the paper's PPO: 30 passes in batches of 128."""
+LETTER = ("appendix", "paper")
+"""Variants by the letter: with the paper's gradient steps (PPO alone), and in light passes."""
 
 
-def of_figure_4(results: Results, algorithm: str, variant: str) -> list[Record]:
-    """Return the trainings of one algorithm and variant on the level of figure 4."""
-    return results.trials(algorithm=algorithm, variant=variant, level=LEVEL, size=SIZE)
+def of_kind(results: Results, algorithm: str, variant: str, level: str) -> list[Record]:
+    """Return the trainings of one algorithm and variant on one level."""
+    return results.trials(algorithm=algorithm, variant=variant, level=level, size=SIZE)
 
 
-def of_figure_5(results: Results, level: str, variant: str) -> list[Record]:
-    """Return PPO's trainings of a variant on one level."""
-    return results.trials(algorithm="ppo", variant=variant, level=level, size=SIZE)
+def by_the_letter(results: Results) -> list[Record]:
+    """Return all trainings by the letter on the level of figure 4, of any length."""
+    return [
+        record
+        for variant in LETTER
+        for record in chosen(results.records, variant=variant, level=LEVEL, size=SIZE)
+    ]
 
 
-def figure_4(results: Results, variant: str) -> Trials:
+def of_ppo(results: Results, levels: Sequence[str], variant: str) -> Trials:
+    """Return PPO's trials by level, empty unless each level has SEEDS of them."""
+    trials = {level: of_kind(results, "ppo", variant, level) for level in levels}
+    return trials if min(map(len, trials.values())) >= SEEDS else {}
+
+
+def letter_of_ppo(results: Results, levels: Sequence[str]) -> Trials:
+    """Return PPO's trials by the letter by level, empty unless each has SEEDS.
+
+    Those with the paper's gradient steps where all are as long as the paper's.
+    """
+    whole = of_ppo(results, levels, "appendix")
+    if whole and all(is_as_long(record) for records in whole.values() for record in records):
+        return whole
+    return of_ppo(results, levels, "paper")
+
+
+def figure_4(results: Results) -> Trials:
     """Return the trials of each algorithm, empty unless all four have SEEDS of them."""
-    found = {name: of_figure_4(results, name, variant) for name in ALGORITHMS}
-    return found if min(map(len, found.values())) >= SEEDS else {}
+    trials = {name: of_kind(results, name, "paper", LEVEL) for name in ALGORITHMS}
+    trials["ppo"] = letter_of_ppo(results, (LEVEL,)).get(LEVEL, [])
+    return trials if min(map(len, trials.values())) >= SEEDS else {}
 
 
 def decided(measured: str, holds: Holds, trials: Trials) -> Judgement:
-    """Return a judgement by the one-sided rule; the moves and gradient steps of both are said.
+    """Judge by the one-sided rule, and say the moves and gradient steps of both.
 
-    Trainings of the paper's moves can show that a statement holds. That it does not takes its gradient steps too.
+    Trainings of the paper's moves can show that a statement holds. That it does not takes its
+    gradient steps too.
     """
-    records = [record for each in trials.values() for record in each]
+    records = [record for group in trials.values() for record in group]
     if not all(is_full(record.trial) for record in records):
         return Judgement(f"after short trainings, which decide nothing: {measured}", NOT_YET)
     needed = [is_as_long(record) and (holds or has_the_steps(record)) for record in records]
@@ -180,10 +221,18 @@ def decided(measured: str, holds: Holds, trials: Trials) -> Judgement:
 
 
 def has_the_steps(record: Record) -> bool:
-    """Return whether a training of PPO made as many gradient steps as the paper's; of the others nobody says how many."""
+    """Return whether a training of PPO made as many gradient steps as the paper's.
+
+    True for the other algorithms, whose steps the paper does not say.
+    """
     if record.trial.algorithm != "ppo":
         return True
-    return gradient_steps(record) >= paper_moves(record.trial) // 4000 * PAPER_STEPS
+    return gradient_steps(record) >= paper_steps(record.trial)
+
+
+def paper_steps(trial: Trial) -> int:
+    """Return how many gradient steps the paper's PPO made in a training of a kind."""
+    return paper_moves(trial) // MOVES_OF_AN_UPDATE * PAPER_STEPS
 
 
 def paper_moves(trial: Trial) -> int:
@@ -197,19 +246,24 @@ def is_as_long(record: Record) -> bool:
 
 
 def gradient_steps(record: Record) -> int:
-    """Return how many gradient steps a training made, from the settings that it logged."""
-    own, moves = record.settings, record.result["moves"]
-    if "moves_per_update" in own:
-        return int(max(0, moves - own["learning_starts"]) // own["moves_per_update"])
-    between = own["num_envs"] * own["num_steps"]
-    passes = own.get("update_epochs", 1) * -(-between // own.get("minibatch_size", between))
-    return int(moves // between * passes)
+    """Return a training's number of gradient steps, by the settings that it logged."""
+    settings, moves = record.settings, record.result["moves"]
+    if "moves_per_update" in settings:
+        return int(max(0, moves - settings["learning_starts"]) // settings["moves_per_update"])
+    between = settings["num_envs"] * settings["num_steps"]
+    steps = -(-between // settings.get("minibatch_size", between))
+    return int(moves // between * settings.get("update_epochs", 1) * steps)
 
 
 def lengths(trials: Trials) -> str:
-    """Return how long our trainings and the paper's are, in words: the first of each algorithm, and the paper's PPO."""
+    """Return how long our trainings and the paper's are, in words.
+
+    Of ours the first of each algorithm; gradient steps of the paper's PPO alone.
+    """
     first = {
-        record.trial.algorithm: record for each in reversed(trials.values()) for record in each[:1]
+        record.trial.algorithm: record
+        for records in reversed(trials.values())
+        for record in records[:1]
     }
     ours = (
         f"{NAMES[name]} {count_text(first[name].result['moves'])} and {count_text(gradient_steps(first[name]))}"
@@ -221,29 +275,34 @@ def lengths(trials: Trials) -> str:
         for name in NAMES
         if name in first
     )
-    steps = count_text(paper_moves(first["ppo"].trial) // 4000 * PAPER_STEPS)
     return (
         f"Moves and gradient steps of our trainings: {', '.join(ours)}; moves of the paper's: {paper}; "
-        f"its PPO made {steps} gradient steps"
+        f"its PPO made {count_text(paper_steps(first['ppo'].trial))} gradient steps"
     )
 
 
 def score_at(record: Record, axis: str, limit: float) -> float:
-    """Return the score of the last point of a curve whose `axis` (moves or cpu_s) is within the limit; NaN before the first."""
+    """Return the score at the last point of a curve within a limit, NaN before any.
+
+    axis  of the limit: "moves" or "cpu_s"
+    """
     x, scores = points_of(record, "score", axis)
     return float([np.nan, *scores[x <= limit]][-1])
 
 
 def scores_at(trials: Trials, axis: str | None) -> dict[str, Floats]:
-    """Return the scores by algorithm, best first, at the end or where the shortest trial has ended on `axis`."""
+    """Return algorithm -> scores of its seeds, the best algorithm first.
+
+    axis  on which all are cut where the shortest trial has ended; None: at the end of each
+    """
     end = np.inf
     if axis is not None:
-        end = min(record.curve[axis][-1] or 0 for each in trials.values() for record in each)
-    found = {
-        name: np.array([score_at(record, axis or "moves", end) for record in each])
-        for name, each in trials.items()
+        end = min(record.curve[axis][-1] or 0 for records in trials.values() for record in records)
+    scores = {
+        name: np.array([score_at(record, axis or "moves", end) for record in records])
+        for name, records in trials.items()
     }
-    return dict(sorted(found.items(), key=lambda item: -np.nan_to_num(item[1].mean(), nan=-1)))
+    return dict(sorted(scores.items(), key=lambda pair: -np.nan_to_num(pair[1].mean(), nan=-1)))
 
 
 def order(scores: dict[str, Floats]) -> str:
@@ -257,20 +316,20 @@ def order(scores: dict[str, Floats]) -> str:
 
 def best(results: Results) -> Judgement:
     """PPO achieves the highest average episodic reward."""
-    trials = figure_4(results, "paper")
+    trials = figure_4(results)
     if not trials:
         return NOTHING
     views = {"at the end": None, "at equal moves": "moves"}
-    if is_timed_alike([record for each in trials.values() for record in each]):
+    if is_timed_alike([record for records in trials.values() for record in records]):
         views["at equal CPU time"] = "cpu_s"
     scores = {words: scores_at(trials, axis) for words, axis in views.items()}
     wins = all_of(beats("ppo", scores["at the end"]))
-    measured = "; ".join(f"{words} {order(each)}" for words, each in scores.items())
-    return decided(measured, wins, trials)
+    measured = "; ".join(f"{words} {order(by_name)}" for words, by_name in scores.items())
+    return decided(f"score of the last episodes in training: {measured}", wins, trials)
 
 
 def beats(name: str, scores: dict[str, Floats]) -> list[Holds]:
-    """Return whether an algorithm is above each of the others, None where neither is with certainty."""
+    """Return whether an algorithm is above each other; None if that is not certain."""
     return [
         certainly_above(scores[name], values) for other, values in scores.items() if other != name
     ]
@@ -278,23 +337,23 @@ def beats(name: str, scores: dict[str, Floats]) -> list[Holds]:
 
 def second(results: Results) -> Judgement:
     """DQN-Rainbow achieves the second-best performance."""
-    trials = figure_4(results, "paper")
+    trials = figure_4(results)
     if not trials:
         return NOTHING
     scores = scores_at(trials, None)
-    found = beats("rainbow", scores)
-    below, above = found.count(False), found.count(True)
+    is_above_other = beats("rainbow", scores)
+    below, above = is_above_other.count(False), is_above_other.count(True)
     is_second: Holds = None
-    if below > 1 or above == len(found):
+    if below > 1 or above == len(is_above_other):
         is_second = False
-    elif None not in found:
+    elif None not in is_above_other:
         is_second = True
-    return decided(f"at the end {order(scores)}", is_second, trials)
+    return decided(f"the same at the end {order(scores)}", is_second, trials)
 
 
 def half(results: Results) -> Judgement:
     """Rainbow's average is 50.04 % of PPO's."""
-    trials = figure_4(results, "paper")
+    trials = figure_4(results)
     if not trials:
         return NOTHING
     scores = scores_at(trials, None)
@@ -304,20 +363,22 @@ def half(results: Results) -> Judgement:
     words = f"{ratio.mean:.3f}, and no bounded interval, since PPO's may be 0"
     if ratio.high < np.inf:
         words = ratio.span("{:.3f}")
-    return decided(f"ratio of the means of the final scores {words}", holds, trials)
+    return decided(f"ratio of the means of these scores at the end {words}", holds, trials)
 
 
 def millions(results: Results) -> Judgement:
-    """The algorithms usually need millions of time steps to converge: so most of the trainings by the letter do.
+    """The algorithms usually need millions of time steps to converge.
 
-    Undecided until most have converged, however long they are.
+    So most of the trainings by the letter do; undecided until most have converged, however long
+    they are.
     """
     words = []
     for name in NAMES:
-        found = [converged(record) for record in of_figure_4(results, name, "works")]
-        if found and None not in found:
-            words.append(f"{NAMES[name]} {count_text(max(each or 0 for each in found))}")
-    letter = chosen(results.records, variant="paper", level=LEVEL, size=SIZE)
+        ends = [converged(record) for record in of_kind(results, name, "works", LEVEL)]
+        moves_to_aim = [moves for moves in ends if moves is not None]
+        if moves_to_aim and len(moves_to_aim) == len(ends):
+            words.append(f"{NAMES[name]} {count_text(max(moves_to_aim))}")
+    letter = by_the_letter(results)
     if not words or not letter:
         return NOTHING
     reached = [moves for record in letter if (moves := converged(record)) is not None]
@@ -336,17 +397,20 @@ def millions(results: Results) -> Judgement:
 
 
 def converged(record: Record) -> int | None:
-    """Return the moves after which a training had completed AIM of its last 100 episodes; None when it never had."""
+    """Return the moves of a training until AIM of 100 episodes were completed.
+
+    None if that was never reached.
+    """
     moves, completion = points_of(record, "explored", "moves")
     there = np.flatnonzero(completion >= AIM)
     return int(moves[there[0]]) if len(there) else None
 
 
 def with_bonus(record: Record) -> float:
-    """Return the normalized score at the end of a training on t-m-b as it would be on t-m-1.
+    """Return the last normalized score of a training as it would be on level t-m-1.
 
-    Levels t-m-2 pay neither n nor -n for how an episode ends, so their score has another scale. The share of episodes that
-    ended either way is known, so the two can be counted.
+    Levels t-m-2 pay neither n nor -n for how an episode ends, so their score has another scale. The
+    share of episodes that ended either way is known, so the two can be counted.
     """
     last = {name: float(column[-1] or 0) for name, column in record.curve.items()}
     config, size = record.trial.config, record.trial.size
@@ -359,10 +423,20 @@ def with_bonus(record: Record) -> float:
 
 
 def figure_5(results: Results, variant: str) -> Trials:
-    """Return PPO's trials on each of the 12 levels, as many of each; empty until all have SEEDS."""
-    trials = {level: of_figure_5(results, level, variant) for level in DIFFICULTIES}
-    count = min(map(len, trials.values()))
-    return {level: own[:count] for level, own in trials.items()} if count >= SEEDS else {}
+    """Return as many of PPO's trials on each of the 12 levels, or none.
+
+    None until all levels have SEEDS.
+
+    variant  "paper": as `letter_of_ppo` chooses
+    """
+    is_letter = variant == "paper"
+    trials = (
+        letter_of_ppo(results, DIFFICULTIES)
+        if is_letter
+        else of_ppo(results, DIFFICULTIES, variant)
+    )
+    count = min(map(len, trials.values()), default=0)
+    return {level: records[:count] for level, records in trials.items()}
 
 
 def at_the_end(name: str) -> Callable[[Record], float]:
@@ -382,7 +456,7 @@ AS_IT_SAYS = {True: "as the paper says", False: "not as the paper says", None: "
 
 
 def on_levels(measure: Callable[[Finals], tuple[str, Holds]]) -> Decide:
-    """Return what judges a statement about the 12 levels, by the letter and as it works.
+    """Return what judges a statement about the 12 levels.
 
     The letter alone decides. Without it the statement is undecided, whatever PPO does as it works.
 
@@ -390,71 +464,83 @@ def on_levels(measure: Callable[[Finals], tuple[str, Holds]]) -> Decide:
     """
 
     def decide(results: Results) -> Judgement:
-        parts, found, said = [], NOT_YET, ""
+        parts, judged, length = [], NOT_YET, ""
         for variant in ("paper", "works"):
             if trials := figure_5(results, variant):
                 finals = {
-                    name: {level: np.array([*map(of, own)]) for level, own in trials.items()}
+                    name: {
+                        level: np.array([*map(of, records)]) for level, records in trials.items()
+                    }
                     for name, of in ON_LEVELS.items()
                 }
                 words, holds = measure(finals)
                 parts.append(f"{TITLES[variant]}: {words}")
-                said = said or lengths(trials)
+                length = length or lengths(trials)
                 if variant == "paper":
-                    found = decided(words, holds, trials).verdict
-                elif found == NOT_YET:
-                    found = UNDECIDED
+                    judged = decided(words, holds, trials).verdict
+                elif judged == NOT_YET:
+                    judged = UNDECIDED
                     parts[-1] += f", {AS_IT_SAYS[holds]}"
-        return Judgement(". ".join([*parts, said] if said else parts), found)
+        return Judgement(". ".join([*parts, length] if length else parts), judged)
 
     return decide
 
 
-def mean_with(finals: dict[str, Floats], element: int, value: str) -> Floats:
-    """Return the mean over the levels where an element of the difficulty (0 d_t, 1 d_m, 2 d_b) has a value, for each seed."""
-    own = [each for level, each in finals.items() if level.split("-")[element] == value]
-    return np.asarray(np.mean(own, axis=0))
+def mean_with(finals: dict[str, Floats], element: int, setting: str) -> Floats:
+    """Return the mean over the levels with one setting: float64[seeds].
+
+    element  0 d_t, 1 d_m, 2 d_b
+    """
+    chosen_levels = [
+        scores for level, scores in finals.items() if level.split("-")[element] == setting
+    ]
+    return np.asarray(np.mean(chosen_levels, axis=0))
 
 
 def effects(finals: Finals) -> tuple[dict[str, Floats], str]:
     """The effects of d_t, d_m and d_b on the comparable score, with words.
 
-    The effect of an element is the highest less the lowest mean of its values, float64[seeds].
+    The effect of an element is the highest less the lowest mean of its settings, float64[seeds].
     """
-    own, found = finals[COMPARABLE], {}
+    scores, spreads = finals[COMPARABLE], {}
     for element, name in enumerate(("d_t", "d_m", "d_b")):
-        values = {level.split("-")[element] for level in own}
-        means = [mean_with(own, element, value) for value in values]
-        found[name] = np.ptp(means, axis=0)
-    words = ", ".join(f"{name} {Estimate.of(spread).text()}" for name, spread in found.items())
-    return found, f"spread of the {COMPARABLE} between its values: {words}"
+        settings = {level.split("-")[element] for level in scores}
+        means = [mean_with(scores, element, setting) for setting in settings]
+        spreads[name] = np.ptp(means, axis=0)
+    words = ", ".join(f"{name} {Estimate.of(spread).text()}" for name, spread in spreads.items())
+    return spreads, f"spread of the {COMPARABLE} between its values: {words}"
 
 
-def larger(found: dict[str, Floats], pairs: Sequence[tuple[str, str]]) -> tuple[str, Holds]:
-    """Return by how much the first effect of each pair is larger than the second, and whether all are with certainty."""
-    words = ", ".join(f"{a} less {b} {Estimate.of(found[a] - found[b]).text()}" for a, b in pairs)
+def larger(spreads: dict[str, Floats], pairs: Sequence[tuple[str, str]]) -> tuple[str, Holds]:
+    """Return by how much the first effect of a pair is larger than the second.
+
+    Of each pair, in words, and whether all are larger with certainty.
+    """
+    words = ", ".join(
+        f"{a} less {b} {Estimate.of(spreads[a] - spreads[b]).text()}" for a, b in pairs
+    )
     return (
         f"by seed: {words}",
-        all_of(above_by_seed(found[a], found[b]) for a, b in pairs),
+        all_of(above_by_seed(spreads[a], spreads[b]) for a, b in pairs),
     )
 
 
 @on_levels
 def morphology_first(finals: Finals) -> tuple[str, Holds]:
     """d_m has the largest effect on the learned policy."""
-    found, words = effects(finals)
-    differences, holds = larger(found, [("d_m", "d_t"), ("d_m", "d_b")])
+    spreads, words = effects(finals)
+    differences, holds = larger(spreads, [("d_m", "d_t"), ("d_m", "d_b")])
     return f"{words}; {differences}", holds
 
 
 @on_levels
 def morphology_degrades(finals: Finals) -> tuple[str, Holds]:
     """With d_m = 1 the policies perform best, and d_m = 2 degrades them seriously."""
-    small, large = (mean_with(finals[COMPARABLE], 1, value) for value in ("1", "2"))
+    small, large = (mean_with(finals[COMPARABLE], 1, setting) for setting in ("1", "2"))
     is_serious = above_by_seed(small, large, SERIOUS)
     size = {True: "more than", False: "less than", None: "not certainly more or less than"}
     of_loss = "a certain loss" if above_by_seed(small, large) else "a loss"
-    one, two, loss = (Estimate.of(each).text() for each in (small, large, small - large))
+    one, two, loss = (Estimate.of(scores).text() for scores in (small, large, small - large))
     return (
         f"final score with the bonus counted everywhere {one} with d_m = 1, {two} with d_m = 2: "
         f"{of_loss} of {loss}, {size[is_serious]} the {SERIOUS} that counts as serious"
@@ -464,13 +550,13 @@ def morphology_degrades(finals: Finals) -> tuple[str, Holds]:
 @on_levels
 def hardest(finals: Finals) -> tuple[str, Holds]:
     """With d_m = 2 and d_t = 3 the final performance is a little above 0.6."""
-    found = {level: Estimate.of(finals["score"][level]) for level in ("3-2-1", "3-2-2")}
-    words = ", ".join(f"{level} {mean.text()}" for level, mean in found.items())
-    return f"final score: {words}", all_of(is_within(each, 0.6, 0.7) for each in found.values())
+    means = {level: Estimate.of(finals["score"][level]) for level in ("3-2-1", "3-2-2")}
+    words = ", ".join(f"{level} {mean.text()}" for level, mean in means.items())
+    return f"final score: {words}", all_of(is_within(mean, 0.6, 0.7) for mean in means.values())
 
 
 def is_within(score: Estimate, low: float, high: float) -> Holds:
-    """Return whether a score lies in low..high, None where its interval reaches over an end."""
+    """Return whether a score lies in low..high, None if its interval crosses an end."""
     if low <= score.low and score.high < high:
         return True
     return False if score.high < low or score.low >= high else None
@@ -479,8 +565,8 @@ def is_within(score: Estimate, low: float, high: float) -> Holds:
 @on_levels
 def bonus_little(finals: Finals) -> tuple[str, Holds]:
     """d_b does not affect the overall performance much."""
-    found, _ = effects(finals)
-    differences, holds = larger(found, [("d_t", "d_b"), ("d_m", "d_b")])
+    spreads, _ = effects(finals)
+    differences, holds = larger(spreads, [("d_t", "d_b"), ("d_m", "d_b")])
     return f"the spreads of `morphology-first`; {differences}", holds
 
 
@@ -492,9 +578,8 @@ STARTS = (*(f"{variant}-no-" for variant in WITHOUT), "paper+", "paper-no-")
 
 
 def completion(results: Results, algorithm: str, variant: str) -> Estimate:
-    """Return the completion on held-out terrains over seeds, UNKNOWN without a training."""
-    trials = of_figure_4(results, algorithm, variant)
-    return Estimate.of([record.result["completion"] for record in trials])
+    """Return the completion on held-out terrains, UNKNOWN without a training."""
+    return Estimate.of(results_of(of_kind(results, algorithm, variant, LEVEL), "completion"))
 
 
 def percent(share: Estimate) -> str:
@@ -508,22 +593,24 @@ def as_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def without_constants(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table without the columns that have one value, which a line above it has."""
-    values = dict(zip(columns, zip(*rows, strict=True), strict=True)) if rows else {}
-    common = ", ".join(f"{name} {each[0]}" for name, each in values.items() if len({*each}) == 1)
-    varying = {name: each for name, each in values.items() if len({*each}) > 1}
+    """Return a table without its constant columns, which a line above it has."""
+    cells = dict(zip(columns, zip(*rows, strict=True), strict=True)) if rows else {}
+    common = ", ".join(
+        f"{name} {column[0]}" for name, column in cells.items() if len({*column}) == 1
+    )
+    varying = {name: column for name, column in cells.items() if len({*column}) > 1}
     table = as_table([*varying], [*zip(*varying.values(), strict=True)])
     return f"In all rows: {common}.\n\n{table}" if common else table
 
 
 def trained(results: Results) -> str:
-    """Return the table of the policies of figure 4: all four algorithms, by the letter, as they work, and tuned."""
-    found = [
-        each
-        for variant in TITLES
-        for each in chosen(results.records, variant=variant, level=LEVEL, size=SIZE)
+    """Return the table of figure 4's policies: by the letter, as they work, and tuned."""
+    records = [
+        record
+        for variant in (*TITLES, "appendix")
+        for record in chosen(results.records, variant=variant, level=LEVEL, size=SIZE)
     ]
-    return without_constants(TABLE_COLUMNS, [cells_of(row) for row in rows_of(found)])
+    return without_constants(TABLE_COLUMNS, [cells_of(row) for row in rows_of(records)])
 
 
 def levels_in_short(results: Results) -> str:
@@ -535,55 +622,64 @@ def levels_in_short(results: Results) -> str:
     for level, records in letter.items():
         shares[level[2]].append(_mean(records, "coverage"))
     (first, *_), *_ = letter.values()
-    small, large = (f"{min(means):.0%} to {max(means):.0%}" for means in shares.values())
-    ratios = [_mean(own, "steps") / _mean(own, "best_rule_steps") for own in works.values()]
+    ratios = [
+        _mean(records, "steps") / _mean(records, "best_rule_steps") for records in works.values()
+    ]
     harder = [
-        _mean(works[level.replace("-1-", "-2-", 1)], "steps") - _mean(own, "steps")
-        for level, own in works.items()
+        _mean(works[level.replace("-1-", "-2-", 1)], "steps") - _mean(records, "steps")
+        for level, records in works.items()
         if level[2] == "1"
     ]
-    completed = [_mean(own, "completion") for trials in (letter, works) for own in trials.values()]
-    half = len(letter)
+    by_letter, as_works = (
+        low_to_high([_mean(records, "completion") for records in trials.values()], per_cent)
+        for trials in (letter, works)
+    )
     return fill(
         f"By the letter, each training on a level has {count_text(first.result['moves'])} moves and "
-        f"{count_text(gradient_steps(first))} gradient steps, and completes {max(completed[:half]):.0%} of the terrains; "
-        f"it covers {small} of the cells where obstacles are small (d_m = 1), {large} where they are large. As it works, "
-        f"it completes {min(completed[half:]):.0%} of each level's terrains, or more, "
-        f"in {min(ratios):.2f} to {max(ratios):.2f} of the "
-        f"better rule's moves; large obstacles cost it {min(harder):.0f} to {max(harder):.0f} moves more.",
+        f"{count_text(gradient_steps(first))} gradient steps, and completes {by_letter} of the terrains; "
+        f"it covers {low_to_high(shares['1'], per_cent)} of the cells where obstacles are small (d_m = 1), "
+        f"{low_to_high(shares['2'], per_cent)} where they are large. As it works, it completes {as_works} of a level's "
+        f"terrains, in {low_to_high(ratios)} of the "
+        f"better rule's moves; large obstacles cost it {low_to_high(harder, '{:.0f}'.format)} moves more.",
         110,
         break_on_hyphens=False,
     )
 
 
 def _mean(records: Sequence[Record], name: str) -> float:
-    return float(np.mean([record.result[name] for record in records]))
+    return float(results_of(records, name).mean())
 
 
 def changes_of(results: Results, algorithm: str) -> list[str]:
-    """Return the changes of which an algorithm has trainings without them, or with them alone."""
-    trials = [each.trial for each in results.records if each.trial.algorithm == algorithm]
+    """Return the changes that trainings of an algorithm leave out, or make alone."""
+    trials = [record.trial for record in results.records if record.trial.algorithm == algorithm]
     variants = {trial.variant for trial in trials}
-    found = {
-        each.removeprefix(start) for each in variants for start in STARTS if each.startswith(start)
+    changes = {
+        variant.removeprefix(start)
+        for variant in variants
+        for start in STARTS
+        if variant.startswith(start)
     }
-    return sorted(each for each in found if "+" not in each)
+    return sorted(change for change in changes if "+" not in change)
 
 
 def ablations(results: Results) -> str:
-    """Return what each change does to completion, as a table, the one whose lack costs most first."""
+    """Return what each change does to completion, as a table.
+
+    Of each algorithm the change whose lack costs most is first.
+    """
     rows: list[tuple[str, float, list[str]]] = []
     for name in ALGORITHMS:
         whole = [completion(results, name, variant) for variant in WITHOUT]
         for change in changes_of(results, name):
             others = [completion(results, name, start + change) for start in STARTS]
             losses = [both.mean - one.mean for both, one in zip(whole, others, strict=False)]
-            lost = max((each for each in losses if not isnan(each)), default=0.0)
-            used = (of_figure_4(results, name, start + change) for start in STARTS)
+            lost = max((loss for loss in losses if not isnan(loss)), default=0.0)
+            used = (of_kind(results, name, start + change, LEVEL) for start in STARTS)
             sizes = [
-                f"{len(each)} x {each[0].trial.terrains}, {count_text(each[0].trial.moves)}"
-                for each in used
-                if each
+                f"{len(records)} x {records[0].trial.terrains}, {count_text(records[0].trial.moves)}"
+                for records in used
+                if records
             ]
             cells = [f"`{change}`", *map(percent, others), "; ".join(dict.fromkeys(sizes))]
             rows.append((NAMES[name], -lost, cells))
@@ -595,8 +691,11 @@ def ablations(results: Results) -> str:
 
 @cache
 def constant_actions() -> dict[str, dict[str, float]]:
-    """Return what each action does that is made at every move, on the terrains of the measurements: a result's shares."""
-    config, found = EnvConfig.of(LEVEL, SIZE), {}
+    """Return action -> the shares of a result of a policy that makes no other move.
+
+    On the terrains of the measurements.
+    """
+    config, results = EnvConfig.of(LEVEL, SIZE), {}
     for action, name in enumerate(ACTIONS):
         ends = []
         for seed in range(EVALUATION_SEEDS.start, EVALUATION_SEEDS.start + HELD_OUT_TERRAINS):
@@ -605,35 +704,35 @@ def constant_actions() -> dict[str, dict[str, float]]:
                 episode.step(action)
             ends.append((episode.coverage, episode.outcome))
         shares = {end: sum(outcome == end for _, outcome in ends) / len(ends) for end in ENDINGS}
-        found[name] = {"coverage": round(float(np.mean([each for each, _ in ends])), 4), **shares}
-    return found
+        coverage = round(float(np.mean([share for share, _ in ends])), 4)
+        results[name] = {"coverage": coverage, **shares}
+    return results
 
 
 def became(results: Results) -> str:
     """How many trainings by the letter became a constant action, in words."""
-    letter = chosen(results.records, variant="paper", level=LEVEL)
-    ended = [record for record in letter if "collided" in record.result]
+    ended = [record for record in by_the_letter(results) if "collided" in record.result]
     constant: Counter[str] = Counter()
     for record in ended:
-        own = record.result
         same = [
             name
             for name, figures in constant_actions().items()
-            if all(own.get(key) == share for key, share in figures.items())
+            if all(record.result.get(key) == share for key, share in figures.items())
         ]
         if same:
             constant[f"{NAMES[record.trial.algorithm]} always {same[0]}"] += 1
     words = ", ".join(f"{name} {count}" for name, count in sorted(constant.items()))
-    return f"Of {len(ended)} trainings by the letter, {constant.total()} became a constant move: {words or 'none'}."
+    trainings = "training" if len(ended) == 1 else "trainings"
+    return f"Of {len(ended)} {trainings} by the letter, {constant.total()} became a constant move: {words or 'none'}."
 
 
 def unfinished(results: Results) -> str:
     """Return how far the trainings are that are not finished, as a table."""
     rows = []
-    for each in results.unfinished:
-        trial, line = each["trial"], each["line"]
+    for progress in results.unfinished:
+        trial, line = progress["trial"], progress["line"]
         name = f"{NAMES[trial.algorithm]} {trial.variant}"
-        far = f"{count_text(each['moves'])} of {count_text(trial.moves)}"
+        far = f"{count_text(progress['moves'])} of {count_text(trial.moves)}"
         shares = (f"{line[column]:.3f}" if line else "" for column in ("coverage", "explored"))
         rows.append([name, str(trial.seed), far, *shares])
     columns = ("training", "seed", "moves", "coverage as trained", "completion as trained")
@@ -646,7 +745,7 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     "ablations": ablations,
     "became": became,
     "unfinished": unfinished,
-    "difference in short": lambda results: answers.in_short(answers.read_stored()),
-    "difference": lambda results: answers.table(answers.read_stored()),
+    "difference in short": lambda results: answers.in_short(results.trainings),
+    "difference": lambda results: answers.table(results.trainings),
 }
 """Name of a drawn block of the document -> what draws it."""

@@ -117,7 +117,7 @@ def steps_of(line: Line, per_cent: int = 99) -> Floats:
 
 
 def last_shares(line: Line) -> Floats:
-    """The share of an episode's moves from 90 % on, for each that reached 99 %."""
+    """The share of its moves from 90 % on, by episode that reached 99 %: float64[...]."""
     before, whole = (np.array(line["reached"][str(share)], np.float64) for share in (KNEE, 99))
     is_reached = whole > 0  # not so where NaN stands for never
     return np.asarray((whole - before)[is_reached] / whole[is_reached])

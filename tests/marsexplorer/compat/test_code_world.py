@@ -241,6 +241,16 @@ def test_a_start_alone_is_on_the_terrain_of_the_seed(start):
     np.testing.assert_array_equal(env.terrain, terrain)
 
 
+def test_an_option_that_is_none_is_left_out():
+    env = make()
+    terrain = np.zeros((21, 21), bool)
+    _, info = env.reset(options={"terrain": terrain, "start": None})
+    assert info["position"] == (0, 0)
+    assert not env.terrain.any()
+    _, info = env.reset(seed=7, options={"terrain": None, "start": (3, 4)})
+    assert (info["position"], info["terrain_seed"]) == ((3, 4), 7)
+
+
 def test_the_time_limit_is_the_move_after_it_and_an_end_like_others():
     env = make({"initial": [10, 10], "max_steps": 5})
     env.reset(options={"terrain": np.zeros((21, 21), bool)})
@@ -258,7 +268,7 @@ def test_the_time_limit_is_the_move_after_it_and_an_end_like_others():
         ({"obstacle_size": [3, 1]}, "a smallest and a largest side"),
         ({"margins": [12, 12]}, "room for obstacles"),
         ({"lidar_channels": 2.5}, "takes whole numbers"),
-        ({"size": [1024, 1024]}, "32 rays of up to 16 cells each, which may take 256 MiB"),
+        ({"size": [1024, 1024]}, "of up to 16 cells each: 2,048 MiB, and 256 MiB are allowed"),
     ],
 )
 def test_a_wrong_configuration_is_named(conf, message):
