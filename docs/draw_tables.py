@@ -42,8 +42,8 @@ OVER_SOCKETS = (
     messages.Act,
     messages.ClockState,
     messages.InputEvent,
-    messages.Kept,
-    messages.Remade,
+    messages.EventsReceipt,
+    messages.RepeatProgress,
 )
 """Messages of a page's socket that no call answers."""
 BLOCK = re.compile(r"^<!-- drawn: (?P<name>[\w ]+) -->\n.*?^<!-- end -->$", re.M | re.S)

@@ -989,6 +989,13 @@ declare namespace Socket {
     /** why it stands, where that is not the page's doing */
     reason: string | null,
   };
+  /** The answer to `Events`: all are stored, or none. None with a reason is final; none without a reason means send them again. */
+  type EventsReceipt = {
+    kind: "kept",
+    episode: string,
+    count: number,
+    reason: string | null,
+  };
   /** One key press, touch, or change of focus, as the page saw it. */
   type InputEvent = {
     kind: "keydown" | "keyup" | "touchdown" | "touchup" | "focus" | "blur" | "visible" | "hidden" | "pause" | "resume",
@@ -1004,15 +1011,8 @@ declare namespace Socket {
     /** from the last move to its frame */
     round_trip_ms?: number | null,
   };
-  /** The answer to `Events`: all are stored, or none. None with a reason is final; none without a reason means send them again. */
-  type Kept = {
-    kind: "kept",
-    episode: string,
-    count: number,
-    reason: string | null,
-  };
   /** How many of a running episode's moves a lost environment has repeated. The next frame ends it. */
-  type Remade = {
+  type RepeatProgress = {
     kind: "remade",
     episode: string,
     done: number,

@@ -16,7 +16,7 @@ export function cardOf(clock, frame, frames, isTouch, passed_ms) {
   return { title: "Paused", line: `${clock.reason ?? "Time stands still."} ${press} to go on; what was held is let go.` };
 }
 
-/** @param {Socket.Remade} remade @returns what the card says while an environment that was lost is made again */
+/** @param {Socket.RepeatProgress} remade @returns what the card says while an environment that was lost is made again */
 export const remadeOf = ({ done, of }) => ({ title: "One moment", line: `The environment was lost. It is made again: move ${done} of ${of}.` });
 
 /** Return the part of a page for a board on a clock; without one it hands everything on.

@@ -68,7 +68,7 @@ type Mark = unknown;
 /** One board. `trail[k]` and `progress[k]` belong to step k; `hasGap` says that steps are missing from them. */
 type Board = {
   session: string, name: string, frame: Frame, trail: Mark[], progress: number[], hasGap: boolean, pace: Pace | null,
-  isReplay: boolean, clock?: ClockState | null, remade?: Socket.Remade | null,
+  isReplay: boolean, clock?: ClockState | null, remade?: Socket.RepeatProgress | null,
 };
 /** The state; `level` is the name of the level, or that of the map; `task` is null before the first board. */
 type GameState = {
@@ -98,7 +98,7 @@ type Problem = {kind: "error", detail: string};
 type Pace = Answers.Pace;
 /** Whether time runs on a board with a clock; ms: of the countdown. */
 type ClockState = Socket.ClockState;
-type FromServer = Frame | MoveHistory | Refused | Problem | Pace | ClockState | Socket.Remade | Socket.Kept;
+type FromServer = Frame | MoveHistory | Refused | Problem | Pace | ClockState | Socket.RepeatProgress | Socket.EventsReceipt;
 /** What POST api/sessions answers, with the task as the page plays it. */
 type About = Omit<Answers.Board, "task"> & {task: Task};
 /** When and how a move was made; `client_ms` is performance.now. */

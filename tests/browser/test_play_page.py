@@ -11,7 +11,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from humanplay.board.messages import Remade
+from humanplay.board.messages import RepeatProgress
 from marsexplorer import policies
 from tests.browser.test_attested import click_into_the_view, there_and_back
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, fetched, keep_picture
@@ -261,7 +261,7 @@ def test_a_page_says_how_far_an_environment_that_was_lost_is_made_again(serve, p
     session = server.services.lobby.in_memory(about["session"])
 
     async def tell():
-        session.remade = Remade(episode=about["frame"]["episode"], done=2, of=5)
+        session.remade = RepeatProgress(episode=about["frame"]["episode"], done=2, of=5)
         session.channel.notify()
 
     server.on_loop(tell())

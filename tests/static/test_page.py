@@ -296,7 +296,9 @@ def kinds(model):
 
 def test_the_page_and_the_server_name_the_same_messages():
     answers = [
-        each for each in messages.Sent.__subclasses__() if each.__module__ == messages.__name__
+        each
+        for each in messages.ServerMessage.__subclasses__()
+        if each.__module__ == messages.__name__
     ]
     texts = messages.encode_refused("", "null"), messages.encode_error("")
     named = {json.loads(text)["kind"] for text in texts}

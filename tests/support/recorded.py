@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import closing
 
 from humanplay.db.input_events import InputEventRow, add_input_events
-from humanplay.db.store import Closing, Resumable, SessionRow, StepRow, Store, Trial
+from humanplay.db.store import Closing, SessionRow, StepRow, Store, StoredEpisode, Trial
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.page_loads import STORED_LOAD
@@ -44,7 +44,7 @@ def add_session(
     return session
 
 
-def resumable(store: Store, now_ms: int) -> list[Resumable]:
+def resumable(store: Store, now_ms: int) -> list[StoredEpisode]:
     """Every session that a server would resume, in the order of storing."""
     ids = [row["id"] for row in store.query("SELECT id FROM sessions ORDER BY rowid")]
     return [

@@ -15,7 +15,7 @@ AFTER_MS = day_start_ms(DAY) + 86_400_000
 
 def small_terrain(store: Store, day: str = DAY):
     """Keep and return the terrain that a day has in this store, on a small board."""
-    terrain = DailyTerrain.drawn(daily_secret(store), day, "mars", CONFIG)
+    terrain = DailyTerrain.draw(daily_secret(store), day, "mars", CONFIG)
     add_series(store, terrain.series)
     return terrain
 

@@ -63,7 +63,7 @@ class InstanceOfPeople(Answer):
     steps: float | None = described("their mean; moves")
 
 
-class Compared(Answer):
+class MetricComparison(Answer):
     """A policy or an agent in one metric.
 
     It stands beside people if they played the same instances.
@@ -82,8 +82,8 @@ class Row(Answer):
 
     name: str
     outcomes: list[str] = described("of each instance")
-    score: Compared
-    steps: Compared = described("moves of a success, the limit for any other ending")
+    score: MetricComparison
+    steps: MetricComparison = described("moves of a success, the limit for any other ending")
 
 
 class PolicyRow(Row):
@@ -93,7 +93,7 @@ class PolicyRow(Row):
     rank: None
 
 
-class CardOfReceipt(Answer):
+class ReceiptCard(Answer):
     """The card of an agent."""
 
     id: str
@@ -113,7 +113,7 @@ class AgentDescription(Answer):
     cost: str | None = None
 
 
-class SeenBy(Answer):
+class Exposure(Answer):
     """Who could have seen the instances before the agent."""
 
     participants: int
@@ -129,10 +129,10 @@ class AgentRow(Row):
     kind: Literal["agent"]
     rank: int | None = described("among cards that rank")
     attempts: int
-    card: CardOfReceipt
+    card: ReceiptCard
     agent: AgentDescription
     sees: Sees
-    seen_by: SeenBy
+    seen_by: Exposure
 
 
 class Comparison(Answer):
@@ -156,7 +156,7 @@ class Evaluation(ListedEvaluation):
     comparison: Comparison | None = described("null while it is open")
 
 
-class Healthy(Answer):
+class HealthStatus(Answer):
     """The card can be played."""
 
     status: Literal["healthy"]
@@ -244,13 +244,13 @@ class Card(Answer):
     state: CardState
 
 
-class Described(Answer):
+class StoredDescription(Answer):
     """All that the author has said of their agent."""
 
     agent: AgentDescription
 
 
-class Closed(Answer):
+class CardClosure(Answer):
     """The card is closed."""
 
     closed: Literal[True]

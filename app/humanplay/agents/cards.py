@@ -88,7 +88,7 @@ class Card:
 
 
 @dataclass(frozen=True)
-class Seen:
+class InstanceView:
     """What the agent may see now: no reward, no return, no outcome.
 
     Attributes:
@@ -213,7 +213,7 @@ class Cards:
         """The indices of the attempts that were begun; this counts as no call."""
         return card.attempts
 
-    async def begin(self, card: Card, index: int) -> Seen:
+    async def begin(self, card: Card, index: int) -> InstanceView:
         """Begin the attempt at an instance, or go on where it stands.
 
         Raises:
@@ -224,7 +224,9 @@ class Cards:
         # a lost connection interrupts nothing
         return await asyncio.shield(self._begin(card, index))
 
-    async def act(self, card: Card, index: int, action: int | str, step: int | None = None) -> Seen:
+    async def act(
+        self, card: Card, index: int, action: int | str, step: int | None = None
+    ) -> InstanceView:
         """Make a move and return what may be seen then.
 
         Args:
@@ -295,7 +297,7 @@ class Cards:
 
             return await self._write(describe)
 
-    async def _begin(self, card: Card, index: int) -> Seen:
+    async def _begin(self, card: Card, index: int) -> InstanceView:
         async with self._changing[card.row.id]:
             attempt = (await self._read_attempts(card)).get(index)
             if attempt is None:
@@ -339,7 +341,7 @@ class Cards:
         ident = await self._write(begin)
         return Attempt(ident, card.row.id, index, now, None, None, 0), run
 
-    async def _act(self, card: Card, index: int, action: int, step: int | None) -> Seen:
+    async def _act(self, card: Card, index: int, action: int, step: int | None) -> InstanceView:
         async with self._changing[card.row.id]:
             attempt = (await self._read_attempts(card)).get(index)
             if attempt is None:
@@ -411,7 +413,7 @@ class Cards:
         reason = reason or "a card has one attempt at each instance"
         raise CardError(409, f"instance {attempt.instance} is finished: {reason}")
 
-    async def _shown(self, card: Card, attempt: Attempt, run: Run) -> Seen:
+    async def _shown(self, card: Card, attempt: Attempt, run: Run) -> InstanceView:
         """What is seen of a run whose moves are committed.
 
         A run that goes on stays in memory.
@@ -426,7 +428,7 @@ class Cards:
             self._runs[attempt.id] = run
             if len(self._runs) > MOST_RUNS:
                 self._runs.popitem(last=False)
-        return Seen(index, view.steps, view.ended, **shown)
+        return InstanceView(index, view.steps, view.ended, **shown)
 
     async def _take(self, card: Card, attempt: Attempt) -> Run:
         """Take the run of an attempt out of memory, or replay it from its moves.

@@ -22,7 +22,7 @@ from humanplay.report.statistics.intervals import Interval
 from humanplay.report.statistics.study_figures import live_figure, worst_value
 from humanplay.study.data import StudyData
 from humanplay.study.policy_episodes import PolicyEpisode
-from humanplay.task import Drawn
+from humanplay.task import DrawnInstance
 from marsexplorer.intervals import Floats
 
 
@@ -48,7 +48,7 @@ class ReceiptCard(TypedDict):
     note: str | None
 
 
-class SeenBy(TypedDict):
+class Exposure(TypedDict):
     """Who could have seen the instances before the agent, and since when."""
 
     participants: int
@@ -71,7 +71,7 @@ class Receipt(TypedDict):
     commitment: str
     study: dict[str, object] | None
     sees: str
-    seen_by: SeenBy
+    seen_by: Exposure
     card: ReceiptCard
     agent: dict[str, str]
     agent_note: str
@@ -104,7 +104,7 @@ class _Played:
         What was left has the score that it has for people (`Trial.as_left`).
         """
         environment, config = protocol.environment, protocol.env_config
-        cause = Drawn(config, seed=0, terrain=b"", start=(0, 0))
+        cause = DrawnInstance(config, seed=0, terrain=b"", start=(0, 0))
         score, steps = np.full((2, protocol.instances), np.nan)
         outcomes = [""] * protocol.instances
         for index, episode in episodes.items():

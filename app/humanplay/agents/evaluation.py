@@ -30,7 +30,7 @@ from humanplay.study.invitations import ID_LENGTH, new_id, signature
 from humanplay.study.policy_files import PolicyFiles
 from humanplay.study.protocol import NAME, StudyError, canonical_json
 from humanplay.study.seeds import commitment, seed
-from humanplay.task import Configuration, Drawn, Environment, Run, drawn
+from humanplay.task import Configuration, DrawnInstance, Environment, Run, draw_instance
 from humanplay.task.registration import environment_of
 
 TABLES = (
@@ -456,9 +456,9 @@ def forget_card(conn: sqlite3.Connection, card: str) -> None:
     conn.execute("DELETE FROM agents_cards WHERE id = ?", (card,))
 
 
-def cause_of(protocol: Protocol, number: int) -> Drawn:
+def cause_of(protocol: Protocol, number: int) -> DrawnInstance:
     """What fixes an episode on the instance of a seed."""
-    return drawn(protocol.environment, protocol.env_config, number)
+    return draw_instance(protocol.environment, protocol.env_config, number)
 
 
 def simulated(protocol: Protocol, number: int, actions: bytes) -> EpisodeEnding:

@@ -22,7 +22,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from humanplay.agents.comparison import Receipt, ReceiptEpisode, SeenBy, compare
+from humanplay.agents.comparison import Exposure, Receipt, ReceiptEpisode, compare
 from humanplay.agents.evaluation import (
     COMPARISON,
     OPENING,
@@ -93,7 +93,7 @@ def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar
                 for other, theirs in played.items()
                 if other != card and theirs and theirs[0].started_ms < began
             ]
-            seen_by: SeenBy = {**seen, "other_cards_before": len(others)}
+            seen_by: Exposure = {**seen, "other_cards_before": len(others)}
             receipt = _receipt(evaluation, card, attempts, moves, seen_by)
             receipt["public_key"], receipt["signature"] = _signed(receipt, key)
             receipts.append(receipt)
@@ -164,7 +164,7 @@ def _people(database: Path, folder: Folder, study: Study | None) -> StudyData | 
         return load_with_folder(reader, folder, study.name)[0]
 
 
-def _seen_by(database: Path, evaluation: Evaluation) -> SeenBy:
+def _seen_by(database: Path, evaluation: Evaluation) -> Exposure:
     """Who could have seen the instances before the agents, and since when."""
     ranked = []
     if evaluation.study is not None:
@@ -185,7 +185,7 @@ def _receipt(
     card: CardRow,
     attempts: Sequence[Attempt],
     moves: Mapping[int, bytes],
-    seen_by: SeenBy,
+    seen_by: Exposure,
 ) -> Receipt:
     protocol = evaluation.protocol
     episodes = list[ReceiptEpisode]()

@@ -20,17 +20,17 @@ from starlette.requests import HTTPConnection
 
 from humanplay.agents.answers import Card as CardAnswer
 from humanplay.agents.answers import (
-    Closed,
-    Described,
-    Healthy,
+    CardClosure,
+    HealthStatus,
     InstanceCount,
     Instances,
     Metadata,
     OneInstance,
     Schemas,
     Split,
+    StoredDescription,
 )
-from humanplay.agents.cards import SPLIT, Card, CardError, Cards, Seen
+from humanplay.agents.cards import SPLIT, Card, CardError, Cards, InstanceView
 from humanplay.board.messages import Message, describe_errors
 from humanplay.db.store import StoreError
 from humanplay.web.access import close
@@ -70,7 +70,7 @@ class Step(Message):
     )
 
 
-class InSplit(Message):
+class SplitRequest(Message):
     """The instances of a split.
 
     All of them, the one with `index`, or those from `start` to before `stop`.
@@ -82,7 +82,7 @@ class InSplit(Message):
     stop: int | None = None
 
 
-class At(TypedDict):
+class EpisodeState(TypedDict):
     """The instance that was reset last, and its moves."""
 
     episode_id: str | None
@@ -97,7 +97,7 @@ class Agent:
     cards: Cards
     card: Card
 
-    async def begin(self, index: int) -> Seen:
+    async def begin(self, index: int) -> InstanceView:
         """Begin an attempt or go on with it; what is seen of it.
 
         One that begins is checked against the budgets of the client.
@@ -107,7 +107,7 @@ class Agent:
             protection.check_episode(self.connection.scope)
         return await self.cards.turns.take(self.cards.begin(self.card, index))
 
-    async def move(self, index: int, action: str | int, step: int | None = None) -> Seen:
+    async def move(self, index: int, action: str | int, step: int | None = None) -> InstanceView:
         """Make a move; what is seen after it."""
         return await self.cards.turns.take(self.cards.act(self.card, index, action, step))
 
@@ -145,7 +145,7 @@ def check_split(split: str) -> None:
         raise CardError(404, f"expected the split {SPLIT!r}, got {split[:40]!r}")
 
 
-@router.get("/health", response_model=Healthy)
+@router.get("/health", response_model=HealthStatus)
 async def card_health(agent: AgentOf) -> dict[str, str]:
     """Say that the card can be played."""
     return {"status": "healthy"}
@@ -200,7 +200,7 @@ async def instances(
     agent: AgentOf,
     name: NameInPath,
     what: Literal["tasks", "num_tasks", "task", "task_range"],
-    wanted: InSplit,
+    wanted: SplitRequest,
 ) -> dict[str, object]:
     """Return the instances of a split, their number, or some of them.
 
@@ -230,7 +230,7 @@ async def get_card(agent: AgentOf) -> dict[str, object]:
     return {**author, **agent.cards.about(card), "state": state}
 
 
-@router.post("", response_model=Described, response_model_exclude_unset=True)
+@router.post("", response_model=StoredDescription, response_model_exclude_unset=True)
 async def describe(agent: AgentOf, texts: dict[str, object]) -> dict[str, object]:
     """Store `agent`, `version`, `model`, `prompts_sha256` and `cost`.
 
@@ -239,7 +239,7 @@ async def describe(agent: AgentOf, texts: dict[str, object]) -> dict[str, object
     return {"agent": await agent.cards.describe(agent.card, texts)}
 
 
-@router.post("/close", response_model=Closed)
+@router.post("/close", response_model=CardClosure)
 async def close_card(agent: AgentOf) -> dict[str, bool]:
     """Close the card for good: what runs is abandoned, and it counts."""
     await agent.cards.close(agent.card)
@@ -257,7 +257,7 @@ async def play(websocket: WebSocket, token: str) -> None:
             await websocket.send_json(failed(error, "SESSION_ERROR"))
             await close(websocket, UNKNOWN_SESSION, "no open card")
             return
-        at: At = {"episode_id": None, "step_count": 0}
+        at: EpisodeState = {"episode_id": None, "step_count": 0}
         while (message := await websocket.receive())["type"] != "websocket.disconnect":
             try:
                 kind, payload = _read(message.get("text"))
@@ -278,7 +278,7 @@ def _read(text: str | None) -> tuple[str, object]:
         raise CardError(400, 'expected a JSON object with a "type" in a text frame') from None
 
 
-async def _answer(agent: Agent, kind: str, payload: object, at: At) -> dict[str, object]:
+async def _answer(agent: Agent, kind: str, payload: object, at: EpisodeState) -> dict[str, object]:
     """The answer to a message.
 
     Args:
@@ -304,7 +304,7 @@ async def _answer(agent: Agent, kind: str, payload: object, at: At) -> dict[str,
     return {"type": "observation", "data": observation_of(seen)}
 
 
-def observation_of(seen: Seen) -> dict[str, object]:
+def observation_of(seen: InstanceView) -> dict[str, object]:
     """What was seen, as OpenEnv's clients read it."""
     shown = {"observation": seen.observation, "text": seen.text, "picture": seen.picture}
     shown |= {"allowed": seen.allowed}

@@ -95,7 +95,7 @@ KeyMap = Mapping[tuple[str, str], Collection[int]]
 
 
 @dataclass(frozen=True)
-class Attested:
+class AttestationResult:
     """An episode's level; below "attested" also the reason and the step it names.
 
     Attributes:
@@ -182,7 +182,7 @@ def shows_program_at_once(reason: str | None) -> bool:
 
 def attest(
     moves: Sequence[MoveRow], events: Sequence[EventRow], conditions: Conditions
-) -> Attested:
+) -> AttestationResult:
     """The level of a person's episode.
 
     If the first move fits its press, a person played: a later move that does not fit makes the
@@ -199,10 +199,12 @@ def attest(
             _check_moves(moves, events, conditions)
     except _MismatchError as mismatch:
         is_persons = len(moves) > 1 and attest(moves[:1], events, conditions).reason is None
-        return Attested("spoilt" if is_persons else "unattested", str(mismatch), mismatch.step)
+        return AttestationResult(
+            "spoilt" if is_persons else "unattested", str(mismatch), mismatch.step
+        )
     ages_ms = (conditions.started_ms - at_ms for at_ms in conditions.supervised_ms)
     is_supervised = any(0 <= age_ms <= SUPERVISED_FOR_MS for age_ms in ages_ms)
-    return Attested("supervised" if is_supervised else "attested")
+    return AttestationResult("supervised" if is_supervised else "attested")
 
 
 class _Sent(NamedTuple):
@@ -288,7 +290,7 @@ class Ending:
 
     events: BegunHash
     conditions: Conditions | None = None
-    attested: Attested | None = None
+    attested: AttestationResult | None = None
 
 
 def prepare_end(
@@ -312,7 +314,7 @@ def prepare_end(
 
 def attest_stored(
     store: Store, episode_id: str, conditions: Conditions, ending: Ending | None = None
-) -> Attested:
+) -> AttestationResult:
     """The level of a person's episode by the rows in the store.
 
     The timing of its presses is compared with other episodes' too.
@@ -330,7 +332,7 @@ def attest_stored(
     if attested is None:
         attested = attest(store.steps(episode_id), input_events(store, episode_id), conditions)
     if attested.level != "unattested" and has_copied_timing(store, episode_id):
-        return Attested("spoilt", COPIED)
+        return AttestationResult("spoilt", COPIED)
     return attested
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from functools import partial
 
 from humanplay.board.attestation import (
-    Attested,
+    AttestationResult,
     Conditions,
     Ending,
     attest_stored,
@@ -134,7 +134,7 @@ class InputLog:
 
     def closing(
         self, episode: Trial, run: Run, at_ms: int, ending: Ending | None
-    ) -> tuple[Closing, Attested | None]:
+    ) -> tuple[Closing, AttestationResult | None]:
         """What closes an ended episode, and its level; call it in `Store.write`.
 
         Args:

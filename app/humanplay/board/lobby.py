@@ -29,14 +29,14 @@ from humanplay.board.agent import (
     Agent,
     DecisionQueue,
 )
-from humanplay.board.attestation import Attested
+from humanplay.board.attestation import AttestationResult
 from humanplay.board.charges import Charges
 from humanplay.board.messages import ChangePace, Pace, PaceMode
 from humanplay.board.participation import HUMAN, Participation
 from humanplay.board.session import Session
 from humanplay.board.sources import Sources, WatchIds
 from humanplay.db.reader import Reader
-from humanplay.db.store import Control, Resumable, SessionRow, Store, Trial
+from humanplay.db.store import Control, SessionRow, Store, StoredEpisode, Trial
 from humanplay.task import Choice, Configuration, Run, Task, WantedBoard, WantedEpisode, on_threads
 
 
@@ -403,7 +403,7 @@ class Lobby:
             ]
 
             # 4. record all of it, then tell
-            def record() -> tuple[list[Attested | None], list[bool], list[Trial]]:
+            def record() -> tuple[list[AttestationResult | None], list[bool], list[Trial]]:
                 with self.store.transaction(), within(rows[0]) if within else nullcontext():
                     closings = [
                         board.inputs.closing(current, run, at_ms, ending)
@@ -417,7 +417,9 @@ class Lobby:
                 ]
                 return [attested for _, attested in closings], hidden, opened
 
-            def publish(recorded: tuple[list[Attested | None], list[bool], list[Trial]]) -> None:
+            def publish(
+                recorded: tuple[list[AttestationResult | None], list[bool], list[Trial]],
+            ) -> None:
                 levels, hidden, opened = recorded
                 for (board, current, run, _), ending in zip(abandoned, endings, strict=True):
                     board.charge(current, run.view().steps, ending)
@@ -485,7 +487,7 @@ class Lobby:
                 raise UnknownSessionError(session_id, detail) from error
             return self._add_group(boards)
 
-    def _stored(self, session_id: str) -> list[tuple[Resumable, Participation | None, bool]]:
+    def _stored(self, session_id: str) -> list[tuple[StoredEpisode, Participation | None, bool]]:
         """A player's session and its rival's, as the store holds them.
 
         Returns:
@@ -508,7 +510,7 @@ class Lobby:
         ]
 
     async def _resumed(
-        self, row: Resumable, participation: Participation | None, hides_scores: bool
+        self, row: StoredEpisode, participation: Participation | None, hides_scores: bool
     ) -> Session:
         """A session as it stood.
 

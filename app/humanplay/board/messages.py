@@ -226,7 +226,7 @@ class ChangePace(Message):
         return self
 
 
-class Sent(BaseModel):
+class ServerMessage(BaseModel):
     """Any message that is sent: a field that is not declared is an error."""
 
     # what has a default is sent all the same
@@ -235,7 +235,7 @@ class Sent(BaseModel):
     )
 
 
-class Pace(Sent):
+class Pace(ServerMessage):
     """How a policy's session moves."""
 
     kind: Literal["pace"] = "pace"
@@ -243,7 +243,7 @@ class Pace(Sent):
     moves_per_second: float
 
 
-class Kept(Sent):
+class EventsReceipt(ServerMessage):
     """The answer to `Events`: all are stored, or none.
 
     None with a reason is final; none without a reason means send them again.
@@ -255,7 +255,7 @@ class Kept(Sent):
     reason: str | None = None
 
 
-class ClockState(Sent):
+class ClockState(ServerMessage):
     """Whether time runs on a board with a clock.
 
     It stands until the page sends a `resume`, counts down `ms`, or runs.
@@ -270,7 +270,7 @@ class ClockState(Sent):
     )
 
 
-class Remade(Sent):
+class RepeatProgress(ServerMessage):
     """How many of a running episode's moves a lost environment has repeated.
 
     The next frame ends it.

@@ -28,7 +28,7 @@ from humanplay.board.lobby import Lobby, Locks, UnknownSessionError
 from humanplay.board.participation import HUMAN, RefusedError
 from humanplay.board.session import Session
 from humanplay.db.playground import (
-    Deleted,
+    Deletion,
     delete_unplayed,
     left_since,
     newest_session,
@@ -184,7 +184,7 @@ class PageBoards:
         lobby, count = self._lobby, 0
         before_ms = lobby.sources.clock_ms() - round(self._unplayed_h * 3_600_000)
 
-        def delete(after: int) -> Deleted:
+        def delete(after: int) -> Deletion:
             return delete_unplayed(
                 lobby.store,
                 before_ms,

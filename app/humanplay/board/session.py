@@ -23,20 +23,20 @@ from types import TracebackType
 from typing import Literal, Self, cast
 from weakref import WeakSet
 
-from humanplay.board.attestation import Attested, Ending, level_reaches
+from humanplay.board.attestation import AttestationResult, Ending, level_reaches
 from humanplay.board.charges import Charges, most_bytes, stored_bytes
 from humanplay.board.clock import TAKES_KEYS, BoardClock
 from humanplay.board.controls import PAUSE_MS, ClockLimits, HeldKeys
 from humanplay.board.input_log import InputLog
-from humanplay.board.messages import Events, Pace, Remade
+from humanplay.board.messages import Events, Pace, RepeatProgress
 from humanplay.board.participation import HUMAN, SCRIPT, Participation, RefusedError
 from humanplay.db.input_events import EVENT_BYTES, TOO_MANY_EVENTS, batch_bytes
 from humanplay.db.store import Notice, SessionRow, StepRow, Store, StoreError, Trial
 from humanplay.task import (
+    AgentObservation,
     Run,
     RunElsewhere,
     RunEndedError,
-    SeenByAgent,
     Task,
     View,
     not_allowed,
@@ -254,8 +254,8 @@ class Session:
         self.pace = None if self.is_human else pace
         self.number = 0
         self.fault: str | None = None
-        self.remade: Remade | None = None
-        self.attested: Attested | None = None
+        self.remade: RepeatProgress | None = None
+        self.attested: AttestationResult | None = None
         self.touched = time.monotonic()
         self.changing = asyncio.Lock()
         self.current: Trial
@@ -361,7 +361,7 @@ class Session:
                 raise RefusedError(not_allowed(self.task.actions, allowed, move.action))
             await self._make(move, self.now_ms(), notice)
 
-    async def seen(self, picture: bool, observation: bool) -> tuple[View, SeenByAgent]:
+    async def seen(self, picture: bool, observation: bool) -> tuple[View, AgentObservation]:
         """The newest frame's view, and what an agent may see of it.
 
         Args:
@@ -437,7 +437,7 @@ class Session:
         ending = await self.inputs.prepare_end(current, run, row) if view.ended else None
 
         # record: the press, then the move, in one commit
-        def record() -> tuple[Attested | None, bool]:
+        def record() -> tuple[AttestationResult | None, bool]:
             if self.inputs.is_incomplete:
                 raise StoreError(UNKEPT)
             if not is_deviation and not view.ended:
@@ -451,7 +451,7 @@ class Session:
             return attested, self.hides_scores(current.id)
 
         # tell: only after the commit
-        def publish(recorded: tuple[Attested | None, bool]) -> None:
+        def publish(recorded: tuple[AttestationResult | None, bool]) -> None:
             self.go_on(current, run, view, *recorded)
             if view.ended:
                 self.charge(current, view.steps, ending)
@@ -493,7 +493,7 @@ class Session:
         return await on_threads(self.task, step)
 
     def _tell_remade(self, done: int, of: int) -> None:
-        self.remade = Remade(episode=self.current.id, done=done, of=of)
+        self.remade = RepeatProgress(episode=self.current.id, done=done, of=of)
         self.notify()
 
     async def _end_here(self, run: Run, note: Callable[[], None] | None = None) -> None:
@@ -508,14 +508,14 @@ class Session:
         current, at_ms = self.current, self.now_ms()
         ending = await self.inputs.prepare_end(current, run)
 
-        def record() -> tuple[Attested | None, bool]:
+        def record() -> tuple[AttestationResult | None, bool]:
             with self._store.transaction():
                 if note is not None:
                     note()
                 attested = self._close(current, run, at_ms, ending)
             return attested, self.hides_scores(current.id)
 
-        def publish(recorded: tuple[Attested | None, bool]) -> None:
+        def publish(recorded: tuple[AttestationResult | None, bool]) -> None:
             self.go_on(current, run, run.view(), *recorded)
             self.charge(current, self.shown.steps, ending)
 
@@ -549,7 +549,12 @@ class Session:
         self.go_on(row, run, shown, None, hides_scores)
 
     def go_on(
-        self, current: Trial, run: Run, shown: View, attested: Attested | None, hides_scores: bool
+        self,
+        current: Trial,
+        run: Run,
+        shown: View,
+        attested: AttestationResult | None,
+        hides_scores: bool,
     ) -> None:
         """Put a run on the board as the store holds it now, and publish its frame.
 
@@ -667,7 +672,7 @@ class Session:
 
     def _close(
         self, current: Trial, run: Run, at_ms: int, ending: Ending | None
-    ) -> Attested | None:
+    ) -> AttestationResult | None:
         """Close an ended episode in the store; call it in a transaction.
 
         Returns:

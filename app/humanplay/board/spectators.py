@@ -20,7 +20,7 @@ from typing import NamedTuple, ParamSpec, TypeVar
 from humanplay.board.lobby import Lobby, Locks
 from humanplay.board.session import Session
 from humanplay.db.playground import newest_episode, watchable_session
-from humanplay.db.store import Resumable
+from humanplay.db.store import StoredEpisode
 from humanplay.task import Run, describe, on_threads
 
 LOOK_S = 2.0
@@ -59,7 +59,7 @@ class UnwatchableError(LookupError):
         super().__init__(f"no episode {link!r} that can be watched: check the link")
 
 
-class Shown(NamedTuple):
+class WatchedEpisode(NamedTuple):
     """What a link shows now.
 
     Attributes:
@@ -77,7 +77,7 @@ class Spectators:
     def __init__(self, lobby: Lobby, replayer: Replayer) -> None:
         self._lobby, self._replayer = lobby, replayer
 
-    async def shown(self, link: str, viewer: str | None = None) -> Shown:
+    async def shown(self, link: str, viewer: str | None = None) -> WatchedEpisode:
         """What a link shows: the newest episode of a board, or one episode.
 
         Args:
@@ -91,13 +91,13 @@ class Spectators:
         store = self._lobby.store
         board = await self._lobby.watch_ids.session(link)
 
-        def read() -> Shown:
+        def read() -> WatchedEpisode:
             episode_id = link if board is None else newest_episode(store, board)
             now = self._lobby.sources.clock_ms()
             watchable = episode_id and watchable_session(store, episode_id, now, viewer)
             if not episode_id or not watchable:
                 raise UnwatchableError(link)
-            return Shown(watchable[0], episode_id, board is not None)
+            return WatchedEpisode(watchable[0], episode_id, board is not None)
 
         return await store.read(read)
 
@@ -173,7 +173,7 @@ class Spectators:
                         await woken.wait()
 
     @staticmethod
-    def _who_drives(stored: Resumable, viewer: str | None) -> str:
+    def _who_drives(stored: StoredEpisode, viewer: str | None) -> str:
         """Who drives: "you" for the viewer, "human", "script", or a policy's name."""
         session, driver = stored.session, stored.episode.driver
         if driver.startswith("policy:"):
@@ -185,7 +185,7 @@ class Spectators:
         board = self._lobby.in_memory(session_id)
         return board if board is not None and board.current.id == episode_id else None
 
-    async def _stored(self, episode_id: str, link: str, owner: str) -> tuple[Resumable, Run]:
+    async def _stored(self, episode_id: str, link: str, owner: str) -> tuple[StoredEpisode, Run]:
         """The episode that a link shows, as the store holds it.
 
         Raises:

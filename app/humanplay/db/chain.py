@@ -148,20 +148,20 @@ OWNERS: dict[Kind, str] = {
 """Kind -> SQL for the ids of everything that has an entry."""
 
 
-class Played(NamedTuple):
+class EpisodeRows(NamedTuple):
     """The rows of an episode's moves and input events, read once for all users."""
 
     steps: list[MoveRow]
     events: list[EventRow]
 
 
-def read_played(conn: sqlite3.Connection, episode_id: str) -> Played:
+def read_played(conn: sqlite3.Connection, episode_id: str) -> EpisodeRows:
     """Read the rows of an episode's moves and input events."""
     every: Row = {"id": episode_id, "first": 0, "until": _BEYOND, "first_move": 0}
     cursor = conn.cursor()
     cursor.row_factory = sqlite3.Row  # has names as a dictionary has, and takes a tenth of its time
     steps, events = (cursor.execute(_rows_of(part), every).fetchall() for part in (_STEPS, _EVENTS))
-    return Played(steps, events)
+    return EpisodeRows(steps, events)
 
 
 def compute(
@@ -169,7 +169,7 @@ def compute(
     thing: Thing,
     salt: bytes,
     begun: BegunHash | None = None,
-    played: Played | None = None,
+    played: EpisodeRows | None = None,
 ) -> dict[str, str]:
     """The salted SHA-256 (hex) of a thing's rows as they are now, by table.
 

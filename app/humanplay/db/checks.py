@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 from humanplay.db.chain import (
     OWNERS,
+    EpisodeRows,
     Head,
     Kind,
-    Played,
     Thing,
     combine,
     compute,
@@ -391,7 +391,7 @@ def check_marks(conn: sqlite3.Connection) -> Iterator[Finding]:
 
 
 def check_thing(
-    conn: sqlite3.Connection, kind: Kind, ident: str, played: Played | None = None
+    conn: sqlite3.Connection, kind: Kind, ident: str, played: EpisodeRows | None = None
 ) -> Iterator[Finding]:
     """Yield the tables in which a thing's rows do not fit its entries in the chain.
 
@@ -415,7 +415,7 @@ def _compare(
     stored: str,
     is_sound: int | None,
     hash_: str | None,
-    played: Played | None,
+    played: EpisodeRows | None,
 ) -> Iterator[Finding]:
     name = place(thing)
     if is_sound == 0:

@@ -77,7 +77,7 @@ def open_plays(reader: Reader) -> list[Trial]:
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class ExclusionCounts:
     """Ended episodes of people alone that do not count, by the reason.
 
     repeated    on an instance that was chosen, or met before
@@ -90,7 +90,7 @@ class LeftOut:
     unattested: int
 
 
-def left_out_plays(reader: Reader, task: str) -> LeftOut:
+def left_out_plays(reader: Reader, task: str) -> ExclusionCounts:
     """Count what people alone played of a task and what does not count."""
     sql = """SELECT coalesce(sum(is_repeated), 0) AS repeated,
         coalesce(sum(NOT is_repeated AND driver = 'script'), 0) AS by_program,
@@ -100,7 +100,7 @@ def left_out_plays(reader: Reader, task: str) -> LeftOut:
             WHERE e.task = ? AND e.ended_ms IS NOT NULL AND e.steps > 0 AND e.driver IN ('human', 'script')
             AND NOT e.assisted AND s.owner_id IS NOT NULL AND x.series IS NULL)"""
     (row,) = reader.query(sql, [task])
-    return LeftOut(**row)
+    return ExclusionCounts(**row)
 
 
 def ranked_left_since(store: Store, before_ms: int) -> list[Trial]:
@@ -160,7 +160,7 @@ def session_of_row(store: Store, row: int) -> str | None:
     return None if found is None else str(found[0])
 
 
-class Deleted(NamedTuple):
+class Deletion(NamedTuple):
     """What was deleted, and the row number after which the next look begins (None: there is nothing more)."""
 
     sessions: list[str]
@@ -170,7 +170,7 @@ class Deleted(NamedTuple):
 
 def delete_unplayed(
     store: Store, before_ms: int, in_use: Callable[[str], bool], after: int = 0, most: int = 100
-) -> Deleted:
+) -> Deletion:
     """Delete boards that were begun before a time and on which nobody has moved, among `most` that follow a row number.
 
     A board goes with its rival's and with its player, if they have nothing else. Deleted are only boards whose episodes all
@@ -195,4 +195,4 @@ def delete_unplayed(
             deleted += ids
             players |= {player_id} - {None}
         conn.executemany(_WITHOUT_ANYTHING, [(player_id,) for player_id in players])
-    return Deleted(deleted, episodes, found[-1][0] if len(found) == most else None)
+    return Deletion(deleted, episodes, found[-1][0] if len(found) == most else None)

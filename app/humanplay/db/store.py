@@ -53,11 +53,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Closing",
-    "Resumable",
     "SessionRow",
     "StepRow",
     "Store",
     "StoreError",
+    "StoredEpisode",
     "Trial",
 ]
 
@@ -153,7 +153,7 @@ class StepRow:
 
 
 @dataclass(frozen=True)
-class Resumable:
+class StoredEpisode:
     """A session's latest episode as a restarted server finds it.
 
     Attributes:
@@ -913,7 +913,7 @@ class Store(Reader):
         (gaps,) = self.query(sql, [until_ms, episode_id, least_ms])
         return gaps["number"], gaps["ms"]
 
-    def resume_session(self, session_id: str, now_ms: int | None = None) -> Resumable | None:
+    def resume_session(self, session_id: str, now_ms: int | None = None) -> StoredEpisode | None:
         """A session's latest episode, as long as the session can be resumed.
 
         It can while the episode is open, within a day after it, and at any age if it is a
@@ -921,7 +921,7 @@ class Store(Reader):
         """
         now = int(time.time() * 1000) if now_ms is None else now_ms
         rows = self.query(_LATEST, [session_id, now - DAY_MS])
-        return self._resumable(rows[0]) if rows else None
+        return self._stored_episode(rows[0]) if rows else None
 
     def player_session(self, session_id: str) -> str:
         """The session whose rival a session is; itself if it is no rival's."""
@@ -935,13 +935,13 @@ class Store(Reader):
         row = self.connection.execute(sql, [session_id]).fetchone()
         return None if row is None else str(row[0])
 
-    def find_episode(self, episode_id: str) -> Resumable | None:
+    def find_episode(self, episode_id: str) -> StoredEpisode | None:
         """An episode as it stands now, open or ended, with its session; None if unknown."""
         sql = f"SELECT {TRIAL} FROM episodes e {JOINED} WHERE e.id = ?"
         rows = self.query(sql, [episode_id])
-        return self._resumable(rows[0]) if rows else None
+        return self._stored_episode(rows[0]) if rows else None
 
-    def _resumable(self, row: EpisodeRow) -> Resumable:
+    def _stored_episode(self, row: EpisodeRow) -> StoredEpisode:
         (session,) = self.query("SELECT * FROM sessions WHERE id = ?", [row["session_id"]])
         del session["owner_id"]
         steps = self.steps(row["id"])
@@ -950,7 +950,7 @@ class Store(Reader):
         actions = bytes(step["action"] for step in steps)
         sql = "SELECT batch FROM event_batches WHERE episode_id = ?"
         batches = tuple(batch["batch"] for batch in self.query(sql, [row["id"]]))
-        return Resumable(SessionRow(**session), Trial.of(row), actions, newest_ms, batches)
+        return StoredEpisode(SessionRow(**session), Trial.of(row), actions, newest_ms, batches)
 
     def _has_met(self, row: Trial) -> bool:
         return bool(self._conn.execute(_MET, (row.terrain_hash, row.session_id)).fetchone()[0])

@@ -43,7 +43,7 @@ class SeriesRow(NamedTuple):
     secret_kept_ms: int | None = None
 
 
-class Frozen(Protocol):
+class FrozenStudy(Protocol):
     """Whatever says what freezing fixed of a study."""
 
     @property
@@ -52,7 +52,7 @@ class Frozen(Protocol):
     def commitment(self) -> str: ...
 
 
-def is_same_study(one: Frozen, other: Frozen) -> bool:
+def is_same_study(one: FrozenStudy, other: FrozenStudy) -> bool:
     """Whether two are one freezing.
 
     Another freezing of the same protocol has its hash too, but another secret.

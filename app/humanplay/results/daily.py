@@ -1,4 +1,4 @@
-"""Attempts at the daily terrain (`humanplay.study.days`), which each player plays once.
+"""Attempts at the daily terrain (`humanplay.study.days`), one for each player.
 
 An attempt is a board of its own beside the player's others: these do not end it, it ends none of them, and a reload goes on
 with it. Like a ranked episode it is abandoned when nobody has moved it for a time, once a move is made
@@ -57,10 +57,10 @@ class DailyBoards:
             return None
         store = self._lobby.store
         attempts = await store.read(lambda: attempts_of(store, player_id))
-        return next((each for each in attempts if each.day == day), None)
+        return next((attempt for attempt in attempts if attempt.day == day), None)
 
     async def begin(self, player_id: str) -> tuple[Session, bool]:
-        """Return the board of a player's attempt at today's terrain, and whether it was open already.
+        """Return the board of a player's attempt today, and whether it was open already.
 
         DailyPlayedError when the attempt is over.
         """
@@ -76,7 +76,7 @@ class DailyBoards:
             return await self._lobby.get(attempt.session_id), True
 
     async def check_seed(self, config: Configuration, seed: int | None) -> None:
-        """Raise ValueError when a seed draws today's terrain: nobody may practise it before its day is over."""
+        """Raise ValueError if a seed draws today's terrain, which nobody may practise yet."""
         if seed is None or self._lobby.task.boards is None:
             return
         terrain = await self.today()
@@ -100,8 +100,6 @@ class DailyBoards:
 
     def _keep(self, day: str) -> DailyTerrain:
         task, store = self._lobby.task, self._lobby.store
-        terrain = DailyTerrain.drawn(
-            daily_secret(store), day, task.name, boards_of(task.name).daily
-        )
+        terrain = DailyTerrain.draw(daily_secret(store), day, task.name, boards_of(task.name).daily)
         add_series(store, terrain.series)
         return terrain

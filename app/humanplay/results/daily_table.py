@@ -1,4 +1,4 @@
-"""What the daily terrain came to: people's ranks, the distribution of moves, a player's place and streak, the shipped policies.
+"""The results of the daily terrain: ranks, moves, streaks, the shipped policies.
 
 A player sees the results of today when their own attempt is over; those of an earlier day are everybody's. Only attempts whose
 every move is attested as a person's own key or touch, and that ended before their day did, have a rank. Successes stand
@@ -20,7 +20,7 @@ from humanplay.db.trial import Trial
 from humanplay.jobs import Jobs
 from humanplay.results.evaluations import Evaluation, FigureState, PolicyEvaluations, State
 from humanplay.study.days import DailyTerrain, day_before
-from humanplay.task import Environment, PolicyOffer, counted, drawn
+from humanplay.task import Environment, PolicyOffer, counted, draw_instance
 from humanplay.task.registration import DEFAULT_TASK, environment_of
 
 SHOWN = 10
@@ -85,7 +85,7 @@ def people_on(
     names_episodes  True once the day is over: the rows of the table then say which episode they are
     """
     environment = environment_of(terrain.task)
-    cells = environment.cells(drawn(environment, terrain.config, terrain.seed))
+    cells = environment.cells(draw_instance(environment, terrain.config, terrain.seed))
     ended = sorted(
         results(reader, terrain.series.name, terrain.ends_ms),
         key=lambda result: _order(result, environment),
@@ -122,7 +122,10 @@ def people_text(people: PeopleOfDay) -> str:
 
 
 def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, object] | None:
-    """Return a player's attempt for their own page; None before it. `unranked` says why an ended one has no rank."""
+    """Return a player's attempt for their own page; None before it.
+
+    `unranked` says why a finished attempt has no rank.
+    """
     if attempt is None:
         return None
     ended = attempt.ended_ms is not None
@@ -138,7 +141,10 @@ def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, 
 
 
 def streak(attempts: Sequence[Trial], today: str) -> int:
-    """Return on how many days in a row a player came to the end of the daily terrain, up to today or to yesterday."""
+    """Return on how many days in a row a player finished the daily terrain.
+
+    The last of them is today or yesterday.
+    """
     ended = (attempt for attempt in attempts if attempt.ended_ms is not None)
     played = {attempt.day for attempt in ended if attempt.outcome != "abandoned"}
     day = today if today in played else day_before(today)
@@ -149,7 +155,10 @@ def streak(attempts: Sequence[Trial], today: str) -> int:
 
 
 def calendar(attempts: Sequence[Trial]) -> list[dict[str, object]]:
-    """Return what a player's newest attempts came to, at most CALENDAR, the oldest first; `moves` is None without success."""
+    """Return a player's newest results, at most CALENDAR, the oldest first.
+
+    `moves` is None without success.
+    """
     ended = [attempt for attempt in attempts if attempt.ended_ms is not None]
     return [
         {
@@ -189,14 +198,14 @@ def _row(result: DayResult, environment: Environment, cells: int, player_id: str
 
 
 def _order(result: DayResult, environment: Environment) -> tuple[float, float, float]:
-    """What results are sorted by: the moves of a success, then how little was discovered, then the score."""
+    """Sort by a success's moves; without success by discovery, then by score."""
     if result.outcome in environment.successes:
         return result.steps, 0, 0
     return math.inf, -result.discovered, -result.score
 
 
 class DailyPolicies:
-    """Figures of the shipped policies among those on offer; `path` is the file that keeps them."""
+    """Figures of the shipped policies on offer; `path` is the file that keeps them."""
 
     def __init__(
         self,
@@ -213,7 +222,7 @@ class DailyPolicies:
         self._soon: asyncio.Task[None] | None = None
 
     def prepare(self, terrain: DailyTerrain) -> None:
-        """Have the figures of a terrain made soon, so that they are there when somebody has finished it."""
+        """Begin a terrain's figures soon, so that they are ready for whoever finishes it."""
         if self._soon is None or self._soon.done():
             self._soon = asyncio.create_task(self._later(terrain), name="daily policies")
 

@@ -1,4 +1,4 @@
-"""The entries of the leaderboard: one for each configuration that people play, and one for each closed study.
+"""The leaderboard's entries: configurations that people play, and closed studies.
 
 In a closed study people and policies are on the very same terrains. An open one is not shown: a mean that changes with every
 episode would reveal hidden scores to its players. `make_board` makes the figures that the package comes with.
@@ -78,10 +78,10 @@ class LeaderboardEntry:
         slow = environment_of(self.task).policies.slow
         chosen = list(sources) if self.policies is None else self.policies
         ordered = sorted(chosen, key=lambda name: slow.index(name) + 1 if name in slow else 0)
-        found = {name: self._source(name, sources) for name in ordered}
+        policy_sources = {name: self._source(name, sources) for name in ordered}
         return {
             name: Evaluation(source, self.config, self.seeds, self.task)
-            for name, source in found.items()
+            for name, source in policy_sources.items()
         }
 
     def _source(self, name: str, sources: dict[str, str]) -> str:
@@ -106,7 +106,7 @@ class LeaderboardEntry:
 
 
 class BoardPictures(TypedDict):
-    """The curve and the visits of the people of a board, and how their trials went; None for nobody."""
+    """A board's coverage curve, visited cells and trials; None and empty for nobody."""
 
     curve: Curve | None
     visits: list[list[float]] | None
@@ -123,7 +123,7 @@ class StudyPeople(ShownFigure, BoardPictures):
 
 
 class ClosedStudies:
-    """The closed studies of a database; each is read once, because it no longer changes.
+    """The closed studies of a database; each is read once, because it never changes.
 
     studies  the folder of studies, which keeps the files of their policies
     """
@@ -133,11 +133,13 @@ class ClosedStudies:
         self._known: dict[tuple[str, int | None, int], tuple[StudyData, StudyPeople | None]] = {}
 
     def closed(self, reader: Reader) -> list[tuple[StudyData, StudyPeople | None]]:
-        """Return each closed study with its people's figure and pictures, None for nobody; seconds the first time.
+        """Return each closed study with its people's figure and pictures.
+
+        None stands for a study that nobody completed. The first call takes seconds.
 
         One of a task without boards is left out: there is nothing to compare by.
         """
-        found = []
+        studies = []
         for study in closed_studies(reader):
             if environment_of(json.loads(study.protocol).get("task", DEFAULT_TASK)).boards is None:
                 continue
@@ -146,8 +148,8 @@ class ClosedStudies:
             if key not in self._known:
                 data = load(reader, study.name).with_policies_in(self._folder / study.name / FOLDER)
                 self._known[key] = (data, _people(reader, data))
-            found.append(self._known[key])
-        return found
+            studies.append(self._known[key])
+        return studies
 
 
 def _people(reader: Reader, data: StudyData) -> StudyPeople | None:
@@ -187,7 +189,9 @@ def list_entries(
     volunteers: VolunteerFigures,
     task: str = DEFAULT_TASK,
 ) -> list[LeaderboardEntry]:
-    """Return every entry: closed studies, then what people have played to the end, the most played first, then the rest.
+    """Return every entry of the leaderboard, in the order in which it is shown.
+
+    Closed studies come first, then configurations by the number of completed games.
 
     So nobody puts a board first by leaving it. Of a `task` without boards there are studies alone.
     """
@@ -219,7 +223,7 @@ def _of_study(data: StudyData, people: StudyPeople | None) -> LeaderboardEntry:
 def entry_of(
     config: Configuration, volunteers: VolunteerFigure | None = None, task: str = DEFAULT_TASK
 ) -> LeaderboardEntry:
-    """The entry of a configuration of the playground; no volunteers while nobody has played it."""
+    """The entry of a playground configuration; no volunteers if nobody has played it."""
     boards = boards_of(task)
     name, title = boards.name_of(config)
     return LeaderboardEntry(name, title, config, None, volunteers, boards.seeds(config), task=task)
@@ -235,23 +239,28 @@ def make_board(
     entry: LeaderboardEntry,
     jobs: Jobs,
     advance: Progress,
-    kept: ShippedFigures | None = None,
+    shipped: ShippedFigures | None = None,
     again: Sequence[str] = (),
 ) -> str:
     """Play a board's policies and return the text of its file.
 
-    kept   figures that are taken where they still hold, except for the policies in `again`
+    shipped  figures that are taken where they still hold, except for the policies in `again`
 
     `advance` is called with the number of policies that are done and their number.
     """
     command = f"humanplay leaderboard --board {entry.id} --out data/leaderboard"
     every = environment_of(entry.task).policies.offers()
     offers = [offer for offer in every if offer.plays(entry.config)]
-    wanted = list(entry.evaluations({each.name: each.source for each in offers}).values())
+    sources = {offer.name: offer.source for offer in offers}
+    wanted = list(entry.evaluations(sources).values())
     waiting = []
-    for each in reversed(wanted):  # the slowest first
-        old = kept.find(each) if kept is not None and each.policy not in again else None
-        waiting.append(old or jobs.submit(make_figure, each, command))
+    for evaluation in reversed(wanted):  # the slowest first
+        old = (
+            shipped.find(evaluation)
+            if shipped is not None and evaluation.policy not in again
+            else None
+        )
+        waiting.append(old or jobs.submit(make_figure, evaluation, command))
     figures = []
     for figure in reversed(waiting):
         figures.append(figure if isinstance(figure, ShippedFigure) else figure.result())

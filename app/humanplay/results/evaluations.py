@@ -1,4 +1,6 @@
-"""Policies' figures: those that came with the package; the rest is worked out when first requested, and kept in a file.
+"""Policies' figures: shipped with the package, or computed on the first request.
+
+A computed figure is kept in a file.
 
 A figure belongs to (core version, policy with its file, configuration, seeds); when one of these changes, it is made again. No
 figure is ever guessed: until it is ready, its progress is shown.
@@ -41,7 +43,10 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A policy (its name or path) on the terrains of some seeds: what is played, and everything that its figure depends on."""
+    """A policy on the terrains of some seeds, and everything its figure depends on.
+
+    `policy` is its name or path.
+    """
 
     policy: str
     config: Configuration
@@ -56,7 +61,10 @@ class Evaluation:
         return "|".join((environment_of(self.task).version, *parts))
 
     def play(self, progress: Progress | None = None) -> tuple[EpisodesFigure, list[int]]:
-        """Return the figure and the counted moves on each terrain; `progress` is called with (episodes played, in all)."""
+        """Return the figure, and the counted moves on each terrain.
+
+        `progress` is called with (episodes played, episodes in all).
+        """
         environment = environment_of(self.task)
         policy = environment.policies.load(self.policy, self.config)
         played: list[EpisodeSummary] = []
@@ -65,8 +73,8 @@ class Evaluation:
             played.append(summary_of(environment, run))
             if progress:
                 progress(len(played), len(self.seeds))
-        figure = summarize_episodes(self.config, [[each] for each in played])
-        return figure, [each.steps for each in played]
+        figure = summarize_episodes(self.config, [[episode] for episode in played])
+        return figure, [episode.steps for episode in played]
 
 
 def boards_of(task: str) -> Boards:
@@ -99,7 +107,7 @@ class ShippedFigure:
 
 
 class ShippedFigures:
-    """The figures that come with the package, so that a new server's leaderboard is full at once.
+    """The figures in the package, so that a new server's leaderboard is full at once.
 
     `humanplay leaderboard --out data/leaderboard` makes them: a file for each configuration on offer, a line in it for each
     policy. A figure is shown only where everything that it depends on is the same here: the core version, the configuration,
@@ -111,14 +119,14 @@ class ShippedFigures:
         self._read: dict[str, list[ShippedFigure]] = {}
 
     def find(self, wanted: Evaluation) -> ShippedFigure | None:
-        """Return the shipped figure of an evaluation, None where there is none that holds here."""
+        """Return the shipped figure of an evaluation; None if none holds on this version."""
         key = f"{wanted.config.hash}|{_digest(wanted.seeds)}"
         if key not in self._read:
             path = self._folder / file_name(wanted.config, wanted.task)
             self._read[key] = _read_shipped(path, key, wanted.task)
-        own = wanted.policy, file_sha256(wanted.policy, wanted.task)
-        found = (each for each in self._read[key] if (each.policy, each.file_sha256) == own)
-        return next(found, None)
+        policy = wanted.policy, file_sha256(wanted.policy, wanted.task)
+        figures = self._read[key]
+        return next((row for row in figures if (row.policy, row.file_sha256) == policy), None)
 
 
 def file_name(config: Configuration, task: str = DEFAULT_TASK) -> str:
@@ -128,7 +136,7 @@ def file_name(config: Configuration, task: str = DEFAULT_TASK) -> str:
 
 @cache
 def file_sha256(policy: str, task: str = DEFAULT_TASK) -> str | None:
-    """SHA-256 (hex) of a policy's file; None for a policy that is code, or whose file is lost."""
+    """SHA-256 (hex) of a policy's file; None for code, and if the file is lost."""
     try:
         return environment_of(task).policies.hash_of(policy)
     except PolicyError:
@@ -142,7 +150,7 @@ def to_document(
     command: str,
     task: str = DEFAULT_TASK,
 ) -> str:
-    """Return the text of a configuration's file of shipped figures: JSON, a line for each policy."""
+    """Return the shipped figures' file as JSON text, one line for each policy."""
     head = {
         "format": FORMAT, "core_version": environment_of(task).version, "command": command, "config": config.to_dict(),
         "depends_on": f"{config.hash}|{_digest(seeds)}",
@@ -164,7 +172,7 @@ class MadeBy(TypedDict):
 
 
 class FigureState(TypedDict):
-    """How far a figure is: episodes done, of how many; `shipped` of one that came with the package."""
+    """The state of a figure: how many episodes are done; `shipped` if packaged."""
 
     state: State
     done: int
@@ -175,7 +183,7 @@ class FigureState(TypedDict):
 
 
 class PolicyEvaluations:
-    """Gives the figures that are ready and has the missing ones worked out, in the order in which they are asked for.
+    """Returns ready figures and computes missing ones in the order of requests.
 
     path  the file that keeps them
     """
@@ -216,7 +224,7 @@ class PolicyEvaluations:
         }
 
     def _begun(self, wanted: Evaluation, key: str, begins: bool) -> tuple[State, str | None]:
-        """Begin what is missing where `begins`, unless that has been done; return the state and what went wrong."""
+        """Begin the missing figure if `begins`; return its state and its error."""
 
         def note(done: int, _: int) -> None:
             self._progress[key] = done
@@ -238,7 +246,10 @@ class PolicyEvaluations:
         return ("computing" if future.running() else "waiting"), None
 
     def _keep(self, key: str, future: Future[tuple[EpisodesFigure, list[int]]]) -> None:
-        """Write a figure to the file; when the disk is full, warn: the next start must then make it again."""
+        """Write a figure to the file; if the disk is full, warn.
+
+        The next server then computes it again.
+        """
         with self._writing:
             if not future.cancelled() and future.exception() is None:
                 self._done[key] = future.result()[0]
@@ -252,26 +263,26 @@ class PolicyEvaluations:
 
 
 def _read_kept(path: Path, task: str) -> dict[str, EpisodesFigure]:
-    """Return the figures of this core version in a file; none when it is absent or not whole."""
+    """Return this core version's figures in a file; none if it is absent or broken."""
     try:
-        figures, own = json.loads(path.read_bytes()), f"{environment_of(task).version}|"
-        return {key: figure for key, figure in figures.items() if key.startswith(own)}
+        figures, version = json.loads(path.read_bytes()), f"{environment_of(task).version}|"
+        return {key: figure for key, figure in figures.items() if key.startswith(version)}
     except (OSError, ValueError, AttributeError, TypeError):
         return {}
 
 
 def _read_shipped(path: Path, key: str, task: str) -> list[ShippedFigure]:
-    """Return the figures of a file; none where there is no such file or where it is of other terrains or another core."""
+    """Return a file's figures; none if absent, or of other terrains or rules."""
     try:
-        found = json.loads(path.read_bytes())
+        document = json.loads(path.read_bytes())
     except OSError:
         return []
     names = ("format", "core_version", "depends_on")
-    if [found[name] for name in names] != [FORMAT, environment_of(task).version, key]:
+    if [document[name] for name in names] != [FORMAT, environment_of(task).version, key]:
         return []
     return [
-        ShippedFigure(row["policy"], row["file_sha256"], tuple(row["steps"]), row["figure"], found["command"])
-        for row in found["policies"]
+        ShippedFigure(row["policy"], row["file_sha256"], tuple(row["steps"]), row["figure"], document["command"])
+        for row in document["policies"]
     ]  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The leaderboard of one server: people from the database, policies evaluated in the background."""
+"""A server's leaderboard: people from the database, policies from background jobs."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ Replays = dict[Course, EpisodeSummary | None]
 
 
 class VolunteerPeople(Counts, BoardPictures):
-    """The playground's people on a board: who enters their figure, its means, their pictures."""
+    """The people of the playground's boards: their figures and their pictures."""
 
     score: MeanInterval | None
     steps: MeanInterval | None
@@ -160,29 +160,40 @@ class HumanSummaries:
     def pictures(
         self, reader: Reader, config: Configuration, figure: VolunteerFigure
     ) -> BoardPictures:
-        """The pictures of the people behind a figure of `human_level`; seconds, so in a thread."""
+        """The pictures of the people behind a figure of `human_level`.
+
+        It takes seconds: call it in a thread.
+        """
         state = json.dumps(figure)
         if self._made.get(config.hash, ("",))[0] != state:
             now: Replays = {}
-            made = _pictures(reader, config, self._replays.pop(config.hash, {}), now)
-            self._made[config.hash] = state, made
+            pictures = _pictures(reader, config, self._replays.pop(config.hash, {}), now)
+            self._made[config.hash] = state, pictures
             self._keep(config.hash, now)
         return self._made[config.hash][1]
 
     def drop_all_but(self, figures: Iterable[tuple[str, VolunteerFigure | None]]) -> None:
-        """Drop the pictures of figures that are none any longer, and all replays of configurations without a figure.
+        """Drop outdated pictures, and replays of configurations without a figure.
 
         figures  (hash of the configuration, figure or None) of every board
         """
         states = {config: json.dumps(figure) for config, figure in figures if figure is not None}
-        made = self._made.items()
-        self._made = {each: figure for each, figure in made if states.get(each) == figure[0]}
-        self._replays = {each: kept for each, kept in self._replays.items() if each in states}
+        self._made = {
+            config: (state, pictures)
+            for config, (state, pictures) in self._made.items()
+            if states.get(config) == state
+        }
+        self._replays = {
+            config: replays for config, replays in self._replays.items() if config in states
+        }
 
     def _keep(self, config: str, replays: Replays) -> None:
-        """Keep the replays of a board that was just read, and of those before it as many as there is room for."""
+        """Keep a board's replays, and as many of earlier boards as there is room for."""
         self._replays[config] = replays
-        sizes = {each: sum(map(_size, kept.values())) for each, kept in self._replays.items()}
+        sizes = {
+            board: sum(map(_size, board_replays.values()))
+            for board, board_replays in self._replays.items()
+        }
         for oldest in list(self._replays)[:-1]:
             if sum(sizes.values()) > MAX_MOVES:
                 del self._replays[oldest], sizes[oldest]
@@ -194,16 +205,18 @@ def _size(summary: EpisodeSummary | None) -> int:
     return OVERHEAD + (len(summary.path) if summary is not None else 0)
 
 
-def _pictures(reader: Reader, config: Configuration, known: Replays, now: Replays) -> BoardPictures:
-    """Return the pictures of a board; `now` gets the replays of its episodes, made anew where `known` lacks them."""
+def _pictures(
+    reader: Reader, config: Configuration, earlier: Replays, now: Replays
+) -> BoardPictures:
+    """Return a board's pictures; `now` gets its replays, from `earlier` if there."""
     people: dict[str, list[EpisodeSummary]] = {}
     for trial in reader.newest_counted(config.hash, MAX_EPISODES):
         course = (trial.trajectory_hash or "", trial.outcome or "", trial.core_version)
         if course not in now:
-            now[course] = known[course] if course in known else _replayed(reader, trial)
+            now[course] = earlier[course] if course in earlier else _replayed(reader, trial)
         if (summary := now[course]) is not None:
             people.setdefault(trial.owner_id or "", []).append(summary)
-    groups = [own for own in people.values() if len(own) >= LEAST_EPISODES]
+    groups = [episodes for episodes in people.values() if len(episodes) >= LEAST_EPISODES]
     if not groups:
         return {"curve": None, "visits": None, "trials": []}
     drawn, trials = curve_and_visits(config, groups), trial_summaries(groups)
@@ -211,7 +224,7 @@ def _pictures(reader: Reader, config: Configuration, known: Replays, now: Replay
 
 
 def _replayed(reader: Reader, trial: Trial) -> EpisodeSummary | None:
-    """Return an episode's summary; None for one of another core version: its totals count, its path cannot be drawn."""
+    """Return an episode's summary; None if this version's rules cannot replay it."""
     try:
         return summary_of_record(trial.environment, trial.record(reader.steps(trial.id)))
     except ValueError:

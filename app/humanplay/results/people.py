@@ -1,4 +1,6 @@
-"""People on one board, by how many moves more than Expert they need on ranked terrains.
+"""A board's people, by how many moves more than Expert they need.
+
+The terrains are ranked ones.
 
 All ranked terrains of a period count that Expert finishes, so nobody picks their best. A terrain
 counts MOST_BEHIND at most, and so does one that was not finished. People are ranked by the worse
@@ -44,7 +46,10 @@ _log = logging.getLogger(__name__)
 
 
 class Standing(NamedTuple):
-    """Somebody's mean over their terrains; `worse` is the worse end of its 95 % interval, None below FEWEST terrains."""
+    """A person's mean over their terrains.
+
+    `worse` is the worse end of its 95 % interval; None below FEWEST terrains.
+    """
 
     player_id: str
     terrains: int
@@ -140,7 +145,7 @@ def expert_moves(task: str, config: Configuration, seeds: Sequence[int]) -> list
 
 
 class ExpertRuns:
-    """Expert's moves on the terrains of ranked episodes: a run for each, by a job, kept in a file.
+    """Expert's moves on ranked terrains, each run once by a job, kept in a file.
 
     path  JSON lines: what the moves depend on, the seed, the moves (null where it did not finish)
     """
@@ -212,7 +217,7 @@ class ExpertRuns:
 
 
 class PeopleBoard:
-    """The people's board of one server, read from the database when an episode has ended since."""
+    """The people's board of a server, read again when an episode has ended since."""
 
     def __init__(self, database: Path, jobs: Jobs, task: str = DEFAULT_TASK) -> None:
         self._database = database
@@ -242,7 +247,7 @@ class PeopleBoard:
         return {seed: moves[seed] for seed in seeds if seed in moves}
 
     def table(self, player_id: str | None, since_ms: int) -> PeopleTable:
-        """The board of the ranked episodes that ended since a time, for whoever asks; in a thread."""
+        """The board of the ranked episodes that ended since a time; call it in a thread."""
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
             state = state_of(reader, self._config.hash)
             if state != self._state:
@@ -274,7 +279,7 @@ class PeopleBoard:
     def _ranked(
         self, runs: Sequence[RankedRun], expert: Mapping[int, int | None], is_whole: bool
     ) -> list[Standing]:
-        """The standings, which change only with the episodes of a period and with Expert's runs."""
+        """The standings; recomputed only after new episodes or new runs of Expert."""
         state = (self._state, len(runs), len(expert))
         known_state, everybody = self._standings.get(is_whole, (None, []))
         if known_state != state:

@@ -1,4 +1,4 @@
-"""Puzzles: positions that come with the package, three a day, the same for everybody.
+"""Puzzles: shipped positions, three a day, the same for everybody.
 
 Nothing of them is stored here: which move somebody chose stays in their browser, and no figure reads it.
 """
@@ -56,7 +56,7 @@ def puzzles_of(task: str) -> dict[str, Puzzle]:
 
 
 def puzzles_on(task: str, day: str) -> list[Puzzle]:
-    """The puzzles of a day (UTC, "2026-11-22"): the next three each day, then from the first again."""
+    """The three puzzles of a day (UTC, "2026-11-22"); they repeat after the last."""
     puzzles = list(puzzles_of(task).values())
     first = A_DAY * date.fromisoformat(day).toordinal()
     count = min(A_DAY, len(puzzles))

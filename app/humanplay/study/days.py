@@ -43,7 +43,7 @@ class DailyTerrain:
         return cls(series, protocol["day"], config, protocol["task"])
 
     @classmethod
-    def drawn(cls, secret: bytes, day: str, task: str, config: Configuration) -> DailyTerrain:
+    def draw(cls, secret: bytes, day: str, task: str, config: Configuration) -> DailyTerrain:
         """Return the terrain that a day (UTC, "2026-11-22") has in the database with a secret, played on a configuration."""
         key = hmac.digest(secret, day.encode(), hashlib.sha256)
         protocol = canonical_json({"config": config.to_dict(), "day": day, "task": task})

@@ -279,7 +279,7 @@ class View(Protocol):
         """Return the path so far as JSON text, without what scores it would tell where they are hidden."""
 
 
-class SeenByAgent(TypedDict):
+class AgentObservation(TypedDict):
     """What an agent may see of a run, ready for JSON; None for what is not there.
 
     picture      what people see, as a data URL
@@ -316,7 +316,7 @@ class Run(Protocol):
     def view(self) -> View:
         """Return what may be seen of the run as it stands."""
 
-    def seen(self, picture: bool, observation: bool) -> SeenByAgent:
+    def seen(self, picture: bool, observation: bool) -> AgentObservation:
         """Return what an agent may see of the run as it stands; what is not asked for is None."""
 
     def record(self) -> Record:
@@ -418,7 +418,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnInstance:
     """The cause of an episode on the instance of a seed (`Cause`)."""
 
     config: Configuration
@@ -579,9 +579,9 @@ class Environment(Protocol):
         """Return the frames of a finished episode from its start to its end; of large ones only every so many."""
 
 
-def drawn(environment: Environment, config: Configuration, seed: int) -> Drawn:
+def draw_instance(environment: Environment, config: Configuration, seed: int) -> DrawnInstance:
     """The cause of an episode on the instance of a seed."""
-    return Drawn(config, seed, *environment.instance(config, seed))
+    return DrawnInstance(config, seed, *environment.instance(config, seed))
 
 
 def describe(environment: Environment) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from humanplay.board.messages import NewBoard, NewEpisode, Sent
-from humanplay.task import About, Allowed, Lock, Messages, Metric, Policy, SeenByAgent, Texts
+from humanplay.board.messages import NewBoard, NewEpisode, ServerMessage
+from humanplay.task import About, AgentObservation, Allowed, Lock, Messages, Metric, Policy, Texts
 from humanplay.tasks.base import BaseEnvironment, CodePolicies, EpisodeRecord, frame_text
 
 Cell = tuple[int, int]
@@ -124,7 +124,7 @@ class TextRun(ABC):
         """What may be seen of the run as it stands."""
         return TextView(self)
 
-    def seen(self, picture: bool, observation: bool) -> SeenByAgent:
+    def seen(self, picture: bool, observation: bool) -> AgentObservation:
         """What an agent may see: the text."""
         text = self.observation()
         return {
@@ -179,7 +179,7 @@ class TextView:
         return json.dumps({**history, "cells": self._way}, separators=(",", ":"))
 
 
-class Frame(Sent):
+class Frame(ServerMessage):
     """What a board shows; its figures are null where a study hides them."""
 
     kind: Literal["frame"]
@@ -194,7 +194,7 @@ class Frame(Sent):
     outcome: str | None
 
 
-class History(Sent):
+class History(ServerMessage):
     """The score and the cell after 0, 1, 2, ... moves."""
 
     kind: Literal["history"]

@@ -20,9 +20,9 @@ from humanplay.board.messages import (
     BadMessageError,
     ClockState,
     Events,
-    Kept,
+    EventsReceipt,
     Pace,
-    Remade,
+    RepeatProgress,
     encode_error,
     encode_refused,
     no_action,
@@ -119,7 +119,7 @@ class PlaySocket:
         pace: Pace | None = None
         fault: str | None = None
         time: ClockState | None = None
-        remade: Remade | None = None
+        remade: RepeatProgress | None = None
         with session.channel.subscribe() as subscriber:
             async for newest in subscriber:
                 if newest is not frame:
@@ -212,7 +212,7 @@ class PlaySocket:
     async def _tell_kept(self, events: Events) -> None:
         await self._tell((await self._keep(events)).model_dump_json())
 
-    async def _keep(self, events: Events) -> Kept:
+    async def _keep(self, events: Events) -> EventsReceipt:
         """Store input events.
 
         Returns:
@@ -225,10 +225,10 @@ class PlaySocket:
                 )
             await self._session.keep_events(events)
         except (StudyUnavailableError, StoreError):
-            return Kept(episode=events.episode, count=0)
+            return EventsReceipt(episode=events.episode, count=0)
         except RefusedError as refusal:
-            return Kept(episode=events.episode, count=0, reason=str(refusal))
-        return Kept(episode=events.episode, count=len(events.events))
+            return EventsReceipt(episode=events.episode, count=0, reason=str(refusal))
+        return EventsReceipt(episode=events.episode, count=len(events.events))
 
     def _count_refusal(self, reason: str) -> None:
         services_of(self._websocket).store.metrics.count_refusal(reason)

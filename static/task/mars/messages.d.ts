@@ -34,7 +34,7 @@ declare namespace Mars {
     positions: [number, number][],
     discovered: number[],
   };
-  /** The course of an episode; index k of `positions` and `discovered` is the board after k moves. */
+  /** The course of an episode; index k of each list is the board after k moves. */
   type Course = {
     /** who drove */
     name: string,
@@ -55,7 +55,7 @@ declare namespace Mars {
     /** what it came to, in words that follow the name */
     sentence: string,
   };
-  /** Moves that together cost something, with the board as it was known before the costliest. */
+  /** Moves that together cost something, and the board before the costliest. */
   type Mistake = {
     /** its first move, from 0 */
     first: number,

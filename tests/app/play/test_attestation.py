@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from humanplay.board.attestation import (
     LEVELS,
-    Attested,
+    AttestationResult,
     Conditions,
     attest,
     attest_stored,
@@ -93,8 +93,8 @@ def played(count=60, page=None, **how):
 
 
 def test_a_person_at_a_page_is_attested():
-    assert played().level() == Attested("attested")
-    assert Episode().level() == Attested("attested"), "without a move nothing differs"
+    assert played().level() == AttestationResult("attested")
+    assert Episode().level() == AttestationResult("attested"), "without a move nothing differs"
 
 
 def test_supervised_is_what_was_played_within_four_hours_of_the_operators_code():
@@ -148,7 +148,7 @@ def burst(presses, gap_ms=65, latency_ms=150.0):
 
 
 def test_a_burst_while_the_screen_stands_still_is_no_lie_where_the_page_keeps_its_presses():
-    assert burst(40).level(BURSTS) == Attested("attested")
+    assert burst(40).level(BURSTS) == AttestationResult("attested")
     assert burst(30).level().reason == "step 15: the press answers the frame of step 6", (
         "a study's page keeps four"
     )
@@ -303,7 +303,7 @@ def test_a_press_of_long_ago_a_frame_of_long_ago_and_a_move_before_its_press_are
 @pytest.mark.parametrize("speed", [0.1, 0.5, 2, 10, 100])
 def test_a_clock_that_runs_faster_or_slower_than_the_servers_is_a_lie(speed):
     found = played(60, Page(speed=speed)).level()
-    assert found == Attested("spoilt", found.reason, found.step)
+    assert found == AttestationResult("spoilt", found.reason, found.step)
     assert "clock" in found.reason or "presses in" in found.reason
 
 

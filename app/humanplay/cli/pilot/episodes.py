@@ -11,7 +11,7 @@ from humanplay.cli.pilot.errors import PilotError
 from humanplay.db.checks import tasks
 from humanplay.db.database import reading
 from humanplay.db.names import own
-from humanplay.db.playground import LeftOut, left_out_plays, open_plays
+from humanplay.db.playground import ExclusionCounts, left_out_plays, open_plays
 from humanplay.db.reader import Reader
 from humanplay.db.trial import LEFT, Trial
 
@@ -42,7 +42,7 @@ class Pilot:
 
     episodes: list[Counted]
     names: dict[str, str]
-    left_out: LeftOut
+    left_out: ExclusionCounts
 
 
 def only_task(database: Path) -> str:

@@ -16,7 +16,7 @@ from humanplay.cli.pilot.episodes import Counted, Pilot, State, only_task, read
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.plays import Plays
 from humanplay.cli.pilot.policies import played_score
-from humanplay.db.playground import LeftOut
+from humanplay.db.playground import ExclusionCounts
 from humanplay.jobs import held
 from humanplay.report.statistics.comparisons import quotient_interval
 from humanplay.report.statistics.formatting import number, percent
@@ -72,7 +72,7 @@ class Score:
     left_as: float
     without: float | None
     has_bound: bool
-    left_out: LeftOut
+    left_out: ExclusionCounts
 
     def to_dict(self) -> dict[str, object]:
         """The figures by their names, as JSON holds them."""
@@ -163,7 +163,7 @@ class Score:
         return f"<table><tr>{head}</tr>{rows}</table><p>{notes}</p>"
 
 
-def _left_out(episodes: LeftOut) -> str:
+def _left_out(episodes: ExclusionCounts) -> str:
     """Say how many episodes do not count, and why; empty if all do."""
     reasons = {
         "on an instance that was chosen or met before": episodes.repeated,

@@ -16,7 +16,7 @@ from threading import Lock
 from typing import Any
 from weakref import WeakSet
 
-from humanplay.task import Allowed, RunEndedError, SeenByAgent, TaskFullError
+from humanplay.task import AgentObservation, Allowed, RunEndedError, TaskFullError
 from humanplay.task.registration import environment_of
 from humanplay.tasks.base import FAILED
 from humanplay.tasks.gymnasium.description import described
@@ -109,7 +109,7 @@ class BoardRun(GymnasiumRun):
     ) -> None:
         self.config, self.seed, self._boards = config, seed, boards
         self.is_live = is_live
-        self._shown: SeenByAgent | None = None
+        self._shown: AgentObservation | None = None
         self._described = config.description
         self.actions, self._rewards, self._scores = bytearray(), list[float](), list[float]()
         self._names = environment_of(boards.task).actions
@@ -222,7 +222,7 @@ class BoardRun(GymnasiumRun):
             self._shown = self._asked_for(PICTURE)
         return GymnasiumView(self, self._shown["picture"], self._shown["text"])
 
-    def seen(self, picture: bool, observation: bool) -> SeenByAgent:
+    def seen(self, picture: bool, observation: bool) -> AgentObservation:
         """Return picture or text, and the observation, which is asked of the process; ValueError where it is lost twice."""
         view = self.view() if picture else None
         return {

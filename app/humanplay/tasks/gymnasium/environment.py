@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from humanplay.board.messages import NewBoard, NewEpisode, Sent
+from humanplay.board.messages import NewBoard, NewEpisode, ServerMessage
 from humanplay.task import About, Messages, Metric, Policies, Record, Texts
 from humanplay.tasks.base import BaseEnvironment, seed_of
 from humanplay.tasks.gymnasium.about import about, texts_of
@@ -41,7 +41,7 @@ POLICIES = "humanplay.tasks.gymnasium.policies"
 """The module that plays them."""
 
 
-class Frame(Sent):
+class Frame(ServerMessage):
     """What a board shows; its figures are null where a study hides them."""
 
     kind: Literal["frame"]
@@ -64,7 +64,7 @@ class Frame(Sent):
     )
 
 
-class History(Sent):
+class History(ServerMessage):
     """The headline metric after 0, 1, 2, ... moves."""
 
     kind: Literal["history"]

@@ -15,7 +15,7 @@ import gymnasium
 import numpy as np
 
 from humanplay.board.pictures import jpeg, png
-from humanplay.task import Allowed, SeenByAgent
+from humanplay.task import AgentObservation, Allowed
 from humanplay.tasks.base import EpisodeRecord, frame_text
 from humanplay.tasks.gymnasium.codes import ActionCodes, Mask, allowed_in
 from humanplay.tasks.gymnasium.description import (
@@ -213,7 +213,7 @@ class GymnasiumRun:
         packed = jpeg(pixels) if self._described.codec == "jpeg" else png(pixels, self.is_live)
         return GymnasiumView(self, packed, None)
 
-    def seen(self, picture: bool, observation: bool) -> SeenByAgent:
+    def seen(self, picture: bool, observation: bool) -> AgentObservation:
         """Return picture or text, and the observation as numbers, texts, lists and objects."""
         shown = self.view() if picture else None
         given = plain(self._observation) if observation else None

@@ -21,7 +21,7 @@ class MarsBoards:
     """Those of the page's terrain dialog."""
 
     def configuration(self, level: str, size: int | tuple[int, int] | None) -> EnvConfig:
-        """The configuration of a level at a size, a side or (rows, cols); ValueError if there is none."""
+        """A level's configuration at a side or (rows, cols); ValueError if there is none."""
         return EnvConfig.of(level, self.daily.size if size is None else size)
 
     def name_of(self, config: EnvConfig) -> tuple[str, str]:

@@ -15,7 +15,7 @@ ROCK: Colour = (220, 203, 184)
 
 
 def data_url(codes: NDArray[np.uint8]) -> str:
-    """Return what is known (uint8[rows, cols], codes of a view) as the data URL of a PNG, its longer side near 480 pixels."""
+    """Return the known map as a PNG's data URL, its longer side near 480 pixels."""
     colours = np.array([NIGHT, SOIL, AMBER, ROCK], np.uint8)
     cell = max(1, 480 // max(codes.shape))
     pixels: NDArray[np.uint8] = np.repeat(np.repeat(colours[codes], cell, 0), cell, 1)

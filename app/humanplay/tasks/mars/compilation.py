@@ -1,4 +1,6 @@
-"""Compiling beside a server: a process at the lowest priority fills numba's cache, and the server loads what is ready.
+"""Compiles beside a server, at lowest priority; the server loads what is ready.
+
+numba's cache is what the two share.
 
 On a thread of the server's, compiling would keep every other board waiting: it holds the interpreter's lock, and numba's own.
 """
@@ -32,7 +34,7 @@ class MissingKernelError(Exception):
 
 
 class Compilation:
-    """What is compiled for one server: first what boards ask for, then all else, one kernel after the other."""
+    """Compiles a server's kernels one by one: those that boards need come first."""
 
     def __init__(self) -> None:
         self._jobs = Jobs(1, nice=PRIORITY)
@@ -57,7 +59,10 @@ class Compilation:
         return any(not future.done() for future in list(self._asked.values()))
 
     def _compile_beside(self, call: KernelCall) -> NoReturn:
-        """Ask for a kernel that the cache lacks, and raise NotReadyError; RuntimeError where it was compiled in vain."""
+        """Request a kernel that the cache lacks, and raise NotReadyError.
+
+        RuntimeError if it was compiled in vain.
+        """
         future = self._asked.get(call)
         if future is not None and future.done() and future.exception() is None:
             raise RuntimeError(
@@ -71,7 +76,7 @@ class Compilation:
         raise NotReadyError(future)
 
     def _go_on(self, _: object) -> None:
-        """Compile something that nobody has asked for, unless a board that waited asks for its next kernel."""
+        """Compile a kernel that nobody needs yet, unless a waiting board asks for another."""
         timer = threading.Timer(PAUSE_S, self._compile_rest)
         timer.daemon = True
         timer.start()

@@ -1,4 +1,4 @@
-"""The course of an episode: when each cell became known, and where the rover was after each move.
+"""An episode's course: when each cell became known, and where the rover went.
 
 It is that of a finished episode, or of a policy on its terrain, to compare with: its ghost.
 """
@@ -71,14 +71,14 @@ class Course(DrawnEpisode):
 
 
 def course_of(name: str, record: Record) -> Course:
-    """Return the course of a finished episode; ValueError when this version's rules cannot replay it."""
+    """Return a finished episode's course; ValueError if these rules cannot replay it."""
     ended = replay(record)
     actions = iter(record.actions)
     return _course(name, Episode.again(record), lambda _: next(actions, None), ended)
 
 
 def _course(name: str, episode: Episode, next_action: NextAction, ended: Episode) -> Course:
-    """Return the course of an episode from its start on, made move by move until `next_action` returns None."""
+    """Return an episode's course, played until `next_action` returns None."""
     known_since = np.where(episode.codes != UNKNOWN, 0, NEVER).astype(np.int32)
     while (action := next_action(episode.codes)) is not None:
         episode.step(action)
@@ -100,7 +100,7 @@ def _course(name: str, episode: Episode, next_action: NextAction, ended: Episode
 
 
 def preferred(driver: str, names: Sequence[str] | None = None) -> str | None:
-    """Return the policy to show beside a driver; None where only the driver itself is on offer.
+    """Return the policy to show beside a driver; None if only the driver is on offer.
 
     names  of those on offer; None: the shipped ones
     """
@@ -109,7 +109,7 @@ def preferred(driver: str, names: Sequence[str] | None = None) -> str | None:
 
 
 def play_ghost(source: str, record: Record) -> Course:
-    """Return the course of a policy from the start of a record on its terrain; GhostError where it cannot be had.
+    """Return a policy's course from the start of a record; GhostError if it has none.
 
     The policy is given what its own rover discovers, as everywhere, and is reset with 0, so that every call gives the same.
 

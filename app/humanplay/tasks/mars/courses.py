@@ -1,4 +1,4 @@
-"""Drawn replays of MarsExplorer's episodes, and what their moves cost beside Expert's."""
+"""Replays of MarsExplorer's episodes, and the cost of their moves beside Expert's."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class MarsCourses:
     ended_early: str = MistakeKind.ENDED_EARLY
 
     def course_of(self, name: str, record: Record) -> Course:
-        """The course of a finished episode; ValueError if this version's rules cannot replay it."""
+        """A finished episode's course; ValueError if these rules cannot replay it."""
         return course_of(name, own_record(record))
 
     def choices(self, offers: Sequence[PolicyOffer], config: EnvConfig) -> list[str]:
@@ -34,7 +34,7 @@ class MarsCourses:
         return preferred(driver, names)
 
     def play_ghost(self, source: str, record: Record) -> Course:
-        """The course of a policy from the start of a record on its terrain; GhostError if it cannot be had."""
+        """A policy's course from the start of a record; GhostError if it has none."""
         return play_ghost(source, own_record(record))
 
     def check_judged(self, config: EnvConfig) -> None:

@@ -1,4 +1,4 @@
-"""What pictures draw of an episode, and how sentences call it, its driver and its level."""
+"""What pictures draw of an episode, and what sentences call it and its driver."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PLAIN_LEVELS = {
 
 @dataclass(frozen=True)
 class DrawnEpisode:
-    """What is drawn of one episode; index k of each sequence is the board after k moves.
+    """What is drawn of an episode; index k of each sequence is after k moves.
 
     name        who drove
     config      of the episode
@@ -57,7 +57,7 @@ class DrawnEpisode:
         return len(self.actions)
 
     def coverage(self, step: int) -> float:
-        """Return the share of the cells known after some moves, 0..1; a course that has ended stays at its end."""
+        """Return the share of known cells after some moves, 0..1; constant after the end."""
         return self.discovered[min(step, self.moves)] / self.cells
 
     @property
@@ -77,7 +77,7 @@ class DrawnEpisode:
 
 
 def sentence(course: DrawnEpisode) -> str:
-    """Return what a course came to, after the name: `mapped 99 % of the ground in 75 moves`."""
+    """Return the outcome, after the name: `mapped 99 % of the ground in 75 moves`."""
     share, moves = f"{floor(1000 * course.coverage(course.moves) + 1e-6) / 10:.1f} %", course.moves
     count = counted(moves, "move")
     return {

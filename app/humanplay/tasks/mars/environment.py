@@ -1,4 +1,4 @@
-"""The rules of MarsExplorer: how its stored episodes are read, replayed, checked and measured."""
+"""MarsExplorer's rules: its stored episodes are read, replayed and checked here."""
 
 from __future__ import annotations
 
@@ -69,24 +69,24 @@ class MarsEnvironment(BaseEnvironment):
     successes: ClassVar[frozenset[str]] = frozenset({"explored"})
 
     def configuration(self, values: Mapping[str, Any]) -> EnvConfig:
-        """Return the configuration of plain values; ValueError or TypeError where they are none."""
+        """Return the configuration of plain values; ValueError or TypeError for others."""
         return EnvConfig(**values)
 
     def gymnasium_env(self, config: EnvConfig) -> Any:
         """Return the environment whose observations are uint8[rows, cols]."""
         names = ("level", "sensor_radius", "beta", "max_steps")
-        given = {name: getattr(config, name) for name in names}
-        given |= {"size": (config.rows, config.cols), "observation": "uint8"}
-        return gymnasium.make("MarsExplorer-v0", **given, disable_env_checker=True)
+        parameters = {name: getattr(config, name) for name in names}
+        parameters |= {"size": (config.rows, config.cols), "observation": "uint8"}
+        return gymnasium.make("MarsExplorer-v0", **parameters, disable_env_checker=True)
 
     def observations(self, record: task.Record) -> list[NDArray[np.uint8]]:
         """Return what was seen before each move and after the last: uint8[rows, cols]."""
         again = Episode.again(own_record(record))
-        found = [again.codes.copy()]
+        observations = [again.codes.copy()]
         for action in record.actions:
             again.step(action)
-            found.append(again.codes.copy())
-        return found
+            observations.append(again.codes.copy())
+        return observations
 
     def returns(self, config: EnvConfig) -> tuple[float, float]:
         """Return that of an invalid first move, and the theoretical maximum."""
@@ -115,7 +115,7 @@ class MarsEnvironment(BaseEnvironment):
         return texts_of(config)
 
     def assumed(self, config: EnvConfig, metric: str) -> Mapping[str, float]:
-        """The mean and the spread that a new study assumes of people, by the protocol's fields.
+        """The mean and spread that a new study assumes, by the protocol's fields.
 
         No measurement of people, of whom none has played yet: the synthetic players `mixed` of
         `python -m research.methods.assumed_spread`. Other sizes go by their number of cells.
@@ -137,7 +137,9 @@ class MarsEnvironment(BaseEnvironment):
         }
 
     def bounds(self, config: EnvConfig) -> tuple[float, float]:
-        """Return the bounds of a mean score: a limit of fruitless moves that ends in a collision, and 1.
+        """Return the least and the greatest mean score.
+
+        The least is a limit of fruitless moves that ends in a collision; the greatest is 1.
 
         Where only what can be discovered counts, that may be a single cell.
         """
@@ -145,7 +147,7 @@ class MarsEnvironment(BaseEnvironment):
         return -0.5 * config.limit / (config.r_invalid + config.r_bonus + cells), 1.0
 
     def given_up_score(self, cause: Cause, outcome: str, total: float, score: float) -> float:
-        """Return the score without the bonus, and with the penalty of leaving where none was paid: else its own."""
+        """Return the score of an abandoned episode: no bonus, and the penalty of leaving."""
         if outcome not in ("explored", "timed_out"):
             return score
         total -= cause.config.r_bonus if outcome == "explored" else 0
@@ -167,7 +169,7 @@ class MarsEnvironment(BaseEnvironment):
             raise ValueError(f"a study's boards have at most {MAX_API_SIDE} cells a side, {got}")
 
     def prepare(self) -> None:
-        """Let the rules be compiled now: a moment where it has been done before, seconds else."""
+        """Compile the rules now: a moment if the cache has them, seconds otherwise."""
         step_once()
 
     def run(self, config: EnvConfig, seed: int, actions: bytes = b"") -> MarsRun:
@@ -182,7 +184,7 @@ class MarsEnvironment(BaseEnvironment):
         return _drawn(config, seed), (0, 0)
 
     def instance_hash(self, was: Cause) -> str:
-        """Return SHA-256 (hex) of the shape and the packed bits: the same for two seeds that draw the same terrain."""
+        """Return SHA-256 (hex) of shape and packed bits: equal terrains, equal hashes."""
         shape = f"{was.config.rows}x{was.config.cols}:".encode()
         return hashlib.sha256(shape + was.terrain).hexdigest()
 
@@ -197,7 +199,10 @@ class MarsEnvironment(BaseEnvironment):
         return Record(was.config, was.seed, was.terrain, was.start, actions=actions, **derived)
 
     def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> MarsRun:
-        """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
+        """Return the run of a stored episode after its actions.
+
+        One that ended without an ending move was abandoned.
+        """
         cause = was.config, was.seed, was.terrain, was.start
         outcome = "abandoned" if ended else "running"
         return self.replay_record(Record(*cause, actions, outcome, 0.0, 0, 0, ""))
@@ -207,7 +212,7 @@ class MarsEnvironment(BaseEnvironment):
         return MarsRun(replay(own_record(record)))
 
     def frames(self, record: task.Record, episode_id: str) -> list[dict[str, Any]]:
-        """Return the frames of a finished episode from its start to its end; on large boards only every so many."""
+        """Return an episode's frames from start to end, on large boards only some."""
         stride = max(1, -(-len(record.actions) * record.config.n // MAX_REPLAY_CELLS))
         run = MarsRun(Episode.again(own_record(record)))
         texts = [run.view().frame(episode_id)]
@@ -217,7 +222,7 @@ class MarsEnvironment(BaseEnvironment):
                 texts.append(run.view().frame(episode_id))
         if record.outcome == "abandoned":
             texts.append(self.replay_record(record).view().frame(episode_id))
-        return [json.loads(each) for each in texts]
+        return [json.loads(text) for text in texts]
 
 
 def environment(variant: str) -> MarsEnvironment:

@@ -25,7 +25,7 @@ def _estimator(expert: str, cache: Path) -> CostEstimator:
 
 
 def explain(cache: Path, record: Record, expert: str) -> dict[str, Any]:
-    """Return an episode beside Expert's, what its moves cost, its greatest mistakes, and what Expert would have done.
+    """Compare an episode with Expert's: moves, their cost, the greatest mistakes.
 
     On boards where no move is judged it says so, beside the lengths of the two episodes.
 
@@ -38,7 +38,7 @@ def explain(cache: Path, record: Record, expert: str) -> dict[str, Any]:
     except ValueError as error:
         return unjudged(record, str(error), estimator.expert_moves(record))
     costs = estimator.costs(record)
-    mistakes = [each for each in costs.biggest(MOST_NAMED) if each.cost >= LEAST_COST]
+    mistakes = [mistake for mistake in costs.biggest(MOST_NAMED) if mistake.cost >= LEAST_COST]
     missed = estimator.missed(record, mistakes)
     return {
         "reason": None,
@@ -56,7 +56,10 @@ def explain(cache: Path, record: Record, expert: str) -> dict[str, Any]:
 
 
 def unjudged(record: Record, reason: str, expert_moves: int | None = None) -> dict[str, Any]:
-    """Return the same where no move is judged; `reason` says why, `expert_moves` is None if Expert's file is not here."""
+    """Return the comparison if no move is judged.
+
+    `reason` says why; `expert_moves` is None if Expert's file is missing.
+    """
     counts = counted_moves(record)
     return {
         "reason": reason,
@@ -93,7 +96,9 @@ def describe_expert(costs: EpisodeCosts, limit: int) -> list[dict[str, Any]]:
 
 
 def describe_mistake(record: Record, mistake: Mistake, missed: Missed) -> dict[str, Any]:
-    """Return a mistake for a page. `step` is the number of moves made before its costliest, `previous` the last of them.
+    """Return a mistake for a page.
+
+    `step` is the number of moves before its costliest, `previous` the last of them.
 
     `grid` and `discovered` are what was known then, as in a frame; the rest is `evaluation.missed.Missed`.
     """

@@ -1,4 +1,4 @@
-"""What the server sends of MarsExplorer, and what begins an episode: as pydantic models, for the API's documentation."""
+"""MarsExplorer's messages as pydantic models, for the API's documentation."""
 
 from __future__ import annotations
 
@@ -39,8 +39,9 @@ def parse_size(value: object) -> tuple[int, int]:
     """Return (rows, cols) of a whole number or a pair; ValueError otherwise."""
     if isinstance(value, (list, tuple)):
         if len(value) != 2:
-            given = f"got {counted(len(value), 'value')}"
-            raise ValueError(f"size must be a whole number or [rows, cols], {given}")
+            raise ValueError(
+                f"size must be a whole number or [rows, cols], got {counted(len(value), 'value')}"
+            )
         return _check_side("rows", value[0]), _check_side("cols", value[1])
     if isinstance(value, bool) or not isinstance(value, int):
         raise ValueError(f"size must be a whole number or [rows, cols], got {value!r}")
@@ -67,7 +68,7 @@ LevelName = Annotated[str, AfterValidator(_check_level)]
 
 
 class NewEpisode(messages.NewEpisode):
-    """The next episode; what is left out stays as it was, and without a seed the server draws a fresh one."""
+    """The next episode. Omitted fields stay as they are; a new seed is drawn."""
 
     level: LevelName | None = Field(
         default=None, description="a name from `GET /api/levels`", examples=["random"]
@@ -87,16 +88,17 @@ class NewEpisode(messages.NewEpisode):
     @model_validator(mode="after")
     def _map_stands_alone(self) -> Self:
         if self.map is not None and (self.level, self.size, self.seed) != (None, None, None):
-            what = "leave out level, size and seed where map is given"
-            raise ValueError(f"a map has a size and a terrain of its own: {what}")
+            raise ValueError(
+                "a map has a size and a terrain of its own: leave out level, size and seed where map is given"
+            )
         return self
 
 
 class NewSession(NewEpisode, messages.NewBoard):
-    """A board of one's own: all fields optional, `random` at 21x21 for a human without a rival by default."""
+    """A new board; by default `random` at 21x21, for a human without a rival."""
 
 
-class Frame(messages.Sent):
+class Frame(messages.ServerMessage):
     """Everything a board needs, and nothing that the rover has not discovered."""
 
     kind: Literal["frame"]
@@ -123,7 +125,7 @@ class Frame(messages.Sent):
     outcome: Outcome | None
 
 
-class History(messages.Sent):
+class History(messages.ServerMessage):
     """The path so far; index 0 is the start."""
 
     kind: Literal["history"]
@@ -132,8 +134,8 @@ class History(messages.Sent):
     discovered: list[int]
 
 
-class Course(messages.Sent):
-    """The course of an episode; index k of `positions` and `discovered` is the board after k moves."""
+class Course(messages.ServerMessage):
+    """The course of an episode; index k of each list is the board after k moves."""
 
     name: str = Field(description="who drove")
     actions: list[ActionName]
@@ -151,8 +153,8 @@ class Course(messages.Sent):
     sentence: str = Field(description="what it came to, in words that follow the name")
 
 
-class Mistake(messages.Sent):
-    """Moves that together cost something, with the board as it was known before the costliest."""
+class Mistake(messages.ServerMessage):
+    """Moves that together cost something, and the board before the costliest."""
 
     first: int = Field(description="its first move, from 0")
     last: int = Field(description="its last move")

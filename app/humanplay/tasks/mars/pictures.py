@@ -1,6 +1,4 @@
-"""Pictures of a replay: a board in the colours of every page with the paths of one rover or two, each picture of its animation,
-and the one that a preview of its link shows.
-"""
+"""Pictures of a replay: boards with paths, the animation, and the preview of its link."""
 
 from __future__ import annotations
 
@@ -41,7 +39,7 @@ GOAL = 0.99
 
 
 def pixels_a_cell(course: DrawnEpisode, pixels: int) -> int:
-    """Return how many pixels a cell gets so that the longer side of the board stays within `pixels`."""
+    """Return the pixels of a cell's side, so that a board's longer side fits `pixels`."""
     return max(1, pixels // max(course.config.rows, course.config.cols))
 
 
@@ -53,7 +51,7 @@ def board_picture(
     other: tuple[DrawnEpisode, Colour] | None = None,
     before: int | None = None,
 ) -> Image.Image:
-    """Return a board as it stood after some moves; `cell` is the side of a cell in pixels.
+    """Return a board after some moves; `cell` is a cell's side in pixels.
 
     other   a second rover whose path is drawn dashed
     before  the move of the picture before this one: ground that has been shown since is lighter; None for none
@@ -76,19 +74,19 @@ def board_picture(
 
 def _ground(course: DrawnEpisode, step: int, cell: int, before: int) -> Image.Image:
     """Return the cells alone, with lines between them where there is room."""
-    known = (course.known_since != NEVER) & (course.known_since <= step)
-    fresh = known & (course.known_since > before)
+    is_known = (course.known_since != NEVER) & (course.known_since <= step)
+    fresh = is_known & (course.known_since > before)
     cells = np.empty((*course.codes.shape, 3), np.uint8)
     cells[:] = NIGHT
     is_rock = course.codes == OBSTACLE
-    cells[known & ~is_rock] = SOIL
+    cells[is_known & ~is_rock] = SOIL
     cells[fresh & ~is_rock] = SHOWN_NOW
-    cells[known & is_rock] = ROCK
+    cells[is_known & is_rock] = ROCK
     pixels: NDArray[np.uint8] = np.repeat(np.repeat(cells, cell, 0), cell, 1)
     if cell >= 7:
         edges = cells.copy()
-        edges[known & ~is_rock] = SOIL_EDGE
-        edges[known & is_rock] = ROCK_EDGE
+        edges[is_known & ~is_rock] = SOIL_EDGE
+        edges[is_known & is_rock] = ROCK_EDGE
         pixels[cell - 1 :: cell] = np.repeat(edges, cell, 1)
         pixels[:, cell - 1 :: cell] = np.repeat(edges, cell, 0)
     return Image.fromarray(pixels)
@@ -153,7 +151,7 @@ def _mark_crash(picture: Image.Image, course: DrawnEpisode, cell: int) -> None:
 
 @dataclass(frozen=True)
 class Look:
-    """Sizes of an animation's pictures in pixels: the longer side of a board at most, the margin, and the height of text."""
+    """Sizes in pixels: the board's longer side at most, the margin and the text."""
 
     board: int = 360
     margin: int = 20
@@ -161,7 +159,7 @@ class Look:
 
 
 class AnimationPicture:
-    """Draws the boards of one course or two side by side, with names, moves and coverage."""
+    """Draws the boards of one course or two, with names, moves and coverage."""
 
     def __init__(self, courses: Sequence[DrawnEpisode], look: Look) -> None:
         self._courses, self._look = courses, look
@@ -176,11 +174,11 @@ class AnimationPicture:
         """(width, height): even numbers, as the codecs of videos want them."""
 
     def at(self, step: int, before: int) -> Image.Image:
-        """Return the picture after some moves; ground shown after `before` moves is lighter."""
+        """Return the picture after some moves; cells seen after `before` are lighter."""
         picture = Image.new("RGB", self.size, NIGHT)
         for number, (course, colour) in enumerate(zip(self._courses, ROVERS, strict=False)):
             rovers = zip(self._courses, ROVERS, strict=False)
-            other = next((each for each in rovers if each[0] is not course), None)
+            other = next((rover for rover in rovers if rover[0] is not course), None)
             left = self._look.margin + number * (self._column + self._look.margin)
             board = board_picture(course, step, self._cell, colour, other, before)
             top = self._look.margin + round(2.2 * self._look.text)
@@ -191,7 +189,7 @@ class AnimationPicture:
     def _write(
         self, draw: ImageDraw.ImageDraw, course: DrawnEpisode, step: int, colour: Colour, left: int
     ) -> None:
-        """Write name and moves above the board, coverage as a bar and what it came to below."""
+        """Write name and moves above the board, coverage and the outcome below it."""
         look, right = self._look, left + self._column
         base = look.margin + round(1.4 * look.text)
         draw.text((left, base), course.plain_name, TEXT, font(look.text), anchor="ls")
@@ -209,7 +207,7 @@ class AnimationPicture:
 
 
 def preview(course: DrawnEpisode) -> bytes:
-    """Return the picture of a link's preview as PNG: the board at the end with the path, and what it came to in words."""
+    """Return a link's preview as PNG: the final board, its path and the outcome."""
     return _preview(
         course,
         course.moves,
@@ -220,7 +218,7 @@ def preview(course: DrawnEpisode) -> bytes:
 
 
 def challenge_preview(course: DrawnEpisode) -> bytes:
-    """Return the picture of a challenge's link as PNG: what is seen before the first move, and what is to be beaten."""
+    """Return a challenge's preview as PNG: the first frame, and what is to be beaten."""
     return _preview(course, 0, course.challenge, "This is what you see", "before the first move.")
 
 
@@ -253,7 +251,7 @@ def png(picture: Image.Image) -> bytes:
 
 
 def percent(share: float) -> str:
-    """Return a share 0..1 in percent, rounded down, so that 99.0 never stands before it is reached."""
+    """Return a share 0..1 in percent, rounded down: 99.0 never stands too early."""
     return f"{floor(share * 1000 + 1e-9) / 10:.1f}"
 
 

@@ -1,4 +1,4 @@
-"""The policies of MarsExplorer: the shipped ones by name, further ones from files, on boards and away from them."""
+"""MarsExplorer's policies: the shipped ones by name, others from files."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ class PolicyCatalogue(BasePolicies):
         return list(self._offers.values())
 
     def check_size(self, names: Iterable[str], config: EnvConfig) -> None:
-        """Raise ValueError, naming the policy, unless every policy among the names plays boards of this size."""
+        """Raise ValueError, naming the policy, if one cannot play boards of this size."""
         for name in names:
             size = self._offers[name].size if name in self._offers else None
             if size not in (None, (config.rows, config.cols)):
                 raise ValueError(wrong_size(name, size, (config.rows, config.cols)))
 
     def load(self, source: str, config: EnvConfig | None = None) -> Policy:
-        """A new policy by its name or path; PolicyError if there is none, or none that can be played."""
+        """A new policy by its name or path; PolicyError if it is absent or cannot play."""
         path = self._offers[source].source if source in self._offers else source
         with _policy_errors():
             return (
@@ -80,7 +80,7 @@ class PolicyCatalogue(BasePolicies):
         return batch.act_many(policies, observations)
 
     def shared_net(self, policy: Any) -> object | None:
-        """The network that decides for the policy, if it can decide for several boards at once."""
+        """The policy's network, if it can decide for several boards at once."""
         return batch.shared_net(policy)
 
     def observation_in(self, frame: Mapping[str, Any]) -> NDArray[np.uint8]:
@@ -97,12 +97,12 @@ class PolicyCatalogue(BasePolicies):
             return policies.find_file(source)
 
     def hash_of(self, source: str) -> str | None:
-        """SHA-256 (hex) of a policy's file; None for a rule. PolicyError if it cannot be read."""
+        """SHA-256 (hex) of a policy's file; None for a rule. PolicyError if unreadable."""
         with _policy_errors():
             return policies.policy_hash(source)
 
     def hash_with_code(self, source: str) -> str:
-        """SHA-256 (hex) of a policy: of its file if it has one, and of the code of all policies."""
+        """SHA-256 (hex) of a policy's file, if it has one, and of all policies' code."""
         digest = hashlib.sha256()
         files = sorted(Path(policies.__file__).parent.rglob("*.py"))
         for path in (*files, shipped().get(source, Path(source))):
@@ -129,7 +129,7 @@ class PolicyCatalogue(BasePolicies):
     def play_all(
         self, sources: Sequence[str], config: EnvConfig, seeds: Sequence[int]
     ) -> Iterator[tuple[str, int, bytes, str]]:
-        """Yield source, seed, actions and trajectory hash of each policy's episode on each terrain, in any order.
+        """Yield source, seed, actions and trajectory hash of each episode, in any order.
 
         PolicyError if a policy cannot be played; nothing is played then.
         """
@@ -144,7 +144,7 @@ class PolicyCatalogue(BasePolicies):
 
 
 def check_file(path: Path) -> None:
-    """Read what a policy file says of itself; PolicyFileError or PolicyNotFoundError if there is none."""
+    """Read a policy file's card; PolicyFileError or PolicyNotFoundError otherwise."""
     policies.describe(str(path))
 
 
@@ -157,7 +157,10 @@ def _policy_errors() -> Iterator[None]:
 
 
 def _try_out(path: Path) -> PolicyOffer:
-    """The offer of a file whose policy decides and moves; PolicyFileError or PolicyNotFoundError if it is none."""
+    """The offer of a policy file, after one decision and one move on a board.
+
+    PolicyFileError or PolicyNotFoundError if it cannot play.
+    """
     while True:
         try:
             policy = policies.load(path)

@@ -1,4 +1,4 @@
-"""An episode of MarsExplorer on a board: the run, and what may be seen of it as frames and paths."""
+"""An episode of MarsExplorer on a board, and what may be seen of it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from humanplay import task
-from humanplay.task import Allowed, SeenByAgent, counted
+from humanplay.task import AgentObservation, Allowed, counted
 from humanplay.tasks.mars.colours import data_url
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode, Record
@@ -25,7 +25,7 @@ _ENCODER = msgspec.json.Encoder()
 
 
 def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
-    """Return what is known of a terrain, codes uint8[rows, cols], as the `grid` of a frame."""
+    """Return a known map, codes uint8[rows, cols], as the `grid` of a frame."""
     rows, cols = codes.shape
     cells = codes.tobytes().translate(CELL_CHARACTERS).decode()
     return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
@@ -38,7 +38,10 @@ def occupancy_codes(frame: Mapping[str, Any]) -> NDArray[np.uint8]:
 
 @cache
 def _load_step() -> None:
-    """Load what a move needs, or raise NotReadyError: a board moves on its event loop, where nothing may take long."""
+    """Load the compiled move, or raise NotReadyError.
+
+    A board moves on its event loop, where nothing may take long.
+    """
     step_once()
 
 
@@ -61,15 +64,15 @@ class MarsRun:
         """Return a copy of what is known: uint8[rows, cols]."""
         return self._episode.codes.copy()
 
-    def seen(self, picture: bool, observation: bool) -> SeenByAgent:
-        """Return the known map as a picture and as what a frame holds of it: no reward, return, score or outcome."""
+    def seen(self, picture: bool, observation: bool) -> AgentObservation:
+        """Return the known map as a picture and as an observation, without scores."""
         view = self.view()
         names = ("rows", "cols", "grid", "position", "discovered", "cells", "coverage", "heading")
         frame = json.loads(view.frame("", hides_scores=True)) if observation else {}
         drawn = data_url(view.codes) if picture else None
-        given = {name: frame[name] for name in names} if observation else None
-        text = None if given is None else text_frame(given)
-        return {"picture": drawn, "text": text, "observation": given, "allowed": None}
+        fields = {name: frame[name] for name in names} if observation else None
+        text = None if fields is None else text_frame(fields)
+        return {"picture": drawn, "text": text, "observation": fields, "allowed": None}
 
     def rewards(self) -> Sequence[float]:
         """Return the reward of each move."""
@@ -110,7 +113,9 @@ class MarsRun:
 
 
 class View:
-    """An episode as it stands now, which stays as it is while the episode goes on; the terrain is not in it.
+    """An episode's view, which stays the same as the episode goes on.
+
+    The terrain is not in it.
 
     allowed  None: every move may be made
     codes  uint8[rows, cols], what is known: UNKNOWN 0, FREE 1, ROVER 2, OBSTACLE 3
@@ -131,7 +136,7 @@ class View:
         self.ended = episode.ended
 
     def is_of_same_run(self, other: View) -> bool:
-        """Return whether the other view is one of the same episode, as it was or as it went on."""
+        """Return whether the other view shows the same episode, earlier or later."""
         return self._episode is other._episode
 
     def observation(self) -> NDArray[np.uint8]:
@@ -164,7 +169,7 @@ class View:
         return list(self._episode.discoveries[: self.steps + 1])
 
     def frame(self, episode_id: str, hides_scores: bool = False) -> str:
-        """Return the frame as JSON text; reward, return and score null where they are hidden."""
+        """Return the frame as JSON text; reward, return and score null if hidden."""
         rows, cols = self.codes.shape
         row, col = self.position
         frame = {
@@ -188,28 +193,40 @@ class View:
 
     def history(self, episode_id: str, hides_scores: bool = False) -> str:
         """Return the path so far as JSON text."""
-        history = {"kind": "history", "episode": episode_id}
-        told = {"positions": self.path, "discovered": self.discoveries}
-        return _ENCODER.encode(history | told).decode()
+        history = {
+            "kind": "history",
+            "episode": episode_id,
+            "positions": self.path,
+            "discovered": self.discoveries,
+        }
+        return _ENCODER.encode(history).decode()
 
 
 TEXT_SIDE = 25
 """Rows and columns of a text frame at most, so that it stays below 1 kB."""
 
 
-def text_frame(given: Mapping[str, Any]) -> str:
-    """Return an observation (`MarsRun.seen`) as a matrix with a legend, the part around the rover of a large one."""
-    row, col = given["position"]
+def text_frame(observation: Mapping[str, Any]) -> str:
+    """Return an observation (`MarsRun.seen`) as a matrix with a legend.
+
+    Of a large board it has the part around the rover.
+    """
+    row, col = observation["position"]
     spans = []
-    for at, cells in ((row, given["rows"]), (col, given["cols"])):
+    for at, cells in ((row, observation["rows"]), (col, observation["cols"])):
         first = max(0, min(at - TEXT_SIDE // 2, cells - TEXT_SIDE))
         spans.append(range(first, min(cells, first + TEXT_SIDE)))
     rows, cols = spans
-    matrix = [f"{each:3} {given['grid'][each][cols[0] : cols[-1] + 1]}" for each in rows]
-    return "\n".join((
-        f"{counted(given['rows'], 'row')} from north to south, {counted(given['cols'], 'column')} from west to east; "
-        f"here are rows {rows[0]} to "
-        f"{rows[-1]} (each with its number), columns {cols[0]} to {cols[-1]}.",
-        f"@ the rover, at row {row}, column {col}; ? not seen yet; . free; # rock. {given['coverage']:.1%} is mapped.",
-        *matrix,
-    ))  # fmt: skip
+    matrix = [
+        f"{number:3} {observation['grid'][number][cols[0] : cols[-1] + 1]}" for number in rows
+    ]
+    size = (
+        f"{counted(observation['rows'], 'row')} from north to south, "
+        f"{counted(observation['cols'], 'column')} from west to east"
+    )
+    part = f"here are rows {rows[0]} to {rows[-1]} (each with its number), columns {cols[0]} to {cols[-1]}"
+    legend = (
+        f"@ the rover, at row {row}, column {col}; ? not seen yet; . free; # rock. "
+        f"{observation['coverage']:.1%} is mapped."
+    )
+    return "\n".join((f"{size}; {part}.", legend, *matrix))

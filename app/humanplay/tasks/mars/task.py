@@ -29,7 +29,7 @@ EXAMPLES = Path(__file__).with_name("levels.json")
 
 
 class Mars(BaseTask, MarsEnvironment):
-    """MarsExplorer (`humanplay.task.Task`) with the policies and the maps that a server offers."""
+    """MarsExplorer (`humanplay.task.Task`), with a server's policies and maps."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class Mars(BaseTask, MarsEnvironment):
             self.compilation.close()
 
     def levels(self) -> list[dict[str, Any]]:
-        """Return the levels whose terrains seeds draw, each with one of them for a picture: rocks as bits of rows."""
+        """Return the levels drawn from seeds; an example has its rocks as bits of rows."""
         examples = _examples()
         return [
             {
@@ -82,7 +82,7 @@ class Mars(BaseTask, MarsEnvironment):
         return Choice(EnvConfig.of(wanted.level or "random", wanted.size or SIDE), wanted.seed)
 
     def next(self, was: Cause, wanted: NewEpisode) -> Choice:
-        """Return the terrain of the next episode: what is left out stays as it was, so a map is played again."""
+        """Return the next terrain: what is omitted stays, and a map is played again."""
         config: EnvConfig = was.config
         if wanted.map is not None:
             return self.catalogue.find(wanted.map)
@@ -99,35 +99,35 @@ class Mars(BaseTask, MarsEnvironment):
         return Choice(was.config, None, GivenTerrain(cells, was.start))
 
     def wanted_again(self, config: EnvConfig, wanted: NewEpisode, **rest: Any) -> NewSession:
-        """Return what begins an episode that is wanted, of a configuration, on a board of its own."""
+        """Return the message that begins an episode of a configuration on a new board."""
         if wanted.map is not None:
             return NewSession(map=wanted.map, **rest)
         size = (config.rows, config.cols)
         return NewSession(level=config.level, size=size, seed=wanted.seed, **rest)
 
     def describe(self, was: Cause) -> dict[str, Any]:
-        """Return `level`, `map` and `size` of an episode; its size is one number where it is square."""
+        """Return `level`, `map` and `size` of an episode; a square's size is one number."""
         config: EnvConfig = was.config
         size = config.rows if config.rows == config.cols else [config.rows, config.cols]
         return {"level": config.level, "map": self.catalogue.name_of(was), "size": size}
 
     def begin(self, choice: Choice) -> MarsRun:
         """Return a run at its start; ValueError before a seed is drawn."""
-        given: GivenTerrain | None = choice.given
-        if given is None:
+        terrain: GivenTerrain | None = choice.given
+        if terrain is None:
             return MarsRun(Episode.begin(choice.config, choice.seed))
-        return MarsRun(Episode.begin(choice.config, None, given.cells, given.start))
+        return MarsRun(Episode.begin(choice.config, None, terrain.cells, terrain.start))
 
 
 @cache
 def _examples() -> dict[str, list[int]]:
-    """Return the drawn terrains, since drawing them would compile what draws every level."""
+    """Return one stored terrain of each level; drawing them would compile every level."""
     examples: dict[str, list[int]] = json.loads(EXAMPLES.read_text())
     return examples
 
 
 def serve(variant: str, start: Start) -> Mars:
-    """The task of a server; LookupError, ValueError or OSError if a file is none, or a variant is named."""
+    """The task of a server; LookupError, ValueError or OSError if a file is bad."""
     environment(variant)
     for path in start.policies:
         check_file(path)

@@ -1,4 +1,4 @@
-"""The terrain that an episode begins on: a seed's, or a given map's; and the maps on offer by name."""
+"""An episode's terrain, from a seed or a map, and the maps on offer by name."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class MapCatalogue:
 
     @classmethod
     def read(cls, paths: Iterable[Path], cell_m: float | None = None) -> MapCatalogue:
-        """Return the maps of files, each under its file's name without suffix; ValueError for a file that is none.
+        """Return the maps of files by their files' stems; ValueError for a bad file.
 
         cell_m  side of a cell in metres; None: as `read_map` chooses it
         """
@@ -49,12 +49,19 @@ class MapCatalogue:
 
     def listed(self) -> list[dict[str, Any]]:
         """Return what may be chosen, as the API lists it."""
-        what = "a map of {} × {} cells; what can be seen from where the rover can go counts"
-        sizes = [(name, (each.config.rows, each.config.cols)) for name, each in self._maps.items()]
-        return [{"name": name, "summary": what.format(*of), "size": [*of]} for name, of in sizes]
+        configs = {name: terrain.config for name, terrain in self._maps.items()}
+        return [
+            {
+                "name": name,
+                "summary": f"a map of {config.rows} × {config.cols} cells; what can be seen from where the "
+                "rover can go counts",
+                "size": [config.rows, config.cols],
+            }
+            for name, config in configs.items()
+        ]
 
     def name_of(self, row: Cause) -> str | None:
-        """Return the name of the map that an episode is played on; None for a seed's terrain and a map not on offer."""
+        """Return the name of an episode's map; None for a seed and a map not on offer."""
         if row.seed is not None:
             return None
         return next((name for name, terrain in self._maps.items() if _is_of(row, terrain)), None)
@@ -62,20 +69,23 @@ class MapCatalogue:
     def find(self, name: str) -> Choice:
         """Return the terrain of a map; ValueError where none on offer is called so."""
         if name not in self._maps:
-            offered = f"choose one of: {', '.join(self._maps)}"
-            none = "this server offers none (serve --map FILE.yaml)"
-            raise ValueError(f"no map {name!r}; {offered if self._maps else none}")
+            way_out = (
+                f"choose one of: {', '.join(self._maps)}"
+                if self._maps
+                else "this server offers none (serve --map FILE.yaml)"
+            )
+            raise ValueError(f"no map {name!r}; {way_out}")
         return self._maps[name]
 
 
 def _is_of(row: Cause, terrain: Choice) -> bool:
-    given: GivenTerrain = terrain.given
-    packed = np.packbits(given.cells).tobytes()
-    return (row.config, row.start, row.terrain) == (terrain.config, given.start, packed)
+    start_terrain: GivenTerrain = terrain.given
+    packed = np.packbits(start_terrain.cells).tobytes()
+    return (row.config, row.start, row.terrain) == (terrain.config, start_terrain.start, packed)
 
 
 def open_map(path: Path, cell_m: float | None) -> GridMap:
-    """Read a map file, and print what cells it has and what its owner should know; ValueError if it is none.
+    """Read a map file and print its cells and warnings; ValueError if it is not one.
 
     cell_m  side of a cell in metres; None: as `read_map` chooses it
     """
@@ -108,7 +118,7 @@ def _offered(path: Path, cell_m: float | None) -> tuple[str, Choice]:
 
 
 def _smaller_board(path: Path) -> str:
-    """The way out where a map in the cells that were asked for is too large for a board."""
+    """The way out if a map's cells, as requested, make too large a board."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", MapWarning)

@@ -1,4 +1,4 @@
-"""The command `marsexplorer`: train, evaluate and share policies of the environment."""
+"""The command `marsexplorer`: train, evaluate and share policies."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def cli() -> None:
 
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
-    """Run the command and exit with its code. args: the words after `marsexplorer`, those of the process by default."""
+    """Run the command and exit with its code; `args` defaults to the process's words."""
     words = sys.argv[1:] if args is None else args
     if words and words[0] == "train":  # it keeps what it has done, as for Ctrl-C
         signal.signal(signal.SIGTERM, signal.default_int_handler)

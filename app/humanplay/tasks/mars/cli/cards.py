@@ -15,7 +15,10 @@ HELD_OUT_TERRAINS = 200
 
 
 def commit() -> str | None:
-    """Return the commit of the checkout this runs from; None outside one, also where a package lies in another checkout."""
+    """Return the commit of this checkout; None outside one.
+
+    None also for a package that lies inside another checkout.
+    """
     root = Path(__file__).resolve().parents[5]
     command = ["git", "-C", str(root), "rev-parse", "--show-toplevel", "HEAD"]
     try:
@@ -29,7 +32,7 @@ def commit() -> str | None:
 def measure_policy(
     file: Path, save_policy: Callable[[dict[str, Any]], None], configs: list[EnvConfig]
 ) -> str:
-    """Return a sentence on how the policy in a file does on held-out terrains of each configuration.
+    """Return a sentence on a policy's moves on each configuration's held-out terrains.
 
     save_policy   is called with the numbers, to write them into the card
     """
@@ -42,9 +45,13 @@ def measure_policy(
     with Jobs() as jobs:
         for config in configs:
             terrains = min(HELD_OUT_TERRAINS, max(2, HELD_OUT_TERRAINS * EnvConfig().n // config.n))
-            where, first = f"{config.level} {config.rows}x{config.cols}", EVALUATION_SEEDS.start
-            found = results[where] = result_for_card(file, config, terrains, first, executor=jobs)
-            steps = f"{found['steps']:.1f} steps to 99 % on {terrains} terrains of {where} ({found['completion']:.0%} explored)"
-            sentences.append(f"{steps}, the best rule {found['best_rule_steps']:.1f}")
+            place, first = f"{config.level} {config.rows}x{config.cols}", EVALUATION_SEEDS.start
+            measurement = results[place] = result_for_card(
+                file, config, terrains, first, executor=jobs
+            )
+            sentences.append(
+                f"{measurement['steps']:.1f} steps to 99 % on {terrains} terrains of {place} "
+                f"({measurement['completion']:.0%} explored), the best rule {measurement['best_rule_steps']:.1f}"
+            )
     save_policy({"results": results})
     return "; ".join(sentences)

@@ -22,11 +22,11 @@ T = TypeVar("T")
 
 
 class ClusterError(RuntimeError):
-    """Ray is missing, the cluster cannot be reached, or a machine of it has another version of this package."""
+    """Ray is missing, the cluster is unreachable, or a machine has another version."""
 
 
 class Cluster(Executor):
-    """A connection to a Ray cluster, which is used and kept where this process has one already.
+    """A connection to a Ray cluster; the process's own connection, if it has one.
 
     Args:
         address: LOCAL, "auto" (the one running on this machine), HOST:PORT or ray://HOST:PORT. Every machine
@@ -59,12 +59,17 @@ class Cluster(Executor):
     def submit(  # type: ignore[override]
         self, function: Callable[..., T], /, *arguments: Any
     ) -> Future[T]:
-        """Call the function on the cluster; bytes among the arguments, such as policies' files, are sent there once.
+        """Call the function on the cluster.
+
+        Bytes among the arguments, such as policy files, are sent there once.
 
         The future raises what the function raises, and JobError when its process ended early.
         """
-        sent = (self._send(each) if isinstance(each, bytes) else each for each in arguments)
-        reference = self._call.remote(version("humanplay"), function, *sent)
+        references = (
+            self._send(argument) if isinstance(argument, bytes) else argument
+            for argument in arguments
+        )
+        reference = self._call.remote(version("humanplay"), function, *references)
         future: Future[T] = Future()
         future.set_running_or_notify_cancel()  # it cannot be cancelled any more
         reference.future().add_done_callback(lambda done: self._settle(future, done))
@@ -95,7 +100,7 @@ class Cluster(Executor):
 
 
 def _call_there(release: str, function: Callable[..., T], *arguments: Any) -> T:
-    """Call a function on a machine of the cluster; ClusterError if its package is of another release."""
+    """Call a function on a machine of the cluster; ClusterError on another release."""
     if release != version("humanplay"):
         raise ClusterError(
             f"a machine of the cluster has humanplay {version('humanplay')}, this one has {release}"
@@ -109,13 +114,14 @@ def _no_cluster(address: str) -> ClusterError:
 
 
 def _check_reachable(address: str) -> None:
-    """Raise ClusterError when nothing listens at HOST:PORT or ray://HOST:PORT: Ray itself would try for ten minutes."""
+    """Raise ClusterError if nothing listens: Ray itself would try for ten minutes."""
     if address in (LOCAL, "auto"):
         return
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if not colon or not port.isdigit():
-        known = f"HOST:PORT, ray://HOST:PORT, auto or {LOCAL}"
-        raise ClusterError(f"expected a Ray address like {known}, got {address!r}")
+        raise ClusterError(
+            f"expected a Ray address like HOST:PORT, ray://HOST:PORT, auto or {LOCAL}, got {address!r}"
+        )
     try:
         socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S).close()
     except (OSError, OverflowError) as error:

@@ -1,4 +1,4 @@
-"""The command `marsexplorer evaluate`: score policies on the same terrains, as tables, files and plots."""
+"""The command `marsexplorer evaluate`: policies on the same terrains."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def evaluate(
     cell_m: float | None,
     ray: str | None,
 ) -> None:
-    """Play policies on the same terrains and print steps to 99 %, completion, coverage and score.
+    """Play policies on the same terrains and print moves, coverage and score.
 
     The two frontier rules are always evaluated too. `to rule` is the ratio of the mean steps to those of the better rule.
     Episodes are played on all cores; the table is the same for any number of them. The score hardly differs between good
@@ -119,7 +119,7 @@ def evaluate(
 
 
 def _opened(stack: ExitStack, path: Path | None, option: str) -> IO[bytes] | None:
-    """Return a file that appears when the stack is left without an error, None for no path."""
+    """Return a file that appears if the stack is left without error; None for no path."""
     from marsexplorer.files import write_whole
 
     with written(path or "", option):
@@ -128,7 +128,7 @@ def _opened(stack: ExitStack, path: Path | None, option: str) -> IO[bytes] | Non
 
 @contextmanager
 def _errors_of_playing() -> Iterator[None]:
-    """Turn what can be wrong with policies, terrains, workers and clusters into a sentence."""
+    """Turn faults of policies, terrains, workers and clusters into a sentence."""
     from humanplay.jobs import JobError
     from humanplay.tasks.mars.cli.cluster import ClusterError
     from marsexplorer.policies import PolicyNotFoundError
@@ -155,9 +155,9 @@ def _print(table: EvaluationTable) -> None:
 def _cells(table: EvaluationTable, row: EvaluationRow) -> list[str]:
     cells = [row.policy, row.level, f"{row.rows}x{row.cols}", f"{row.completion:.1%}"]
     cells.append(f"{row.steps_mean:.1f} ± {row.steps_high - row.steps_mean:.1f}")
-    found = table.compared(row)
-    half = found.ratio_high - found.ratio_mean if found else 0.0
-    cells.append(f"{found.ratio_mean:.3f} ± {half:.3f}" if found else "1")
+    comparison = table.compared(row)
+    half = comparison.ratio_high - comparison.ratio_mean if comparison else 0.0
+    cells.append(f"{comparison.ratio_mean:.3f} ± {half:.3f}" if comparison else "1")
     score = f"{row.score_mean:.4f} ± {row.score_high - row.score_mean:.4f}"
     return [*cells, f"{row.auc_mean:.4f}", score, str(row.collisions)]
 
@@ -165,19 +165,23 @@ def _cells(table: EvaluationTable, row: EvaluationRow) -> list[str]:
 def _evaluate_maps(
     names: Sequence[str], paths: Sequence[Path], cell_m: float | None, json_path: Path | None
 ) -> None:
-    """Play policies on map_server files, print a row for each map and policy, and write all figures where asked to."""
+    """Play policies on map files, print a table, and write all figures if asked to."""
     from marsexplorer.evaluation.on_maps import evaluate_on_maps, to_json
 
     maps = _read_maps(paths, cell_m)
     with ExitStack() as stack:
         file = _opened(stack, json_path, "--json")
         with _errors_of_playing():
-            found = evaluate_on_maps(names, maps)
+            maps_results = evaluate_on_maps(names, maps)
         if file is not None:
-            file.write(to_json(found).encode() + b"\n")
+            file.write(to_json(maps_results).encode() + b"\n")
     columns = ["map", "size", "cells", "policy", "outcome", "steps to 99 %", "to rule"]
     columns += ["AUC", "score"]
-    rows = [_map_cells(each, result) for each in found for result in each.results]
+    rows = [
+        _map_cells(map_results, result)
+        for map_results in maps_results
+        for result in map_results.results
+    ]
     title = "one episode each; cells are those that can be discovered from the start"
     print_table(title, columns, rows)
 
@@ -202,8 +206,8 @@ def _read_maps(paths: Sequence[Path], cell_m: float | None) -> dict[str, GridMap
     return maps
 
 
-def _map_cells(found: MapResults, result: Result) -> list[str]:
-    share, size = found.to_rule(result), f"{result.rows}x{result.cols}"
-    what = [found.name, size, str(result.cells), result.policy, result.outcome]
+def _map_cells(map_results: MapResults, result: Result) -> list[str]:
+    share, size = map_results.to_rule(result), f"{result.rows}x{result.cols}"
+    cells = [map_results.name, size, str(result.cells), result.policy, result.outcome]
     to_rule = "" if share is None else f"{share:.3f}"
-    return [*what, str(result.steps_to_99), to_rule, f"{result.auc:.4f}", f"{result.score:.4f}"]
+    return [*cells, str(result.steps_to_99), to_rule, f"{result.auc:.4f}", f"{result.score:.4f}"]

@@ -1,4 +1,4 @@
-"""The options --level, --size and --seed, and the configuration that a level and a size make."""
+"""The options --level, --size and --seed, and the configurations they make."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ if TYPE_CHECKING:
 
 
 def levels_option(*default: str) -> Callable[[F], F]:
-    """Return the option --level, which the command is given as `levels`, a tuple of names."""
+    """Return the option --level, which a command gets as `levels`, a tuple of names."""
     text = "random, t-m-b from 1-1-1 to 3-2-2, or all; repeatable."
     return option("--level", "levels", multiple=True, default=default, help=text)
 
 
 def sizes_option(*default: str) -> Callable[[F], F]:
-    """Return the option --size, which the command is given as `sizes`, a tuple of sides and of (rows, cols)."""
+    """Return the option --size: `sizes`, a tuple of sides and of (rows, cols)."""
     text = "21 for a square, 42x84 for rows x columns; repeatable."
     return option("--size", "sizes", type=SizeType(), multiple=True, default=default, help=text)
 
 
-def seed_option(what: str) -> Callable[[F], F]:
-    """Return the option --seed of a run, 0..1000; `what` says what it fixes."""
-    return option("--seed", type=click.IntRange(0, 1000), default=0, help=what)
+def seed_option(meaning: str) -> Callable[[F], F]:
+    """Return the option --seed of a run, 0..1000; `meaning` says what it fixes."""
+    return option("--seed", type=click.IntRange(0, 1000), default=0, help=meaning)
 
 
 def env_config_of(level: str, size: int | tuple[int, int]) -> Configuration:
-    """Return the configuration of a level and size; raise UsageError when there is none."""
+    """Return the configuration of a level and size; UsageError if there is none."""
     from marsexplorer.config import EnvConfig
 
     try:

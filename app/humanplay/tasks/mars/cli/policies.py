@@ -1,4 +1,4 @@
-"""The command `marsexplorer policies`: which there are, what their cards say, and the Hugging Face hub."""
+"""The command `marsexplorer policies`: list, show and share policies."""
 
 from __future__ import annotations
 
@@ -96,9 +96,9 @@ def add(
     states: tuple[str, ...],
     **answers: str | None,
 ) -> None:
-    """Read FILE, an ONNX model as Stable-Baselines3, CleanRL, Tianshou, RLlib or plain torch export it, and write one policy
-    file, which plays without them.
+    """Read FILE, another library's ONNX model, and write one policy file from it.
 
+    Stable-Baselines3, CleanRL, Tianshou, RLlib and plain torch export such models; the policy file plays without them.
     What the shapes in FILE do not say is asked for by an option. All that is amiss is listed at once, each with the line that
     mends it. The card of the file says how it was read. It needs the extra [onnx]; the file that it writes does not.
 
@@ -139,7 +139,7 @@ def _pair(state: str) -> tuple[str, str]:
 @policies.command()
 @argument("policy")
 def measure(policy: str) -> None:
-    """Play the terrains of a policy's card again, and write what they come to into its file.
+    """Play the terrains of a policy's card again, and write the results into it.
 
     POLICY is a name or a path. The card then lists the moves of every episode, so that anybody can play
     them again: `make cards` does with the shipped ones.
@@ -149,17 +149,18 @@ def measure(policy: str) -> None:
 
     with policy_errors():
         file = file_of(policy)
-        found = read_card(file)
-        if not found.get("results"):
+        card = read_card(file)
+        if not card.get("results"):
             raise UsageError(f"the card of {file} has no results; `train` writes some")
         results = {}
-        for where, each in found["results"].items():
-            with progress(where) as advance:
-                config, terrains, first = config_of(where), each["terrains"], each["first_seed"]
-                results[where] = result_for_card(file, config, terrains, first, advance)
-            moves = results[where]["steps"]
-            echo(f"{where}: {moves} moves to 99 %, the card said {each['steps']}")
-        write_card(file, {**found, "results": results})
+        for place, claimed in card["results"].items():
+            with progress(place) as advance:
+                config = config_of(place)
+                terrains, first = claimed["terrains"], claimed["first_seed"]
+                results[place] = result_for_card(file, config, terrains, first, advance)
+            moves = results[place]["steps"]
+            echo(f"{place}: {moves} moves to 99 %, the card said {claimed['steps']}")
+        write_card(file, {**card, "results": results})
 
 
 @policies.command()
@@ -168,7 +169,7 @@ def measure(policy: str) -> None:
 @flag("--private", "Make the repository for you alone, if it is not there.")
 @TOKEN
 def push(policy: str, repo: str, private: bool, token: str | None) -> None:
-    """Write a policy into a repository of the hub, with its card in words and as JSON, in one commit.
+    """Write a policy and its card, as text and as JSON, to a hub repository.
 
     POLICY is the name or path of a policy with a card. The repository is made when it is not there.
     """
@@ -187,7 +188,10 @@ def push(policy: str, repo: str, private: bool, token: str | None) -> None:
 @option("--revision", help="A branch, tag or commit.  [default: the newest]")
 @TOKEN
 def pull(repo: str, out: Path, revision: str | None, token: str | None) -> None:
-    """Download the policy of a repository of the hub and check its card. Nothing in the file is run."""
+    """Download a policy from a hub repository and check its card.
+
+    Nothing in the file is run.
+    """
     with policy_errors("; choose another --out"):
         from marsexplorer.policies.files import hub
         from marsexplorer.policies.files.card import read_card
@@ -210,7 +214,7 @@ def file_of(policy: str) -> Path:
 
 @contextmanager
 def policy_errors(way_out: str = "") -> Iterator[None]:
-    """Turn a policy that is not there or cannot be read into a UsageError, a failing disk into a ClickException."""
+    """Turn a missing or unreadable policy into a UsageError, a disk's into another."""
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     try:
@@ -218,8 +222,9 @@ def policy_errors(way_out: str = "") -> Iterator[None]:
     except (PolicyFileError, PolicyNotFoundError) as error:
         raise UsageError(str(error)) from error
     except OSError as error:
-        why = f"{reason(error)}{way_out}"
-        raise ClickException(f"cannot read or write the policy: {why}") from error
+        raise ClickException(
+            f"cannot read or write the policy: {reason(error)}{way_out}"
+        ) from error
 
 
 @contextmanager

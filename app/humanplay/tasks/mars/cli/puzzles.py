@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @option("--count", type=click.IntRange(1), default=60, show_default=True, help="Puzzles.")
 @path_option("--out", "JSON file to write.", required=True)
 def puzzles(count: int, out: Path) -> None:
-    """Make puzzles: positions in which one first move is clearly better than each other.
+    """Make puzzles: positions in which one first move is clearly the best.
 
     A rule drives over terrains of seeds that nothing else draws, at most one puzzle a terrain, on all cores. Half a
     minute a terrain on one core. docs/evaluation.md says when a position is taken.
@@ -35,30 +35,30 @@ def puzzles(count: int, out: Path) -> None:
     from humanplay.jobs import Jobs, cores
     from marsexplorer.evaluation.puzzles import SEEDS, puzzle_on
 
-    found: list[Puzzle] = []
+    chosen: list[Puzzle] = []
     waiting: list[Future[Puzzle | None]] = []
     seeds = iter(SEEDS)
     with progress("Puzzles") as advance, Jobs() as jobs:
-        while len(found) < count:
+        while len(chosen) < count:
             while len(waiting) < 2 * cores():
                 waiting.append(jobs.submit(puzzle_on, next(seeds)))
             puzzle = waiting.pop(
                 0
             ).result()  # in the order of the seeds, however many cores there are
             if puzzle is not None:
-                found.append(puzzle)
-                advance(len(found), count)
+                chosen.append(puzzle)
+                advance(len(chosen), count)
     with written(f"to {out}", "--out"):
         out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(document(found, f"marsexplorer puzzles --count {count} --out {out}"))
+        out.write_text(document(chosen, f"marsexplorer puzzles --count {count} --out {out}"))
     echo(f"wrote {count} puzzles to {out}")
 
 
-def document(found: Iterable[Puzzle], command: str) -> str:
+def document(chosen: Iterable[Puzzle], command: str) -> str:
     """The text of a file of puzzles, a line for each."""
     lines = ",\n".join(
         json.dumps(_row(number, puzzle), separators=(",", ":"))
-        for number, puzzle in enumerate(found, 1)
+        for number, puzzle in enumerate(chosen, 1)
     )
     head = json.dumps({"command": command})
     return f'{head[:-1]}, "puzzles": [\n{lines}\n]}}\n'

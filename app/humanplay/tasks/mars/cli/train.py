@@ -1,4 +1,4 @@
-"""The command `marsexplorer train`: train a policy by PPO, with a log, a learning curve and checkpoints."""
+"""The command `marsexplorer train`: train a policy by PPO."""
 
 from __future__ import annotations
 
@@ -110,9 +110,9 @@ def train(
         if resume and steps is None:
             steps = steps_of(folder)
         steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
-        given = [f"--level {level}" for level in levels] + [f"--size {side}" for side in sides]
-        given += [f"--set {shlex.quote(each)}" for each in settings]
-        command = f"marsexplorer train --recipe {recipe} {' '.join(given)} --steps {steps} --seed {seed} --out "
+        options = [f"--level {level}" for level in levels] + [f"--size {side}" for side in sides]
+        options += [f"--set {shlex.quote(setting)}" for setting in settings]
+        command = f"marsexplorer train --recipe {recipe} {' '.join(options)} --steps {steps} --seed {seed} --out "
         here = "" if device == "cpu" else f" --device {device}"
         again = f"{command}{shlex.quote(str(folder))}{here}"
         command += folder.name
@@ -128,15 +128,15 @@ def train(
             try:
                 _train(run, steps, folder, resume, command)
             except KeyboardInterrupt:
-                kept = " --resume" if (folder / "checkpoint.pt").exists() else ""
-                echo(f"go on with: {again}{kept}", err=True)
+                resume_option = " --resume" if (folder / "checkpoint.pt").exists() else ""
+                echo(f"go on with: {again}{resume_option}", err=True)
                 raise
     except ValueError as error:
         raise UsageError(str(error)) from error
 
 
 def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: str) -> None:
-    """Make the run, write its folder and print how the policy does on held-out terrains."""
+    """Make the run, write its folder and print the policy's held-out figures."""
     from marsexplorer.training.ppo import train as train_network
     from marsexplorer.training.run_folder import RunFolder
 
@@ -157,19 +157,19 @@ def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: st
 
 
 def _measured(run: TrainingRun) -> list[EnvConfig]:
-    """Return the configurations that the finished policy is measured on: the first level at every size."""
+    """Return the configurations that the policy is measured on: one level, all sizes."""
     return [config for config in run.env_configs if config.level == run.env_configs[0].level]
 
 
 def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
     """Return what the policy's card says besides the numbers of the run."""
-    places = (f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs)
-    where = ", ".join(dict.fromkeys(places))
-    what = "A network trained by PPO"
+    boards = (f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs)
+    places = ", ".join(dict.fromkeys(boards))
+    policy = "A network trained by PPO"
     if run.config.prior_scale:
-        what = "A network that began as rules by the prices of unknown cells, trained by PPO"
+        policy = "A network that began as rules by the prices of unknown cells, trained by PPO"
     return {
-        "summary": f"{what}: {steps:,} moves on {where}.",
+        "summary": f"{policy}: {steps:,} moves on {places}.",
         "command": command,
         "commit": commit(),
         "hardware": f"{platform.machine()}, one thread" if run.device == "cpu" else run.device,
@@ -178,7 +178,7 @@ def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
 
 
 def _steps_for(minutes: float, config: TrainConfig, configs: list[EnvConfig], device: str) -> int:
-    """Return the steps that fit into `minutes`, by timing a few updates of a run that is thrown away."""
+    """Return the steps that fit into `minutes`, by timing updates of a trial run."""
     from marsexplorer.training.ppo import TrainingRun
     from marsexplorer.training.ppo import train as train_network
 
@@ -204,7 +204,7 @@ def _check_device(device: str) -> None:
 
 @contextmanager
 def _progress_bar(run: TrainingRun) -> Iterator[Callable[[UpdateMetrics, float], None]]:
-    """Yield an `on_update` that moves a bar on stderr, or prints a line now and then where stderr is no terminal."""
+    """Yield an `on_update` that moves a bar on stderr, or prints lines to a file."""
     with noted_progress("playing", run.num_updates) as advance:
         started, first_step, printed = time.monotonic(), run.global_step, 0.0
 
@@ -227,9 +227,12 @@ def _progress_bar(run: TrainingRun) -> Iterator[Callable[[UpdateMetrics, float],
 
 
 def configs_of(levels: Sequence[str], sizes: Sequence[int | tuple[int, int]]) -> list[EnvConfig]:
-    """Return the configurations of every size and level, `all` being those of FAMILIES; UsageError where there is none."""
+    """Return the configurations of every size and level; UsageError if there is none.
+
+    `all` stands for the levels of FAMILIES.
+    """
     from marsexplorer.training.config import FAMILIES
 
-    each = (FAMILIES if level == "all" else (level,) for level in levels)
-    names = dict.fromkeys(chain.from_iterable(each))
+    groups = (FAMILIES if level == "all" else (level,) for level in levels)
+    names = dict.fromkeys(chain.from_iterable(groups))
     return [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]

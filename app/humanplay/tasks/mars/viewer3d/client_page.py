@@ -1,4 +1,4 @@
-"""viser's page as this server hands it out: its panels hidden, and our script for browsers that draw without a GPU.
+"""viser's page as this server sends it: panels hidden, usable without a GPU.
 
 One page serves all boards: the name of its frame says which board it shows (`static/task/mars/viewer/board_socket.js`).
 """
@@ -36,7 +36,9 @@ STYLE = (
 
 @dataclass(frozen=True)
 class ClientPage:
-    """The page as bytes, plain and gzipped, and its version, which changes with viser's and with the page's content.
+    """The page as bytes, plain and gzipped, and a version that changes with it.
+
+    The version changes with viser's too.
 
     script_hashes   of the scripts inside the page, as a Content-Security-Policy names them ("sha256-...")
     """

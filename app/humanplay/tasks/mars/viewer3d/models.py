@@ -1,4 +1,4 @@
-"""The bodies of the scene, in metres: rocks of a few shapes, the rover's parts and flat marks."""
+"""The scene's bodies, in metres: rocks, the rover's parts and flat marks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ DASH = ((-0.3, -0.11), (0.3, -0.11), (0.3, 0.11), (-0.3, 0.11))
 
 
 def rock(shape: int) -> tuple[Corners, Faces]:
-    """Return corners[25, 3] and faces[46, 3] of a rock on one square metre, about a metre high: worn rings and a blunt top.
+    """Return corners[25, 3] and faces[46, 3] of a worn rock on one square metre.
+
+    It is about a metre high, with a blunt top.
 
     shape  0 .. ROCK_SHAPES - 1: which corners stand out follows from it
     """
@@ -45,7 +47,7 @@ def rock(shape: int) -> tuple[Corners, Faces]:
 
 
 def wall() -> tuple[Corners, Faces]:
-    """Return corners[8, 3] and faces[10, 3] of a block on one square metre, a metre high, without its underside."""
+    """Return corners[8, 3] and faces[10, 3] of a one-metre cube without underside."""
     low = [(0.5 * x, 0.5 * y, 0.0) for x, y in AROUND]
     faces = [[4, 5, 6], [4, 6, 7]]
     for one, two in ((0, 1), (1, 2), (2, 3), (3, 0)):
@@ -61,7 +63,7 @@ WALL = ROCK_SHAPES
 
 
 def linear(colour: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Return sRGB 0..255 as the linear 0..255 that batched meshes and fog are drawn with."""
+    """Return sRGB 0..255 as linear 0..255, which batched meshes and fog use."""
     share = np.clip(colour, 0, 255) / 255
     low, high = share / 12.92, ((share + 0.055) / 1.055) ** 2.4
     colours = np.rint(255 * np.where(share <= 0.04045, low, high))
@@ -82,7 +84,10 @@ def add_rocks(
     colour: tuple[int, int, int],
     has_shadows: bool,
 ) -> viser.BatchedMeshHandle:
-    """Add a rock on each of cells[n, 2], (row, col), and return their node; height, turn and colour follow from the cell."""
+    """Add a rock on each of cells[n, 2], (row, col), and return their node.
+
+    Height, turn and colour follow from the cell.
+    """
     row, col = cells[:, 0], cells[:, 1]
     grain = (row * 7919 + col * 104729) % 97 / 96
     turn = (row * 31 + col * 17) % 8 * (np.pi / 8)
@@ -104,7 +109,7 @@ def add_rocks(
 def add_rover(
     scene: viser.SceneApi, accent: tuple[int, int, int], has_shadows: bool
 ) -> viser.FrameHandle:
-    """Add the rover, facing east (+x), and return the frame that all of its parts hang on."""
+    """Add the rover, facing east (+x), and return the frame that holds its parts."""
     rover = scene.add_frame("/rover", show_axes=False)
     common: dict[str, Any] = {"cast_shadow": has_shadows, "receive_shadow": False}
     for name, colour, size, position in (
@@ -134,7 +139,7 @@ def circle(radius: float, pieces: int, height: float) -> Corners:
 
 
 def sector(radius: float, width: float, pieces: int) -> tuple[Corners, Faces]:
-    """Return corners[pieces + 2, 3] and faces[pieces, 3] of a level sector of a circle around the origin, towards +x.
+    """Return corners[pieces + 2, 3] and faces[pieces, 3] of a flat sector towards +x.
 
     radius  metres
     width   of the sector, radians
@@ -146,14 +151,14 @@ def sector(radius: float, width: float, pieces: int) -> tuple[Corners, Faces]:
 
 
 def squares(cells: NDArray[np.int64]) -> tuple[Corners, Faces]:
-    """Return corners[4 n, 3] and faces[2 n, 3] of a square on each of cells[n, 2], (row, col), a little smaller."""
+    """Return corners[4 n, 3] and faces[2 n, 3] of squares on cells[n, 2], (row, col)."""
     around = 0.46 * np.array(AROUND)
     middles = np.stack([cells[:, 1], -cells[:, 0]], axis=1)[:, None]
     return flat(np.asarray(middles + around), 0.0)
 
 
 def star() -> tuple[Corners, Faces]:
-    """Return corners[17, 3] and faces[16, 3] of a flat star of eight points about the origin."""
+    """Return corners[17, 3] and faces[16, 3] of a flat eight-pointed star."""
     turn = np.arange(16) * np.pi / 8
     rim = np.stack([np.cos(turn), np.sin(turn)], axis=1) * np.tile([[0.55], [0.95]], (8, 1))
     corners = np.hstack([np.vstack([rim, [[0.0, 0.0]]]), np.zeros((17, 1))])
@@ -162,7 +167,7 @@ def star() -> tuple[Corners, Faces]:
 
 
 def dashes(path: Sequence[tuple[int, int]]) -> tuple[Corners, Faces]:
-    """Return corners[4 n, 3] and faces[2 n, 3] of flat dashes, one over each step of a path of (row, col)."""
+    """Return corners[4 n, 3] and faces[2 n, 3] of flat dashes along (row, col)."""
     steps = {frozenset((one, two)): (one, two) for one, two in pairwise(path) if one != two}
     cells = np.array(list(steps.values()), np.float32).reshape(-1, 2, 2)
     places = np.stack([cells[..., 1], -cells[..., 0]], axis=-1)
@@ -173,7 +178,7 @@ def dashes(path: Sequence[tuple[int, int]]) -> tuple[Corners, Faces]:
 
 
 def relief(rows: int, cols: int) -> tuple[Corners, Faces]:
-    """Return corners and faces of the low dunes around a board, the same for every terrain of a size.
+    """Return corners and faces of the dunes around a board; equal sizes, equal dunes.
 
     They begin below its edge and rise with the distance from it, so that they hide nothing of it.
     """
@@ -200,7 +205,7 @@ def relief(rows: int, cols: int) -> tuple[Corners, Faces]:
 
 
 def flat(corners: NDArray[np.floating[Any]], height: float) -> tuple[Corners, Faces]:
-    """Return corners[4 n, 3] and faces[2 n, 3] of level quadrilaterals corners[n, 4, 2] at a height."""
+    """Return corners[4 n, 3], faces[2 n, 3] of level quadrilaterals corners[n, 4, 2]."""
     points = corners.reshape(-1, 2)
     level = np.hstack([points, np.full((len(points), 1), height)]).astype(np.float32)
     first = 4 * np.arange(len(corners), dtype=np.uint32)[:, None, None]

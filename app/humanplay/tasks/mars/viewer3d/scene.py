@@ -1,4 +1,4 @@
-"""The 3-D scene of one board in one browser: soil, fog, rocks, rover, trail and the range of the lidar, under a dusty sky.
+"""The 3-D scene of a board in one browser: soil, fog, rocks, rover and trail.
 
 It is built from what the rover knows (`View.codes`, `View.path`) and nothing else, so it cannot show what is hidden.
 Metres begin here: a cell is one metre, x = col, y = -row, z is up, so north is at the top and west at the left. The soil is
@@ -36,7 +36,7 @@ Colour = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Colours:
-    """Of a theme's boards (RGB), as the page's matrix has them (`static/common/base.css`).
+    """A theme's board colours (RGB), as in `static/common/base.css`.
 
     beyond  what is behind the board, below the horizon
     line    the share of a board's colour that its thin lines have
@@ -84,7 +84,7 @@ class ViewOptions:
 
     @classmethod
     def from_query(cls, query: Mapping[str, str]) -> ViewOptions:
-        """Read `camera`, `effects` (on or off) and `theme` from a query; whatever else stands there is ignored."""
+        """Read `camera`, `effects` (on or off) and `theme` from a query; ignore the rest."""
         camera = query.get("camera")
         return cls(
             camera="map" if camera == "map" else "follow" if camera == "follow" else None,
@@ -105,7 +105,7 @@ FOG_ALPHA = bytes([0, 46, 150, 255, 215, 190, 195, 200])
 
 
 def pixels_a_cell(side: int, pixels: int, most: int) -> int:
-    """Return how many pixels, 1 to `most`, a cell gets so that the longer side of a picture stays within `pixels`."""
+    """Return a cell's pixels, 1 to `most`, so that the longer side fits `pixels`."""
     return max(1, min(most, pixels // side))
 
 
@@ -119,7 +119,10 @@ def noise(
 
 @lru_cache(maxsize=16)
 def soil(rows: int, cols: int, colour: Colour) -> bytes:
-    """Return the ground as a JPEG, the same for every terrain of a size: ridges lit from the west and a faint grid."""
+    """Return the ground as a JPEG, the same for every terrain of a size.
+
+    It has ridges lit from the west, and a faint grid.
+    """
     scale = pixels_a_cell(max(rows, cols), 768, 16)
     height, width = rows * scale, cols * scale
     rng = np.random.default_rng(rows * 1009 + cols)
@@ -139,7 +142,7 @@ def soil(rows: int, cols: int, colour: Colour) -> bytes:
 
 @lru_cache(maxsize=2)
 def sky(colours: Colours) -> NDArray[np.uint8]:
-    """Return the sky as uint8[160, 256, 3]: dust lit by a low sun along the horizon at the top, and banks of it below."""
+    """Return the sky as uint8[160, 256, 3]: dust lit by a low sun along the horizon."""
     down, across = np.mgrid[0:1:160j, 0:1:256j]
     dust = np.exp(-(((down - 0.05) / 0.16) ** 2))[..., None]
     away = np.hypot((across - 0.24) * 1.6, down - 0.07)
@@ -161,13 +164,16 @@ def encoded(image: Image.Image, **options: Any) -> bytes:
 
 
 def fog(codes: NDArray[np.uint8], colours: Colours) -> bytes:
-    """Return the fog over codes[rows, cols] as a PNG with a palette and alpha: unknown ground lies lower than known."""
+    """Return the fog over codes[rows, cols] as a PNG with a palette and alpha.
+
+    Unknown ground lies lower than known ground.
+    """
     unknown = codes == UNKNOWN
     near, far = beside(~unknown), beside(beside(~unknown))
     depth = np.where(near, NEAR, np.where(far, FAR, FARTHEST))
-    known = np.where(codes == OBSTACLE, SHADE, np.where(beside(unknown), EDGE, CLEAR))
+    shade = np.where(codes == OBSTACLE, SHADE, np.where(beside(unknown), EDGE, CLEAR))
     scale = pixels_a_cell(max(codes.shape), 400, 4)
-    picture = np.where(unknown, depth, known).astype(np.uint8).repeat(scale, 0).repeat(scale, 1)
+    picture = np.where(unknown, depth, shade).astype(np.uint8).repeat(scale, 0).repeat(scale, 1)
     if scale > 2:
         lower = unknown.repeat(scale, 0).repeat(scale, 1)
         for ahead in range(
@@ -203,7 +209,7 @@ DEFAULT_OPTIONS = ViewOptions()
 
 
 class Scene:
-    """One browser's scene: call `show` with an episode after each of its moves, and then with the next episode.
+    """One browser's scene; call `show` after each move of an episode.
 
     Nodes stay and change where they can, so that only what changed is sent. (A node removed and added again under its
     name in one batch would keep its old place: viser sends the later of two messages about a name.)
@@ -235,7 +241,7 @@ class Scene:
         self.show(episode)
 
     def show(self, episode: View) -> None:
-        """Bring the scene up to date with the episode; where `rover_waits` then, `glide` moves the rover to its place."""
+        """Show the episode as it is; call `glide` after it if `rover_waits`."""
         if not _are_of_same_run(episode, self.episode):
             self._begin(episode)
         self.episode = episode
@@ -264,11 +270,11 @@ class Scene:
 
     @property
     def rover_place(self) -> tuple[float, float]:
-        """Return where the rover stands now, (x, y) in metres; between two cells while it glides."""
+        """Return where the rover is, (x, y) in metres; between two cells while it glides."""
         return self._place
 
     def glide(self, share: float) -> None:
-        """Put the rover and the cells it discovered where they are after `share`, 0 to 1, of its last move."""
+        """Place the rover and new cells at `share`, 0 to 1, of the last move."""
         ahead = self._target - self._from
         ahead[2] = (ahead[2] + np.pi) % (2 * np.pi) - np.pi
         x, y, turn = self._from + share * ahead
@@ -287,7 +293,7 @@ class Scene:
             self._sweep.wxyz = (float(np.cos(angle)), 0.0, 0.0, float(np.sin(angle)))
 
     def show_paired_path(self, paired: View | None) -> None:
-        """Draw the paired board's path so far, dashed and translucent, under this board's own; None removes it."""
+        """Draw the paired board's path, dashed, under this board's; None removes it."""
         if not _are_of_same_run(paired, self._paired):
             for node in self._episode_nodes[:]:
                 if node.name.startswith("/paired_path/"):
@@ -306,7 +312,7 @@ class Scene:
         self._paired_steps = paired.steps
 
     def _begin(self, episode: View) -> None:
-        """Remove what the last episode left, its rocks and its trail, and fit the ground to the new one."""
+        """Remove the last episode's rocks and trail, and fit the ground to the new one."""
         for node in self._episode_nodes:
             node.remove()
         self._episode_nodes = []
@@ -377,9 +383,9 @@ class Scene:
         self._border.points = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
 
     def _add_lidar_range(self, radius: int) -> None:
-        """Draw the range of the lidar, dashed, and a small ring that marks the rover on small boards."""
+        """Draw the lidar's range, dashed, and a ring around the rover on small boards."""
         dashes, ring = models.circle(radius, 72, 0.06)[::2], models.circle(0.66, 24, 0.1)
-        colour = tuple(int(self._options.colours.line * each) for each in self._accent)
+        colour = tuple(int(self._options.colours.line * channel) for channel in self._accent)
         for name, segments, thickness in (("reach", dashes, 2.0), ("ring", ring, 2.0)):
             look: dict[str, Any] = {"colors": colour, "thickness": thickness}
             self._scene.add_line_segments(
@@ -387,7 +393,7 @@ class Scene:
             )
 
     def _add_marks(self, radius: int) -> None:
-        """Add what is hidden most of the time: a crash, cells that rise, the lidar's sweep of a move."""
+        """Add what is mostly hidden: a crash, rising cells, the lidar's sweep of a move."""
         self._crash = self._add_mark("/crash", *models.star(), ALARM, visible=False)
         if self._options.has_effects:
             square = models.squares(np.zeros((1, 2), np.int64))
@@ -413,7 +419,7 @@ class Scene:
         )
 
     def _show_rocks(self, codes: NDArray[np.uint8]) -> None:
-        """Add newly discovered rocks to the last node of their shape, and begin another node when it is full."""
+        """Add new rocks to their shape's last node; begin another when it is full."""
         fresh = (codes == OBSTACLE) & ~self._shown
         if not fresh.any():
             return
@@ -436,12 +442,15 @@ class Scene:
                 self._open_rocks[shape], self._rock_nodes[shape] = [], self._rock_nodes[shape] + 1
 
     def _show_found(self, codes: NDArray[np.uint8]) -> None:
-        """With effects, put a bright square under each cell that this move discovered; `glide` lets them rise."""
-        known = codes != UNKNOWN
-        fresh = np.argwhere(known & ~self._known & (codes != OBSTACLE))
+        """Put a bright square under each newly discovered cell, if there are effects.
+
+        `glide` lets them rise.
+        """
+        is_known = codes != UNKNOWN
+        fresh = np.argwhere(is_known & ~self._known & (codes != OBSTACLE))
         if self._options.has_effects and len(fresh):
             self._found.vertices, self._found.faces = models.squares(fresh)
-        self._known = known
+        self._known = is_known
 
     def _show_end(self, episode: View) -> None:
         """Mark where the rover crashed, and tilt it; `glide` draws it so."""
@@ -452,12 +461,12 @@ class Scene:
             self._crash.position = (float(col), -float(row), 0.1)
 
     def _add_episode_node(self, node: viser.SceneNodeHandle) -> None:
-        """Keep a node that is removed with the episode, in the place of one of the same name."""
+        """Keep a node that is removed with the episode; it replaces its namesake."""
         others = [other for other in self._episode_nodes if other.name != node.name]
         self._episode_nodes = [*others, node]
 
     def _show_trail(self, since: int) -> None:
-        """Draw the path from step `since` on, in chunks, so that a move sends only the last one."""
+        """Draw the path from step `since` on, in chunks: a move sends only the last one."""
         path = self.episode.path
         for start in range(since // ITEMS_PER_NODE * ITEMS_PER_NODE, len(path) - 1, ITEMS_PER_NODE):
             cells = np.array(path[start : start + ITEMS_PER_NODE + 1], np.float32)

@@ -1,4 +1,6 @@
-"""The 3-D view of every session: viser's server without a port, and a scene and a camera for each browser that looks.
+"""The 3-D view of every session: a scene and a camera for each browser.
+
+viser's server runs without a port.
 
 `ViserServer` builds its transport from `viser.infra.WebsockServer`; here that class is `viser_transport.Transport`.
 """
@@ -42,7 +44,7 @@ SETTLING_S = 5.0
 
 
 def camera_for(rows: int, cols: int, aspect: float) -> tuple[float, float]:
-    """Return (y, distance): what the camera looks at and from how far, so that all of a board fits and is centred.
+    """Return the camera's (y, distance) that centres a board and shows all of it.
 
     aspect   width of the view over its height
     """
@@ -59,7 +61,7 @@ def camera_for(rows: int, cols: int, aspect: float) -> tuple[float, float]:
 
 
 class BoardCamera:
-    """Points one browser's camera at the board or at the rover, and again whenever the board or the view changes its shape.
+    """Points one browser's camera at the board or the rover, and keeps it there.
 
     In between the direction and the distance that the user has chosen by the mouse stay; a followed rover takes them along.
     """
@@ -138,7 +140,7 @@ _log = logging.getLogger(__name__)
 
 
 class Viewer:
-    """The 3-D view of every session. Construct it on the running loop; `close` ends it.
+    """The 3-D view of every session. Construct it on the running loop; `close` it.
 
     page  what a browser loads before it opens its socket
     """
@@ -171,7 +173,7 @@ class Viewer:
         return len(self._transport.boards)
 
     async def serve(self, websocket: WebSocket, session: Session) -> None:
-        """Serve one browser's 3-D socket until it leaves; its query has the browser's `ViewOptions`."""
+        """Serve one browser's 3-D socket until it leaves; its query has `ViewOptions`."""
         if PROTOCOL not in websocket.scope.get("subprotocols", []):
             await websocket.accept()
             reason = f"expected the subprotocol {PROTOCOL}; reload the page"
@@ -195,12 +197,12 @@ class Viewer:
             task.add_done_callback(lambda task: self._report(client.client_id, task))
 
     def _report(self, client_id: int, task: asyncio.Task[None]) -> None:
-        """Log why a scene broke and close its socket: viser's client connects again by itself."""
+        """Log why a scene broke and close its socket; viser's client reconnects by itself."""
         error = None if task.cancelled() else task.exception()
         if error is None:
             return
-        said = "the 3-D view of a session broke; its browser will connect again"
-        _log.error(said, exc_info=error)
+        message = "the 3-D view of a session broke; its browser will connect again"
+        _log.error(message, exc_info=error)
         state = self._transport._client_state_from_id.get(client_id)
         if state is not None:
             state.message_buffer.set_done()
@@ -219,12 +221,14 @@ def mars_view(session: Session) -> View:
 
 
 def player_board(session: Session) -> Session:
-    """Return the player's of the two boards: the session itself unless it is the second."""
+    """Return the player's board of a pair: the session itself unless it is the second."""
     return session.paired_with if session.is_second and session.paired_with is not None else session
 
 
 def paired_view(session: Session) -> View | None:
-    """Return the episode whose path is drawn under the board's own; None until the player's episode has ended.
+    """Return the episode whose path is drawn under the board's own.
+
+    None until the player's episode has ended.
 
     None also where no board is paired, or where the two are on different terrains.
     """
@@ -240,7 +244,7 @@ def paired_view(session: Session) -> View | None:
 def paired_board_listener(
     session: Session, wake: Callable[[], None]
 ) -> Iterator[Callable[[], None]]:
-    """Let `wake` be called when the paired board moves, while that board's path is drawn.
+    """Call `wake` when the paired board moves, while its path is drawn.
 
     Yields what is to be called before each drawing: the paired board may be another one by then, and no other is listened to.
     """
@@ -286,7 +290,7 @@ async def keep_scene(client: viser.ClientHandle, session: Session, options: View
 
 
 async def glide(client: viser.ClientHandle, scene: Scene, camera: BoardCamera) -> None:
-    """Move the rover, what it has discovered and a camera that follows it to their places in a few steps."""
+    """Move the rover, its discoveries and a following camera in a few steps."""
     for share in GLIDE:
         with client.atomic():
             scene.glide(share)
@@ -296,7 +300,7 @@ async def glide(client: viser.ClientHandle, scene: Scene, camera: BoardCamera) -
 
 
 async def follow(client: viser.ClientHandle, scene: Scene, camera: BoardCamera) -> None:
-    """Move the rover, and a camera that follows it, once the ground and the trail have had time to be drawn before it."""
+    """Move the rover and a following camera once ground and trail have been drawn."""
     await asyncio.sleep(GROUND_FIRST_S)
     with client.atomic():
         scene.glide(1.0)

@@ -1,4 +1,4 @@
-"""viser's transport without a port, thread or event loop of its own: the app hands its websockets over.
+"""viser's transport without port, thread or loop: the app hands sockets over.
 
 Relied on besides viser's public API (a test fails when an upgrade breaks it): the wire format of `_message_producer`,
 `_append_aligned_buffers`, `_ClientHandleState` and `AsyncMessageBuffer`.
@@ -42,7 +42,7 @@ _NUMBERS = ("fov", "near", "far", "image_height", "image_width")
 
 
 class ViewerMessageError(Exception):
-    """A browser sent what is not accepted: its socket is closed with the code and the reason, and nothing else changes."""
+    """A browser sent what is not accepted; only its socket is closed, with a reason."""
 
     def __init__(self, code: int, reason: str) -> None:
         super().__init__(reason)
@@ -67,7 +67,7 @@ class Connection:
         self.stamps = itertools.count(1.0)
 
     async def send(self, data: bytes) -> None:
-        """Send a batch; ConnectionClosedOK, which viser understands, when the browser has left."""
+        """Send a batch; ConnectionClosedOK when the browser has left."""
         if self._websocket.application_state is not WebSocketState.CONNECTED:
             raise ConnectionClosedOK(None, None)
         try:
@@ -76,7 +76,10 @@ class Connection:
             raise ConnectionClosedOK(None, None) from error
 
     async def recv(self) -> bytes:
-        """Return the next binary message; ConnectionClosedOK when the browser has left, ViewerMessageError for others."""
+        """Return the next binary message; ViewerMessageError for another kind.
+
+        ConnectionClosedOK when the browser has left.
+        """
         message = await self._websocket.receive()
         if message["type"] == "websocket.disconnect":
             raise ConnectionClosedOK(None, None)
@@ -99,7 +102,7 @@ class Connection:
 async def produce(
     connection: Connection, buffer: AsyncMessageBuffer, client_id: int, last: Any = None
 ) -> None:
-    """Send batches of messages in viser's wire format as they come; ConnectionClosedOK once the buffer is done.
+    """Send batches in viser's wire format; ConnectionClosedOK at the buffer's end.
 
     Stamped a second apart, so that the browser shows each on arrival: it paces batches stamped less than 100 ms apart.
     """
@@ -128,7 +131,7 @@ async def produce(
 
 
 class Transport(_infra.WebsockServer):
-    """viser's transport, fed by the host app instead of a port; lives on the loop it is started on."""
+    """viser's transport, fed by the host app; it lives on the loop it is started on."""
 
     def start(self) -> None:
         """Prepare the buffers on the running loop; nothing listens and no thread runs."""
@@ -165,7 +168,7 @@ class Transport(_infra.WebsockServer):
                 produce(connection, self._broadcast_buffer, client_id, last),
                 self._consume(connection, client, client_id),
             )
-            tasks = [asyncio.create_task(each) for each in work]
+            tasks = [asyncio.create_task(coroutine) for coroutine in work]
             await asyncio.gather(*tasks)
         except ConnectionClosedOK:
             pass
@@ -181,7 +184,7 @@ class Transport(_infra.WebsockServer):
         client: _infra.WebsockClientConnection,
         client_id: _infra.ClientId,
     ) -> None:
-        """Hand each accepted message to viser; ViewerMessageError for one that viser cannot read or use."""
+        """Hand each accepted message to viser; ViewerMessageError for a bad one."""
         while True:
             data = await connection.recv()
             try:
@@ -214,7 +217,7 @@ class Transport(_infra.WebsockServer):
 
 
 def _check_numbers(camera: Any) -> None:
-    """Raise ValueError unless a camera's vectors have their lengths, and all of its numbers are small enough."""
+    """Raise ValueError unless a camera's vectors and numbers are well formed."""
     for name, length in _VECTORS.items():
         if len(getattr(camera, name)) != length:
             raise ValueError(f"{name} must hold {length} numbers")
