@@ -42,7 +42,7 @@ OVER_SOCKETS = (
     messages.Act,
     messages.ClockState,
     messages.InputEvent,
-    messages.EventsReceipt,
+    messages.EventsAnswer,
     messages.RepeatProgress,
 )
 """Messages of a page's socket that no call answers."""

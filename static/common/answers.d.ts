@@ -990,7 +990,7 @@ declare namespace Socket {
     reason: string | null,
   };
   /** The answer to `Events`: all are stored, or none. None with a reason is final; none without a reason means send them again. */
-  type EventsReceipt = {
+  type EventsAnswer = {
     kind: "kept",
     episode: string,
     count: number,

@@ -111,7 +111,7 @@ export function createTelemetry({ context, isHidden, now_ms, send, tab, stored, 
     },
     /** Take the server's answer to the batch that was sent first: it is kept, or never will be, or without a reason it
      * is sent again.
-     * @param {Socket.EventsReceipt} answer */
+     * @param {Socket.EventsAnswer} answer */
     answered({ count, reason }) {
       const batch = underWay.shift();
       if (!batch || (reason === null && count < batch.events.length)) return;

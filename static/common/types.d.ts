@@ -98,7 +98,7 @@ type Problem = {kind: "error", detail: string};
 type Pace = Answers.Pace;
 /** Whether time runs on a board with a clock; ms: of the countdown. */
 type ClockState = Socket.ClockState;
-type FromServer = Frame | MoveHistory | Refused | Problem | Pace | ClockState | Socket.RepeatProgress | Socket.EventsReceipt;
+type FromServer = Frame | MoveHistory | Refused | Problem | Pace | ClockState | Socket.RepeatProgress | Socket.EventsAnswer;
 /** What POST api/sessions answers, with the task as the page plays it. */
 type About = Omit<Answers.Board, "task"> & {task: Task};
 /** When and how a move was made; `client_ms` is performance.now. */

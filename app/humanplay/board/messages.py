@@ -243,7 +243,7 @@ class Pace(ServerMessage):
     moves_per_second: float
 
 
-class EventsReceipt(ServerMessage):
+class EventsAnswer(ServerMessage):
     """The answer to `Events`: all are stored, or none.
 
     None with a reason is final; none without a reason means send them again.

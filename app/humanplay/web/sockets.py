@@ -20,7 +20,7 @@ from humanplay.board.messages import (
     BadMessageError,
     ClockState,
     Events,
-    EventsReceipt,
+    EventsAnswer,
     Pace,
     RepeatProgress,
     encode_error,
@@ -212,7 +212,7 @@ class PlaySocket:
     async def _tell_kept(self, events: Events) -> None:
         await self._tell((await self._keep(events)).model_dump_json())
 
-    async def _keep(self, events: Events) -> EventsReceipt:
+    async def _keep(self, events: Events) -> EventsAnswer:
         """Store input events.
 
         Returns:
@@ -225,10 +225,10 @@ class PlaySocket:
                 )
             await self._session.keep_events(events)
         except (StudyUnavailableError, StoreError):
-            return EventsReceipt(episode=events.episode, count=0)
+            return EventsAnswer(episode=events.episode, count=0)
         except RefusedError as refusal:
-            return EventsReceipt(episode=events.episode, count=0, reason=str(refusal))
-        return EventsReceipt(episode=events.episode, count=len(events.events))
+            return EventsAnswer(episode=events.episode, count=0, reason=str(refusal))
+        return EventsAnswer(episode=events.episode, count=len(events.events))
 
     def _count_refusal(self, reason: str) -> None:
         services_of(self._websocket).store.metrics.count_refusal(reason)
