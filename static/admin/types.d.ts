@@ -63,7 +63,7 @@ declare namespace Admin {
     max_steps: number,
     /** people that the protocol wants */
     planned: number,
-    /** people who may agree at most; null: any number */
+    /** people who may agree at most; null: no limit */
     cap: number | null,
     /** of these; whoever agreed goes on also where theirs is free again */
     places_taken: number,

@@ -274,7 +274,7 @@ class ConsoleStudy(Recruiting, LiveFigures, OutcomeTexts):
     where: str = described("what is played, in words")
     max_steps: int = described("moves after which an episode times out")
     planned: int = described("people that the protocol wants")
-    cap: int | None = described("people who may agree at most; null: any number")
+    cap: int | None = described("people who may agree at most; null: no limit")
     places_taken: int = described(
         "of these; whoever agreed goes on also where theirs is free again"
     )
