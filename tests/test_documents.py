@@ -281,6 +281,8 @@ def test_the_site_builds_without_a_warning_and_asks_nobody_else(tmp_path):
     ]
     assert [words for words in links if words.endswith(".md")] == []
     assert 'href="architecture.html"' in pages["contributing.html"]
+    folds = re.findall(r'<details class="fold"( open)?><summary><h2', pages["study.html"])
+    assert folds == [" open", *[""] * (pages["study.html"].count("<h2") - 1)]
     assert "--board-ground: #" in (tmp_path / "site/colours.css").read_text()
     for name, text in pages.items():
         assert not re.findall(

@@ -82,7 +82,7 @@ function paint() {
   live.sync(boards);
   by("live-count").textContent = boards.length === 0 ? "nobody plays at this moment" : boards.length > MAX_BOARDS ? `${MAX_BOARDS} of ${boards.length}` : String(boards.length);
   tables.paintHealth(by("health"), overview.health, overview.now_ms);
-  if (by("health").querySelector("[data-tone=warn]")) by("health-part").setAttribute("open", "");
+  tables.unfold(by("health-part"), by("health").querySelector("[data-tone=warn]") !== null);
   tables.paintFailures(by("failures"), overview);
   tables.paintNames(by("names", HTMLTableElement), overview, (name, hidden) => run(() => request("admin/names", { name, hidden })));
   if (study) paintStudy(study, state.task, overview);
@@ -116,6 +116,7 @@ function paintStudy(study, task, overview) {
   tables.paintStages(by("stages", HTMLTableElement), study.stages);
   tables.paintFigure(by("figure"), by("figure-words"), task, study);
   tables.paintAttention(by("attention"), attention(study, overview.health));
+  put(by("target"), task.target);
   tables.paintPeople(by("people", HTMLTableElement), task, study);
   paintRecruiting(study);
   paintOutcomes(study);

@@ -1,6 +1,7 @@
 // Whom to pay: the texts of the outcomes, and the list of everybody who agreed, with its files.
 import { by, create, put } from "../common/page.js";
 import { many } from "../common/words.js";
+import { unfold } from "./tables.js";
 
 /** @param {Admin.ConsoleStudy} study */
 export function paintOutcomes({ name, outcomes, outcomes_problem: problem }) {
@@ -8,7 +9,7 @@ export function paintOutcomes({ name, outcomes, outcomes_problem: problem }) {
   put(by("outcomes-problem"), problem);
   by("outcomes-problem").hidden = problem === "";
   by("save-outcomes").hidden = problem !== "";
-  if (problem) by("outcomes-part").setAttribute("open", "");
+  unfold(by("outcomes-part"), problem !== "");
   const key = JSON.stringify([name, outcomes]);
   if (place.dataset.shown === key) return; // what is being typed stays
   place.dataset.shown = key;

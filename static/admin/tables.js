@@ -3,6 +3,13 @@ import { create } from "../common/page.js";
 import { many, score } from "../common/words.js";
 import { ago, endings, flags, place, size, stageName } from "./words.js";
 
+/** Unfold a part once something in it is wrong: who folds it again is left alone until something new is.
+ * @param {HTMLElement} part @param {boolean} isWrong */
+export function unfold(part, isWrong) {
+  if (isWrong && part.dataset.wrong !== "true") part.setAttribute("open", "");
+  part.dataset.wrong = String(isWrong);
+}
+
 /** @param {HTMLTableElement} table @param {Admin.ConsoleStudy["stages"]} stages */
 export function paintStages(table, stages) {
   const most = Math.max(1, ...stages.map(({ human, script }) => human + script));

@@ -55,7 +55,7 @@ export function startKeymap(dialog, { keys, onChange, onLayout }) {
     const button = /** @type {Element} */ (event.target).closest("button");
     if (!button) return;
     awaited = { action: /** @type {Action} */ (button.dataset.drive), slot: Number(button.dataset.slot) };
-    say(`Press the key that should drive ${actionText(awaited.action)}; Escape leaves it as it is.`);
+    say(`Press the key for ${actionText(awaited.action)}; Escape leaves it as it is.`);
     paint();
   });
   dialog.addEventListener("keydown", (event) => {
@@ -71,7 +71,7 @@ export function startKeymap(dialog, { keys, onChange, onLayout }) {
     awaited = null;
     onChange(changed);
     paint();
-    say(`${keyName(code, layout)} now drives ${actionText(action)}.`);
+    say(`${keyName(code, layout)} is now ${actionText(action)}.`);
   });
   dialog.addEventListener("close", leave);
   /** @type {Navigator & {keyboard?: {getLayoutMap?: () => Promise<Study.Layout>}}} */ (navigator).keyboard?.getLayoutMap?.().then((map) => {
@@ -94,11 +94,11 @@ export function startKeymap(dialog, { keys, onChange, onLayout }) {
   };
 }
 
-const DRIVING = /^(Key[A-Z]|Digit\d|Numpad\w+|Arrow(Up|Right|Down|Left)|Comma|Period|Slash|Semicolon|Quote|Bracket(Left|Right)|Backslash|Minus|Equal|Backquote|Intl\w+|Home|End|PageUp|PageDown|Insert|Delete)$/;
+const MOVING = /^(Key[A-Z]|Digit\d|Numpad\w+|Arrow(Up|Right|Down|Left)|Comma|Period|Slash|Semicolon|Quote|Bracket(Left|Right)|Backslash|Minus|Equal|Backquote|Intl\w+|Home|End|PageUp|PageDown|Insert|Delete)$/;
 const SPOKEN = { ArrowUp: "arrow up", ArrowRight: "arrow right", ArrowDown: "arrow down", ArrowLeft: "arrow left" };
 
 /** @param {string} code @returns whether a key may drive: Tab, Enter, Escape, space and the like stay with the page */
-export const mayDrive = (code) => DRIVING.test(code) && code !== "NumpadEnter";
+export const mayDrive = (code) => MOVING.test(code) && code !== "NumpadEnter";
 
 /** @param {Keys} keys @returns whether each of them may be exchanged for another */
 const canChange = (keys) => Object.values(keys).flat().every(mayDrive);
@@ -107,7 +107,7 @@ const canChange = (keys) => Object.values(keys).flat().every(mayDrive);
  * one it replaces.
  * @param {Keys} keys @param {Action} action @param {number} slot 0 or 1 @param {string} code @returns {Keys | string} */
 export function assign(keys, action, slot, code) {
-  if (!mayDrive(code)) return `${keyName(code)} cannot drive here: choose a letter, a digit, an arrow or a number-pad key.`;
+  if (!mayDrive(code)) return `${keyName(code)} cannot be chosen: take a letter, a digit, an arrow or a number-pad key.`;
   const old = keys[action][slot];
   return Object.fromEntries(Object.entries(keys).map(([each, codes]) => [each, codes.map((known, place) => {
     if (each === action && place === slot) return code;

@@ -46,14 +46,17 @@ export function paintNumbers(part, task, frame) {
 
 const DIRECTIONS = { ArrowUp: "M4 13l6-6 6 6", ArrowLeft: "M13 4l-6 6 6 6", ArrowDown: "M4 7l6 6 6-6", ArrowRight: "M7 4l6 6-6 6" };
 
+/** @param {Keys} own the task's @returns whether a swipe makes a move: it stands for the arrow key of its direction */
+const isSwiped = (own) => Object.values(own).flat().some((code) => code in DIRECTIONS);
+
 /** Leave out of a page what it says of other tasks, and put the task's actions on the pad.
  * @param {Task} task */
-export function showTask({ assets, order, keys, chart, parts, round, has_boards: hasBoards }) {
+export function showTask({ order, keys, chart, parts, round, has_boards: hasBoards }) {
   for (const link of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-of-boards]"))) link.hidden = !hasBoards;
-  for (const part of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-world]"))) part.hidden = part.dataset.world !== assets;
+  for (const part of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-swipe]"))) part.hidden = !isSwiped(keys);
   if (round !== "terrain") renameTerrain(round);
   if (!parts) document.body.dataset.view = "matrix";
-  for (const name of document.querySelectorAll("#chart-title, [data-part=chart-title]")) name.textContent = chart.title;
+  for (const name of document.querySelectorAll("[data-part=chart-title]")) name.textContent = chart.title;
   const pad = document.querySelector(".pad");
   const there = [.../** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll(".pad [data-action]"))].map(({ dataset }) => dataset.action);
   if (!pad || String(there) === String(order)) return; // the page came with them
@@ -93,8 +96,9 @@ export function keyName(code, layout) {
   return (printed ?? code.replace(/^(Key|Digit)/, "").replace(/^Numpad/, "Num ")).toUpperCase().replace("NUM ", "Num ");
 }
 
-/** @param {boolean} isTouch @param {Keys} keys that drive @returns what asks for the first move */
-export function promptText(isTouch, keys) {
-  if (isTouch) return "Swipe or tap an arrow";
-  return Object.values(keys).every(([code]) => code in DIRECTIONS) ? "Press an arrow key" : "Press one of your keys";
+/** @param {boolean} isTouch @param {Keys} own the task's @param {Keys} keys those that were chosen @returns what asks for the first move */
+export function promptText(isTouch, own, keys) {
+  const areArrows = (/** @type {Keys} */ of) => Object.values(of).every(([code]) => code in DIRECTIONS);
+  if (isTouch) return `${isSwiped(own) ? "Swipe or tap" : "Tap"} ${areArrows(own) ? "an arrow" : "a button"}`;
+  return areArrows(keys) ? "Press an arrow key" : "Press one of your keys";
 }

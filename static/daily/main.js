@@ -20,6 +20,7 @@ Object.defineProperty(window, "playground", { value: Object.freeze({ get state()
 const task = await loadTask();
 showTask(task);
 put(by("goal"), task.goal(null));
+put(by("rules"), task.standing);
 const modules = await task.parts?.views();
 const root = by("board");
 const card = startEndCard();
@@ -40,7 +41,7 @@ const { moves, telemetry, clock, keys } = startInput({
   send: (message) => connections.send("player", message), painted: () => painted?.frame ?? null,
   driven: () => (isDriven(state) ? state.player?.frame ?? null : null),
 });
-put(by("prompt-text"), promptText(matchMedia("(pointer: coarse)").matches, keys()));
+put(by("prompt-text"), promptText(matchMedia("(pointer: coarse)").matches, task.keys, keys()));
 const connections = startBoards({
   moves, telemetry, dispatch, isLost: () => state.link === "lost" && state.mode !== "spectator",
   async beforeRetry(_, session) {

@@ -64,7 +64,9 @@ async function load() {
     if (!task) {
       task = await loadTask();
       showTask(task);
-      by("mapped").hidden = !task.shareText;
+      by("share-title").hidden = !task.shareText;
+      put(by("tries-title"), task.tries?.title ?? "");
+      put(by("tries-note"), task.tries?.note ?? "");
       for (const name of all("[data-expert]")) put(name, expert());
     }
     const history = /** @type {Answers.OwnHistory} */ (await request(`me/history?limit=${PAGE}${last && `&after=${last}`}`));
@@ -73,7 +75,7 @@ async function load() {
       by("bests").replaceChildren(...history.bests.map(bestPanel));
       if (history.total && task.expert) {
         loadName();
-        compare().catch((error) => put(by("gap-note"), error.message));
+        if (task.has_boards) compare().catch((error) => put(by("gap-note"), error.message));
         paintPictures(history.episodes);
       }
       if (history.total) showStreaks();
@@ -85,7 +87,7 @@ async function load() {
     more.disabled = false;
     by("nothing").hidden = history.total > 0;
     by("history").hidden = by("keep").hidden = history.total === 0;
-    by("gap").hidden = history.total === 0 || !task.expert;
+    by("gap").hidden = history.total === 0 || !task.expert || !task.has_boards;
     document.body.dataset.state = history.total ? "some" : "none";
   } catch (error) {
     put(by("sentence"), `${/** @type {Error} */ (error).message} Trying again.`);
@@ -128,7 +130,7 @@ async function compare() {
   const { episodes, comparing } = /** @type {Answers.OwnHistory} */ (await request(`me/history?limit=${NEWEST}`));
   gaps = episodes.reverse().flatMap((episode) => (episode.expert_moves === null ? []
     : [{ gap: episode.moves - episode.expert_moves, isFinished: isFinished(task, episode) }]));
-  put(by("gap-note"), comparing ? `${expert()} drives on ${many(comparing, `more ${task.round}`)} of yours.` : gapsText(expert(), gaps));
+  put(by("gap-note"), comparing ? `${expert()} plays ${many(comparing, `more ${task.round}`)} of yours.` : gapsText(task, gaps));
   paintGaps();
   if (comparing) setTimeout(() => compare().catch(() => {}), SOON_MS);
 }
@@ -163,7 +165,7 @@ async function paintPictures(episodes) {
     if (!replay) continue; // today's terrain, or one of another version
     const { run } = replay;
     addPicture(pictures, run, run.actions.length, `replay/${encodeURIComponent(id)}`, [`${resultOf(episode)}, ${episode.place}`]);
-    if (positions.children.length === POSITIONS) continue;
+    if (!task.tries || positions.children.length === POSITIONS) continue;
     const idle = idleIn([...Array(run.actions.length + 1).keys()].map((step) => task.progressAt(run, step)));
     if (idle.moves < IDLE_MOVES || (await api.episode(id)).seed === null) continue;
     addPicture(positions, run, idle.after, `./${tryHash(id, idle.after)}`, [create("b", "Try from here"), ` ${idleText(idle)}`]);
@@ -198,7 +200,7 @@ function paintGaps() {
     lines: [{ colour: you, dash: [], dot: 3.5, hasWhiskers: true, x: finished.map(({ at }) => at), y: moves }],
     x: { low: 0, high: gaps.length, ticks: ticks(0, gaps.length).filter(Number.isInteger), text: (at) => (at ? String(at) : task.round) }, y: { low, high, ticks: ticks(low, high), text: tickText },
     over: (context, at) => numbered.filter(({ isFinished }) => !isFinished).forEach((episode) => paintCross(context, at.x(episode.at), at.y(high) - 8, inks.text)) });
-  chart.setAttribute("aria-label", gapsText(expert(), gaps));
+  chart.setAttribute("aria-label", gapsText(task, gaps));
 }
 /** @param {CanvasRenderingContext2D} context @param {number} x @param {number} y the middle, CSS pixels @param {string} colour */
 function paintCross(context, x, y, colour) {

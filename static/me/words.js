@@ -63,9 +63,11 @@ export function bestText({ target }, { best, episodes, successes }) {
   return `${wholePercent(successes / episodes)} of ${many(episodes, "episode")} came to ${target}.`;
 }
 
-/** @param {string} expert @param {Me.Gap[]} gaps the oldest episode first @returns the curve in words */
-export function gapsText(expert, gaps) {
-  if (!gaps.length) return `No ranked terrain yet. Each one of the kind that the leaderboard has is compared with ${expert}'s own run on it.`;
+/** @param {Pick<Task, "expert" | "nameOf" | "round">} task @param {Me.Gap[]} gaps the oldest episode first
+ * @returns the curve in words */
+export function gapsText(task, gaps) {
+  const expert = task.nameOf(task.expert ?? "");
+  if (!gaps.length) return `No ranked ${task.round} yet. Each one of the kind that the leaderboard has is compared with ${expert}'s own run on it.`;
   const mean = (/** @type {number[]} */ moves) => moves.reduce((sum, each) => sum + each, 0) / moves.length;
   const more = gaps.filter(({ isFinished }) => isFinished).map(({ gap }) => gap);
   const open = gaps.length - more.length;
@@ -92,7 +94,7 @@ export function puzzlesText({ day, puzzles }, answered) {
   return withStreak(state, streak(answered, day, puzzles.length));
 }
 
-/** Return the longest way without anything new, but for the last moves to the end.
+/** Return the most moves in a row without anything new until a move that had it: the last moves are left out.
  * @param {number[]} progress 0..1 before the first move and after each @returns {Me.Idle} after how many moves it begins */
 export function idleIn(progress) {
   let longest = { after: 0, moves: 0 }, after = 0;

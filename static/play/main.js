@@ -105,7 +105,7 @@ const parts = {
  * @type {About | null} */
 let begun = null;
 const firstWish = task.firstWish(policies);
-if (!task.parts) /** @type {HTMLElement} */ (document.querySelector(".modes")).hidden = !firstWish;
+by("modes").hidden = !firstWish;
 const wish = () => parts.terrains?.wish() ?? firstWish;
 const sessions = createSessions({
   api, dispatch, wish, storage: tabStore,
@@ -249,7 +249,7 @@ function paintVisit() {
   const isFirst = isFirstVisit() && isDriven(state);
   const frame = player?.frame;
   part.prompt.hidden = task.clock !== null || !isFirst || !frame || frame.step > 0 || frame.outcome !== null || link === "lost";
-  if (!part.prompt.hidden) put(part["prompt-text"], promptText(matchMedia("(pointer: coarse)").matches, keys()));
+  if (!part.prompt.hidden) put(part["prompt-text"], promptText(matchMedia("(pointer: coarse)").matches, task.keys, keys()));
   part.coach.hidden = !isFirst || !isCoaching || !hint || !frame || frame.step === 0;
   put(part["coach-gain"], hint?.gain ?? "");
   put(part["coach-line"], hint?.line ?? "");
@@ -321,14 +321,13 @@ async function loadRest() {
   if (!isFirstVisit()) loadCharts(); // before its first move a first visit shows none
   if (task.parts) {
     const { createTerrainDialog } = await loadLater(task.parts.terrains);
-    parts.terrains = createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
+    parts.terrains = createTerrainDialog(startDialog("terrain"), {
       onStart: (wish) => setTimeout(() => leaving.start(modeOn(state.mode, wish), wish)), // once the dialog is closed
       onWrong: (text) => dispatch({ kind: "notice", text }),
     });
     parts.terrains.offer(levels, policies, maps);
     if (begun) parts.terrains.show(begun);
   }
-  by("open-terrain", HTMLButtonElement).disabled = false;
 }
 
 /** Load what stands on a board that has been moved on. */
@@ -362,7 +361,6 @@ function onEnter() {
 const restore = (board) => { if (board) sessions.resume(board); };
 
 for (const button of all("button[data-mode]")) button.addEventListener("click", () => leaving.start(/** @type {Mode} */ (button.dataset.mode), wish()));
-startDialog("terrain");
 startDialog("display");
 const help = startDialog("help");
 document.addEventListener("keydown", (event) => {

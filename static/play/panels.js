@@ -112,8 +112,8 @@ export function paintBar(state, rival) {
   put(by("tab-player"), named(player) ?? "You");
   const beside = task && state.mode === "challenge" && state.rival ? task.nameOf(state.rival.name) : named(state.rival);
   put(by("tab-rival"), beside ?? "Policy");
-  put(by("key-player"), named(player) ?? "you");
-  put(by("key-rival"), within(beside ?? "policy"));
+  for (const name of all("[data-of=player]")) put(name, named(player) ?? "you");
+  for (const name of all("[data-of=rival]")) put(name, within(beside ?? "policy"));
   document.body.dataset.mode = state.mode;
   document.body.dataset.ended = String(Boolean(player?.frame.outcome));
 }
@@ -155,7 +155,9 @@ export const hasStage = ({ viewer }) => document.body.dataset.view !== "3d" || !
  * @param {string} name */
 export function startDialog(name) {
   const dialog = by(`${name}-dialog`, HTMLDialogElement);
-  by(`open-${name}`).addEventListener("click", () => dialog.showModal());
+  const open = by(`open-${name}`, HTMLButtonElement);
+  open.disabled = false;
+  open.addEventListener("click", () => dialog.showModal());
   by(`close-${name}`).addEventListener("click", () => dialog.close());
   dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
   return dialog;

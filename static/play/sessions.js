@@ -283,11 +283,9 @@ export function createLeaving(dialog, view, { state, start }) {
     work = leave;
     dialog.returnValue = "";
     const { player, task } = state();
-    const [cols, rows] = player && task ? task.shape(player.frame) : [0, 0];
     const counts = isUnfinished(state());
     put(part("title"), counts ? "This ranked episode is not finished" : `This ${task?.round} is not finished`);
     put(part("moves"), many(player?.frame.step ?? 0, "move"));
-    put(part("limit"), String(rows * cols));
     part("counted").hidden = !counts;
     part("practice").hidden = counts;
     dialog.showModal();

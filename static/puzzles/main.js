@@ -147,6 +147,7 @@ by("next").addEventListener("click", next);
 
 await retried(async () => {
   task ??= await loadTask();
+  put(by("goal"), task.goal(null));
   const loaded = /** @type {Answers.Puzzles} */ (await request("puzzles"));
   await Promise.all(words.choicesOn(stored(), loaded.day).map(({ id }) => loadAnswer(id)));
   today = loaded;

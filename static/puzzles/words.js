@@ -27,7 +27,7 @@ export const verdictText = (chosen, { best }) => (chosen === best ? `${capital(b
 
 /** @param {string} chosen @param {Answers.PuzzleAnswer} answer @returns {string} what the best move saves */
 export function savesText(chosen, { best, means, saves, terrains, here }) {
-  const average = `${capital(best)} saves ${many(Math.round(saves), "move")} on average against the next best, if a rule drives on from there, over ${many(terrains, "terrain")} that agree with what you see; ${hereText(here)}.`;
+  const average = `${capital(best)} saves ${many(Math.round(saves), "move")} on average against the next best, if a rule plays on from there, over ${many(terrains, "terrain")} that agree with what you see; ${hereText(here)}.`;
   const lost = Math.round((means[chosen] ?? 0) - means[best]);
   return chosen === best ? average : `${capital(chosen)} costs ${many(lost, "move")} more on average. ${average}`;
 }

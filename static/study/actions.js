@@ -21,7 +21,7 @@ export function pause(isPaused) {
   idle.touch();
   if (isPaused) tabStore.setItem(keep("paused"), frame()?.episode ?? "");
   else tabStore.removeItem(keep("paused"));
-  announce(isPaused ? "Paused. Press a driving key or Go on." : "Going on.");
+  announce(isPaused ? "Paused. Press a key that moves, or Go on." : "Going on.");
   dispatch({ kind: "paused", isPaused });
   telemetry.flush();
 }

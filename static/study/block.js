@@ -63,11 +63,7 @@ function judge(element, text) {
   else delete element.dataset.right;
 }
 
-const pass = (/** @type {() => Promise<Study.Participant>} */ ask) => go(async () => {
-  const participant = await ask();
-  tabStore.removeItem(DRAFT);
-  return participant;
-}, stage());
+const pass = (/** @type {() => Promise<Study.Participant>} */ ask) => go(ask, stage());
 
 form.addEventListener("submit", (event) => {
   event.preventDefault();
@@ -94,5 +90,7 @@ by("skip-blocks").addEventListener("click", () => {
  * @param {Study.State | null} before */
 export function paintBlocks(before) {
   const { participant } = state;
-  if (participant?.block && participant !== before?.participant) paintBlock(participant.block);
+  if (!participant || participant === before?.participant) return;
+  if (participant.block) paintBlock(participant.block);
+  else tabStore.removeItem(DRAFT); // they have answered, or left
 }

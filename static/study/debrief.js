@@ -50,7 +50,7 @@ function paintFigures(debrief) {
   const { episodes, mean_score, mean_steps, warm_up_terrains: terrains, ranked_terrains: ranked } = debrief;
   put(by("own-score"), score(mean_score));
   put(by("own-steps"), mean_steps === null ? "\u2013" : mean_steps.toFixed(1));
-  put(by("own-explored"), `${episodes.filter(({ outcome }) => task.successes.includes(outcome ?? "")).length} of ${episodes.length}`);
+  put(by("own-finished"), `${episodes.filter(({ outcome }) => task.successes.includes(outcome ?? "")).length} of ${episodes.length}`);
   put(by("debrief-line"), words.debriefLine(task, debrief));
   by("trials").replaceChildren(create("h2", `${capital(task.round)} by ${task.round}`), trialTable(episodes));
   const choice = by("replay-index", HTMLSelectElement);

@@ -146,7 +146,7 @@ function showVerdicts({ right, why }) {
   });
   const wrong = right.filter((each) => !each).length;
   by("quiz-status").textContent = wrong === 0 ? "" : `${many(wrong, "answer is", "answers are")} not right yet.`;
-  if (wrong > 0) by("rules", HTMLDetailsElement).open = true;
+  if (wrong > 0) document.querySelector("details.rules")?.setAttribute("open", "");
   /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${right.indexOf(false)}]:checked`))?.focus();
 }
 

@@ -17,11 +17,14 @@ function ticked(type, name, value, isTicked) {
   return input;
 }
 
+/** @param {string} name of a question @param {string} part @returns the id of a part of it, which no other part of the page has */
+const idOf = (name, part) => `question-${name}-${part}`;
+
 /** Return a question with its number, and the place of what is said of its answer.
  * @param {string} name @param {string} title @param {(string | Node)[]} content */
 export const fieldset = (name, title, content) => create("fieldset", [
-  create("legend", title, { id: `${name}-title` }), ...content, create("p", [], { class: "verdict", id: `${name}-verdict`, hidden: "" }),
-], { "data-testid": `question-${name}`, "aria-describedby": `${name}-verdict` });
+  create("legend", title, { id: idOf(name, "title") }), ...content, create("p", [], { class: "verdict", id: idOf(name, "verdict"), hidden: "" }),
+], { "data-testid": `question-${name}`, "aria-describedby": idOf(name, "verdict") });
 
 /** @param {ParentNode} root @param {string} group @returns the value that is chosen in a group of radio buttons; null for none */
 export const chosenIn = (root, group) => root.querySelector(`input[name="${group}"]:checked`)?.getAttribute("value") ?? null;
@@ -48,9 +51,9 @@ const KINDS = {
   },
   likert: {
     draw: ({ name, rows, points }, sent) => (rows ?? []).map((row, number) => create("div", [
-      create("p", row, { id: `${name}-row-${number}` }),
+      create("p", row, { id: idOf(name, `row-${number}`) }),
       create("div", radios(`${name}-${number}`, (points ?? []).map((text, value) => ({ value, text })), Array.isArray(sent) ? sent[number] : undefined), { class: "points" }),
-    ], { class: "likert", role: "radiogroup", "aria-labelledby": `${name}-row-${number}` })),
+    ], { class: "likert", role: "radiogroup", "aria-labelledby": idOf(name, `row-${number}`) })),
     read: ({ name, rows, needed }, root) => {
       const chosen = (rows ?? []).map((_, number) => index(chosenIn(root, `${name}-${number}`)) ?? null);
       if (chosen.every((point) => point === null)) return undefined;
@@ -68,12 +71,14 @@ const KINDS = {
   number: {
     draw: ({ name, unit, whole }, sent) => [create("p", [create("input", [], {
       type: "text", inputmode: whole ? "numeric" : "decimal", size: "8", autocomplete: "off", value: typeof sent === "number" ? String(sent) : "",
-      "aria-labelledby": `${name}-title ${name}-unit`,
-    }), create("span", unit ?? "", { id: `${name}-unit` })], { class: "typed" })],
+      "aria-labelledby": `${idOf(name, "title")} ${idOf(name, "unit")}`,
+    }), create("span", unit ?? "", { id: idOf(name, "unit") })], { class: "typed" })],
     read: ({ least, most, whole }, root) => {
-      const text = inputs(root)[0].value.trim().replace(",", ".");
+      const text = inputs(root)[0].value.trim();
       if (!text) return undefined;
-      const number = Number(text);
+      // "1,000" is a thousand to some and 1 to others, and so is "1.000" where only whole numbers are asked for
+      if ((whole ? /[.,]\d{3}/ : /,\d{3}/).test(text)) throw new Error(`Please type ${text} without a mark between thousands${whole ? "" : ", and with a point before decimals"}.`);
+      const number = Number(text.replace(",", "."));
       if (Number.isFinite(number) && number >= (least ?? number) && number <= (most ?? number) && !(whole && number % 1)) return number;
       throw new Error(`Please type ${whole ? "a whole number" : "a number"} from ${least} to ${most}.`);
     },
@@ -92,8 +97,8 @@ const KINDS = {
  * @param {string} name @param {number} steps @param {string} low @param {string} high @param {number | null} step */
 function drawScale(name, steps, low, high, step) {
   const input = create("input", [], {
-    type: "range", min: "0", max: String(steps - 1), step: "1", value: String(step ?? Math.floor(steps / 2)), "aria-labelledby": `${name}-title`,
-    "aria-describedby": `${name}-ends`,
+    type: "range", min: "0", max: String(steps - 1), step: "1", value: String(step ?? Math.floor(steps / 2)), "aria-labelledby": idOf(name, "title"),
+    "aria-describedby": idOf(name, "ends"),
   });
   const output = create("output", []);
   input.style.setProperty("--gaps", String(steps - 1));
@@ -107,12 +112,12 @@ function drawScale(name, steps, low, high, step) {
   for (const event of ["input", "pointerup"]) input.addEventListener(event, () => show(true));
   input.addEventListener("keydown", ({ key }) => { if (key === " " || key === "Enter") show(true); });
   show(step !== null);
-  return [create("p", [create("span", low), create("span", high)], { class: "ends", id: `${name}-ends` }), input, output];
+  return [create("p", [create("span", low), create("span", high)], { class: "ends", id: idOf(name, "ends") }), input, output];
 }
 
 /** @param {string} name @param {boolean} isLong @param {number} most characters @param {string} text */
 function drawText(name, isLong, most, text) {
-  const attributes = { maxlength: String(most), "aria-labelledby": `${name}-title`, autocomplete: "off" };
+  const attributes = { maxlength: String(most), "aria-labelledby": idOf(name, "title"), autocomplete: "off" };
   const input = isLong ? create("textarea", [], { ...attributes, rows: "4" }) : create("input", [], { ...attributes, type: "text" });
   input.value = text;
   return input;

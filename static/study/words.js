@@ -53,7 +53,7 @@ export function readyText(participant) {
   }
   const isFirst = ranked.done === 0;
   return { title: isFirst ? "Now it counts" : `Ranked ${round}s`, lines: isFirst
-    ? [`${many(ranked.of, round)} that count. Scores stay hidden until the end, for everybody; you see your moves and your map.`,
+    ? [`${many(ranked.of, round)} that count. Scores stay hidden until the end, for everybody; you see your moves and your board.`,
       `Every ${round} that begins is part of your result: reloading the page brings it back as it stood.`,
       clock ? `Time runs, ${clock} frames a second, from a countdown on. Keys can be held. Where you have to stop, pause: time stands still then.`
         : "There is no clock. Think as long as you like; only moves count."]
@@ -105,5 +105,5 @@ export function debriefLine(task, { policy }) {
   if (!policy || theirs === null || mine === null) return "";
   const gap = Math.abs(mine - theirs);
   const comparison = gap < 0.05 ? "as many as you" : `${gap.toFixed(1)} ${theirs < mine ? "fewer" : "more"} than you`;
-  return `On the warm-up terrains ${task.nameOf(policy.name)}, a policy, needed ${theirs.toFixed(1)} moves on average, ${comparison} (${mine.toFixed(1)}).`;
+  return `On the warm-up ${task.round}s ${task.nameOf(policy.name)}, a policy, needed ${theirs.toFixed(1)} moves on average, ${comparison} (${mine.toFixed(1)}).`;
 }

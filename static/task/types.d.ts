@@ -46,6 +46,9 @@ interface TaskOf<F, M, C, H> extends Answers.Task {
   place(level: string, frame: F): string;
   /** How much of what is to be discovered was, in words; without it nothing is. */
   shareText?(share: number): string;
+  /** Where progress is discovery: the heading and the note of the positions from which a player's own page lets them
+   * try again, each before moves that discovered nothing. Without it no position is looked for. */
+  tries?: {title: string, note: string};
   /** The headline so far: its number, its unit, and 0..1 for a bar. */
   headline(frame: F): {value: string, unit: string, share: number};
 

@@ -40,6 +40,7 @@ function paint() {
   const said = task.nameOf(name);
   task.paint(part.ground, board, { name: said, accent: boardColours(part.ground).you, ...sizes.of(part.ground), dpr: window.devicePixelRatio || 1, follows: true });
   put(by("name"), said);
+  put(part["chart-title"], task.chart.title);
   put(by("terrain"), task.place(state.level, frame));
   const { value, unit } = paintNumbers(part, task, frame);
   if (task.clock) paintCurveSoon(task, board);

@@ -169,6 +169,22 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     assert me.errors == []
 
 
+def test_a_part_opens_once_for_what_is_wrong_in_it_and_stays_folded_after(serve, player, tmp_path):
+    freeze(tmp_path / "playground.db-studies", "dunes")
+    (tmp_path / "playground.db-studies/dunes/outcomes.json").write_text("no JSON")
+    me = player(serve(admin_password=PASSWORD), NO_3D)
+    page = me.page
+    page.goto(f"{me.url}/admin#dunes")
+    page.get_by_test_id("password").fill(PASSWORD)
+    page.keyboard.press("Enter")
+    until(page, "document.getElementById('outcomes-part').open")
+    page.get_by_test_id("show-outcomes").click()
+    for _ in range(2):
+        page.wait_for_event("response", lambda answer: "admin/overview" in answer.url)
+    page.wait_for_timeout(300)
+    assert not page.evaluate("document.getElementById('outcomes-part').open")
+
+
 def test_a_console_whose_server_is_gone_says_so(serve, player):
     server = serve(admin_password=PASSWORD)
     page = player(server, NO_3D).page

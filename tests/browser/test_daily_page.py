@@ -121,6 +121,24 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     assert me.errors == []
 
 
+LINE_PX = 18
+
+
+def test_on_a_phone_the_head_in_3d_is_one_row_and_the_arrows_are_on_the_screen(server, player):
+    page = player(server, AS_A_PERSON).page
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.goto(f"{server.url}/daily")
+    page.locator("iframe[data-drawn]").wait_for(state="attached")
+    for size in ((390, 844), (320, 640)):
+        page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+        page.get_by_role("button", name="Matrix").wait_for()
+        heads, pad, bar = (
+            page.locator(place).bounding_box() for place in (".board-head", ".pad", ".site")
+        )
+        assert heads["height"] < 50, size
+        assert pad["y"] + pad["height"] + LINE_PX <= bar["y"], (size, "days in a row take a line")
+
+
 CURVE = """() => {
   const place = document.getElementById("gap-chart");
   const canvas = place.querySelector("canvas");

@@ -28,7 +28,7 @@ def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, play
 
     friend.page.goto(address)
     friend.page.wait_for_url(f"{me.url}/watch/{begun['watch']}")
-    friend.shows("watching-text", "Live: somebody else is exploring")
+    friend.shows("watching-text", "Live: somebody else is playing")
     friend.wait("window.playground?.state.player?.frame.step === 1")
     sent = []
     friend.page.on("request", lambda request: sent.append(request.url))
@@ -52,7 +52,7 @@ def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, play
 
     friend.page.get_by_test_id("watch-replay").wait_for()
     me.page.keyboard.press("Enter")
-    friend.shows("watching-text", "Live: somebody else is exploring")
+    friend.shows("watching-text", "Live: somebody else is playing")
     friend.wait(f"window.playground.state.player.frame.episode !== '{episode}'")
     assert friend.page.get_by_test_id("watch-replay").is_hidden()
     friend.page.goto(f"{me.url}/watch/{episode}")

@@ -82,7 +82,7 @@ def test_a_world_of_ones_own_is_played_watched_again_and_compared(serve, player,
 
     page.goto(f"{server.url}/leaderboard")
     page.get_by_test_id("named").wait_for()
-    assert page.get_by_role("heading", name="People behind Far Wall").count() == 1
+    page.get_by_role("heading", name="People behind Far Wall").wait_for()
     check_screen(page, "leaderboard-people")
     page.get_by_test_id("view-policies").click()
     page.get_by_test_id("evaluate").click()
@@ -94,5 +94,8 @@ def test_a_world_of_ones_own_is_played_watched_again_and_compared(serve, player,
     page.goto(f"{server.url}/me")
     page.get_by_test_id("history").wait_for()
     assert "came to the goal in 2 mazes" in page.get_by_test_id("sentence").inner_text()
+    eventually(lambda: page.locator("[data-testid=pictures] li").count() == 1)
+    page.wait_for_load_state("networkidle")
+    assert page.get_by_test_id("tries").is_hidden(), "a way to a goal shows nothing new"
     check_screen(page, "me")
     assert me.errors == []

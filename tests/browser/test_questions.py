@@ -91,6 +91,10 @@ def test_every_kind_is_answered_by_keyboard_alone_and_a_reload_keeps_what_was_ty
     person.page.keyboard.type("25")
     person.choose("send-block")
     assert "from 1 to 24" in at(person, "hours").locator(".verdict").inner_text()
+    at(person, "hours").locator("input").fill("1,000")
+    person.choose("send-block")
+    assert "without a mark" in at(person, "hours").locator(".verdict").inner_text()
+    at(person, "hours").locator("input").fill("25")
     press("Backspace", "Backspace", "3", "Tab", "Tab", "Tab", "Space", "Tab")  # and no story
     press("Space", "Tab", "Tab", "Space")  # honest; look: the first
     person.choose("send-block")
@@ -112,6 +116,20 @@ def test_every_kind_is_answered_by_keyboard_alone_and_a_reload_keeps_what_was_ty
     ]
     texts = rows(tmp_path, "SELECT question, words FROM free_texts ORDER BY 1")
     assert texts == [("story", None), ("town", "Bath")]
+
+
+def test_what_was_typed_is_gone_from_the_tab_once_somebody_has_left(joined):
+    person = joined(block(questions=[{"kind": "text", "name": "block", "question": "Where?"}]))
+    person.stands("block")
+    ids = person.page.evaluate("[...document.querySelectorAll('[id]')].map(({ id }) => id)")
+    assert len(set(ids)) == len(ids), "a question may have the name of a part of the page"
+    draft = "sessionStorage.getItem('humanplay.study.tiny.block')"
+    at(person, "block").locator("input").fill("Bath")
+    assert "Bath" in person.page.evaluate(draft)
+    person.choose("open-leave")
+    person.choose("leave-now")
+    person.stands("withdrawn")
+    assert person.page.evaluate(draft) is None
 
 
 def test_on_a_phone_the_shipped_blocks_lead_through_the_study_and_skipping_leads_to_the_code(

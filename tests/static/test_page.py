@@ -13,7 +13,8 @@ import pytest
 
 from humanplay.board import messages
 from humanplay.tasks.mars import messages as mars
-from marsexplorer.config import OUTCOMES, EnvConfig
+from marsexplorer.config import ACTIONS, OUTCOMES, EnvConfig
+from tests.support.words_of_mars import words_of_mars
 
 ROOT = Path(__file__).parent.parent.parent
 STATIC = ROOT / "static"
@@ -22,6 +23,8 @@ VENDOR = STATIC / "vendor"
 MODULES = sorted(path for path in STATIC.rglob("*.js") if VENDOR not in path.parents)
 TYPES = sorted(path for path in STATIC.rglob("*.d.ts") if VENDOR not in path.parents)
 PAGES = sorted(STATIC.glob("*/index.html"))
+PARTS = sorted(STATIC.rglob("*.html"))
+"""The pages, and what they include."""
 
 
 def test_the_pure_modules_pass_under_node(tmp_path):
@@ -61,10 +64,21 @@ def page_of(module):
     return page if page.is_file() else STATIC / "play" / "index.html"
 
 
-def text_of(page):
-    """A page with the files that it includes: of a choice the last, which stands for every world."""
-    included = r'{% include (?:"|\[.*")([^"]+)"\]? %}'
-    return re.sub(included, lambda match: (STATIC / match[1]).read_text(), page.read_text())
+INCLUDE = re.compile(r"{% include (.+?)(?: ignore missing)? %}")
+
+
+def text_of(page, world):
+    """A page in a world, with what it includes: of a choice the first that is there."""
+
+    def included(match):
+        names = re.findall(
+            r'"([^"]+)"', match[1].replace('task/" ~ world.assets ~ "', f"task/{world}")
+        )
+        there = [STATIC / name for name in names if (STATIC / name).is_file()]
+        assert there or match[0].endswith("ignore missing %}"), match[0]
+        return text_of(there[0], world) if there else ""
+
+    return INCLUDE.sub(included, page.read_text())
 
 
 def part(pattern, text):
@@ -148,10 +162,32 @@ WORLD = re.compile(
 """Words of MarsExplorer's world, the share of its cells that completes a terrain, its folder and its policies."""
 
 
-@pytest.mark.parametrize("path", [*MODULES, *TYPES], ids=name_of)
+def shown_by(path):
+    """A page without its notes, a module without its comments and its names."""
+    text = re.sub(r"{#.*?#}|/\*.*?\*/", "", path.read_text(), flags=re.S)
+    if path.suffix == ".html":
+        return text
+    return re.sub(r"\bdata-\w+|\w+(?=[(:,)])", "", re.sub(r"(?m)(^|\s)//.*$", "", text))
+
+
+def shared(paths):
+    """Those that are of no world, marked by their names."""
+    return [
+        pytest.param(path, id=name_of(path))
+        for path in paths
+        if STATIC / "task" / "mars" not in path.parents
+    ]
+
+
+@pytest.mark.parametrize("path", shared([*MODULES, *TYPES, *PARTS]))
 def test_the_words_of_a_world_stand_with_its_task_alone(path):
-    if STATIC / "task" / "mars" not in path.parents:
-        assert not WORLD.findall(path.read_text())
+    assert not WORLD.findall(path.read_text())
+
+
+@pytest.mark.parametrize("path", shared([*MODULES, *PARTS]))
+def test_what_every_world_shows_speaks_of_none(path):
+    shown = re.sub("terrain", "round", shown_by(path), flags=re.I)  # as showTask renames it
+    assert words_of_mars(shown) == []
 
 
 def test_no_module_of_the_server_asks_for_a_world_by_name():
@@ -174,9 +210,12 @@ def test_the_words_of_a_world_are_found_where_they_stand():
 
 def test_every_id_the_page_looks_up_is_there():
     for path in MODULES:
-        ids = set(re.findall(r'\bid="([^"]+)"', text_of(page_of(path))))
+        folder = path.relative_to(STATIC).parts[:2]
+        worlds = folder[1:] if folder[0] == "task" else ("mars", "picture")
         asked = set(re.findall(r'(?:\bby|getElementById)\("([^"]+)"[,)]', path.read_text()))
-        assert asked <= ids, f"{path.name} looks for {asked - ids}"
+        for world in worlds:
+            ids = set(re.findall(r'\bid="([^"]+)"', text_of(page_of(path), world)))
+            assert asked <= ids, f"{path.name} looks for {asked - ids} in {world}"
 
 
 def test_the_document_names_all_that_a_browser_keeps():
@@ -304,6 +343,8 @@ def test_the_page_and_the_server_name_the_same_messages():
     named = {json.loads(text)["kind"] for text in texts}
     named.update(kind for each in (mars.Frame, mars.History, *answers) for kind in kinds(each))
     assert sorted(listed("FROM_SERVER")) == sorted(named)
+    about = (ROOT / "tests/static/task/mars/about.mjs").read_text()
+    assert re.findall(r'"(\w+)"', part(r"actions: \[(.*?)\]", about)) == list(ACTIONS)
     assert get_args(mars.Outcome) == OUTCOMES[1:]
     asked = (messages.HistoryRequest, messages.Events)
     sent = [

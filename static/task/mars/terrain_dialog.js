@@ -98,7 +98,6 @@ export function createTerrainDialog(dialog, handlers) {
       const first = firstWish(policies);
       const { plain, paper } = levelGroups(found.map(({ name }) => name));
       const pictureOf = (/** @type {string} */ name) => picture(/** @type {Answers.Level} */ (found.find((level) => level.name === name)));
-      input("level").disabled = false; // another world's form has no level
       plainLevels.replaceChildren(...plain.map(pictureOf));
       otherLevels.replaceChildren(...paper.map(pictureOf), ...maps.map(mapChoice));
       fill(select("rival"), policies, first.rival);

@@ -4,7 +4,7 @@ declare namespace Mars {
   /** How cells look; `casing` is drawn round paths and left out where there is none. */
   type Soil = {shades: {"?": string, ".": string, "#": string}, edge: string, rockEdge: string, casing?: string};
   type Task = TaskOf<Frame, Cell, Course, History>;
-  type Words = Pick<Task, "round" | "target" | "chart" | "standing" | "outcome" | "status" | "goal" | "place" | "shareText" | "headline"
+  type Words = Pick<Task, "round" | "target" | "chart" | "standing" | "outcome" | "status" | "goal" | "place" | "shareText" | "tries" | "headline"
     | "ending" | "trialEnding" | "verdict" | "compare" | "inWords" | "announcement" | "sound" | "hint" | "coach">;
   /** A board of this world. */
   type Board = Omit<globalThis.Board, "frame" | "trail"> & {frame: Frame, trail: Cell[]};

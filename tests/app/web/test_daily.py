@@ -141,12 +141,14 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
     assert stranger.get("/api/daily").json()["yesterday"] == revealed
     table = stranger.get(f"/api/daily/{day}/results").json()["people"]["table"]
     assert table[0]["episode"] == frame["episode"]
-    preview = tags(stranger.get(f"/daily/{day}"))
+    past = stranger.get(f"/daily/{day}")
+    preview = tags(past)
+    assert f"<title>{preview['og:title']} · " in past.text
     assert preview["og:image"] == f"{server.url}/replay/{frame['episode']}.png"
     assert preview["og:description"] == f"1 person, the best with {moves} moves."
     assert preview["og:image:alt"] == "The best route"
     assert picture_of(stranger, preview, server.url) == (1200, 630)
-    assert "common/preview.png" in tags(stranger.get(f"/daily/{tomorrow}"))["og:image"]
+    assert "task/mars/preview.png" in tags(stranger.get(f"/daily/{tomorrow}"))["og:image"]
     for other_day in ("2020-01-01", utc_day(server.clock.now_ms() + DAY_MS), "today"):
         assert stranger.get(f"/daily/{other_day}").status_code in (404, 422)
     assert begin(page)["daily"] == tomorrow

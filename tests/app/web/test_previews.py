@@ -27,10 +27,19 @@ def test_every_address_that_people_share_has_a_preview_with_a_picture(serve, tmp
         assert f'<link rel="canonical" href="{SITE}{path}">' in page.text
         assert found["description"] == found["og:description"] == found["twitter:description"]
         assert found["og:image"].startswith(SITE)
+        assert found["twitter:card"] == "summary_large_image"
         assert picture_of(stranger, found, SITE[:-1]) == (1200, 630)
         titles.add(found["og:title"])
     assert len(titles) == len(PAGES)
     assert len(server.services.lobby) == 0
+
+
+def test_a_preview_without_a_picture_is_a_summary(serve):
+    stranger = serve(task="gymnasium:FrozenLake-v1").client()
+    for path in ("about", "study"):
+        preview = tags(stranger.get(f"/{path}"))
+        assert preview["twitter:card"] == "summary"
+        assert not preview.keys() & {"og:image", "twitter:image"}
 
 
 def test_a_challenge_shows_the_start_and_what_is_to_be_beaten(serve, tmp_path):

@@ -56,7 +56,7 @@ test("an episode is measured by one's own best and by the last ten on terrains l
 });
 
 test("the curve of gaps to Expert is said in words, and an unfinished episode enters no mean", () => {
-  const of = (...gaps) => gapsText("Expert", gaps.map((gap) => ({ gap: gap ?? 400, isFinished: gap !== null })));
+  const of = (...gaps) => gapsText(task, gaps.map((gap) => ({ gap: gap ?? 400, isFinished: gap !== null })));
   assert.match(of(), /^No ranked terrain yet/);
   assert.equal(of(40, 20, 10), "You needed 23.3 moves more than Expert on average, over 3 finished episodes. +40.0 in the first half, +10.0 in the second.");
   assert.equal(of(7, null), "You needed 7.0 moves more than Expert in 1 finished episode. 1 episode was not finished (a cross).");

@@ -13,7 +13,7 @@ test("a watched episode is a board as it stands", () => {
   const { player: board } = apply(initialState(), { kind: "watched", watched, name: watchedName("human") });
   assert.deepEqual([board.session, board.name, board.trail.length, board.frame.step], ["e1", "Somebody", 3, 2]);
   assert.deepEqual(["you", "human", "script", "ppo"].map(watchedName), ["You", "Somebody", "A script", "ppo"]);
-  assert.deepEqual(["you", "human", "Expert"].map(liveHeadline), ["Live: you are exploring", "Live: somebody else is exploring", "Live: Expert is exploring"]);
+  assert.deepEqual(["you", "human", "Expert"].map(liveHeadline), ["Live: you are playing", "Live: somebody else is playing", "Live: Expert is playing"]);
   assert.deepEqual([endedLine("you", "terrain", false), endedLine("human", "terrain", false)], ["Its replay opens once the day is over.", ""]);
 });
 
