@@ -88,7 +88,7 @@ function endNext(participant, phase) {
 }
 
 /** @param {Study.Participant} participant @returns the heading for whoever does not go on */
-export const withdrawnTitle = ({ ending }) => ({ unfit_device: "This device does not fit", over_quota: "This study is full", failed_questions: "The questions are over", failed_practice: "The practice is over" }[/** @type {"unfit_device"} */ (ending?.outcome)] ?? "You have left the study");
+export const withdrawnTitle = ({ ending }) => ({ unfit_device: "This device does not fit", over_quota: "This study is full", failed_questions: "The questions are over", failed_practice: "The practice is over", failed_attention: "The study is over for you" }[/** @type {"unfit_device"} */ (ending?.outcome)] ?? "You have left the study");
 
 /** @param {Study.Participant} participant @returns whether they can close the page, or take something with them first */
 export const withdrawnLead = ({ ending }) => (ending?.code || ending?.address || ending?.sentence ? "Nothing more is recorded. Please read to the end of this page." : "Nothing more is recorded. You can close this page.");

@@ -173,6 +173,8 @@ def _turned_away(data: StudyData, people: GroupReport) -> dict[str, object]:
     practice = data.protocol.practice
     if practice is not None and practice.then == "screen_out":
         reasons.append((Status.FAILED_PRACTICE, "failed the practice"))
+    if data.protocol.attention_limit is not None:
+        reasons.append((Status.FAILED_ATTENTION, "missed too many attention checks"))
     counts = [(people.flow.count(status), words) for status, words in reasons]
     listed = ", ".join(f"{count} {words}" for count, words in counts)
     return {

@@ -14,7 +14,14 @@ from humanplay.db.study_rows import AnswerRow, FreeTextRow, Participant
 from humanplay.db.trial import Trial
 from humanplay.study.folder import Study
 from humanplay.study.protocol import Protocol
-from humanplay.study.questions import Block, Position, Sent, check_answers, in_order
+from humanplay.study.questions import (
+    Block,
+    Position,
+    Sent,
+    attention_checks,
+    check_answers,
+    in_order,
+)
 
 
 class DueBlock(NamedTuple):
@@ -87,7 +94,10 @@ def store_answers(
         FreeTextRow(participant_id, block.name, turn, question, words)
         for question, words in answers.texts.items()
     ]
-    study_store.note_block(participant_id, at_ms, _detail(due, is_skipped=False), numbers, texts)
+    detail = _detail(due, is_skipped=False)
+    if attention_checks([block], block.at):
+        detail["missed"] = answers.missed
+    study_store.note_block(participant_id, at_ms, detail, numbers, texts)
 
 
 def skip(

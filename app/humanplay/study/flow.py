@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import Literal
 
 from humanplay.db.rows import ErasedPerson, NotedArrivals, StageEvent
-from humanplay.db.study_rows import Participant
+from humanplay.db.study_rows import BLOCK_EVENT, Participant
 from humanplay.db.trial import Trial
 from humanplay.study.invitations import Invitation
 from humanplay.study.outcome import Outcome
@@ -69,6 +69,7 @@ class Status(StrEnum):
     INTERRUPTED_EARLY = "interrupted_early"
     FAILED_QUESTIONS = "failed_questions"
     FAILED_PRACTICE = "failed_practice"
+    FAILED_ATTENTION = "failed_attention"
     NEVER_BEGAN = "never_began"
     DECLINED = "declined"
     UNFIT_DEVICE = "unfit_device"
@@ -94,6 +95,7 @@ STATUS_IN_WORDS: dict[Status, str] = {
     Status.INTERRUPTED_EARLY: "interrupted before a ranked episode",
     Status.FAILED_QUESTIONS: "failed the questions",
     Status.FAILED_PRACTICE: "failed the practice",
+    Status.FAILED_ATTENTION: "missed too many attention checks",
     Status.NEVER_BEGAN: "never began a ranked episode",
     Status.DECLINED: "declined",
     Status.UNFIT_DEVICE: "came with a device that does not fit",
@@ -126,6 +128,7 @@ EARLY = (
     Status.INTERRUPTED_EARLY,
     Status.FAILED_QUESTIONS,
     Status.FAILED_PRACTICE,
+    Status.FAILED_ATTENTION,
     Status.NEVER_BEGAN,
 )
 """Agreed and began no ranked episode."""
@@ -292,6 +295,12 @@ def left_as(events: Iterable[StageEvent]) -> Outcome | None:
     """As what taking part ended for somebody who is withdrawn, where it was not their wish."""
     noted = (event.detail.get("outcome") for event in events if event.kind == "withdrawn")
     return next((Outcome(str(outcome)) for outcome in noted if outcome is not None), None)
+
+
+def missed_checks(events: Iterable[StageEvent]) -> int:
+    """How many attention checks somebody did not answer rightly."""
+    missed = (event.detail.get("missed") for event in events if event.kind == BLOCK_EVENT)
+    return sum(number for number in missed if isinstance(number, int))
 
 
 def repeated_reasons(

@@ -14,6 +14,7 @@ class Outcome(StrEnum):
     NO_CONSENT = "no_consent"
     FAILED_QUESTIONS = "failed_questions"
     FAILED_PRACTICE = "failed_practice"
+    FAILED_ATTENTION = "failed_attention"
     WITHDREW = "withdrew"
     LEFT = "left"
     STOPPED_BY_US = "stopped_by_us"
@@ -28,6 +29,7 @@ OUTCOME_IN_WORDS: dict[Outcome, str] = {
     Outcome.NO_CONSENT: "did not agree to the consent text",
     Outcome.FAILED_QUESTIONS: "did not answer the questions rightly in the tries that the protocol allows",
     Outcome.FAILED_PRACTICE: "did not pass the practice in the tries that the protocol allows",
+    Outcome.FAILED_ATTENTION: "missed more attention checks before the ranked episodes than the protocol allows",
     Outcome.WITHDREW: "agreed, and withdrew",
     Outcome.LEFT: "agreed, and had not finished when the study was closed",
     Outcome.STOPPED_BY_US: "was stopped by the closing, or by a failure of server or environment",

@@ -20,11 +20,11 @@ from humanplay.board.session import Session
 from humanplay.db.file import StoreError
 from humanplay.db.rows import Phase
 from humanplay.db.series import StudyStore, add_series
-from humanplay.db.study_rows import Participant, Stage, is_same_study
+from humanplay.db.study_rows import BLOCK_EVENT, Participant, Stage, is_same_study
 from humanplay.db.trial import Trial
 from humanplay.study.asking import DueBlock, break_due, due_blocks, skip, store_answers
 from humanplay.study.closing import give_up_left, left_open, note_closed
-from humanplay.study.flow import ENDING_EVENTS, outcome_of
+from humanplay.study.flow import ENDING_EVENTS, missed_checks, outcome_of
 from humanplay.study.folder import Folder, Study
 from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import Ending, ending, read_texts
@@ -277,7 +277,18 @@ class ParticipantProgress:
     ) -> None:
         """Store the answers to the block that is due; ValueError where an answer is none."""
         participant, due = self._due(name, player_id, block, turn)
-        store_answers(self.study_store, participant.id, due[0], answers, self._now())
+        with self.lobby.store.transaction():
+            store_answers(self.study_store, participant.id, due[0], answers, self._now())
+            if due[0].block.at in ("before", "after_warm_up") and participant.kind == "human":
+                self._screen_attention(name, participant)
+
+    def _screen_attention(self, name: str, participant: Participant) -> None:
+        """Screen out whoever has missed more attention checks than the protocol allows."""
+        limit = self.study(name).protocol.attention_limit
+        missed = missed_checks(self.study_store.events(participant.id, [BLOCK_EVENT]))
+        if limit is not None and missed > limit:
+            failed = Outcome.FAILED_ATTENTION
+            self.study_store.withdraw(participant, self._now(), outcome=failed)
 
     def skip_blocks(self, name: str, player_id: str | None, block: str, turn: int) -> None:
         """Skip the block that is due, and all that follow it before the debrief."""

@@ -31,10 +31,18 @@ from humanplay.board.messages import describe_errors
 from humanplay.db.trial import Required
 from humanplay.study.outcome import BEFORE_CONSENT, Outcome
 from humanplay.study.platforms import PLATFORMS, PlatformName
-from humanplay.study.questions import Block, Line, Part, Question, check_blocks
+from humanplay.study.questions import (
+    POSITIONS,
+    Block,
+    Line,
+    Part,
+    Question,
+    attention_checks,
+    check_blocks,
+)
 from humanplay.study.shipped_questions import with_shipped
 from humanplay.study.texts import consent
-from humanplay.task import Configuration, Environment
+from humanplay.task import Configuration, Environment, counted
 from humanplay.task.registration import DEFAULT_TASK, environment_of
 from marsexplorer.intervals import FEWEST
 
@@ -50,13 +58,14 @@ Rule = Literal[
     "passed_practice",
     "least_minutes",
     "most_minutes",
+    "most_missed_checks",
 ]
 ExclusionRules = dict[Rule, StrictBool | float]
 PER_PROTOCOL = "protocol"
 """The exclusion set of the per-protocol estimate."""
 SHARES: tuple[Rule, ...] = ("most_given_up", "max_pause_share")
 """Rules that take a number, 0 to 1."""
-NUMBERS: tuple[Rule, ...] = (*SHARES, "least_minutes", "most_minutes")
+NUMBERS: tuple[Rule, ...] = (*SHARES, "least_minutes", "most_minutes", "most_missed_checks")
 """Rules that take a number; the others are true or false."""
 EXCLUSION: dict[str, ExclusionRules] = {
     PER_PROTOCOL: {"completed": True, "all_ranked_driver_human": True, "most_given_up": 0.5},
@@ -278,6 +287,8 @@ class Protocol(Part):
     device               with which people may take part; a computer is one whose browser has a mouse or the like
     blocks               of questions about people, in the order of where they stand; a name is that of a shipped block
     question_tries       at the questions, after which they are over; None: as many as are wanted
+    attention_limit      attention checks that somebody may miss before the first ranked episode, and is screened out beyond;
+                         None: nobody is
     practice             what the warm-up must come to before the first ranked episode; None: nothing
     platform             from which people come; `code`: from none, and a code is drawn for each person
     outside_ids          parameters of the link that are kept; the first one names the person
@@ -329,6 +340,7 @@ class Protocol(Part):
     )
     device: Literal["any", "computer"] = "any"
     question_tries: int | None = Field(default=None, ge=2, le=20)
+    attention_limit: int | None = Field(default=None, ge=0)
     practice: Practice | None = None
     platform: PlatformName = "code"
     outside_ids: tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")], ...] = Field(
@@ -442,6 +454,21 @@ class Protocol(Part):
             reason = f"the {self.players} places on Prolific plus a tenth, since it replaces whoever returns"
         if self.cap < least:
             raise ValueError(f"cap must be at least {least}, {reason}; got {self.cap}")
+        return self
+
+    @model_validator(mode="after")
+    def _checks_are_asked(self) -> Protocol:
+        early = attention_checks(self.blocks, "before", "after_warm_up")
+        if self.attention_limit is not None and early <= self.attention_limit:
+            raise ValueError(
+                f"attention_limit is {self.attention_limit}, and {counted(early, 'attention check')} can be missed before the "
+                "first ranked episode: ask more there, or allow fewer misses"
+            )
+        is_named = any("most_missed_checks" in rules for rules in self._rule_sets())
+        if is_named and not attention_checks(self.blocks, *POSITIONS):
+            raise ValueError(
+                "a rule is most_missed_checks, but no block has an attention check: ask one, or take the rule out"
+            )
         return self
 
     @model_validator(mode="after")

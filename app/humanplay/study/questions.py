@@ -332,6 +332,12 @@ class Block(Part):
     questions: tuple[AnyQuestion, ...] = Field(min_length=1, max_length=40)
 
 
+def attention_checks(blocks: Sequence[Block], *positions: Position) -> int:
+    """How many attention checks stand in the blocks at some positions."""
+    asked = [question for block in blocks if block.at in positions for question in block.questions]
+    return sum(isinstance(question, AttentionCheck) for question in asked)
+
+
 def in_order(blocks: Sequence[Block]) -> list[Block]:
     """The blocks in the order in which they are asked."""
     return sorted(blocks, key=lambda block: list(POSITIONS).index(block.at))
@@ -418,10 +424,14 @@ class NumberAnswer:
 
 @dataclass(frozen=True)
 class Answers:
-    """What somebody answered in a block; a text of None: prefer not to say."""
+    """What somebody answered in a block; a text of None: prefer not to say.
+
+    missed  attention checks that were not answered rightly
+    """
 
     numbers: tuple[NumberAnswer, ...]
     texts: dict[str, str | None]
+    missed: int = 0
 
 
 def check_answers(
@@ -433,6 +443,7 @@ def check_answers(
         raise ValueError(f"the block {block.name!r} has no question {unknown[0]!r}")
     numbers: list[NumberAnswer] = []
     texts: dict[str, str | None] = {}
+    missed = 0
     for question in block.questions:
         if question.name not in sent:
             if question.needed:
@@ -446,9 +457,11 @@ def check_answers(
                 texts[question.name] = None if answer is None else question.text(answer)
             else:
                 numbers += _numbers(question, answer, drawn_order(question, participant_id, turn))
+            if isinstance(question, AttentionCheck):
+                missed += answer is None or not question.is_right(answer)
         except ValueError as error:
             raise ValueError(f"{question.name} {error}") from error
-    return Answers(tuple(numbers), texts)
+    return Answers(tuple(numbers), texts, missed)
 
 
 def _numbers(question: Asked, sent: Sent, order: Sequence[int]) -> Iterator[NumberAnswer]:

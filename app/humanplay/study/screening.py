@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from humanplay.study.outcome import BEFORE_CONSENT, OUTCOME_IN_WORDS, Outcome
 from humanplay.study.platforms import PLATFORMS
 from humanplay.study.protocol import Protocol
+from humanplay.study.questions import attention_checks
 
 BEFORE_PRACTICE_MIN = 5.0
 """Minutes that consent, instructions, tutorial and questions take, roughly."""
@@ -30,8 +31,10 @@ def _can_come(protocol: Protocol, outcome: Outcome) -> bool:
     practice = protocol.practice
     return {
         Outcome.UNFIT_DEVICE: protocol.device != "any",
+        Outcome.OVER_QUOTA: protocol.cap is not None,
         Outcome.FAILED_QUESTIONS: protocol.question_tries is not None,
         Outcome.FAILED_PRACTICE: practice is not None and practice.then == "screen_out",
+        Outcome.FAILED_ATTENTION: protocol.attention_limit is not None,
     }.get(outcome, True)
 
 
@@ -41,7 +44,10 @@ def _latest_min(protocol: Protocol, outcome: Outcome) -> float:
         return 0.0
     if outcome is Outcome.FAILED_QUESTIONS:
         return BEFORE_PRACTICE_MIN
-    if outcome is Outcome.FAILED_PRACTICE:
+    is_after = attention_checks(protocol.blocks, "after_warm_up") > 0
+    if outcome is Outcome.FAILED_ATTENTION and not is_after:
+        return BEFORE_PRACTICE_MIN
+    if outcome in (Outcome.FAILED_PRACTICE, Outcome.FAILED_ATTENTION):
         return minutes_until(protocol, protocol.most_warm_up)
     return minutes_in_all(protocol)
 

@@ -49,6 +49,8 @@ OPENINGS = {
     Outcome.FAILED_QUESTIONS: "The questions were not all answered rightly in the tries that this study allows: it ends here. "
     "Thank you.",
     Outcome.FAILED_PRACTICE: "The practice was not passed in the tries that this study allows: it ends here. Thank you.",
+    Outcome.FAILED_ATTENTION: "Some questions were there to see whether they are read, and too many were not answered as they "
+    "asked: the study ends here. Thank you.",
 }
 """What somebody reads first for whom it ends without their wish."""
 WITHDRAWN = (

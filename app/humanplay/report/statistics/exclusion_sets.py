@@ -20,9 +20,9 @@ import numpy as np
 
 from humanplay.board.attestation import level_reaches, shows_program, shows_program_at_once
 from humanplay.db.trial import LEFT, Required, Trial
-from humanplay.report.statistics.formatting import percent
+from humanplay.report.statistics.formatting import counted, percent
 from humanplay.study.data import Person, StudyData
-from humanplay.study.flow import BEGAN, INTERRUPTED, STOPPED, Status, left_as
+from humanplay.study.flow import BEGAN, INTERRUPTED, STOPPED, Status, left_as, missed_checks
 from humanplay.study.outcome import Outcome
 from humanplay.study.practice import has_passed
 from humanplay.study.protocol import Rule
@@ -239,6 +239,7 @@ def _ranked(data: StudyData, cohort: Cohort) -> Mapping[str, list[Trial]]:
 _SCREENED_OUT: dict[Outcome | None, Status] = {
     Outcome.FAILED_QUESTIONS: Status.FAILED_QUESTIONS,
     Outcome.FAILED_PRACTICE: Status.FAILED_PRACTICE,
+    Outcome.FAILED_ATTENTION: Status.FAILED_ATTENTION,
 }
 
 
@@ -421,9 +422,16 @@ def broken(cohort: Cohort, person: Person, rules: Mapping[Rule, bool | float]) -
         yield "least_minutes"
     if person.minutes is not None and person.minutes > rules.get("most_minutes", np.inf):
         yield "most_minutes"
+    if missed_checks(person.events) > rules.get("most_missed_checks", np.inf):
+        yield "most_missed_checks"
 
 
-OF_NO_EPISODE: tuple[Rule, ...] = ("passed_practice", "least_minutes", "most_minutes")
+OF_NO_EPISODE: tuple[Rule, ...] = (
+    "passed_practice",
+    "least_minutes",
+    "most_minutes",
+    "most_missed_checks",
+)
 """Rules of which a break says nothing of a ranked episode: the operator of an open study sees it."""
 
 
@@ -511,5 +519,8 @@ def _rule_text(rule: Rule, bound: bool | float) -> str:
         "passed_practice": "passed the practice",
         "least_minutes": f"took at least {bound:g} minutes in all",
         "most_minutes": f"took at most {bound:g} minutes in all",
+        "most_missed_checks": f"missed at most {counted(int(bound), 'attention check')}"
+        if bound
+        else "missed no attention check",
     }
     return texts[rule]

@@ -1,0 +1,144 @@
+"""Attention checks: who is screened out, left out or flagged, and that no right answer is shown."""
+
+import json
+
+import pytest
+
+from humanplay.report.build import build
+from humanplay.report.preregistration import preregistration
+from humanplay.study.data import load
+from humanplay.study.protocol import EXCLUSION, PER_PROTOCOL, StudyError
+from tests.app.study.test_questions import block
+from tests.support.command import command
+from tests.support.study import Person, freeze
+
+WHY = "The sentence asked for the second one."
+RIGHT, WRONG = 1, 0
+
+
+def check(name, at):
+    """A block with an attention check, and a question that has no right answer."""
+    asked = {"question": "Choose the second one.", "choices": ["first", "second", "third"]}
+    attention = {
+        "kind": "attention",
+        "name": name,
+        "answer": RIGHT,
+        "why": WHY,
+        "needed": True,
+        **asked,
+    }
+    number = {"kind": "number", "name": f"{name}_age", "question": "Age?", "most": 99}
+    return block(f"{name}_block", at=at, questions=[attention, number])
+
+
+BLOCKS = [check("early", "before"), check("later", "after_warm_up"), check("last", "after")]
+LIMIT = {"blocks": BLOCKS, "attention_limit": 1}
+LEFT_OUT = {PER_PROTOCOL: {**EXCLUSION[PER_PROTOCOL], "most_missed_checks": 1}}
+
+
+def answer(person, name, chosen):
+    person.call("block", {"block": f"{name}_block", "turn": 0, "answers": {name: chosen}})
+
+
+def plays(server, early, later=RIGHT, last=RIGHT):
+    """Somebody who answers the checks so, and goes as far as they may."""
+    person = Person(server)
+    person.call("consent", {"version": "1", "agree": True})
+    answer(person, "early", early)
+    person.call("advance", {"from": "instructions"})
+    person.call("next")
+    person.call("give-up", {"episode": person.frame["episode"], "step": 0})
+    person.call("advance", {"from": "tutorial"})
+    person.answer_questions()
+    person.play_on(until=("ranked",))
+    answer(person, "later", later)
+    if person.me()["stage"] == "ranked":
+        person.play_on()
+        answer(person, "last", last)
+    return person
+
+
+def close(server, tmp_path, capsys):
+    database = "--database", tmp_path / "playground.db"
+    assert command(capsys, "study", "close", "small", "--yes", "--now", *database)[0] == 0
+    server.stop()
+    return load(tmp_path / "playground.db", "small")
+
+
+def test_who_misses_too_many_checks_before_the_ranked_episodes_is_screened_out(
+    serve, tmp_path, capsys
+):
+    texts = {"failed_attention": "C6ATTENTION"}
+    freeze(tmp_path / "playground.db-studies", outcomes=texts, **LIMIT)
+    server = serve()
+    first, second, once = (
+        plays(server, early, later) for early, later in ((0, 2), (0, None), (0, 1))
+    )
+    for person in (first, second):
+        assert person.where["stage"] == "withdrawn"
+        assert person.where["ending"]["outcome"] == "failed_attention"
+        assert person.where["ending"]["code"] == "C6ATTENTION"
+        assert person.where["note"].startswith("Some questions were there to see whether they are")
+    assert once.where["stage"] == "debrief"
+    report = build(close(server, tmp_path, capsys))
+    (group,) = report.groups
+    statuses = {row.status: row.people for row in group.statuses}
+    assert statuses == {"finished": 1, "failed_attention": 2}
+    items = {item.number: item for item in report.checklist}
+    assert items["2.3.2"].answer == "2 of 3"
+    assert "2 missed too many attention checks" in items["2.3.2"].detail
+    assert "missed too many attention checks: 2" in " ".join(group.cautions)
+
+
+def test_later_misses_take_out_of_the_estimate_or_flag_and_a_release_without_answers_knows(
+    serve, tmp_path, capsys
+):
+    rules = {"exclusion": LEFT_OUT, "flags": {"most_missed_checks": 0}}
+    freeze(tmp_path / "playground.db-studies", blocks=BLOCKS, **rules)
+    server = serve()
+    people = [plays(server, *chosen) for chosen in ((1, 1, 1), (1, 1, 0), (0, 1, None))]
+    assert {person.where["stage"] for person in people} == {"debrief"}
+    (group,) = build(close(server, tmp_path, capsys)).groups
+    assert {row.status: row.people for row in group.statuses} == {"finished": 2, "excluded": 1}
+    assert "missed at most 1 attention check" in group.figure.rule
+    assert group.flags == {"missed no attention check": 2}
+    bundle, database = tmp_path / "bundle", tmp_path / "playground.db"
+    how = "--study", "small", "--out", bundle, "--database", database
+    assert command(capsys, "release", *how)[0] == 0
+    assert (bundle / "csv" / "answers.csv").read_text().count("\n") == 1
+    code, text, error = command(capsys, "reproduce", bundle)
+    assert (code, text.splitlines()[-1].endswith(" compared, 0 differ")) == (0, True), text + error
+    (released,) = build(load(bundle / "study.sqlite", "small")).groups
+    assert released.flags == group.flags
+
+
+def test_a_page_gets_neither_the_right_answer_nor_that_it_is_a_check(serve, tmp_path):
+    freeze(tmp_path / "playground.db-studies", **LIMIT)
+    person = Person(serve())
+    person.call("consent", {"version": "1", "agree": True})
+    (shown,) = [asked for asked in person.me()["block"]["questions"] if asked["name"] == "early"]
+    assert shown["kind"] == "choice"
+    assert not {"answer", "why", "missed"} & shown.keys()
+    text = json.dumps(person.me())
+    assert WHY not in text
+    assert "attention" not in text
+
+
+def test_the_preregistration_says_what_checks_do(tmp_path):
+    study = freeze(tmp_path, exclusion=LEFT_OUT, **LIMIT)
+    text = preregistration(study.protocol, study)
+    assert "misses more than 1 attention check before the first ranked episode is screened" in text
+    assert "missed at most 1 attention check" in text
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"attention_limit": 0}, "attention_limit is 0, and 0 attention checks can be missed"),
+        ({"blocks": BLOCKS, "attention_limit": 2}, "limit is 2, and 2 attention checks can be missed"),
+        ({"flags": {"most_missed_checks": 0}}, "no block has an attention check"),
+    ],
+)  # fmt: skip
+def test_a_rule_on_checks_that_nobody_can_miss_is_refused(tmp_path, fields, sentence):
+    with pytest.raises(StudyError, match=sentence):
+        freeze(tmp_path, **fields)
