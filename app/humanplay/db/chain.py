@@ -327,8 +327,10 @@ def append_note(
 
 def freezing_of(study: SeriesRow) -> tuple[Mark, str]:
     """The kind and the note of the entry that a study was frozen."""
+    dry_run_of = json.loads(study.protocol).get("dry_run_of")
     return "frozen", _note(
         {
+            **({} if dry_run_of is None else {"dry_run_of": dry_run_of}),
             "study": study.name,
             "commitment": study.commitment,
             "protocol_hash": study.protocol_hash,

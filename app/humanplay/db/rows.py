@@ -175,6 +175,8 @@ class NotedArrivals(TypedDict, total=False):
     undecided: int
     unfit: int
     over_quota: int
+    dry_runs: int
+    dry_run_people: int
     issued: int | None
     revoked: int | None
     unopened: int | None

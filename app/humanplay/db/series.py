@@ -372,7 +372,12 @@ OF_PEOPLE = """SELECT x.* FROM {} x JOIN participants p ON p.id = x.participant_
     WHERE p.study = ? AND p.kind = 'human' AND p.consent_ms IS NOT NULL"""
 """The rows (SQL) in a table of answers of the people who agreed to take part in a study."""
 _CLOSED = """SELECT * FROM series WHERE kind = 'study' AND closed_ms IS NOT NULL AND secret IS NOT NULL
-    ORDER BY closed_ms DESC"""
+    AND json_extract(protocol, '$.dry_run_of') IS NULL ORDER BY closed_ms DESC"""
+DRY_RUNS = """SELECT count(DISTINCT y.name) AS dry_runs, count(*) AS dry_run_people
+    FROM series y JOIN participants p ON p.study = y.name
+    WHERE y.kind = 'study' AND json_extract(y.protocol, '$.dry_run_of') = ?
+    AND p.kind = 'human' AND p.consent_ms IS NOT NULL"""
+"""How many dry runs of a study there were, and how many people agreed to take part (SQL)."""
 
 
 def find_study(reader: Reader, name: str) -> SeriesRow | None:
@@ -388,7 +393,7 @@ def study_names(reader: Reader) -> list[str]:
 
 
 def closed_studies(reader: Reader) -> list[SeriesRow]:
-    """Return the studies that are closed and whose secret is known, the latest first."""
+    """The studies, no dry runs, that are closed with their secret known, the latest first."""
     return [SeriesRow(**row) for row in reader.query(_CLOSED)]
 
 
@@ -422,10 +427,10 @@ def count_freezings(reader: Reader, study: str) -> int:
 
 
 def of_same_configuration(reader: Reader, row: SeriesRow) -> list[tuple[str, int]]:
-    """Return (name, frozen_ms) of the other studies of a study's task and configuration, by the chain, in order."""
+    """(name, frozen_ms) of other studies, no dry runs, of the configuration, by the chain."""
     sql = """SELECT DISTINCT json_extract(note, '$.study') AS name, json_extract(note, '$.frozen_ms') AS frozen_ms FROM chain
         WHERE kind = 'frozen' AND json_extract(note, '$.study') <> ? AND json_extract(note, '$.configuration') = ?
-        ORDER BY 2, 1"""
+        AND json_extract(note, '$.dry_run_of') IS NULL ORDER BY 2, 1"""
     found = reader.query(sql, [row.name, chain.configuration_hash(row.protocol)])
     return [(each["name"], each["frozen_ms"]) for each in found]
 

@@ -285,6 +285,12 @@ def _new_header(
             f"studies in it: {', '.join(names) or 'none'}"
         )
     row = studies[0]
+    protocol = _protocol(request.study, row["protocol"])
+    if protocol.dry_run_of is not None:
+        raise ReleaseError(
+            f"the study {request.study!r} is a dry run of {protocol.dry_run_of!r}, whose figures were seen at once: it is "
+            "never released; its people are counted in that study's release"
+        )
     closed = (row["closed_ms"], row["secret"])
     if closed[0] is None and request.secrets and request.study in request.secrets:
         closed_ms, secret = request.secrets[request.study]
@@ -305,7 +311,7 @@ def _new_header(
     entries, head = chain.head(conn)
     return ReleaseHeader(
         study=request.study,
-        protocol=_protocol(request.study, row["protocol"]),
+        protocol=protocol,
         protocol_hash=row["protocol_hash"],
         commitment=row["commitment"],
         secret=closed[1],

@@ -20,6 +20,7 @@ from humanplay.db.columns import TABLES
 from humanplay.db.database import Row, open_database, rows, stream, transaction
 from humanplay.db.erasure import ANSWERS, ARRIVALS, ERASED
 from humanplay.db.rows import NotedArrivals
+from humanplay.db.series import DRY_RUNS
 from humanplay.db.study_rows import Participant
 from humanplay.release.errors import ReleaseError
 from humanplay.study.flow import Arrivals, arrivals_of, with_invitations, with_noted
@@ -315,7 +316,8 @@ def count_arrivals(
     for row in rows(conn, "SELECT value FROM meta WHERE name = ?", f"{ARRIVALS}|{study}"):
         before = json.loads(row["value"])
     people = [json.loads(row["value"]) for row in erased]
-    arrivals = with_noted(arrivals_of(**counted, erased=people), before)
+    (dry_runs,) = rows(conn, DRY_RUNS, study)
+    arrivals = with_noted(arrivals_of(**counted, **dry_runs, erased=people), before)
     if invitations is None:
         return arrivals
     sql = "SELECT invitation FROM participants WHERE study = ? AND invitation IS NOT NULL"

@@ -100,7 +100,7 @@ def build(
         study=data.protocol.name,
         title=data.protocol.title,
         synthetic=synthetic,
-        status="open" if data.closed_ms is None else "closed",
+        status=_status(data),
         made_at=utc(time.time_ns() // 1_000_000),
         software_version=version("humanplay"),
         core_version=data.protocol.environment.version,
@@ -119,6 +119,12 @@ def build(
         scripts=_script_counts(data),
         checklist=() if synthetic else checklist(data, groups[0], names),
     )
+
+
+def _status(data: StudyData) -> str:
+    if data.protocol.dry_run_of is not None:
+        return "dry run"
+    return "open" if data.closed_ms is None else "closed"
 
 
 def _script_counts(data: StudyData) -> dict[str, int]:
@@ -191,7 +197,7 @@ def _with_costs(
 
 def _flags(data: StudyData, cohort: Cohort, everybody: Everybody) -> dict[str, int]:
     """How many who began break each rule; empty for an open study's people."""
-    if cohort.kind == "human" and data.closed_ms is None:
+    if cohort.kind == "human" and not data.shows_people:
         return {}
     by_words = flagged(cohort, everybody.reasons, data.protocol.flags)
     return {words: len(people) for words, people in by_words.items()}

@@ -94,7 +94,7 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
     erased, finishers = data.arrivals.erased, data.arrivals.erased_finishers
     lost = f" {counted(erased, 'more was', 'more were')} erased, {finishers} of whom had ended all ranked episodes."
     is_compared = bool(policies and players)
-    nobody = "Nobody has played." if data.closed_ms else "It is shown once the study is closed."
+    nobody = "Nobody has played." if data.shows_people else "It is shown once the study is closed."
     no_policy = "No policy is compared with people."
     seconds = _human_time(data)
     estimates = [
@@ -129,6 +129,7 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "length": protocol.warm_up + protocol.ranked,
         "excluded": people.started - players,
         "erased": lost if erased else "",
+        "dry_runs": f" {data.arrivals.dry_runs_in_words()}".rstrip(),
         "labelled": counted(labelled, "carries a label", "carry a label"),
         "compared": "Yes" if is_compared else "No",
         "policies": ", ".join(policies) or "none played",
@@ -205,7 +206,7 @@ def _counts_for(data: StudyData, people: GroupReport, item: AskedItem) -> str:
     """The counts of the questions that fill an item; empty where none asks for it."""
     questions = [question for block in data.protocol.blocks for question in block.questions]
     names = {question.name for question in questions if question.tells == item}
-    if names and data.closed_ms is None:
+    if names and not data.shows_people:
         return "How many gave which answer is shown once the study is closed."
     counts = [answers for answers in people.answers if answers.question in names]
     if names and not counts:

@@ -15,6 +15,7 @@ from humanplay.db.input_events import input_events
 from humanplay.db.reader import Reader
 from humanplay.db.rows import PlayerSettings, StageEvent
 from humanplay.db.series import (
+    DRY_RUNS,
     ListedAmounts,
     amounts_listed,
     answers_of_people,
@@ -101,6 +102,11 @@ class StudyData:
     answers: tuple[AnswerCounts, ...] = ()
     policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False)
 
+    @property
+    def shows_people(self) -> bool:
+        """Whether figures of people may be seen: of a closed study, and of a dry run at once."""
+        return self.closed_ms is not None or self.protocol.dry_run_of is not None
+
     def shown(self) -> StudyData:
         """Return the data as they may be seen: people's episodes of an open study look unfinished.
 
@@ -108,7 +114,7 @@ class StudyData:
         truth in 19 % of studies instead of 5 % (Armitage, McPherson and Rowe 1969). So nobody sees a
         figure of people before the study is closed. Scripts are no people: theirs are always shown.
         """
-        if self.closed_ms is not None:
+        if self.shows_people:
             return self
         people = {person.id for person in self.people if person.kind == "human"}
         trials = tuple(_unfinished(t) if t.participant in people else t for t in self.trials)
@@ -206,7 +212,9 @@ def _arrivals(reader: Reader, study: str, people: Sequence[Person]) -> Arrivals:
     undecided = [each for each in people if each.kind == "human" and each.consent_version is None]
     withdrawn = [person for person in undecided if person.stage == "withdrawn"]
     turned_away = Counter(left_as(person.events) for person in withdrawn)
+    (dry_runs,) = reader.query(DRY_RUNS, [study])
     return arrivals_of(
+        **dry_runs,
         declined=turned_away[None],
         undecided=len(undecided) - len(withdrawn),
         unfit=turned_away[Outcome.UNFIT_DEVICE],

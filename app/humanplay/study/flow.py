@@ -18,6 +18,7 @@ from humanplay.db.study_rows import BLOCK_EVENT, Participant
 from humanplay.db.trial import Trial
 from humanplay.study.invitations import Invitation
 from humanplay.study.outcome import Outcome
+from humanplay.task import counted
 
 REPEATED_JOIN = "repeated_join"
 """Kind of the stage event of a further join; its detail is {"reason": one of Reason}."""
@@ -142,6 +143,8 @@ class Arrivals:
     undecided  opened the study and did not answer
     unfit      came with a device that does not fit
     over_quota came when every place was taken
+    dry_runs   of the study, in which somebody agreed to take part
+    dry_run_people   who agreed to take part in them
     erased     had everything erased, whenever that was
     erased_after_closing  of them, when the estimates were known
     erased_began      of the erased, those who had begun a ranked episode
@@ -156,6 +159,8 @@ class Arrivals:
     undecided: int = 0
     unfit: int = 0
     over_quota: int = 0
+    dry_runs: int = 0
+    dry_run_people: int = 0
     erased: int = 0
     erased_after_closing: int = 0
     erased_began: int = 0
@@ -164,6 +169,14 @@ class Arrivals:
     issued: int | None = None
     revoked: int | None = None
     unopened: int | None = None
+
+    def dry_runs_in_words(self) -> str:
+        """How many dry runs there were, in a sentence; empty without any."""
+        if not self.dry_runs:
+            return ""
+        runs = counted(self.dry_runs, "dry run has", "dry runs have")
+        people = counted(self.dry_run_people, "person", "people")
+        return f"The database knows that {runs} been made with {people}, on other instances; they are in no figure."
 
 
 @dataclass(frozen=True)
@@ -197,7 +210,13 @@ class ParticipantFlow:
 
 
 def arrivals_of(
-    declined: int, undecided: int, unfit: int, over_quota: int, erased: Sequence[ErasedPerson]
+    declined: int,
+    undecided: int,
+    unfit: int,
+    over_quota: int,
+    dry_runs: int,
+    dry_run_people: int,
+    erased: Sequence[ErasedPerson],
 ) -> Arrivals:
     """Count people as the database knows them; `erased` of `humanplay.db.series.erased_people`."""
     asked = Counter(person["asked_by"] for person in erased if person["asked_by"] is not None)
@@ -206,6 +225,8 @@ def arrivals_of(
         undecided,
         unfit,
         over_quota,
+        dry_runs,
+        dry_run_people,
         erased=len(erased),
         erased_after_closing=sum(person["after_closing"] for person in erased),
         erased_began=sum(person["ranked_begun"] > 0 for person in erased),
@@ -235,6 +256,8 @@ def with_noted(arrivals: Arrivals, noted: NotedArrivals) -> Arrivals:
         undecided=arrivals.undecided + noted.get("undecided", 0),
         unfit=arrivals.unfit + noted.get("unfit", 0),
         over_quota=arrivals.over_quota + noted.get("over_quota", 0),
+        dry_runs=arrivals.dry_runs + noted.get("dry_runs", 0),
+        dry_run_people=arrivals.dry_run_people + noted.get("dry_run_people", 0),
         issued=noted.get("issued"),
         revoked=noted.get("revoked"),
         unopened=noted.get("unopened"),

@@ -23,6 +23,7 @@ import secrets
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
 from typing import Literal
@@ -223,6 +224,19 @@ class Folder:
             )
         write_object(path / "protocol.json", protocol.model_dump(mode="json"))
         return path / "protocol.json"
+
+    def begin_dry_run(self, name: str) -> Path:
+        """Write a draft of a dry run of a study, and return the path of its protocol.json."""
+        template = self._template(name)
+        if template.dry_run_of is not None:
+            raise StudyError(
+                f"{name!r} is a dry run of {template.dry_run_of!r}: begin another one of that"
+            )
+        free = (f"{name}-dry-{number}" for number in count(1))
+        dry = next(called for called in free if not self.path(called).exists())
+        fields = template.model_dump(mode="json", exclude_unset=True)
+        marks = {"name": dry, "dry_run_of": name, "title": f"{template.title} (dry run)"}
+        return self.create(parse_protocol({**fields, **marks}))
 
     def freeze(
         self,

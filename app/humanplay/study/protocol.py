@@ -271,6 +271,8 @@ class Payment(Part):
 class Protocol(Part):
     """A study's protocol.
 
+    dry_run_of           the study that this is a dry run of, on terrains of its own: its figures are seen at once, and it is
+                         never released; None: it is a study
     task                 what is played: mars, or gymnasium: with an id or a description as JSON
     config               of every episode, as the task's configuration says it
     core_version         of the rules it was made for
@@ -319,6 +321,7 @@ class Protocol(Part):
     format: Literal["humanplay-study-1"] = "humanplay-study-1"
     name: str = Field(pattern=f"^{NAME}$")
     title: Line
+    dry_run_of: str | None = Field(default=None, pattern=f"^{NAME}$")
     task: str = DEFAULT_TASK
     config: dict[str, object]
     core_version: str = Field(default_factory=lambda known: environment_of(known["task"]).version)

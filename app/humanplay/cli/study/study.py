@@ -179,6 +179,24 @@ def new(
     echo(f"{path}: read it, edit it, then `humanplay study freeze {name}`")
 
 
+@study.command("dry-run", short_help="Begin a dry run of a study, by people.")
+@argument("name")
+@STUDIES
+def dry_run(name: str, folder: Folder) -> None:
+    """Write a draft like a study's, marked as a dry run of it, to be frozen and played by people.
+
+    It has instances of its own, its figures are seen at once, and it can never be released. The study's report says how many
+    dry runs there were in the same database, and with how many people.
+
+    \b
+    Example:
+      humanplay study dry-run pilot
+    """
+    with study_errors():
+        path = folder.begin_dry_run(name)
+    echo(f"{path}: edit it, then `humanplay study freeze {path.parent.name}`")
+
+
 def _asked() -> dict[str, str]:
     """Ask for each declaration and return what was typed."""
     from humanplay.study.protocol import Declarations
@@ -237,7 +255,7 @@ def freeze(
             )
         draft = draft.model_copy(update=_planned(draft, folder))
     protocol = _with_power(draft, AT_FREEZING)
-    if not underpowered:
+    if not underpowered and protocol.dry_run_of is None:
         _check_power(protocol)
     planned = {field: getattr(protocol, field) for field in PLANNED}
     found = frozen(name, folder, database, planned)

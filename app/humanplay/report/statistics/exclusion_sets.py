@@ -274,7 +274,7 @@ def _status(
         last = lowest_reason(data, person, ranked[-1])
         by_last = {Lowest.FAILED: Status.FAILED, Lowest.STOPPED: Status.STOPPED}
         return by_last.get(last, Status.LEFT) if last is not None else Status.LEFT
-    if is_inside or data.closed_ms is None:
+    if is_inside or not data.shows_people:
         return Status.FINISHED
     if any(_is_by_bot(trial, required) for trial in ranked):
         return Status.PARTLY_BOT
@@ -321,7 +321,7 @@ def everybody_of(data: StudyData, cohort: Cohort) -> Everybody:
     Nobody of an open study's people.
     """
     people = {person.id: person for person in cohort.people}
-    is_shown = data.closed_ms is not None or cohort.kind != "human"
+    is_shown = data.shows_people or cohort.kind != "human"
     episodes = _ranked(data, cohort)
     ranked: dict[str, tuple[Trial, ...]] = dict.fromkeys(cohort.ranked, ())
     reasons: dict[str, tuple[Lowest | None, ...]] = {}
@@ -454,7 +454,7 @@ def flagged_now(data: StudyData) -> dict[str, list[str]]:
     people = [person for person in data.people if person.kind == "human" and person.completed_ms]
     cohort, ids = _cohort(data, "people", "human", people), {person.id for person in people}
     flags, protocol = data.protocol.flags, _of_no_episode(data.protocol.per_protocol)
-    shown = _of_no_episode(flags) if data.closed_ms is None else flags
+    shown = flags if data.shows_people else _of_no_episode(flags)
     return {**flagged(cohort, ids, protocol), **flagged(cohort, ids, shown)}
 
 

@@ -214,8 +214,15 @@ def _shown(figure: StudyFigure) -> ShownFigure:
 
 def headline(data: StudyData, per_protocol: StudyFigure, everybody: StudyFigure) -> str:
     """The sentence with both estimates; of an open study, how many have finished."""
-    if data.closed_ms is None:
+    if (study := data.protocol.dry_run_of) is not None:
+        of_whom = _headline(data, per_protocol, everybody)
+        return f"A dry run of {study}, and no study: nothing here is a figure of {study}. {of_whom}"
+    if not data.shows_people:
         return data.progress_sentence()
+    return _headline(data, per_protocol, everybody)
+
+
+def _headline(data: StudyData, per_protocol: StudyFigure, everybody: StudyFigure) -> str:
     protocol = data.protocol
     verdicts = practice_verdicts(data, people_of(data).people)
     passed = sum(verdicts.values())

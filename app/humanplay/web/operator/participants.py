@@ -142,7 +142,7 @@ class LiveFigures:
             for trial in data.trials
             if trial.participant in people
             for label in trial.labels
-            if trial.phase != "ranked" or data.closed_ms or label in OF_THE_INPUT
+            if trial.phase != "ranked" or data.shows_people or label in OF_THE_INPUT
         ]
         by_label: list[answers.LabelCount] = []
         for label, number in Counter(name for name, _ in labels).most_common():
