@@ -225,7 +225,7 @@ declare namespace Admin {
   };
   /** How taking part can end, and what people read then. */
   type OutcomeText = {
-    /** finished, unfit_device, over_quota, no_consent, failed_questions, failed_practice, withdrew, left, stopped_by_us */
+    /** finished, unfit_device, over_quota, no_consent, failed_questions, failed_practice, failed_attention, withdrew, left, stopped_by_us */
     outcome: string,
     /** who comes to it */
     words: string,

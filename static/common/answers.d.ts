@@ -166,7 +166,7 @@ declare namespace Answers {
   };
   /** What somebody reads who has come to an end. */
   type Ending = {
-    /** finished, unfit_device, over_quota, no_consent, failed_questions, failed_practice, withdrew, left, stopped_by_us */
+    /** finished, unfit_device, over_quota, no_consent, failed_questions, failed_practice, failed_attention, withdrew, left, stopped_by_us */
     outcome: string,
     /** for the place that sent them */
     code: string | null,
