@@ -249,7 +249,7 @@ def participant_flow(arrivals: Arrivals, statuses: Iterable[Status]) -> Particip
 
 
 def with_noted(arrivals: Arrivals, noted: NotedArrivals) -> Arrivals:
-    """Return the arrivals with the counts that a release kept of those whom it left out; none noted: as they are."""
+    """The arrivals with the counts that a release kept of those whom it left out."""
     return replace(
         arrivals,
         declined=arrivals.declined + noted.get("declined", 0),

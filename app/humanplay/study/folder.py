@@ -226,7 +226,7 @@ class Folder:
         return path / "protocol.json"
 
     def begin_dry_run(self, name: str) -> Path:
-        """Write a draft of a dry run of a study, and return the path of its protocol.json."""
+        """Write a draft of a dry run of a study, and return its path."""
         template = self._template(name)
         if template.dry_run_of is not None:
             raise StudyError(

@@ -1,4 +1,4 @@
-"""Attention checks: who is screened out, left out or flagged, and that no right answer is shown."""
+"""Attention checks: who is screened out, left out or flagged."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""A dry run by people: instances of its own, figures at once, no release, and counted by the study."""
+"""A dry run by people: other instances, figures at once, no release."""
 
 import json
 
@@ -24,7 +24,7 @@ def plays(server, study):
 
 @pytest.fixture
 def played(serve, tmp_path, capsys):
-    """A server, and the database, of a study and its dry run, in which two people finished."""
+    """A server and database of a study and its dry run, finished by two people."""
     database = "--database", tmp_path / "playground.db"
     freeze(tmp_path / "playground.db-studies", policies=("frontier-cost",))
     code, text, error = command(capsys, "study", "dry-run", "small", *database)

@@ -183,9 +183,9 @@ def new(
 @argument("name")
 @STUDIES
 def dry_run(name: str, folder: Folder) -> None:
-    """Write a draft like a study's, marked as a dry run of it, to be frozen and played by people.
+    """Write a draft like a study's, marked as a dry run of it.
 
-    It has instances of its own, its figures are seen at once, and it can never be released. The study's report says how many
+    Freeze it, and let people play it. It has instances of its own, its figures are seen at once, and it can never be released. The study's report says how many
     dry runs there were in the same database, and with how many people.
 
     \b
