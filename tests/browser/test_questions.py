@@ -19,7 +19,8 @@ def joined(open_browser, serve, tmp_path):
     """`joined(*blocks)` has agreed to a study with these blocks, in a browser of their own."""
 
     def start(*blocks, **context):
-        freeze(tmp_path / "playground.db-studies", "tiny", blocks=blocks, warm_up=0, ranked=1)
+        plan = {"blocks": blocks, "warm_up": 0, "ranked": 1, **context.pop("plan", {})}
+        freeze(tmp_path / "playground.db-studies", "tiny", **plan)
         size = dict(zip(("width", "height"), SIZES["desktop"], strict=True))
         browser = open_browser((*NO_3D, *AS_A_PERSON))
         profile = browser.new_context(**{"viewport": size, "reduced_motion": "reduce", **context})
@@ -181,3 +182,18 @@ def test_on_a_phone_the_shipped_blocks_lead_through_the_study_and_skipping_leads
         tmp_path, "SELECT json_extract(detail, '$.skipped') FROM stage_events WHERE kind = 'block'"
     )
     assert done == [(0,)] * 4 + [(1,)] * 2
+
+
+def test_whoever_misses_too_many_attention_checks_reads_why_it_is_over(joined):
+    asked = {"question": "Choose the second one.", "choices": ["first", "second"], "answer": 1}
+    check = {"kind": "attention", "name": "check", "needed": True, **asked}
+    person = joined(block(questions=[check]), plan={"attention_limit": 0})
+    person.stands("block")
+    assert "answer" not in person.state("participant.block.questions")[0]
+    at(person, "check").get_by_text("first").click()
+    person.choose("send-block")
+    person.stands("withdrawn")
+    text = person.page.locator("section[data-screen=withdrawn]").inner_text()
+    assert "The study is over for you" in text
+    assert "Some questions were there to see whether they are read" in text
+    assert look(person, "questions-attention") == []

@@ -169,7 +169,7 @@ def test_every_kind_is_stored_as_numbers_or_as_text(asking, database):
         ("town", "Bath"),
     ]
     detail = rows(database, "SELECT detail FROM stage_events WHERE kind = 'block'")
-    assert detail == [('{"block": "about", "skipped": false, "turn": 0}',)]
+    assert detail == [('{"block": "about", "missed": 1, "skipped": false, "turn": 0}',)]
 
 
 def test_the_browser_sees_no_right_answer_and_no_rule(asking):

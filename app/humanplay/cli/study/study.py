@@ -185,8 +185,8 @@ def new(
 def dry_run(name: str, folder: Folder) -> None:
     """Write a draft like a study's, marked as a dry run of it.
 
-    Freeze it, and let people play it. It has instances of its own, its figures are seen at once, and it can never be released. The study's report says how many
-    dry runs there were in the same database, and with how many people.
+    Freeze it, and let people play it. It has instances of its own, its figures are seen at once, and it can never be
+    released. The study's report says how many dry runs there were in the same database, and with how many people.
 
     \b
     Example:
