@@ -7,8 +7,9 @@ checks, as they are shipped in `data/environment.jsonl`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 
@@ -19,15 +20,16 @@ from scipy import ndimage
 
 from humanplay.command.options import PATH
 from marsexplorer import policies
-from marsexplorer.config import LEVELS, OBSTACLE, EnvConfig
+from marsexplorer.config import FREE, LEVELS, OBSTACLE, ROVER, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode, score
-from marsexplorer.observation import DISPLACEMENTS
+from marsexplorer.observation import DISPLACEMENTS, Codes
 from marsexplorer.rules import R_MOVE
 from marsexplorer.terrain import generate
 from research.paper.episodes.play import DIFFICULTIES, TERRAINS
 from research.paper.jobs import Line, write_lines
 
 EPISODES = 40
+Cell = tuple[int, int]
 MOST_NEW_CELLS = 13
 """By which a move widens what lies within radius 6: a disc shifted by one cell, 13 cells high."""
 
@@ -65,6 +67,95 @@ def actions() -> Finding:
     words = ", ".join(map(str, moved))
     holds = moved == [(-1, 0), (0, 1), (1, 0), (0, -1)]
     return Finding(holds, f"actions 0 to 3 move the rover by {words}")
+
+
+def is_hidden(target: Cell, rover: Cell, obstacles: Sequence[Cell]) -> bool:
+    """Whether the segment between two centres crosses the inside of an obstacle between.
+
+    By clipping it to the square, exactly.
+    """
+    for obstacle in obstacles:
+        if obstacle == target:
+            continue
+        low, high = Fraction(0), Fraction(1)
+        for begin, end, centre in zip(rover, target, obstacle, strict=True):
+            if begin == end:
+                if centre != begin:
+                    low = high
+                continue
+            sides = (Fraction(2 * (centre - begin) + side, 2 * (end - begin)) for side in (-1, 1))
+            first, last = sorted(sides)
+            low, high = max(low, first), min(high, last)
+        if low < high:
+            return True
+    return False
+
+
+def lidar() -> Finding:
+    """A cell is sensed within the radius and in line of sight (eq. 4)."""
+    right, cells, scans = 0, 0, 0
+    for radius in range(1, 9):
+        config, rng = (
+            EnvConfig(rows=17, cols=15, sensor_radius=radius),
+            np.random.default_rng(radius),
+        )
+        for share in (0.05, 0.15, 0.3):
+            terrain = rng.random((config.rows, config.cols)) < share
+            rover = (int(rng.integers(config.rows)), int(rng.integers(config.cols)))
+            terrain[rover] = False
+            observation = Episode.begin(config, terrain=terrain, start=rover).observation()
+            blocked: list[Cell] = [(row, col) for row, col in np.argwhere(terrain).tolist()]
+            scans += 1
+            for row, col in np.ndindex(terrain.shape):
+                is_near = (row - rover[0]) ** 2 + (col - rover[1]) ** 2 <= radius**2
+                is_seen = is_near and not is_hidden((row, col), rover, blocked)
+                right += is_seen == (observation[row, col] != 0)
+                cells += 1
+    measured = (
+        f"{right:,} of {cells:,} cells in {scans} scans with radii from 1 to 8 are sensed or not as the exact segment "
+        "between the centres says"
+    )
+    return Finding(right == cells, measured)
+
+
+COST_RULE = "frontier-cost"
+
+
+def cost() -> Finding:
+    """Cost: the rover goes to the nearest frontier cell (section 3.5)."""
+    nearer, moves = 0, 0
+    for seed in range(EPISODES // 4):
+        episode, rule = Episode.begin(EnvConfig(), seed=seed), policies.load(COST_RULE)
+        rule.reset(seed)
+        while not episode.ended:
+            codes, visited = episode.codes.copy(), {(row, col) for row, col in episode.path}
+            before = moves_to_frontier(codes, visited, episode.position)
+            episode.step(rule.act(episode.codes))
+            nearer += moves_to_frontier(codes, visited, episode.position) == before - 1
+            moves += 1
+    measured = f"`{COST_RULE}`: {nearer:,} of {moves:,} moves begin a shortest known path to the nearest frontier cell"
+    return Finding(nearer == moves, measured)
+
+
+def moves_to_frontier(codes: Codes, visited: set[Cell], rover: Cell) -> int:
+    """The moves over known free cells to the nearest frontier cell not visited; -1 if none."""
+    rows, cols = codes.shape
+    ring, reached, moves = [rover], {rover}, 0
+    while ring:
+        for row, col in ring:
+            around = codes[max(0, row - 1) : row + 2, max(0, col - 1) : col + 2]
+            if (row, col) not in visited and (around == UNKNOWN).any():
+                return moves
+        beside = [(row + dr, col + dc) for row, col in ring for dr, dc in DISPLACEMENTS]
+        ring = [
+            (row, col)
+            for row, col in dict.fromkeys(beside)
+            if 0 <= row < rows and 0 <= col < cols and codes[row, col] in (FREE, ROVER)
+            if (row, col) not in reached
+        ]
+        reached |= {*ring}
+        moves += 1
+    return -1
 
 
 def state() -> Finding:
@@ -346,6 +437,7 @@ def discovered_obstacles(count: int = 100) -> Finding:
 
 CHECKS: dict[str, Callable[[], Finding]] = {
     "actions": actions,
+    "lidar": lidar,
     "state": state,
     "partial-observability": partial_observability,
     "reward": reward,
@@ -365,6 +457,7 @@ CHECKS: dict[str, Callable[[], Finding]] = {
     "structure": structure,
     "discovered-obstacles": discovered_obstacles,
     "sizes": sizes,
+    "cost": cost,
 }
 """The claim of docs/paper.md -> its check."""
 

@@ -13,9 +13,10 @@ from marsexplorer.intervals import t_interval
 from marsexplorer.terrain import generate
 from research.difference import answers
 from research.difference.design import Training
+from research.paper import second_reading
 from research.paper.algorithms import ALGORITHMS, begin
 from research.paper.claims import checks, page, settings_table, training_claims
-from research.paper.claims.claims import CLAIMS, FINDINGS
+from research.paper.claims.claims import CLAIMS, FINDINGS, fast
 from research.paper.claims.code_claims import by_code
 from research.paper.claims.hours import LEVELS, RANDOM, hours, to_decide
 from research.paper.claims.results import (
@@ -100,6 +101,12 @@ def test_the_pages_are_what_the_shipped_results_draw():
     for document in page.PAGES:
         text = document.read_text()
         assert page.redraw(text, results) == text, "run python -m research.paper.claims.page"
+
+
+def test_a_second_reading_of_the_stored_files_finds_the_figures_of_the_page():
+    rows = second_reading.compare()
+    assert len(rows) > 30
+    assert {name: page for name, page, _ in rows} == {name: derived for name, _, derived in rows}
 
 
 def test_every_picture_of_the_page_lies_there_and_is_small():
@@ -320,6 +327,7 @@ def played_blindly(config, policy, count, played=checks.played):
 
 CHANGES = {
     "actions": ("Episode", MirroredEpisode),
+    "lidar": ("Episode", OpenEpisode),
     "state": ("Episode", OpenEpisode),
     "partial-observability": ("Episode", OpenEpisode),
     "reward": ("R_MOVE", 0.2),
@@ -339,6 +347,7 @@ CHANGES = {
     "structure": ("generate", on_one_level),
     "discovered-obstacles": ("played", played_blindly),
     "sizes": ("EnvConfig", OtherConfig),
+    "cost": ("COST_RULE", "frontier-utility"),
 }
 """Check -> what it asks of the world, and another world's answer."""
 
@@ -362,6 +371,13 @@ def test_a_check_decides_its_claim(name):
     for holds, verdict in verdicts.items():
         line = {"holds": holds, "measured": "so many"}
         assert verdict_of(name, Results(checks={name: line})) == verdict
+
+
+def test_the_speed_is_judged_by_what_the_page_of_results_wants():
+    row = "|through `gymnasium.make`, uint8 codes|{}|400,000|\n"
+    assert fast(row.format("499,007")).verdict == REPRODUCED
+    assert fast(row.format("399,999")).verdict == NOT_REPRODUCED
+    assert fast("no row").verdict == NOT_YET
 
 
 def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out():
@@ -405,7 +421,7 @@ def test_an_unknown_check_is_an_error_that_names_the_others(capsys):
     with pytest.raises(SystemExit):
         checks.main(["rewards"])
     assert re.search(
-        "'rewards' is not one of 'actions', 'state', 'partial-observability',",
+        "'rewards' is not one of 'actions', 'lidar', 'state', 'partial-observability',",
         capsys.readouterr().err,
     )
 
