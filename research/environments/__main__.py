@@ -47,7 +47,7 @@ def rows_of(name: str, folder: Path, steps: int) -> tuple[str, str]:
         shown = (env if isinstance(env, str) else env["id"] for env in family["environments"])
         return "", "".join(f"| {env} | not installed: {reason[7:]} |{' |' * 6}\n" for env in shown)
     command = [python, "-m", "humanplay.cli", "doctor", "--table"]
-    asked = ["--steps", str(family.get("steps", steps)), *envs]
+    asked = ["--steps", str(family.get("steps", steps)), "--minutes", "600", *envs]
     environ = os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'app'}"} | family.get("environ", {})
     printed = subprocess.run(
         [*command, *asked], cwd=place, env=environ, stdout=subprocess.PIPE, text=True, check=False

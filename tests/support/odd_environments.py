@@ -123,3 +123,16 @@ class HeedsMakeAlone(Walk):
 
 
 gymnasium.register("Heeds-make-alone-v0", HeedsMakeAlone, max_episode_steps=30)
+
+
+class SlowReset(Walk):
+    """Takes long to begin an episode, which ends at its first move."""
+
+    def reset(self, *, seed=None, options=None):
+        time.sleep(0.1)
+        return super().reset(seed=seed)
+
+
+gymnasium.register(
+    "Slow-reset-v0", SlowReset, kwargs={"reason": "", "odd": False}, max_episode_steps=1
+)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import click
 from click import BadParameter, UsageError, argument, echo, option
@@ -12,6 +14,9 @@ from humanplay.cli.settings import task_name
 from humanplay.command.console import progress
 from humanplay.command.options import flag
 from humanplay.task import counted
+
+if TYPE_CHECKING:
+    from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 
 
 def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -25,30 +30,40 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
 COLUMNS = (
     "environment", "follows from seed and actions", "ms a step", "ms a picture", "picture", "keys", "people see", "agents see",
 )  # fmt: skip
-WORTH_SAYING_S = 60.0
-"""Seconds from which an examination's time is said before it begins."""
 MOST_KEYS = 9
 """Actions whose keys a row of the table names; of more only how many there are."""
 
 
-def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
-    """Print an environment's row of the table and return its exit code."""
+def _environment_of(env: str) -> GymnasiumEnvironment:
+    """The environment of Gymnasium that is named; ValueError for any other."""
     from humanplay.task.registration import environment_of
-    from humanplay.tasks.gymnasium.doctor import examine
     from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
+
+    environment = environment_of(task_name(env))
+    if not isinstance(environment, GymnasiumEnvironment):
+        raise ValueError(
+            f"expected an environment of Gymnasium's; {environment.about.title} is a world of its "
+            "own, whose episodes `humanplay verify` plays again"
+        )
+    return environment
+
+
+def _row(env: str, seeds: int, steps: int, rule: str | None, minutes: float) -> int:
+    """Print an environment's row of the table and return its exit code."""
+    from humanplay.tasks.gymnasium.doctor import examine
 
     shown = env
     try:
-        environment = environment_of(task_name(env))
-        if not isinstance(environment, GymnasiumEnvironment):
-            title = environment.about.title
-            raise ValueError(f"expected an id of Gymnasium's; {title} follows from seed and moves")
+        environment = _environment_of(env)
         described = environment.description
         shown = " in ".join(
             (environment.level, *(name.partition(":")[2] for name in described.wrappers))
         )
         with progress(shown) as advance:
-            examination = examine(environment.name, seeds, steps, advance, rule=rule)
+            examination = examine(
+                environment.name, seeds, steps, advance, rule=rule, limit_s=60 * minutes,
+                shortened=_echo_shortened,
+            )  # fmt: skip
     except (BadParameter, ValueError) as error:
         reason = " ".join(str(error).replace("|", "/").split())
         echo(f"| {shown} | cannot be played: {reason} |{' |' * (len(COLUMNS) - 2)}")
@@ -77,6 +92,10 @@ def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
     "--steps", type=click.IntRange(1, 1_000_000), default=2000,
     help="Moves for each seed; where an episode ends, another begins.",
 )  # fmt: skip
+@option(
+    "--minutes", type=click.FloatRange(0.1, 1440), default=2.0, show_default=True,
+    help="From how many on fewer moves are played.",
+)  # fmt: skip
 @option("--rule", metavar="MODULE:FUNCTION", help="Chooses every third seed's actions.")
 @flag("--json", "as_json", "Print everything as JSON.")
 @flag("--table", "Print a row of Markdown for each of several ENV.")
@@ -89,6 +108,7 @@ def doctor(
     envs: tuple[str, ...],
     seeds: int,
     steps: int,
+    minutes: float,
     rule: str | None,
     as_json: bool,
     table: bool,
@@ -113,18 +133,19 @@ def doctor(
 
     if table:
         echo(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|")
-        return max([_row(env, seeds, steps, rule) for env in envs])
+        return max([_row(env, seeds, steps, rule, minutes) for env in envs])
     if len(envs) > 1:
         raise UsageError(f"expected one ENV, got {len(envs)}; --table takes several")
-    task = task_name(envs[0])
-    if not task.startswith("gymnasium:"):
-        raise UsageError(f"expected an id of Gymnasium's; {task} follows from seed and moves")
     try:
+        environment = _environment_of(envs[0])
         if toml:
-            echo(_description_file(task), nl=False)
+            echo(_description_file(environment), nl=False)
             return 0
         with progress("playing in fresh processes") as advance:
-            examination = examine(task, seeds, steps, advance, rule=rule, estimated=_echo_estimate)
+            examination = examine(
+                environment.name, seeds, steps, advance, rule=rule, limit_s=60 * minutes,
+                shortened=_echo_shortened,
+            )  # fmt: skip
     except ValueError as error:
         raise UsageError(str(error)) from error
     if as_json:
@@ -150,27 +171,31 @@ def doctor(
     return int(bool(examination.differences))
 
 
-def _echo_estimate(seconds: float) -> None:
-    """Say how long it will take, if that is worth saying."""
-    if seconds > WORTH_SAYING_S:
-        echo(
-            f"this takes about {counted(round(seconds / 60), 'minute')}; fewer --steps take less",
-            err=True,
-        )
+def _echo_shortened(seconds: float, steps: int) -> None:
+    """Say how long the whole would take, and what is played instead."""
+    minutes = math.ceil(seconds / 60)
+    echo(
+        f"this would take up to {counted(minutes, 'minute')}: {counted(steps, 'move')} for each "
+        f"seed are played; --minutes {minutes} plays all",
+        err=True,
+    )
 
 
-def _description_file(task: str) -> str:
+def _description_file(environment: GymnasiumEnvironment) -> str:
     """All that is known of an environment as a TOML file.
 
-    What the description leaves open is derived.
-
-    Raises:
-        ValueError: If there is no such environment.
+    What the description leaves open is derived, or proposed.
     """
     from humanplay.tasks.gymnasium.description import Description
+    from humanplay.tasks.gymnasium.doctor import proposals
     from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 
-    environment = GymnasiumEnvironment(task.partition(":")[2])
+    description = environment.description
+    if proposed := proposals(environment.name):
+        description = Description.model_validate(
+            description.model_dump(exclude_unset=True) | proposed
+        )
+        environment = GymnasiumEnvironment(description.told)
     fields = environment.description.model_dump(mode="json") | {
         "title": environment.about.title,
         "actions": environment.actions,
@@ -181,7 +206,8 @@ def _description_file(task: str) -> str:
     for name, field in Description.model_fields.items():
         is_said = fields[name] not in ({}, [None, None])
         line = f"{name} = {_toml(fields[name])}" if is_said else f"# {name} ="
-        lines.append(f"{line}  # {field.description}\n")
+        note = "proposed: " if name in proposed else ""
+        lines.append(f"{line}  # {note}{field.description}\n")
     return "".join(lines)
 
 

@@ -2,11 +2,12 @@
 
 import json
 import re
+import tomllib
 
 import pytest
 
-from humanplay.cli import doctor as doctor_command
-from humanplay.tasks.gymnasium.description import Description
+from humanplay.task.registration import environment_of
+from humanplay.tasks.gymnasium.description import Description, read_description
 from humanplay.tasks.gymnasium.doctor import examine
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
@@ -68,15 +69,54 @@ def test_the_likely_cause_is_the_one_that_further_runs_mend():
     )
 
 
-def test_what_heeds_the_seed_of_make_alone_is_told_what_to_write(capsys, monkeypatch):
-    monkeypatch.setattr(doctor_command, "WORTH_SAYING_S", 0.0)
+def test_what_heeds_the_seed_of_make_alone_is_told_what_to_write(capsys):
     env = f"{ODD}:Heeds-make-alone-v0"
-    code, said, why = command(capsys, "doctor", env, "--seeds", 2, "--steps", 30)
+    code, said, _ = command(capsys, "doctor", env, "--seeds", 2, "--steps", 30)
     assert code == 1
     assert 'write `seeding = "kwarg"` into its file' in said.splitlines()[0]
-    assert re.search(r"this takes about \d+ minutes?; fewer --steps take less", why)
     told = Description(id=env, seeding="kwarg").told
     assert examine(f"gymnasium:{told}", seeds=1, steps=30).differences == ()
+
+
+def test_what_would_take_longer_than_it_may_is_shortened_and_says_so(capsys):
+    """Each of 2,000 moves begins an episode, which takes 0.1 s, seven times at least."""
+    env = f"{ODD}:Slow-reset-v0"
+    code, printed, shortened = command(capsys, "doctor", env, "--seeds", 1, "--minutes", 0.1)
+    minutes, steps = re.search(
+        r"would take up to (\d+) minutes: (\d+) moves for each seed are played; --minutes \1 plays",
+        shortened,
+    ).groups()
+    assert int(minutes) >= 15
+    assert 20 <= int(steps) < 200
+    assert (code, f"no difference in {steps} steps" in printed) == (0, True)
+
+
+def test_what_is_no_environment_of_gymnasium_is_refused_by_its_name(capsys):
+    code, printed, refusal = command(capsys, "doctor", "mars")
+    assert (code, printed) == (2, "")
+    assert "expected an environment of Gymnasium's; MarsExplorer is a world of its own" in refusal
+
+
+@pytest.mark.parametrize(
+    ("env", "actions", "words"),
+    [
+        ("tests.support.four_ways:Field", ["down", "left", "right", "up"], "Bring the square"),
+        ("tests.support.four_ways:Letters", ["up", "1", "down"], "Move the letter"),
+        ("tests.support.own_environment:Line", ["left", "right"], "A marker on a line"),
+    ],
+)
+def test_a_file_proposes_arrows_for_what_moves_a_marker(capsys, tmp_path, env, actions, words):
+    code, printed, _ = command(capsys, "doctor", env, "--toml")
+    fields = tomllib.loads(printed)
+    assert (code, fields["actions"]) == (0, actions)
+    moved = {f"Arrow{name.capitalize()}": name for name in actions if name.isalpha()}
+    assert moved.items() <= fields["keys"].items()
+    assert fields["instructions"].startswith(words)
+    proposed = {line.split(" = ")[0] for line in printed.splitlines() if "# proposed: " in line}
+    assert {"actions", "instructions", "agents_see"} == proposed
+    path = tmp_path / "env.toml"
+    path.write_text(printed)
+    assert environment_of(f"gymnasium:{read_description(path).told}").actions == tuple(actions)
 
 
 @pytest.mark.long

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import os
 import random
 import statistics
@@ -28,6 +29,7 @@ from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.codes import ActionCodes, Mask
 from humanplay.tasks.gymnasium.description import Description, described
 from humanplay.tasks.gymnasium.pictures import pixels_of
+from humanplay.tasks.gymnasium.proposals import Proposals, proposals_of
 from humanplay.tasks.gymnasium.values import bytes_of, finite, reward_of
 from humanplay.tasks.policies import Choose, chooser
 from humanplay.tasks.processes import variables as fixed_variables
@@ -48,6 +50,8 @@ CAUSES: Mapping[str, str] = {
 """Variant -> the usual causes of a difference from the first run, in the order in which a difference is blamed on one."""
 GLOBALS = "seeded globals"
 """The variant that tells causes apart: random numbers of Python and numpy are seeded before each episode."""
+PROPOSALS = "proposals"
+"""The request for what its file may say; nothing is compared."""
 TOLERATED = "used environment"
 """The variant that does not count: the playground makes a fresh environment for each episode."""
 ENVIRON = {"TZ": "AAA0"}
@@ -58,7 +62,7 @@ RUNS: Mapping[str, Sequence[Mapping[str, str]]] = {name: [{}] for name in CAUSES
 }
 """Variant -> the variables of each of its runs."""
 PROBED = 20
-"""Moves after which the time of the whole examination is estimated."""
+"""Moves after which the time of the whole examination is estimated; each seed has at least so many."""
 STICKY = 0.75
 TIMEOUT_S = 1800.0
 
@@ -128,7 +132,8 @@ def examine(
     *,
     config: Mapping[str, Any] | None = None,
     rule: str | None = None,
-    estimated: Callable[[float], object] | None = None,
+    limit_s: float | None = None,
+    shortened: Callable[[float, int], object] = lambda seconds, steps: None,
 ) -> Examination:
     """Play the same episodes in ten processes and compare hashes; ValueError for what cannot be made, played or drawn.
 
@@ -136,7 +141,8 @@ def examine(
     progress  called with (processes done, of how many)
     config    what `GymnasiumEnvironment.configuration` takes
     rule      module:function, which returns an action for an observation; uniform and sticky actions take turns with it
-    estimated  called after `PROBED` moves with the seconds that the whole takes
+    limit_s   seconds from which fewer moves are played, `PROBED` for each seed at least
+    shortened  called then with the seconds that the whole would take, and the moves for each seed
     """
     environment = environment_of(task)
     settings = environment.configuration(config or {}).to_dict()
@@ -145,9 +151,15 @@ def examine(
     total, workers = len(runs) + 1, max(1, min(4, os.cpu_count() or 1))
     request = {"task": task, "config": settings, "seeds": seeds, "rule": rule, "steps": steps}
     with tempfile.TemporaryDirectory() as here, tempfile.TemporaryDirectory() as there:
-        if estimated and seeds * steps > PROBED:
-            step_s = _seconds_of_a_step({**request, "variant": "first"}, here)
-            estimated(step_s * seeds * steps * (1 + (total - 1) / workers))
+        if limit_s is not None and steps > PROBED:
+            # the first run, the others side by side, and those that look for a cause
+            turns = 1 + math.ceil((total - 1) / workers) + 4 / min(2, workers)
+            fixed_s, step_s = _probed({**request, "variant": "first"}, here)
+            whole_s = turns * (fixed_s + step_s * steps)
+            if whole_s > limit_s:
+                steps = min(steps, max(PROBED, int((limit_s / turns - fixed_s) / step_s)))
+                request["steps"] = steps
+                shortened(whole_s, steps)
         first = _play({**request, "variant": "first"}, here, {})
         advance(1, total)
 
@@ -179,12 +191,20 @@ def examine(
     )  # fmt: skip
 
 
-def _seconds_of_a_step(request: Mapping[str, object], folder: str) -> float:
-    """Seconds of processor that a move and its picture take, over `PROBED` moves."""
+def _probed(request: Mapping[str, Any], folder: str) -> tuple[float, float]:
+    """Seconds of a run beside its moves, and of one move of every seed.
+
+    They are measured over `PROBED` moves. A move has its share of the beginnings of episodes, as many as ended by themselves.
+    """
+    began = time.perf_counter()
     episodes = _play({**request, "seeds": 1, "steps": PROBED}, folder, {})
-    costs = [episode["costs"] for episode in episodes]
-    times_ms: list[float] = [ms for of in costs for ms in (*of["step"], *of["picture"])]
-    return sum(times_ms) / 1000 / PROBED
+    whole_s = time.perf_counter() - began
+    begin_s = statistics.median(episode["seconds"][0] for episode in episodes)
+    moves_s = sum(episode["seconds"][1] for episode in episodes)
+    ended = sum(episode["ended"] for episode in episodes)
+    start_s = whole_s - moves_s - len(episodes) * begin_s
+    step_s = (moves_s + ended * begin_s) / PROBED
+    return start_s + request["seeds"] * begin_s, request["seeds"] * step_s
 
 
 def _cause_of(difference: Difference, request: Mapping[str, object], folder: str) -> str:
@@ -193,7 +213,9 @@ def _cause_of(difference: Difference, request: Mapping[str, object], folder: str
 
     def is_mended(**changes: object) -> bool:
         try:
-            one, two = (_play({**brief, **changes}, folder, {}) for _ in range(2))
+            with ThreadPoolExecutor(min(2, os.cpu_count() or 1)) as threads:
+                asked = {**brief, **changes}
+                one, two = threads.map(lambda _: _play(asked, folder, {}), range(2))
         except ValueError:  # it takes no such argument
             return False
         return _difference("fresh process", one, two) is None
@@ -253,6 +275,13 @@ def _difference(
     return None
 
 
+def proposals(task: str) -> Proposals:
+    """What its file may say of an environment where it says nothing yet."""
+    with tempfile.TemporaryDirectory() as folder:
+        (fields,) = _play({"task": task, "variant": PROPOSALS}, folder, {})
+        return fields
+
+
 MARK = "doctor: "
 """Begins the lines of the child; an environment may print others."""
 
@@ -260,7 +289,10 @@ MARK = "doctor: "
 def _child(request: Mapping[str, Any]) -> None:
     """Play a request's seeds and print each episode."""
     environment, variant = environment_of(request["task"]), request["variant"]
-    config = environment.configuration(request["config"])
+    config = environment.configuration(request.get("config", {}))
+    if variant == PROPOSALS:
+        print(MARK + json.dumps(proposals_of(config.description, config.make)), flush=True)
+        return
     described = config.description
     make, seeds = config.make, list(range(request["seeds"]))
     used = make(0) if variant == TOLERATED else None
@@ -277,6 +309,7 @@ def _child(request: Mapping[str, Any]) -> None:
         left, episode = request["steps"], 0
         while episode == 0 or left > 0:
             begun = 10_000 * seed + episode
+            began = time.perf_counter()
             env = used or make(begun)
             codes = ActionCodes(config.level, env.action_space)
             choose = _chooser(choosers[seed % len(choosers)], begun, codes)
@@ -287,6 +320,8 @@ def _child(request: Mapping[str, Any]) -> None:
             played = _episode(env, codes, begun, choose, left, renders, described)
             if used is None:
                 env.close()
+            moves_s = played.pop("moves_s")
+            played["seconds"] = time.perf_counter() - began - moves_s, moves_s
             print(MARK + json.dumps({"seed": seed, "episode": episode, **played}), flush=True)
             left, episode = left - max(1, len(played["hashes"]) - 1), episode + 1
 
@@ -322,7 +357,7 @@ def _episode(
     hashes: list[list[str | None]] = []
     shape: Sequence[int] = ()
     (observation, info), action = described.begin(env, seed), -1
-    reward, ends = 0.0, (False, False)
+    reward, ends, began = 0.0, (False, False), time.perf_counter()
     while True:
         picture = None
         if renders:
@@ -347,7 +382,13 @@ def _episode(
         allowed = "" if mask is None else _digest(bytes_of(mask))
         hashes.append([str(action), seen, paid, end, allowed, picture])
         if ended:
-            return {"hashes": hashes, "costs": costs, "picture": shape}
+            return {
+                "hashes": hashes,
+                "costs": costs,
+                "picture": shape,
+                "ended": any(ends),
+                "moves_s": time.perf_counter() - began,
+            }
         action = choose(observation, np.ones(codes.count, bool) if mask is None else mask)
         begun = time.process_time()
         observation, reward, terminated, truncated, info = env.step(codes.own(action))
