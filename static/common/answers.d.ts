@@ -535,6 +535,10 @@ declare namespace Answers {
     stage: "consent" | "instructions" | "tutorial" | "questions" | "warm_up" | "ranked" | "debrief" | "complete" | "withdrawn",
     consent: Consent,
     questions: Question[],
+    /** what stands below them, paragraphs split by blank lines */
+    instructions: string,
+    /** what stands beside the board; empty without one */
+    hint: string,
     /** at the questions; null: as many as are wanted */
     tries_left: number | null,
     /** any or computer: with which people may take part */

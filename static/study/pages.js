@@ -78,6 +78,7 @@ export function paintPages(before) {
     if (participant) {
       put(by("title"), participant.title);
       paintRules(participant);
+      by("further-instructions").replaceChildren(...paragraphs(participant.instructions.split(/\n\s*\n/).filter(Boolean)));
       put(by("progress"), words.progress(participant, screen === "play" && !state.game.player?.frame.outcome));
       by("progress-bar").style.width = `${(100 * words.share(participant)).toFixed(1)}%`;
       document.title = `${participant.title} \u00b7 ${words.progress(participant, false)}`;

@@ -9,7 +9,7 @@ import { state } from "./store.js";
 import * as words from "./words.js";
 
 /** @param {Frame} frame @param {Study.Participant} participant @param {(action: Action) => string} keyOf */
-function paintNumbers(frame, { phase, rules, task }, keyOf) {
+function paintNumbers(frame, { phase, rules, task, hint }, keyOf) {
   const { value, unit } = task.headline(frame);
   put(by("moves"), lengthOf(task, frame.step));
   put(by("moves-name"), task.clock ? "Seconds" : "Moves");
@@ -18,6 +18,8 @@ function paintNumbers(frame, { phase, rules, task }, keyOf) {
   put(by("unit"), ` ${unit.split(" ")[0]}`);
   put(by("headline-name"), task.chart.title);
   put(by("outcome"), task.status(frame.outcome));
+  by("hint").hidden = hint === "";
+  put(by("hint"), hint);
   by("score-row").hidden = frame.score === null;
   put(by("score"), score(frame.score));
   by("hidden-score").hidden = frame.score !== null;

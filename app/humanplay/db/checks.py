@@ -34,7 +34,7 @@ from humanplay.db.database import StoreError, reading, rows, writing
 from humanplay.db.reader import now_ms
 from humanplay.db.resimulation import Finding, simulate
 from humanplay.db.rows import EndedEpisode, EventRow, MoveRow, PlacedEpisode
-from humanplay.db.study_rows import ORDER_EVENT, SeriesRow
+from humanplay.db.study_rows import SeriesRow
 from humanplay.task import Allowed
 
 _MAY_HAVE_ENTRY: dict[Kind, str] = {**OWNERS, "session": "SELECT id FROM sessions"}
@@ -72,15 +72,19 @@ def attempts_at(conn: sqlite3.Connection, day: str) -> list[PlacedEpisode]:
     return rows(conn, f"{_PLACED} WHERE x.series = ? ORDER BY e.id", day)
 
 
-def order_events(conn: sqlite3.Connection, participant: str) -> tuple[str, list[str]]:
-    """A participant's kind, and the events that fix their order of terrains.
-
-    Returns:
-        The kind, and the details (JSON) of the events: one at most, unless something is wrong.
-    """
+def kind_of(conn: sqlite3.Connection, participant: str) -> str:
+    """A participant's kind: human or script."""
     (kind,) = conn.execute("SELECT kind FROM participants WHERE id = ?", [participant]).fetchone()
+    return str(kind)
+
+
+def drawing_events(conn: sqlite3.Connection, participant: str, kind: str) -> list[str]:
+    """The details (JSON) of a participant's ORDER_EVENT or ARM_EVENT.
+
+    There is one at most, unless something is wrong.
+    """
     sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = ?"
-    return kind, [row[0] for row in conn.execute(sql, (participant, ORDER_EVENT))]
+    return [row[0] for row in conn.execute(sql, (participant, kind))]
 
 
 def stages_of(conn: sqlite3.Connection, participant: str) -> set[str]:

@@ -34,7 +34,7 @@ from humanplay.db.database import (
 from humanplay.db.file import DatabaseLock, log_path, note_commit
 from humanplay.db.releases import mark_outdated_releases
 from humanplay.db.rows import AskedBy, ErasedPerson
-from humanplay.db.study_rows import Participant, SeriesRow, participant_label
+from humanplay.db.study_rows import ARM_EVENT, Participant, SeriesRow, participant_label
 from humanplay.task import counted
 
 FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
@@ -446,6 +446,9 @@ def note_erased(
     sql = """SELECT count(*), count(e.ended_ms) FROM series_episodes s JOIN episodes e ON e.id = s.episode_id
         WHERE s.participant_id = ? AND s.phase = 'ranked'"""
     begun, ended = conn.execute(sql, [person.id]).fetchone()
+    assigned = """SELECT json_extract(detail, '$.arm'), json_extract(detail, '$.number') FROM stage_events
+        WHERE participant_id = ? AND kind = ?"""
+    arm, number = conn.execute(assigned, (person.id, ARM_EVENT)).fetchone() or (None, None)
     tombstone: ErasedPerson = {
         "at_ms": at_ms,
         "stage": person.stage,
@@ -454,6 +457,8 @@ def note_erased(
         "ranked_ended": ended,
         "completed": person.completed_ms is not None,
         "asked_by": asked_by,
+        "arm": arm,
+        "arm_number": number if person.kind == "human" else None,
     }
     name = f"{ERASED}|{person.study}|{person_hashes(person)[0]}"
     conn.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", (name, json.dumps(tombstone)))

@@ -157,6 +157,7 @@ class ErasedPerson(TypedDict):
         ranked_begun, ranked_ended: Numbers of ranked episodes.
         completed: Whether they had ended the study.
         asked_by: Who asked for it, if that was said.
+        arm, arm_number: To which they were assigned, as the how manieth person; None if to none.
     """
 
     at_ms: int
@@ -166,6 +167,8 @@ class ErasedPerson(TypedDict):
     ranked_ended: int
     completed: bool
     asked_by: AskedBy | None
+    arm: str | None
+    arm_number: int | None
 
 
 class NotedArrivals(TypedDict, total=False):

@@ -10,8 +10,8 @@ from __future__ import annotations
 import json
 import secrets
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from typing import NamedTuple
 
 from humanplay.db import chain
@@ -30,6 +30,7 @@ from humanplay.db.rows import (
 )
 from humanplay.db.store import Store
 from humanplay.db.study_rows import (
+    ARM_EVENT,
     BLOCK_EVENT,
     ORDER_EVENT,
     AnswerRow,
@@ -49,8 +50,10 @@ _TRIALS = f"SELECT {STUDY_TRIAL} {STUDY_JOINED} WHERE x.participant_id = ? ORDER
 _ADD_EVENT = """INSERT INTO stage_events SELECT ?1, coalesce(max(number) + 1, 0), ?2, ?3, ?4
     FROM stage_events WHERE participant_id = ?1"""
 _ORDER_NUMBER = f"SELECT json_extract(detail, '$.number') FROM stage_events WHERE participant_id = ? AND kind = '{ORDER_EVENT}'"
-_NEXT_ORDER_NUMBER = f"""SELECT coalesce(max(json_extract(v.detail, '$.number')) + 1, 0) FROM stage_events v
-    JOIN participants p ON p.id = v.participant_id WHERE p.study = ? AND p.kind = ? AND v.kind = '{ORDER_EVENT}'"""
+_ARM = f"SELECT json_extract(a.detail, '$.arm') FROM stage_events a WHERE a.participant_id = {{}} AND a.kind = '{ARM_EVENT}'"
+_NEXT_NUMBER = """SELECT coalesce(max(json_extract(v.detail, '$.number')) + 1, 0) FROM stage_events v
+    JOIN participants p ON p.id = v.participant_id WHERE p.study = ? AND p.kind = ? AND v.kind = ?"""
+_NEXT_ORDER_NUMBER = f"{_NEXT_NUMBER} AND ({_ARM.format('p.id')}) IS ?"
 _IS_OPEN = (
     "SELECT 1 FROM series WHERE (name, protocol_hash, commitment) = (?, ?, ?) AND closed_ms IS NULL"
 )
@@ -308,17 +311,48 @@ class StudyStore:
             sql = "INSERT INTO series_episodes SELECT ?, study, id, NULL, ?, ?, ? FROM participants WHERE id = ?"
             self._conn.execute(sql, (episode_id, phase, trial, terrain, participant_id))
 
-    def order_number(self, participant: Participant, at_ms: int) -> int:
-        """Return the place (from 0) among those of a kind who begin ranked terrains; it is fixed when first asked for.
+    def transaction(self) -> AbstractContextManager[None]:
+        """Commit what the block writes as a whole or not at all."""
+        return self._store.transaction()
 
-        It is kept as a stage event, so it outlives a restart, and no two participants of one database get the same.
+    def arm(self, participant_id: str) -> str | None:
+        """The name of the arm that a participant is assigned to; None before."""
+        row = self._conn.execute(_ARM.format("?"), [participant_id]).fetchone()
+        return None if row is None else str(row[0])
+
+    def assign_arm(self, participant: Participant, at_ms: int, draw: Callable[[int], str]) -> None:
+        """Assign a participant to the arm that follows from their number; once for ever.
+
+        The erased keep their numbers: nobody takes the place of somebody who was assigned.
+
+        Args:
+            draw: Gives the arm of a number (from 0) among those of their kind.
+        """
+        with self._store.transaction():
+            if self.arm(participant.id) is not None:
+                return
+            group = (participant.study, participant.kind, ARM_EVENT)
+            (number,) = self._conn.execute(_NEXT_NUMBER, group).fetchone()
+            if participant.kind == "human":
+                erased = erased_people(self._store, participant.study)
+                gone = (person["arm_number"] for person in erased)
+                number = max([number, *(n + 1 for n in gone if n is not None)])
+            detail = {"number": number, "arm": draw(number)}
+            self.add_stage_event(participant.id, at_ms, ARM_EVENT, detail)
+
+    def order_number(self, participant: Participant, at_ms: int) -> int:
+        """The place (from 0) among those of a kind and arm who begin ranked terrains.
+
+        It is fixed when first asked for and kept as a stage event, so it outlives a restart, and no two participants of
+        one database get the same.
         """
         with self._store.transaction():
             known = self._conn.execute(_ORDER_NUMBER, [participant.id]).fetchone()
             if known is not None:
                 return int(known[0])
-            kind = (participant.study, participant.kind)
-            (number,) = self._conn.execute(_NEXT_ORDER_NUMBER, kind).fetchone()
+            arm = self.arm(participant.id)
+            group = (participant.study, participant.kind, ORDER_EVENT, arm)
+            (number,) = self._conn.execute(_NEXT_ORDER_NUMBER, group).fetchone()
             self.add_stage_event(participant.id, at_ms, ORDER_EVENT, {"number": number})
         return int(number)
 

@@ -16,6 +16,8 @@ Stage = Literal[
 SeriesKind = Literal["study", "daily"]
 BLOCK_EVENT = "block"
 """Kind of the stage event of a block that was answered or skipped: its `block`, its `turn`, and whether it was `skipped`."""
+ARM_EVENT = "arm"
+"""Kind of the stage event of an assignment: the `arm`, and the `number` that it follows from."""
 ORDER_EVENT = "order"
 """Kind of the stage event whose detail holds the `number` that fixes a participant's order of the
 ranked terrains."""

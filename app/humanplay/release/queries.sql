@@ -12,6 +12,7 @@ SELECT
   p.invitation IS NOT NULL AS invited,
   p.supervised_ms IS NOT NULL AS supervised,
   p.consent_version,
+  (SELECT json_extract(v.detail, '$.arm') FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'arm') AS arm,
   p.stage,
   p.joined_ms,
   p.completed_ms,

@@ -109,6 +109,8 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
     return {
         "result": _result(group),
         "statuses": _statuses(group),
+        "attrition": _attrition(group),
+        "by_arm": _by_arm(group),
         "against": _against(report, group) if compared else None,
         "exclusion_sets": _exclusion_sets(group),
         "attestation": _attestation(group),
@@ -307,6 +309,42 @@ def _statuses(group: GroupReport) -> PageTable | None:
     )
     caption = "Everybody who came: where they are, and how their ranked instances enter the estimate for everybody"
     return PageTable(caption, heads, rows) if rows else None
+
+
+def _attrition(group: GroupReport) -> PageTable | None:
+    """Where the people of each arm are; None without arms."""
+    rows = [
+        (
+            row.arm,
+            str(row.assigned),
+            str(row.began),
+            str(row.ended),
+            str(row.per_protocol.players),
+            ", ".join(
+                f"{STATUS_IN_WORDS[Status(name)]} {n}"
+                for name, n in row.statuses.items()
+                if name != Status.FINISHED
+            )
+            or "0",
+        )
+        for row in group.arms
+    ]
+    heads = "arm", "assigned", "began", "ended all", "per protocol", "the others"
+    caption = "Attrition by arm: nobody is assigned anew, and nobody is replaced"
+    return PageTable(caption, heads, rows) if rows else None
+
+
+def _by_arm(group: GroupReport) -> PageTable | None:
+    """Both estimates of each arm; None without arms, and where nobody began."""
+    if not any(row.everybody.players for row in group.arms):
+        return None
+    rows = [
+        (row.arm, *_estimates(figure))
+        for row in group.arms
+        for figure in (row.per_protocol, row.everybody)
+    ]
+    heads = "arm", "estimate", "players", "score", group.words.steps, group.words.reached
+    return PageTable("Means over the players of each arm, with 95 % intervals", heads, rows)
 
 
 def _exclusion_sets(group: GroupReport) -> PageTable:

@@ -52,12 +52,13 @@ def due_blocks(
     if place is None:
         return []
     position, turn = place
-    done = study_store.blocks_done(participant.id)
+    done, arm = study_store.blocks_done(participant.id), study_store.arm(participant.id)
     return [
         DueBlock(block, turn)
         for block in blocks
         if block.at == position
         and (block.name, turn) not in done
+        and (not block.arms or arm in block.arms)
         and (
             block.shown_if is None
             or study_store.has_answered(

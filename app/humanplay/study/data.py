@@ -32,6 +32,7 @@ from humanplay.db.series import (
     study_names,
     study_trials,
 )
+from humanplay.db.study_rows import ARM_EVENT
 from humanplay.db.trial import ParticipantKind, Trial
 from humanplay.study.active_time import active_ms, pause_share
 from humanplay.study.answer_counts import AnswerCounts, known_counts
@@ -54,6 +55,7 @@ class Person:
     events        stage events in order
     invitation    whether an invitation brought them
     supervised    whether the operator's code was typed at least once
+    arm           to which they are assigned; None before, and in a study without arms
     minutes       from consent to the end of the last ranked episode; None before
     repeated      signs that they take part more than once, in words (`humanplay.study.flow`); none is no proof
     """
@@ -69,6 +71,7 @@ class Person:
     events: tuple[StageEvent, ...] = field(default=(), repr=False)
     invitation: bool = False
     supervised: bool = False
+    arm: str | None = None
     minutes: float | None = None
     repeated: tuple[str, ...] = ()
 
@@ -243,6 +246,10 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
             events=tuple(events[row.id]),
             invitation=row.invitation is not None,
             supervised=row.supervised_ms is not None,
+            arm=next(
+                (str(event.detail["arm"]) for event in events[row.id] if event.kind == ARM_EVENT),
+                None,
+            ),
             minutes=None
             if row.completed_ms is None or row.consent_ms is None
             else (row.completed_ms - row.consent_ms) / 60_000,

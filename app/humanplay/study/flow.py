@@ -149,6 +149,7 @@ class Arrivals:
     erased_after_closing  of them, when the estimates were known
     erased_began      of the erased, those who had begun a ranked episode
     erased_finishers  of these, those who had ended all ranked episodes
+    erased_by_arm     the erased by the arm to which they had been assigned
     erased_asked_by   the erased by who asked for it, where that was said
     issued     invitations; None where the study has none or its folder is not at hand, and so for the next two
     revoked    of them, before anybody agreed with one
@@ -165,6 +166,7 @@ class Arrivals:
     erased_after_closing: int = 0
     erased_began: int = 0
     erased_finishers: int = 0
+    erased_by_arm: dict[str, int] = field(default_factory=dict)
     erased_asked_by: dict[str, int] = field(default_factory=dict)
     issued: int | None = None
     revoked: int | None = None
@@ -219,6 +221,7 @@ def arrivals_of(
     erased: Sequence[ErasedPerson],
 ) -> Arrivals:
     """Count people as the database knows them; `erased` of `humanplay.db.series.erased_people`."""
+    arms = Counter(person["arm"] for person in erased if person["arm"] is not None)
     asked = Counter(person["asked_by"] for person in erased if person["asked_by"] is not None)
     return Arrivals(
         declined,
@@ -231,6 +234,7 @@ def arrivals_of(
         erased_after_closing=sum(person["after_closing"] for person in erased),
         erased_began=sum(person["ranked_begun"] > 0 for person in erased),
         erased_finishers=sum(person["completed"] for person in erased),
+        erased_by_arm=dict(sorted(arms.items())),
         erased_asked_by=dict(sorted(asked.items())),
     )
 

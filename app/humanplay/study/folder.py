@@ -51,6 +51,7 @@ from humanplay.study.seeds import (
     SeedLabel,
     balanced_order,
     commitment,
+    drawn_arm,
     seed,
 )
 from humanplay.study.templates import fill
@@ -136,6 +137,11 @@ class Study:
     def balanced_order(self, group: str, number: int) -> list[int]:
         """Return the order of the ranked terrains for participant `number` of a group."""
         return balanced_order(self.secret, self.protocol_hash, group, number, self.protocol.ranked)
+
+    def arm(self, group: str, number: int) -> str:
+        """The name of the arm of who is `number` to be assigned in a group."""
+        arms = self.protocol.arms
+        return arms[drawn_arm(self.secret, self.protocol_hash, group, number, len(arms))].name
 
     def seeds(self) -> list[int]:
         """Return the seeds of all ranked terrains, then of all warm-up terrains."""

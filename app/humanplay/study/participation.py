@@ -10,6 +10,7 @@ from humanplay.board.sources import Sources
 from humanplay.db.rows import PlayerSettings
 from humanplay.db.series import StudyStore
 from humanplay.db.study_rows import Participant
+from humanplay.study.arms import reach_stage
 from humanplay.study.asking import due_blocks
 from humanplay.study.flow import STOPPED
 from humanplay.study.folder import Folder, Study, StudyError
@@ -74,7 +75,8 @@ class StudyParticipation:
 
         A warm-up that does not pass the practice begins again, or ends the study for them.
         """
-        protocol = self._study().protocol
+        study = self._study()
+        protocol = study.protocol
         participant = self._study_store.participant(self._participant.id)
         now, trials = self._clock(), self._study_store.trials(participant.id)
         ended = Counter(trial.phase for trial in trials if trial.ended_ms is not None)
@@ -84,7 +86,7 @@ class StudyParticipation:
                 failed = Outcome.FAILED_PRACTICE
                 self._study_store.withdraw(participant, now, outcome=failed)
             elif passed is not None:
-                self._study_store.set_stage(participant.id, now, "ranked")
+                reach_stage(self._study_store, study, participant, now, "ranked")
         elif participant.stage == "ranked" and ended["ranked"] >= protocol.ranked:
             self._study_store.set_stage(participant.id, now, "debrief", completed_ms=now)
 

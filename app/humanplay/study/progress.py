@@ -22,6 +22,7 @@ from humanplay.db.rows import Phase
 from humanplay.db.series import StudyStore, add_series
 from humanplay.db.study_rows import BLOCK_EVENT, Participant, Stage, is_same_study
 from humanplay.db.trial import Trial
+from humanplay.study.arms import arm_of, reach_stage
 from humanplay.study.asking import DueBlock, break_due, due_blocks, skip, store_answers
 from humanplay.study.closing import give_up_left, left_open, note_closed
 from humanplay.study.flow import ENDING_EVENTS, missed_checks, outcome_of
@@ -30,10 +31,10 @@ from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import Ending, ending, read_texts
 from humanplay.study.participation import CLOSED_MESSAGE, Participations, StageError
 from humanplay.study.places import is_full
-from humanplay.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from humanplay.study.protocol import Arm, DraftStudyError, StudyError, UnknownStudyError
 from humanplay.study.questions import Sent
 from humanplay.study.recruitment import Arrival, Recruitment, supervise
-from humanplay.study.seeds import TUTORIAL_SEED
+from humanplay.study.seeds import TUTORIAL_SEED, order_group
 from humanplay.task import counted, on_threads
 
 __all__ = ["NotJoinedError", "ParticipantProgress", "StageError"]
@@ -230,7 +231,7 @@ class ParticipantProgress:
             agreed: dict[str, str | int] = {"consent_version": version, "consent_ms": now}
             if study.protocol.platform == "code":
                 agreed["completion_code"] = self._sources.completion_code()
-            self.study_store.set_stage(participant.id, now, "instructions", **agreed)
+            self._reach(study, participant, "instructions", **agreed)
 
     def advance(self, name: str, player_id: str | None, stage: str) -> None:
         """Go on from instructions, tutorial or debrief."""
@@ -242,10 +243,11 @@ class ParticipantProgress:
             at = f"you are at {_describe(participant.stage)}, not at {_describe(stage)}"
             raise StageError(f"{at}; nothing has changed")
         trials = self.study_store.trials(participant.id)
-        self._check_asked(self.study(name), participant, trials)
+        study = self.study(name)
+        self._check_asked(study, participant, trials)
         if stage == "tutorial" and not any(trial.ended_ms for trial in trials):
             raise StageError("play the tutorial to its end first, or give it up")
-        self.study_store.set_stage(participant.id, self._now(), _AFTER[stage])
+        self._reach(study, participant, _AFTER[stage])
 
     def answer(self, name: str, player_id: str | None, answers: Sequence[int]) -> list[bool]:
         """Return which answers were right; all of them: on to the warm-up."""
@@ -266,7 +268,7 @@ class ParticipantProgress:
             )
             if all(right):
                 stage: Stage = _WARM_UP if study.protocol.warm_up else "ranked"
-                self.study_store.set_stage(participant.id, self._now(), stage)
+                self._reach(study, participant, stage)
             elif self.tries_left(study, participant) == 0:
                 failed = Outcome.FAILED_QUESTIONS
                 self.study_store.withdraw(participant, self._now(), outcome=failed)
@@ -305,6 +307,10 @@ class ParticipantProgress:
     ) -> list[DueBlock]:
         """Return the blocks of questions that come before anything else, in order."""
         return due_blocks(self.study_store, study, participant, trials)
+
+    def arm(self, study: Study, participant: Participant) -> Arm | None:
+        """The arm of a participant; None before they are assigned, and without arms."""
+        return arm_of(self.study_store, study, participant)
 
     def tries_left(self, study: Study, participant: Participant) -> int | None:
         """How often a participant may still answer the questions; None where that has no limit."""
@@ -468,6 +474,11 @@ class ParticipantProgress:
         if is_asked and is_full(self.lobby.store, study, now):
             self.study_store.withdraw(participant, now, outcome=Outcome.OVER_QUOTA)
 
+    def _reach(
+        self, study: Study, participant: Participant, stage: Stage, **columns: str | int
+    ) -> None:
+        reach_stage(self.study_store, study, participant, self._now(), stage, **columns)
+
     def _add(self, study: Study, new: Participant, kept: Mapping[str, str]) -> None:
         """Add a participant, with what is known of their outside id if they are a person."""
         id_is = self.recruitment.repeats_outside_id(study, kept) if new.kind == "human" else None
@@ -509,7 +520,8 @@ class ParticipantProgress:
         if phase == "warm_up":
             return trial, study.seed("warm-up", trial)
         number = self.study_store.order_number(participant, self._now())
-        terrain = study.balanced_order(participant.kind, number)[trial]
+        group = order_group(participant.kind, self.study_store.arm(participant.id))
+        terrain = study.balanced_order(group, number)[trial]
         return terrain, study.seed("ranked", terrain)
 
     def _now(self) -> int:

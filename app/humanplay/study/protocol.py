@@ -49,6 +49,9 @@ from marsexplorer.intervals import FEWEST
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
 
+ARM = "[a-z][a-z0-9_]{0,39}"
+"""What an arm may be called."""
+
 Rule = Literal[
     "completed",
     "all_ranked_driver_human",
@@ -268,6 +271,21 @@ class Payment(Part):
         return outcome is not self.screen_out and not by_time
 
 
+class Arm(Part):
+    """A condition, and what only the people who are assigned to it read.
+
+    Blocks of questions name the arms that are asked them.
+
+    name          that no participant reads
+    instructions  paragraphs below the instructions, split by blank lines; empty: none
+    hint          what stands beside the board in each episode; empty: nothing
+    """
+
+    name: str = Field(pattern=ARM)
+    instructions: str = Field(default="", max_length=5_000)
+    hint: str = Field(default="", max_length=500)
+
+
 class Protocol(Part):
     """A study's protocol.
 
@@ -288,6 +306,7 @@ class Protocol(Part):
     max_late             share (0..1) of its ticks that may come more than a frame late; beyond, it is labelled
     device               with which people may take part; a computer is one whose browser has a mouse or the like
     blocks               of questions about people, in the order of where they stand; a name is that of a shipped block
+    arms                 conditions to which people are assigned at random; none: everybody reads the same
     question_tries       at the questions, after which they are over; None: as many as are wanted
     attention_limit      attention checks that somebody may miss before the first ranked episode, and is screened out beyond;
                          None: nobody is
@@ -341,6 +360,7 @@ class Protocol(Part):
     blocks: Annotated[tuple[Block, ...], BeforeValidator(with_shipped)] = Field(
         default=(), max_length=20
     )
+    arms: tuple[Arm, ...] = Field(default=(), max_length=10)
     device: Literal["any", "computer"] = "any"
     question_tries: int | None = Field(default=None, ge=2, le=20)
     attention_limit: int | None = Field(default=None, ge=0)
@@ -472,6 +492,36 @@ class Protocol(Part):
             raise ValueError(
                 "a rule is most_missed_checks, but no block has an attention check: ask one, or take the rule out"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _arms_differ(self) -> Protocol:
+        names = [arm.name for arm in self.arms]
+        if len(names) == 1 or len(set(names)) < len(names):
+            raise ValueError(
+                f"arms must be none, or two or more of different names; got {', '.join(names)}"
+            )
+        for block in self.blocks:
+            if unknown := [name for name in block.arms if name not in names]:
+                raise ValueError(
+                    f"the block {block.name!r} is for the arm {unknown[0]!r}, which there is not: there are "
+                    f"{', '.join(names) or 'none'}"
+                )
+            if block.arms and attention_checks([block], *POSITIONS):
+                raise ValueError(
+                    f"the block {block.name!r} has an attention check for some arms alone, so that checks would leave out "
+                    "more of one arm: ask everybody"
+                )
+        reads: dict[object, str] = {}
+        for arm in self.arms:
+            asked_of_all = {block.name for block in self.blocks if arm.name in block.arms}
+            content = arm.instructions, arm.hint, frozenset(asked_of_all)
+            if other := reads.get(content):
+                raise ValueError(
+                    f"the arms {other!r} and {arm.name!r} differ in nothing: give one of them instructions or a hint, or "
+                    "name one in the arms of a block"
+                )
+            reads[content] = arm.name
         return self
 
     @model_validator(mode="after")

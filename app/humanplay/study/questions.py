@@ -321,6 +321,7 @@ class Block(Part):
     about     what the consent text says that it asks about, as in "your age and gender"
     intro     what stands above the questions
     shown_if  None: everybody is asked
+    arms      of the protocol whose people are asked; none: all
     """
 
     name: Name
@@ -329,6 +330,7 @@ class Block(Part):
     about: Line
     intro: str = Field(default="", max_length=1000)
     shown_if: ShownIf | None = None
+    arms: tuple[Name, ...] = Field(default=(), max_length=10)
     questions: tuple[AnyQuestion, ...] = Field(min_length=1, max_length=40)
 
 

@@ -34,7 +34,7 @@ def balanced_order(
     for an even number of terrains each also follows each other one equally often (Williams 1949, Aust. J. Sci. Res. A 2(2)).
     Rows and labels are permuted by HMAC, anew for each square and group: without the secret nobody can foresee an order.
 
-    group  "human" or "script"; scripts have squares of their own, so that they unbalance nothing
+    group  `order_group`; scripts have squares of their own, so that they unbalance nothing, and so has each arm
     """
     square, place = divmod(number, ranked)
     named = f"{protocol_hash}|square|{group}|{square}"
@@ -45,6 +45,30 @@ def balanced_order(
     # 0, 1, n-1, 2, n-2, ...
     zigzag = [(1 + i) // 2 if i % 2 else (ranked - i // 2) % ranked for i in range(ranked)]
     return [labels[(rows[place] + step) % ranked] for step in zigzag]
+
+
+IN_A_BLOCK = 2
+"""How often each arm comes in a block: in blocks of one each, who sees the others knows the last."""
+
+
+def drawn_arm(secret: bytes, protocol_hash: str, group: str, number: int, arms: int) -> int:
+    """The arm (from 0) of who is `number` (from 0) to be assigned in their group.
+
+    Arms come in permuted blocks (Zelen 1974, J. Chronic Dis. 27(7-8)): among each `arms` times IN_A_BLOCK people in turn
+    every arm comes IN_A_BLOCK times, in an order that is drawn by HMAC anew for each block.
+
+    group  "human" or "script"
+    """
+    size = arms * IN_A_BLOCK
+    block, place = divmod(number, size)
+    named = f"{protocol_hash}|arm|{group}|{block}"
+    order = sorted(range(size), key=lambda i: _hmac(secret, f"{named}|{i}"))
+    return order[place] % arms
+
+
+def order_group(kind: str, arm: str | None) -> str:
+    """The group whose Latin squares somebody's order is from: of their kind and arm."""
+    return kind if arm is None else f"{kind}|{arm}"
 
 
 def _hmac(secret: bytes, text: str) -> bytes:

@@ -84,6 +84,9 @@ def fill(protocol: Protocol) -> Protocol:
         question["why"] = _filled(f"{where}.why", question["why"], values)
         where, choices = f"{where}.choices", question["choices"]
         question["choices"] = [_filled(where, choice, values) for choice in choices]
+    for number, arm in enumerate(data["arms"]):
+        for part in ("instructions", "hint"):
+            arm[part] = _filled(f"arms[{number}].{part}", arm[part], values)
     data["blocks"] = _filled_block("blocks", data["blocks"], values)
     return parse_protocol(data)
 
@@ -156,6 +159,9 @@ def _texts(protocol: Protocol) -> Iterator[tuple[str, str]]:
         yield f"questions[{number}].why", question.why
         for choice in question.choices:
             yield f"questions[{number}].choices", choice
+    for number, arm in enumerate(protocol.arms):
+        yield f"arms[{number}].instructions", arm.instructions
+        yield f"arms[{number}].hint", arm.hint
 
 
 def _filled(where: str, text: str, values: dict[str, str]) -> str:

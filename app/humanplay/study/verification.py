@@ -29,10 +29,11 @@ from humanplay.db.checks import (
     attempts_at,
     chain_state,
     check_chain,
+    drawing_events,
     episodes_of,
     find_head,
     input_of,
-    order_events,
+    kind_of,
     participants_of,
     series,
     stages_of,
@@ -40,9 +41,10 @@ from humanplay.db.checks import (
 from humanplay.db.database import reading
 from humanplay.db.resimulation import Finding
 from humanplay.db.rows import PlacedEpisode
-from humanplay.db.study_rows import SeriesRow
+from humanplay.db.study_rows import ARM_EVENT, ORDER_EVENT, SeriesRow
 from humanplay.jobs import Jobs, cores
 from humanplay.study import seeds
+from humanplay.study.arms import stage_of_assignment
 from humanplay.study.days import START_SLACK_MS, DailyTerrain
 from humanplay.study.folder import Advance, Folder
 from humanplay.study.protocol import Protocol, StudyError, canonical_json, parse_protocol
@@ -247,7 +249,8 @@ def _check_participants(
             wanted = f"{frozen_ms} or later, when the study was frozen"
             yield Finding(f"participant {participant}", "time of joining", joined_ms, wanted)
         episodes = episodes_of(conn, participant)
-        order = yield from _ranked_order(conn, participant, episodes, protocol, expected)
+        arm = yield from _arm(conn, participant, protocol, expected)
+        order = yield from _ranked_order(conn, participant, episodes, protocol, expected, arm)
         yield from _check_order(participant, episodes, protocol, order)
         yield from _check_stage(conn, participant, episodes, protocol)
         for row in episodes:
@@ -275,22 +278,49 @@ def _ranked_order(
     episodes: list[PlacedEpisode],
     protocol: Protocol,
     expected: _Expected,
+    arm: str | None,
 ) -> Generator[Finding, None, list[int] | None]:
     """Return the order of a participant's ranked terrains, None where it is not known; yield what is wrong with its number."""
     key, of = expected.key, expected.series.protocol_hash
     if not any(row["phase"] == "ranked" for row in episodes):
         return None
-    kind, details = order_events(conn, participant)
-    number = _order_number(details)
+    details = drawing_events(conn, participant, ORDER_EVENT)
+    number = _number_in(details)
     if number is None:
         where = f"participant {participant}"
         yield Finding(where, "number in the Latin square", details, "one whole number from 0")
         return None
-    return None if key is None else seeds.balanced_order(key, of, kind, number, protocol.ranked)
+    group = seeds.order_group(kind_of(conn, participant), arm)
+    return None if key is None else seeds.balanced_order(key, of, group, number, protocol.ranked)
 
 
-def _order_number(details: list[str]) -> int | None:
-    """Return the number in the one event that fixes an order; None when there is not one, or no number in it."""
+def _arm(
+    conn: sqlite3.Connection, participant: str, protocol: Protocol, expected: _Expected
+) -> Generator[Finding, None, str | None]:
+    """Return a participant's arm; yield what is wrong with their assignment."""
+    person = f"participant {participant}"
+    details = drawing_events(conn, participant, ARM_EVENT)
+    is_due = stage_of_assignment(protocol) in stages_of(conn, participant)
+    if not details and not is_due:
+        return None
+    number = _number_in(details)
+    if number is None or not protocol.arms:
+        wanted = "one, with a whole number from 0" if protocol.arms else "none: there are no arms"
+        yield Finding(person, "assignment to an arm", details, wanted)
+        return None
+    name = str(json.loads(details[0]).get("arm"))
+    if expected.key is not None:
+        kind, arms = kind_of(conn, participant), protocol.arms
+        drawn = seeds.drawn_arm(
+            expected.key, expected.series.protocol_hash, kind, number, len(arms)
+        )
+        if name != arms[drawn].name:
+            yield Finding(person, "arm", name, f"{arms[drawn].name}, by their number {number}")
+    return name
+
+
+def _number_in(details: list[str]) -> int | None:
+    """The number in the one event of a drawing; None if there is no such number."""
     try:
         (number,) = (json.loads(detail)["number"] for detail in details)
     except (ValueError, TypeError, KeyError):

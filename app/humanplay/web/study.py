@@ -23,7 +23,7 @@ from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import Ending
 from humanplay.study.practice import criterion
 from humanplay.study.progress import NotJoinedError, ParticipantProgress, StageError
-from humanplay.study.protocol import DraftStudyError, Protocol, StudyError, UnknownStudyError
+from humanplay.study.protocol import Arm, DraftStudyError, Protocol, StudyError, UnknownStudyError
 from humanplay.study.questions import shown
 from humanplay.study.recruitment import LONGEST_ID, Arrival, supervised_until_ms
 from humanplay.study.templates import placeholder_values
@@ -265,7 +265,9 @@ async def participant_state(request: Request, study: Study, participant: Partici
     """Return where a participant stands: all that the page needs."""
     progress, protocol = services_of(request).progress, study.protocol
 
-    def read() -> tuple[list[Trial], str | None, Ending | None, int | None, list[DueBlock]]:
+    def read() -> tuple[
+        list[Trial], str | None, Ending | None, int | None, list[DueBlock], Arm | None
+    ]:
         trials = progress.study_store.trials(participant.id)
         ending = progress.ending(study, participant, trials)
         return (
@@ -274,9 +276,10 @@ async def participant_state(request: Request, study: Study, participant: Partici
             ending,
             progress.tries_left(study, participant),
             progress.due_blocks(study, participant, trials),
+            progress.arm(study, participant),
         )
 
-    trials, note, ending, tries_left, due = await progress.lobby.store.read(read)
+    trials, note, ending, tries_left, due, arm = await progress.lobby.store.read(read)
     ended = [trial.phase for trial in trials if trial.ended_ms is not None]
     session, debrief = await progress.session(participant), None
     if participant.stage in ("debrief", "complete") and not due:
@@ -291,6 +294,8 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "stage": participant.stage,
         "consent": protocol.consent.model_dump(),
         "questions": [each.model_dump(include={"question", "choices"}) for each in questions],
+        "instructions": "" if arm is None else arm.instructions,
+        "hint": "" if arm is None else arm.hint,
         "tries_left": tries_left,
         "device": protocol.device,
         "right": None,

@@ -105,6 +105,21 @@ def study_figures(data: StudyData, cohort: Cohort, everybody: Everybody) -> tupl
     return tuple(figures)
 
 
+def estimates_of(
+    data: StudyData,
+    cohort: Cohort,
+    everybody: Everybody,
+    finished: Sequence[str],
+    began: Sequence[str],
+) -> tuple[StudyFigure, StudyFigure]:
+    """Both estimates of some people alone: of who finished, and of who began."""
+    rule = rule_in_words(data.protocol.per_protocol)
+    return (
+        _figure(data, cohort, PER_PROTOCOL_NAME, rule, finished),
+        _figure(data, everybody.cohort, EVERYBODY, EVERYBODY_RULE, began),
+    )
+
+
 def status_rows(data: StudyData, cohort: Cohort, everybody: Everybody) -> tuple[StatusRow, ...]:
     """A row for each status that somebody has.
 

@@ -1,0 +1,48 @@
+"""The arms of a study: when people are assigned to one, and what only they read."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from humanplay.db.series import StudyStore
+from humanplay.db.study_rows import Participant, Stage
+from humanplay.study.folder import Study
+from humanplay.study.protocol import Arm, Protocol
+
+
+def stage_of_assignment(protocol: Protocol) -> Stage | None:
+    """The stage of the first page that differs, `ranked` at last; None without arms.
+
+    The order of the ranked terrains is balanced within each arm, so all are assigned before it is drawn.
+    """
+    if not protocol.arms:
+        return None
+    differs_before = any(block.arms and block.at == "before" for block in protocol.blocks)
+    if differs_before or any(arm.instructions for arm in protocol.arms):
+        return "instructions"
+    return "tutorial" if any(arm.hint for arm in protocol.arms) else "ranked"
+
+
+def reach_stage(
+    study_store: StudyStore,
+    study: Study,
+    participant: Participant,
+    at_ms: int,
+    stage: Stage,
+    **columns: str | int,
+) -> None:
+    """Move a participant to a stage, and assign them to an arm if that is due there.
+
+    Both are one write: nobody comes to a page that differs without an arm, and nobody is assigned twice.
+    """
+    with study_store.transaction():
+        study_store.set_stage(participant.id, at_ms, stage, **columns)
+        if stage == stage_of_assignment(study.protocol):
+            draw = partial(study.arm, participant.kind)
+            study_store.assign_arm(participant, at_ms, draw)
+
+
+def arm_of(study_store: StudyStore, study: Study, participant: Participant) -> Arm | None:
+    """The arm of a participant; None before they are assigned, and without arms."""
+    name = study_store.arm(participant.id) if study.protocol.arms else None
+    return next((arm for arm in study.protocol.arms if arm.name == name), None)

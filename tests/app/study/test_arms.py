@@ -1,0 +1,286 @@
+"""Arms: each person is assigned once, by the study's secret."""
+
+import json
+import threading
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+
+import httpx
+import pytest
+
+from humanplay.db.erasure import forget
+from humanplay.report.build import build
+from humanplay.report.preregistration import preregistration
+from humanplay.study.data import load
+from humanplay.study.protocol import StudyError
+from humanplay.study.seeds import drawn_arm
+from humanplay.study.verification import verify_database
+from tests.support.command import command
+from tests.support.recorded import alter, ask
+from tests.support.study import Person, freeze
+
+YES, NO = ({"version": "1", "agree": agree} for agree in (True, False))
+TOLD = {"name": "told", "instructions": "Walls first.\n\nThen the rest of {ranked} rounds."}
+ARMS = (TOLD, {"name": "control"})
+ASSIGNED = """SELECT p.kind, json_extract(v.detail, '$.number'), json_extract(v.detail, '$.arm')
+    FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE v.kind = 'arm' ORDER BY 1, 2"""
+ORDERS = """SELECT json_extract(a.detail, '$.arm'), json_extract(v.detail, '$.number'), x.terrain FROM participants p
+    JOIN stage_events a ON a.participant_id = p.id AND a.kind = 'arm'
+    JOIN stage_events v ON v.participant_id = p.id AND v.kind = 'order'
+    JOIN series_episodes x ON x.participant_id = p.id AND x.phase = 'ranked' AND x.trial = 0"""
+ABOUT = {"title": "Walls", "about": "walls"}
+CHECK = {
+    "kind": "attention",
+    "name": "check",
+    "question": "Choose red.",
+    "choices": ["red", "blue"],
+    "answer": 0,
+}
+NOTICED = {"kind": "statement", "name": "noticed", "question": "I looked for walls."}
+
+
+def test_people_are_assigned_in_blocks_when_they_come_to_the_first_page_that_differs(
+    serve, tmp_path
+):
+    study = freeze(tmp_path / "playground.db-studies", arms=ARMS)
+    server = serve()
+    people = [Person(server) for _ in range(9)]
+    decliner = people.pop(2)
+    decliner.call("consent", NO)
+    assert {person.where["instructions"] for person in people} == {""}, "nobody is assigned yet"
+    for person in people:
+        person.call("consent", YES)
+    script = Person(server, script="tester")
+    script.call("consent", YES)
+    assigned = ask(server.services.store.path, ASSIGNED)
+    assert assigned == [
+        *(("human", number, study.arm("human", number)) for number in range(8)),
+        ("script", 0, study.arm("script", 0)),
+    ]
+    for block in (assigned[:4], assigned[4:8]):
+        assert Counter(arm for _, _, arm in block) == {"told": 2, "control": 2}
+    texts = Counter(person.where["instructions"] for person in people)
+    assert texts == {"": 4, "Walls first.\n\nThen the rest of 3 rounds.": 4}
+    assert "control" not in json.dumps([person.where for person in people]), "nobody reads a name"
+
+
+def test_whoever_leaves_or_is_erased_keeps_their_slot_and_nobody_is_assigned_anew(serve, tmp_path):
+    study = freeze(tmp_path / "playground.db-studies", arms=ARMS)
+    server = serve()
+    gone, erased, stays = (Person(server) for _ in range(3))
+    for person in (gone, stays, erased):
+        person.call("consent", YES)
+    gone.call("withdraw")
+    before = stays.me()["instructions"]
+    path, cookies = server.services.store.path, dict(stays.client.cookies)
+    server.stop()
+    forget(path, erased.where["participant"])
+    again = serve()
+    back = Person(again, client=again.client(cookies=cookies))
+    assert back.where["instructions"] == before
+    Person(again).call("consent", YES)
+    numbers = [number for _, number, _ in ask(path, ASSIGNED)]
+    assert numbers == [0, 1, 3], "the erased person's place is not given again"
+    assert load(path, study.name).arrivals.erased_by_arm == {study.arm("human", 2): 1}
+
+
+def test_a_crowd_that_agrees_at_once_at_a_server_that_is_killed_is_assigned_once_each(
+    spawn, tmp_path
+):
+    study = freeze(tmp_path / "playground.db-studies", arms=ARMS)
+    server = spawn()
+    crowd = [Person(server) for _ in range(12)]
+    cookies = [dict(person.client.cookies) for person in crowd]
+    threading.Timer(0.03, server.process.kill).start()
+    agree_at_once(crowd)
+    server.process.wait()
+    path = tmp_path / "playground.db"
+    before = ask(path, ASSIGNED)
+    at_the_page = ask(path, "SELECT count(*) FROM participants WHERE stage = 'instructions'")
+    assert at_the_page == [(len(before),)], "nobody is at the page that differs without an arm"
+    server = spawn()
+    agree_at_once(
+        [Person(server, client=server.client(cookies=jar), joins=False) for jar in cookies]
+    )
+    after = ask(path, ASSIGNED)
+    assert after == [("human", number, study.arm("human", number)) for number in range(12)]
+    assert after[: len(before)] == before
+    server.close()
+
+
+def agree_at_once(crowd):
+    """All agree at the same time; whoever gets no answer comes again later."""
+    ready = threading.Barrier(len(crowd))
+
+    def agree(person):
+        ready.wait()
+        with suppress(httpx.TransportError):
+            person.client.post(f"{person.url}/consent", json=YES)
+
+    with ThreadPoolExecutor(len(crowd)) as pool:
+        list(pool.map(agree, crowd))
+
+
+@pytest.mark.parametrize(
+    ("arms", "blocks", "stage"),
+    [
+        (ARMS, [], "instructions"),
+        ([{"name": "a"}, {"name": "b"}], [{"name": "w", "at": "before", "arms": ["b"]}], "instructions"),
+        ([{"name": "a", "hint": "Look at {lidar_radius} cells."}, {"name": "b"}], [], "tutorial"),
+        ([{"name": "a"}, {"name": "b"}], [{"name": "w", "at": "after", "arms": ["b"]}], "ranked"),
+    ],
+)  # fmt: skip
+def test_an_assignment_waits_for_what_differs_and_blocks_ask_their_arms_alone(
+    serve, tmp_path, arms, blocks, stage
+):
+    blocks = [{**ABOUT, **block, "questions": [NOTICED]} for block in blocks]
+    study = freeze(
+        tmp_path / "playground.db-studies", arms=arms, blocks=blocks, warm_up=0, ranked=1
+    )
+    server = serve()
+    asked = {}
+    for number in range(4):
+        person = Person(server)
+        noted = {}
+        stages = person.where["stage"]
+        person.call("consent", YES)
+        arm, blocked = study.arm("human", number), []
+        while person.where["stage"] != "complete":
+            stages = person.where["stage"]
+            noted[stages] = len(ask(server.services.store.path, ASSIGNED)) > number
+            if block := person.where["block"]:
+                blocked.append(block["name"])
+                person.call(
+                    "block", {"block": block["name"], "turn": 0, "answers": {"noticed": True}}
+                )
+            elif stages == "tutorial":
+                person.call("next")
+                hint = {"a": arms[0].get("hint", "").format(lidar_radius=6)}.get(arm, "")
+                assert person.where["hint"] == hint
+                person.call(
+                    "give-up", {"episode": person.frame["episode"], "step": person.frame["step"]}
+                )
+                person.call("advance", {"from": "tutorial"})
+            elif stages == "questions":
+                person.answer_questions()
+            elif stages == "ranked":
+                person.play_on()
+            else:
+                person.call("advance", {"from": stages})
+        assert next(name for name, is_assigned in noted.items() if is_assigned) == stage
+        asked.setdefault(arm, set()).add(tuple(blocked))
+    wanted = {arm["name"]: {()} for arm in arms}
+    for block in blocks:
+        wanted[block["arms"][0]] = {("w",)}
+    assert asked == wanted
+
+
+def test_orders_are_rows_of_a_square_of_each_arm(serve, tmp_path):
+    study = freeze(tmp_path / "playground.db-studies", arms=ARMS, warm_up=0)
+    server = serve()
+    for _ in range(4):
+        person = Person(server)
+        person.to_warm_up()
+        person.call("next")
+    rows = sorted(ask(server.services.store.path, ORDERS))
+    assert [(arm, number) for arm, number, _ in rows] == [
+        ("control", 0), ("control", 1), ("told", 0), ("told", 1),
+    ]  # fmt: skip
+    for arm, number, terrain in rows:
+        assert terrain == study.balanced_order(f"human|{arm}", number)[0]
+    assert (
+        verify_database(server.services.store.path, secrets={study.name: study.secret}).findings
+        == ()
+    )
+
+
+def test_another_arm_than_the_drawn_one_and_a_missing_one_are_found(serve, tmp_path):
+    study = freeze(tmp_path / "playground.db-studies", arms=ARMS)
+    server = serve()
+    people = [Person(server) for _ in range(2)]
+    for person in people:
+        person.call("consent", YES)
+    path = server.services.store.path
+    server.stop()
+    secrets = {study.name: study.secret}
+    assert verify_database(path, secrets=secrets).findings == ()
+    other = {"told": "control", "control": "told"}[study.arm("human", 0)]
+    alter(
+        path,
+        f"""UPDATE stage_events SET detail = '{{"arm": "{other}", "number": 0}}'
+        WHERE kind = 'arm' AND json_extract(detail, '$.number') = 0""",
+        "DELETE FROM stage_events WHERE kind = 'arm' AND json_extract(detail, '$.number') = 1",
+    )
+    whats = {finding.what for finding in verify_database(path, secrets=secrets).findings}
+    assert {"arm", "assignment to an arm"} <= whats
+
+
+def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
+    serve, tmp_path, capsys
+):
+    study = freeze(tmp_path / "playground.db-studies", arms=ARMS, warm_up=0, ranked=1, players=4)
+    server = serve()
+    people = [Person(server) for _ in range(6)]
+    for person in people[:5]:
+        person.to_warm_up()
+        person.play_on()
+    people[5].to_tutorial()
+    people[5].call("withdraw")
+    path = server.services.store.path
+    server.stop()
+    assert build(load(path, study.name)).groups[0].arms == (), "an open study says nothing by arm"
+    database = "--yes", "--now", "--database", path
+    assert command(capsys, "study", "close", study.name, *database)[0] == 0
+    serve().stop()  # it takes note
+    report = build(load(path, study.name))
+    rows = {row.arm: row for row in report.groups[0].arms}
+    arms = [study.arm("human", number) for number in range(6)]
+    assert {arm: row.assigned for arm, row in rows.items()} == Counter(arms)
+    for arm, row in rows.items():
+        through = arms[:5].count(arm)
+        assert (row.began, row.ended, row.per_protocol.players) == (through,) * 3
+        left = {"withdrew_early": 1} if arm == arms[5] else {}
+        assert row.statuses == {"finished": through, **left}
+    out = tmp_path / "release"
+    code, _, error = command(
+        capsys, "release", "--study", study.name, "--out", out, "--author", "A", "--database", path
+    )
+    assert code == 0, error
+    table = next(out.rglob("participants.csv")).read_text().splitlines()
+    column = table[0].split(",").index("arm")
+    assert Counter(row.split(",")[column] for row in table[1:]) == Counter(arms)
+    code, printed, error = command(capsys, "reproduce", out)
+    assert code == 0, printed + error
+    assert "no difference between arms is tested" in preregistration(study.protocol, study)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "sentence"),
+    [
+        ({"arms": [{"name": "a"}]}, "arms must be none, or two or more"),
+        ({"arms": [{"name": "a"}, {"name": "a"}]}, "of different names"),
+        ({"arms": [{"name": "a"}, {"name": "b"}]}, "differ in nothing"),
+        (
+            {"blocks": [{**ABOUT, "name": "w", "at": "before", "arms": ["c"], "questions": [NOTICED]}]},
+            "for the arm 'c', which there is not: there are none",
+        ),
+        (
+            {"arms": ARMS, "blocks": [{**ABOUT, "name": "w", "at": "before", "arms": ["told"], "questions": [CHECK]}]},
+            "an attention check for some arms alone",
+        ),
+        ({"arms": [{"name": "a", "hint": "{rows_}"}, {"name": "b"}]}, "unknown placeholder"),
+        ({"arms": [{"name": "a", "hint": "Play 30 rounds."}, {"name": "b"}]}, "counts by hand"),
+    ],
+)  # fmt: skip
+def test_arms_that_are_none_are_refused(tmp_path, protocol, sentence):
+    with pytest.raises(StudyError, match=sentence):
+        freeze(tmp_path, **protocol)
+
+
+def test_arms_of_a_block_are_as_many_of_each_in_an_order_that_changes(tmp_path):
+    draws = [drawn_arm(b"s" * 32, "h", "human", number, 3) for number in range(600)]
+    blocks = [tuple(draws[at : at + 6]) for at in range(0, 600, 6)]
+    assert {tuple(sorted(block)) for block in blocks} == {(0, 0, 1, 1, 2, 2)}
+    assert len(set(blocks)) > 50
+    assert draws[:6] != [drawn_arm(b"s" * 32, "h", "script", number, 3) for number in range(6)]
