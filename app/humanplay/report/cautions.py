@@ -212,7 +212,8 @@ def _about_freezings(data: StudyData) -> Iterable[str]:
 
 def _about_other_studies(data: StudyData) -> Iterable[str]:
     """Yield which other studies could have been reported in this one's place."""
-    if others := data.same_configuration:
+    others = data.same_configuration
+    if others and data.protocol.dry_run_of is None:
         named = ", ".join(f"{name} on {iso(frozen_ms)[:10]}" for name, frozen_ms in others)
         which = counted(len(others), "other study", "other studies")
         were = "was" if len(others) == 1 else "were"

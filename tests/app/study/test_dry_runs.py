@@ -51,9 +51,13 @@ def test_a_dry_run_has_instances_of_its_own_and_figures_at_once_and_says_what_it
     code, text, error = command(
         capsys, "report", "--study", "small-dry-1", "--html", page, *database
     )
-    sentence = "A dry run of small, and no study: nothing here is a figure of small. "
+    sentence = "This is a dry run of small: nothing here is a figure of that study. "
     assert (code, sentence in text, "Per protocol: 2 players" in text) == (0, True, True), error
     assert sentence in page.read_text()
+    assert "of this configuration" not in page.read_text()
+    _, document, _ = command(capsys, "study", "preregister", "small-dry-1", *database)
+    assert "This is a dry run of\n`small`: its figures are seen at once" in document
+    assert "shows no figure of people" not in document
     client = server.client(headers={"Origin": server.url})
     assert client.post("/api/admin/login", json={"password": PASSWORD}).status_code == 200
     url = "/api/admin/studies/small-dry-1"

@@ -231,7 +231,7 @@ def headline(data: StudyData, per_protocol: StudyFigure, everybody: StudyFigure)
     """The sentence with both estimates; of an open study, how many have finished."""
     if (study := data.protocol.dry_run_of) is not None:
         of_whom = _headline(data, per_protocol, everybody)
-        return f"A dry run of {study}, and no study: nothing here is a figure of {study}. {of_whom}"
+        return f"This is a dry run of {study}: nothing here is a figure of that study. {of_whom}"
     if not data.shows_people:
         return data.progress_sentence()
     return _headline(data, per_protocol, everybody)
