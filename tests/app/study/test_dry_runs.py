@@ -1,9 +1,12 @@
 """A dry run by people: other instances, figures at once, no release."""
 
 import json
+from contextlib import closing
 
 import pytest
 
+from humanplay.db.reader import Reader
+from humanplay.db.series import closed_studies
 from humanplay.report.build import build
 from humanplay.report.page import render
 from humanplay.study.data import load
@@ -71,6 +74,8 @@ def test_a_dry_run_is_never_released_and_the_study_counts_it(played, tmp_path, c
     for name in ("small-dry-1", "small"):
         assert command(capsys, "study", "close", name, "--yes", "--now", *database)[0] == 0
     server.stop()
+    with closing(Reader.open(tmp_path / "playground.db")) as reader:
+        assert [row.name for row in closed_studies(reader)] == ["small"], "no page compares with it"
     how = "--study", "small-dry-1", "--out", tmp_path / "no", *database
     code, _, refusal = command(capsys, "release", *how)
     assert (code, "is a dry run of 'small'" in refusal) == (1, True), refusal
