@@ -20,7 +20,7 @@ from humanplay.board import messages
 from humanplay.cli.main import cli as humanplay
 from humanplay.command.group import Commands
 from humanplay.db.columns import TABLES, bundle_table, markdown, markdown_tables
-from humanplay.task.registration import DEFAULT_TASK
+from humanplay.task.registration import DEFAULT_TASK, environment_of
 from humanplay.tasks.mars.cli import cli as marsexplorer
 from humanplay.web.answers.openapi import answered_models, definitions
 from humanplay.web.api_docs import answers_in_words, inputs_of
@@ -56,11 +56,31 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     return "\n".join(f"|{'|'.join(line)}|" for line in cells)
 
 
+def in_each_world() -> Mapping[str, str]:
+    """TABLE.COLUMN -> what it means in any world and in MarsExplorer, where these differ."""
+    general = {
+        f"{table.name}.{column.name}": column.meaning
+        for table in TABLES.values()
+        for column in table.all
+    }
+    words = environment_of(DEFAULT_TASK).about.columns
+    return {name: f"{general[name]}. In MarsExplorer: {meaning}" for name, meaning in words.items()}
+
+
+def exported_columns(name: str) -> str:
+    """The columns of an export's table."""
+    return markdown(TABLES[name].columns("export", in_each_world()))
+
+
 def columns_beyond_the_export(name: str) -> str:
     """The columns of a bundle's table that no export has."""
     exported = TABLES[name].names("export")
     return markdown(
-        tuple(column for column in bundle_table(name)[1] if column.name not in exported)
+        tuple(
+            column
+            for column in bundle_table(name, in_each_world())[1]
+            if column.name not in exported
+        )
     )
 
 
@@ -112,8 +132,8 @@ def commands(group: Commands, program: str) -> str:
 DRAWN: Mapping[str, Callable[[], str]] = {
     "calls of the API": lambda: calls(),
     "tables of the database": markdown_tables,
-    "columns of episodes": lambda: markdown(TABLES["episodes"].columns("export")),
-    "columns of steps": lambda: markdown(TABLES["steps"].columns("export")),
+    "columns of episodes": lambda: exported_columns("episodes"),
+    "columns of steps": lambda: exported_columns("steps"),
     "columns of episodes in a bundle": lambda: columns_beyond_the_export("episodes"),
     "columns of input events in a bundle": lambda: columns_beyond_the_export("input_events"),
     "settings": lambda: settings(Settings, PREFIX),

@@ -8,7 +8,8 @@ the headers of CSV exports, the tables of a bundle with their dictionary, and th
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypedDict
 
@@ -18,6 +19,7 @@ SCHEMA = 1
 ColumnType = Literal["text", "integer", "real", "boolean", "bytes"]
 Place = Literal["database", "chain", "bundle database", "export", "bundle", "scores"]
 
+_NO_WORDS: Mapping[str, str] = {}
 _LETTERS: dict[Place, str] = {
     "database": "Ss", "chain": "S", "bundle database": "d", "export": "x", "bundle": "b", "scores": "c",
 }  # fmt: skip
@@ -86,9 +88,17 @@ class Table:
     indexes: list[str] = field(default_factory=list)
     rowid: bool = True
 
-    def columns(self, place: Place) -> tuple[Column, ...]:
-        """The columns that it has in a place; none if it is not there."""
-        return tuple(column for column in self.all if set(column.where) & set(_LETTERS[place]))
+    def columns(self, place: Place, words: Mapping[str, str] = _NO_WORDS) -> tuple[Column, ...]:
+        """The columns that it has in a place; none if it is not there.
+
+        Args:
+            words: TABLE.COLUMN -> what it means in a world (`humanplay.task.About`).
+        """
+        columns = [column for column in self.all if set(column.where) & set(_LETTERS[place])]
+        for number, column in enumerate(columns if words else ()):
+            meaning = words.get(f"{self.name}.{column.name}", column.meaning)
+            columns[number] = replace(column, meaning=meaning)
+        return tuple(columns)
 
     def names(self, place: Place = "database") -> tuple[str, ...]:
         """The names of these columns."""
@@ -148,10 +158,12 @@ BUNDLE_TABLES = (*(name for name, table in TABLES.items() if table.columns("bund
 """The tables of a bundle; `scores` has fewer columns of the episodes, for a spreadsheet."""
 
 
-def bundle_table(name: str) -> tuple[Table, tuple[Column, ...]]:
+def bundle_table(
+    name: str, words: Mapping[str, str] = _NO_WORDS
+) -> tuple[Table, tuple[Column, ...]]:
     """The table that a bundle's table is made from, and the bundle's columns in order."""
     table = TABLES["episodes" if name == "scores" else name]
-    return table, table.columns("scores" if name == "scores" else "bundle")
+    return table, table.columns("scores" if name == "scores" else "bundle", words)
 
 
 def summary(name: str) -> str:
@@ -184,7 +196,7 @@ class TableNote(TypedDict):
     columns: list[ColumnNote]
 
 
-def dictionary() -> dict[str, TableNote]:
+def dictionary(words: Mapping[str, str]) -> dict[str, TableNote]:
     """The column dictionary of a bundle, by table."""
     return {
         table: {
@@ -196,7 +208,7 @@ def dictionary() -> dict[str, TableNote]:
                     "meaning": column.meaning,
                     "optional": column.optional,
                 }
-                for column in bundle_table(table)[1]
+                for column in bundle_table(table, words)[1]
             ],
         }
         for table in BUNDLE_TABLES

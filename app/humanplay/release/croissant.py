@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -46,7 +46,7 @@ def croissant(
     """
     formats = ENCODING_FORMATS.items()
     with _mlcroissant() as mlc:
-        build = _Builder(mlc, folder)
+        build = _Builder(mlc, folder, header.protocol.environment.about.columns)
         metadata = mlc.Metadata(
             ctx=build.context,
             name=f"humanplay-{header.study}",
@@ -99,8 +99,8 @@ def _mlcroissant() -> Iterator[ModuleType]:
 class _Builder:
     """The parts of one release's metadata, built with mlcroissant."""
 
-    def __init__(self, mlc: ModuleType, folder: Path) -> None:
-        self._mlc, self._folder = mlc, folder
+    def __init__(self, mlc: ModuleType, folder: Path, words: Mapping[str, str]) -> None:
+        self._mlc, self._folder, self._words = mlc, folder, words
         rdf = mlc.Rdf(context={**mlc.Rdf().context, **TERMS_OF_1_1})
         self.context = mlc.Context(conforms_to="http://mlcommons.org/croissant/1.1", rdf=rdf)
         of = mlc.DataType
@@ -116,7 +116,7 @@ class _Builder:
 
     def record_set(self, table: str, file: str) -> object:
         """The RecordSet of a table that is read from a file."""
-        made_from, columns = bundle_table(table)
+        made_from, columns = bundle_table(table, self._words)
         return self._mlc.RecordSet(
             ctx=self.context,
             id=table,

@@ -69,7 +69,7 @@ def write_documents(
         minari: Episodes by Minari dataset id.
         without_moves: Episodes that Minari cannot hold.
     """
-    _write_json(folder / "columns.json", dictionary())
+    _write_json(folder / "columns.json", dictionary(header.protocol.environment.about.columns))
     _write_json(folder / "protocol.json", json.loads(canonical(header.protocol)))
     has_report = (folder / "report.json").exists()
     for name, text in documents(header, minari, without_moves, has_report).items():
@@ -83,7 +83,7 @@ def documents(
 
     The arguments are those of `write_documents`.
     """
-    licence = header.protocol.data_licence
+    licence, words = header.protocol.data_licence, header.protocol.environment.about.columns
     values = {
         "header": header,
         "minari": minari,
@@ -94,7 +94,8 @@ def documents(
         "database": BUNDLE_DATABASE,
         "has_report": has_report,
         "tables": {
-            table: (summary(table), markdown(bundle_table(table)[1])) for table in BUNDLE_TABLES
+            table: (summary(table), markdown(bundle_table(table, words)[1]))
+            for table in BUNDLE_TABLES
         },
     }
     names = ("DATASHEET.md", "CITATION.cff", "LICENSE")

@@ -132,6 +132,7 @@ class About:
     instructions  what players are told to do, if the pages of `assets` do not say it
     labels        what each data-quality label of `Environment.labels` means
     references    what its reports and data sets cite
+    columns       TABLE.COLUMN -> what a data set's column means in it, where that is its own
     """
 
     title: str
@@ -139,6 +140,7 @@ class About:
     instructions: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
     references: tuple[Reference, ...] = ()
+    columns: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

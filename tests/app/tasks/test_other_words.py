@@ -1,5 +1,6 @@
 """A study of another environment says no word of MarsExplorer's world."""
 
+import json
 import re
 from html import unescape
 
@@ -20,8 +21,6 @@ instructions = "Go to the right end."
 max_steps = 12
 bounds = [-1.2, 1]
 """
-COLUMNS = re.compile(r"^## Columns.*", re.DOTALL | re.MULTILINE)
-"""The datasheet's last part: one schema for all worlds, which says of a column whose it is."""
 
 
 def test_the_api_s_page_speaks_of_no_other_world_and_its_example_plays_it(serve, capsys):
@@ -80,11 +79,17 @@ def said(request, serve, tmp_path, capsys, briefly_examined):
     for path in tmp_path.rglob("*"):
         if path.suffix in {".html", ".md", ".txt", ".cff", ".toml"}:
             texts[path.relative_to(tmp_path).as_posix()] = path.read_text()
+    texts["bundle/columns.json"] = (tmp_path / "bundle/columns.json").read_text()
     return texts
 
 
 def test_a_study_of_another_environment_speaks_of_it_alone(said):
-    said = {name: COLUMNS.sub("", text) for name, text in said.items()}
+    columns = json.loads(said.pop("bundle/columns.json")).values()
+    meanings = [column["meaning"] for table in columns for column in table["columns"]]
+    datasheet = said["bundle/DATASHEET.md"]
+    assert [meaning for meaning in meanings if meaning not in datasheet] == []
+    # every world's columns have the same names
+    said["bundle/DATASHEET.md"] = re.sub(r"`\w+`", "", datasheet)
     pages = {"report.html", "report-methods.html", "report-checklist.html"}
     assert {*pages, "preregistration.md", "bundle/DATASHEET.md"} <= said.keys()
     examined = (

@@ -35,6 +35,33 @@ ABOUT = About(
         f"{SHORTEST:.1%} of the limit or longer"
     },
     references=(PAPER,),
+    columns={
+        "episodes.level": "random, t-m-b of section 3.3 of the paper, or map",
+        "episodes.rows": "cells from north to south",
+        "episodes.cols": "cells from west to east",
+        "episodes.sensor_radius": "reach of the lidar, cells",
+        "episodes.beta": "share of all cells to discover",
+        "episodes.start_row": "where the rover began; row 0 is the north edge",
+        "episodes.start_col": "where the rover began; column 0 is the west edge",
+        "episodes.terrain": "the obstacle map: bits row by row (numpy.packbits), outside "
+        "the database x and hexadecimal digits",
+        "episodes.terrain_hash": "SHA-256 of the map's shape and bits",
+        "episodes.outcome": "explored, collided, out_of_bounds, timed_out or abandoned",
+        "episodes.discovered": "cells discovered",
+        "episodes.coverage": "share of all cells, 0..1; in exports, on maps and the "
+        "levels `building` and `cave`, of those that can be discovered",
+        "episodes.return": "sum of the rewards; abandoning costs r_invalid more",
+        "episodes.score": "(return + r_invalid) / (r_invalid + r_bonus + cells): 0 for "
+        "an invalid first move, at most 1",
+        "episodes.steps_to_99": "moves of an explored episode, max_steps of any other",
+        "episodes.trajectory_hash": "SHA-256 over configuration, terrain, start and each move's "
+        "position, discovered cells and reward",
+        "steps.action": "north, east, south or west",
+        "steps.row": "where the rover stands after it (replayed)",
+        "steps.col": "where the rover stands after it (replayed)",
+        "steps.discovered": "cells discovered after it",
+        "policy_episodes.actions": "the moves, a letter each: N, E, S or W",
+    },
 )
 OPENING = (
     "You are invited to take part in a study of how well people explore unknown terrain with a rover that sees only the "
