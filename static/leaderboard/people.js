@@ -50,5 +50,5 @@ export function paintPeople(table, own, task, period, answer) {
   } else if (you && !you.place && rows.length && !comparing) foot.replaceChildren(create("tr", [create("td", missingText(task, period, you), { colspan: "5" })]));
   else foot.replaceChildren();
   const choose = create("a", "Choose a name to stand here by it", { href: "me#name" });
-  own.replaceChildren(...(you?.name ? [] : [choose]), " ", comparingText(task, comparing));
+  own.replaceChildren(...(you?.name ? [] : [choose, ". "]), comparingText(task, comparing));
 }

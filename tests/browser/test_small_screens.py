@@ -1,0 +1,117 @@
+"""Screens of 320 x 640 are whole, and the live view draws its curve."""
+
+import pytest
+
+from humanplay.db.store import Store
+from marsexplorer.config import EnvConfig
+from tests.browser.test_study_page import Participant
+from tests.support.browser import AS_A_PERSON, NO_3D
+from tests.support.recorded import play
+from tests.support.study import freeze
+
+SMALL = (320, 640)
+PASSWORD = "red-planet-4"
+CUT = "(part) => part.scrollWidth > part.clientWidth || part.scrollHeight > part.clientHeight"
+
+
+@pytest.fixture
+def small(serve, player, tmp_path):
+    """Somebody with a small phone, at a server with a study and an episode."""
+    freeze(tmp_path / "playground.db-studies", "tiny", recruitment="open")
+    store = Store(tmp_path / "playground.db")
+    play(store, 4, config=EnvConfig.of("random", 21), explore=True)
+    store.close()
+    return player(
+        serve(admin_password=PASSWORD), [*NO_3D, *AS_A_PERSON], *SMALL, is_new=True, has_touch=True
+    )
+
+
+def bottom(part):
+    box = part.bounding_box()
+    return box["y"] + box["height"]
+
+
+def test_on_a_small_phone_a_puzzle_is_answered_and_its_answer_read_without_scrolling(small):
+    page = small.page
+    page.goto(f"{small.url}/puzzles")
+    small.wait("window.puzzles?.today && document.body.dataset.state === 'ready'")
+    top = page.locator(".site").bounding_box()["y"]
+    assert bottom(page.locator(".pad")) <= top
+    page.locator(".pad button:enabled").first.click()
+    page.get_by_test_id("verdict").wait_for()
+    assert bottom(page.locator("#verdict-title")) <= top
+
+
+def test_on_a_small_phone_the_first_screen_of_play_names_what_is_on_it(small):
+    small.goto()
+    page = small.page
+    assert page.get_by_test_id("key").get_by_text("you").count() == 1
+    assert page.get_by_test_id("key").get_by_text("policy").is_hidden(), "one board has no policy"
+    page.get_by_test_id("open-settings").click()
+    levels = page.locator("#terrain-dialog .levels").first.get_by_role("button")
+    assert levels.count() == 5
+    assert [level.inner_text() for level in levels.all() if level.evaluate(CUT)] == []
+    assert bottom(page.get_by_test_id("start")) <= SMALL[1]
+
+
+def test_on_a_small_phone_a_watched_board_is_as_wide_as_the_screen(small):
+    page = small.page
+    small.goto()
+    page.get_by_test_id("mode-watch").click()
+    small.wait("window.playground.state.mode === 'watch' && window.playground.state.rival")
+    assert page.get_by_test_id("matrix-player").bounding_box()["height"] >= 280
+    board, pick = (
+        page.get_by_test_id(name).bounding_box() for name in ("board-player", "pick-player")
+    )
+    assert pick["x"] - board["x"] >= 3
+
+
+def test_on_a_small_phone_the_coach_of_a_study_is_read_whole(small):
+    person = Participant(small.page, small.url).goto()
+    for screen, button in (("consent", "agree"), ("instructions", "to-tutorial")):
+        person.stands(screen)
+        person.page.get_by_test_id(button).click()
+    person.stands("play")
+    person.page.get_by_text("You are the bright cell").wait_for()
+    assert not person.page.get_by_test_id("coach").evaluate(CUT)
+    assert bottom(person.page.locator(".tools")) <= SMALL[1]
+
+
+def test_on_a_small_phone_the_leaderboard_begins_with_sentences(small):
+    page = small.page
+    page.goto(f"{small.url}/leaderboard")
+    line = page.get_by_test_id("own")
+    line.get_by_role("link").wait_for()
+    assert line.inner_text().startswith("Choose a name to stand here by it.")
+    head, text = page.locator(".named-head").bounding_box(), line.bounding_box()
+    assert head["height"] < 50
+    assert text["y"] - head["y"] - head["height"] >= 6
+
+
+def test_on_a_small_phone_the_operators_bar_is_whole(small):
+    page = small.page
+    page.goto(f"{small.url}/admin")
+    page.get_by_test_id("password").fill(PASSWORD)
+    page.keyboard.press("Enter")
+    small.wait("document.body.dataset.in === 'yes'")
+    bar = page.locator(".bar")
+    assert not bar.evaluate(CUT)
+    assert bar.bounding_box()["height"] < 110, "two rows"
+    for name in ("logout", "theme"):
+        button = page.get_by_test_id(name).bounding_box()
+        assert button["height"] < 45, name
+        assert button["x"] + button["width"] <= SMALL[0], name
+        assert button["y"] >= 4, name
+
+
+def test_the_live_view_draws_its_curve_below_its_name(small):
+    page = small.page
+    small.goto()
+    episode = small.state("player.frame.episode")
+    page.goto(f"{small.url}/watch/{episode}")
+    chart, name = page.get_by_test_id("chart"), page.get_by_role("heading", name="Mapped")
+    for width, height in ((1440, 900), (390, 844)):
+        page.set_viewport_size({"width": width, "height": height})
+        name.wait_for()
+        assert chart.bounding_box()["height"] > 80
+        assert bottom(name) <= chart.bounding_box()["y"]
