@@ -1,0 +1,1 @@
+"""Rules from elsewhere beside ours: `python -m research.baselines`."""
