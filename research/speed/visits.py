@@ -1,4 +1,4 @@
-"""What a first and a second visit to the playground take: `python -m research.speed.visits`.
+"""Measure a first and a second visit: `python -m research.speed.visits`.
 
 A browser with nothing in its cache opens the page, and once more in a new tab, over a line that is throttled. Bytes are those
 of the line; requests are those that it carries, answers from the browser's own cache left out. Needs Chromium, and nginx for
@@ -94,7 +94,7 @@ def measure(browser: Browser, address: str, rounds: int) -> dict[str, list[float
 
 @contextmanager
 def places(folder: Path) -> Iterator[dict[str, str]]:
-    """Yield the addresses of one server: its own, below a prefix, and behind nginx as it is shipped."""
+    """Yield a server's addresses: its own, below a prefix, and behind nginx."""
     front, plain, prefixed = free_port(), free_port(), free_port()
     public = f"https://localhost:{front}"
     command = [sys.executable, "-m", "humanplay.cli", "serve", "--port", "0"]
@@ -114,7 +114,7 @@ def places(folder: Path) -> Iterator[dict[str, str]]:
 
 
 def trusted_keys(folder: Path) -> str:
-    """Return the hashes of the certificates' keys: a browser that trusts none of them keeps no file."""
+    """Return the certificates' key hashes: a browser caches nothing it does not trust."""
     hashes = []
     for path in folder.glob("*/certificate.pem"):
         command = f"openssl x509 -in {path} -noout -pubkey | openssl pkey -pubin -outform der"
@@ -128,7 +128,7 @@ def trusted_keys(folder: Path) -> str:
     "--rounds", default=5, show_default=True, help="First and second visits to each place."
 )
 def main(rounds: int) -> None:
-    """Measure a first and a second visit over a throttled line, and print medians beside what is wanted."""
+    """Measure two visits over a throttled line, and print medians beside the targets."""
     rows = []
     with tempfile.TemporaryDirectory() as name, places(Path(name)) as addresses:
         trusted = f"--ignore-certificate-errors-spki-list={trusted_keys(Path(name))}"

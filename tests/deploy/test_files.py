@@ -1,4 +1,4 @@
-"""The files under deploy/ fit the software: settings that exist, units that systemd reads, paths that agree."""
+"""The files under deploy/ fit the software: settings, units and paths."""
 
 import json
 import os
@@ -27,7 +27,7 @@ ENVIRONMENT = (DEPLOY / "systemd" / "humanplay.env").read_text()
 
 
 def settings_of(pairs, monkeypatch):
-    """Return the settings that variables of the environment give; a name that is no setting fails."""
+    """Return the settings of environment variables; an unknown name fails."""
     for name, value in pairs.items():
         assert name.removeprefix("HUMANPLAY_").lower() in Settings.model_fields, name
         monkeypatch.setenv(name, value)
@@ -52,8 +52,8 @@ def test_systemd_reads_the_units(tmp_path):
     units = [tmp_path / "humanplay.service", tmp_path / "humanplay.socket"]
     verify = ["systemd-analyze", "verify", "--man=no", *units]
     done = subprocess.run(verify, capture_output=True, text=True)
-    said = (done.stdout + done.stderr).splitlines()
-    assert [line for line in said if "humanplay" in line] == []
+    complaints = (done.stdout + done.stderr).splitlines()
+    assert [line for line in complaints if "humanplay" in line] == []
 
 
 UNIT = (DEPLOY / "systemd" / "humanplay.service").read_text()
@@ -195,11 +195,11 @@ def test_the_compose_file_gives_settings_and_opens_the_ports_of_caddy_alone(monk
     compose = yaml.safe_load((DEPLOY / "docker" / "compose.yaml").read_text())
     playground, caddy = compose["services"]["playground"], compose["services"]["caddy"]
     text = json.dumps(playground["environment"]).replace("${HUMANPLAY_ADMIN_PASSWORD:-}", "")
-    given = json.loads(
+    variables = json.loads(
         text.replace("${HUMANPLAY_NAME:?the name that visitors open}", "mars.example")
     )
-    settings = settings_of(given, monkeypatch)
-    (subnet,) = (each["subnet"] for each in compose["networks"]["inside"]["ipam"]["config"])
+    settings = settings_of(variables, monkeypatch)
+    (subnet,) = (network["subnet"] for network in compose["networks"]["inside"]["ipam"]["config"])
     assert settings.trusted_proxies == (subnet,), "Caddy's address, and nobody else's"
     assert "ports" not in playground
     assert caddy["ports"] == ["80:80", "443:443", "443:443/udp"]
@@ -214,9 +214,11 @@ def of_compose(folder, **settings):
     shell, option, script = compose["services"]["playground"]["command"]
     command = f"{sys.executable} -m humanplay.cli serve --env FrozenLake-v1"
     script = script.replace("$$", "$").replace("humanplay serve", command, 1)
-    own = {f"HUMANPLAY_{name}": str(value) for name, value in settings.items()}
+    variables = {f"HUMANPLAY_{name}": str(value) for name, value in settings.items()}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    return subprocess.Popen([shell, option, script], cwd=folder, env=os.environ | own, **pipes)
+    return subprocess.Popen(
+        [shell, option, script], cwd=folder, env=os.environ | variables, **pipes
+    )
 
 
 @pytest.mark.parametrize("port", ["0", "no number"])
@@ -242,10 +244,10 @@ def test_a_container_whose_start_is_refused_waits_and_says_why(tmp_path, port):
 def test_the_image_runs_as_nobody_in_particular_and_copies_files_that_exist():
     root, lines = DEPLOY.parent, (DEPLOY / "docker" / "Dockerfile").read_text()
     assert lines.index("USER humanplay") < lines.index('CMD ["humanplay", "serve"]')
-    kept = set(re.findall(r"^!(.*)$", (root / ".dockerignore").read_text(), re.M))
+    not_ignored = set(re.findall(r"^!(.*)$", (root / ".dockerignore").read_text(), re.M))
     copies = re.findall(r"^COPY (?!--)(.*)$", lines, re.M)
     copied = [name for line in copies for name in line.split()[:-1]]
-    assert set(copied) == kept
+    assert set(copied) == not_ignored
     assert [name for name in copied if not (root / name).exists()] == []
     project = tomllib.loads((root / "pyproject.toml").read_text())
     included = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
@@ -257,7 +259,7 @@ def test_the_image_runs_as_nobody_in_particular_and_copies_files_that_exist():
 @pytest.mark.skipif(os.geteuid() != 0, reason="NO ROOT: the server of the image is another user")
 @pytest.mark.skipif(PYTHON is None, reason="NO PYTHON 3.11 that another user can run")
 def test_the_steps_of_the_image_run_without_a_container_engine():
-    """What it copies and installs, its variables, user, command and check; not its base, nor apt-get and useradd."""
+    """Its files, variables, user, command and check; not its base, apt-get or useradd."""
     text = (DEPLOY / "docker" / "Dockerfile").read_text().replace("\\\n", " ")
     copies = [line.split() for line in re.findall(r"^COPY (?!--)(.*)$", text, re.M)]
     (install,) = re.findall(r"^RUN (python -m venv .*)$", text, re.M)
@@ -278,14 +280,20 @@ def test_the_steps_of_the_image_run_without_a_container_engine():
         (root / "bin").mkdir()
         (root / "bin/python").symlink_to(PYTHON)
         base = {"PATH": f"{root}/bin:/usr/bin:/bin"}
-        own = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
+        inherited = {
+            key: value for key, value in os.environ.items() if not key.startswith("PYTHON")
+        }
         install = install.replace("/opt/humanplay", f"{root}/venv")
-        made = subprocess.run(
-            ["sh", "-c", install], cwd=root / "src", env=own | base, capture_output=True, text=True
+        installation = subprocess.run(
+            ["sh", "-c", install],
+            cwd=root / "src",
+            env=inherited | base,
+            capture_output=True,
+            text=True,
         )
-        if "No matching distribution found for hatchling" in made.stderr:
+        if "No matching distribution found for hatchling" in installation.stderr:
             pytest.skip("NO HATCHLING: the package registry cannot be reached")
-        assert made.returncode == 0, made.stderr
+        assert installation.returncode == 0, installation.stderr
         data.mkdir()
         os.chown(data, user, user)
         env = {key: value.replace("/data", str(data)) for key, value in variables.items()}
@@ -311,10 +319,10 @@ def test_litestream_copies_the_database_of_the_unit():
 
 
 def test_every_file_of_the_folder_is_named_in_the_document():
-    said = (DEPLOY.parent / "docs" / "deploy.md").read_text()
+    document = (DEPLOY.parent / "docs" / "deploy.md").read_text()
     files = [path for path in DEPLOY.rglob("*") if path.is_file()]
     names = [path.relative_to(DEPLOY.parent).as_posix() for path in files]
-    assert [name for name in names if name not in said] == []
+    assert [name for name in names if name not in document] == []
 
 
 @pytest.mark.skipif(shutil.which("strace") is None, reason="NO STRACE: install it to see calls")

@@ -1,4 +1,7 @@
-"""The shipped nginx files before a real server: pages and sockets pass, visitors are told apart, and a flood is limited."""
+"""The shipped nginx files in front of a real server.
+
+Pages and sockets pass, visitors are told apart, and a flood is limited.
+"""
 
 import re
 import socket
@@ -24,7 +27,10 @@ from tests.support.servers import PACE, PATIENCE_S, HastyClock, eventually
 
 @pytest.fixture
 def proxied(serve, nginx):
-    """A server behind the shipped files; only ports, paths and the name of the host are changed, and `changes` of the test."""
+    """A server behind the shipped files, with other ports, paths and host name.
+
+    `changes` of the test are made too.
+    """
     built = subprocess.run(["nginx", "-V"], capture_output=True, text=True, check=True).stderr
     if "--with-stream=dynamic" in built and not MODULE.exists():
         pytest.skip("NGINX WITHOUT STREAM: install libnginx-mod-stream to run the proxy test")
@@ -57,10 +63,10 @@ def test_a_page_and_a_move_pass_and_nothing_of_them_is_logged(proxied):
         assert "Secure" in begun.headers["set-cookie"], "the server knows that it speaks TLS"
         assert begun.headers["strict-transport-security"]
         session = begun.json()["session"]
-        cookie = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar)
+        cookie = "; ".join(f"{morsel.name}={morsel.value}" for morsel in client.cookies.jar)
         url = f"{server.public.replace('https', 'wss')}/ws/sessions/{session}"
-        said = {"origin": server.public, "additional_headers": {"Cookie": cookie}}
-        opened = connect(url, ssl=trusting(), proxy=None, open_timeout=PATIENCE_S, **said)
+        headers = {"origin": server.public, "additional_headers": {"Cookie": cookie}}
+        opened = connect(url, ssl=trusting(), proxy=None, open_timeout=PATIENCE_S, **headers)
         with opened as connection:
             board = Socket(connection, HastyClock(), PACE)
             board.act(board.receive("frame"), "east", input="key")
@@ -76,7 +82,7 @@ def test_a_page_and_a_move_pass_and_nothing_of_them_is_logged(proxied):
 
 
 def test_idle_connections_are_closed_by_nginx_before_the_server_closes_them(proxied):
-    """Else a request that nginx sends in that moment is lost, and one that changes something is answered 502."""
+    """Otherwise a request sent in that moment is lost, and a POST answered 502."""
     (ours_s,) = re.findall(r"^  keepalive_timeout (\d+)s;", CONFIG.read_text(), re.M)
     server = proxied((f"keepalive_timeout {ours_s}s", "keepalive_timeout 1s"))
     servers_s = uvicorn_config(server.app).timeout_keep_alive
@@ -188,7 +194,7 @@ def test_the_front_counts_the_connections_of_a_network_of_ipv6_as_one_visitors(
 
 
 def test_what_a_slow_reader_has_not_taken_waits_in_no_file(proxied):
-    """The system keeps little of a connection here, so that the answer need not be large; the file's folders would stay."""
+    """Connections have small buffers here, so the answer need not be large."""
     small = (
         ("ssl;", "ssl sndbuf=8k;"),
         ("proxy_protocol;\n  server", "proxy_protocol sndbuf=8k;\n  server"),
@@ -196,8 +202,8 @@ def test_what_a_slow_reader_has_not_taken_waits_in_no_file(proxied):
     server = proxied(*small)
     port = int(server.public.rpartition(":")[2])
     with browser(server) as client:
-        where = client.get("/viewer/client/").headers["location"]
-    ask = f"GET /viewer/client/{where} HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n"
+        version = client.get("/viewer/client/").headers["location"]
+    ask = f"GET /viewer/client/{version} HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n"
     with ExitStack() as held:
         for _ in range(3):
             plain = held.enter_context(socket.socket())
@@ -249,7 +255,7 @@ MOST_TAKEN = 0.25
 @pytest.mark.alone
 @pytest.mark.parametrize("kind", ["pings", "silent"])
 def test_others_moves_take_at_most_twice_as_long_while_one_client_misbehaves(proxied, kind):
-    """Each flood is compared with the quiet time just before it, and the middle pair counts.
+    """Each flood is compared with the quiet time before it; the middle pair counts.
 
     A shared machine has other work that comes and goes, and makes one pair in some seconds worse or
     better; a flood that reaches the server makes all of them worse. The processor's seconds of the

@@ -1,4 +1,4 @@
-"""The ready-made agents play whole evaluations with OpenEnv's client and the MCP client that comes with it.
+"""The ready-made agents play whole evaluations by OpenEnv's and MCP's clients.
 
 They run in the environment that `make agents` makes; no model is asked, but a scripted stand-in of an OpenAI-compatible API.
 """
@@ -38,7 +38,7 @@ def run(program, *arguments, **variables):
     environ = {**os.environ, "PATH": path, "OPENAI_API_KEY": "none", **variables}
     if program == CLIENTS / "python":
         environ.pop("PYTHONPATH", None)  # what is installed there is all that it has
-    command = [str(each) for each in (program, *arguments)]
+    command = [str(word) for word in (program, *arguments)]
     done = subprocess.run(command, env=environ, capture_output=True, text=True, timeout=3000)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
     return done.stdout
@@ -46,7 +46,10 @@ def run(program, *arguments, **variables):
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory):
-    """`begun(task)` is a database with an evaluation of two short instances: the environment is examined once."""
+    """`begun(task)` is a database with an evaluation of two short instances.
+
+    The environment is examined once.
+    """
     root, done = tmp_path_factory.mktemp("begun"), set()
 
     def begin(task):
@@ -66,7 +69,7 @@ def begun(tmp_path_factory):
 
 @pytest.fixture
 def card(serve, begun, tmp_path):
-    """`card(task)` serves an evaluation on a database of its own, and returns the server and a card's address."""
+    """`card(task)` serves an evaluation of its own: the server, and a card's address."""
 
     def begin(task):
         database = shutil.copy(begun(task), tmp_path / "playground.db")
@@ -92,9 +95,9 @@ def test_openenvs_command_finds_its_protocol_there(card, task):
 @pytest.mark.parametrize("task", [MARS, ROOMS])
 def test_random_moves_play_a_series_by_openenvs_client(card, task):
     server, address = card(task)
-    said = run(CLIENTS / "python", AGENTS / "random_moves.py", address)
-    assert said.count("moves\n") == 2
-    assert said.endswith("the card is closed\n")
+    output = run(CLIENTS / "python", AGENTS / "random_moves.py", address)
+    assert output.count("moves\n") == 2
+    assert output.endswith("the card is closed\n")
     assert len(ends(server)) == 2
     assert all(outcome for outcome, _ in ends(server))
     assert httpx.get(address).status_code == 404
@@ -110,8 +113,8 @@ def test_a_policy_plays_a_series_by_a_plain_websocket(card):
 def test_a_model_of_language_plays_a_series_by_text_frames(card, task):
     server, address = card(task)
     with scripted_model(TURNS) as (model, api):
-        given = (AGENTS / "language_model.py", address, "--model", "scripted")
-        run(CLIENTS / "python", *given, OPENAI_BASE_URL=api)
+        arguments = (AGENTS / "language_model.py", address, "--model", "scripted")
+        run(CLIENTS / "python", *arguments, OPENAI_BASE_URL=api)
     assert len(model.asked) == sum(moves for _, moves in ends(server))
     if task == MARS:
         assert [outcome for outcome, _ in ends(server)] == ["explored", "explored"]
@@ -120,8 +123,10 @@ def test_a_model_of_language_plays_a_series_by_text_frames(card, task):
 def test_a_model_of_vision_plays_a_series_by_pictures(card):
     server, address = card(ROOMS)
     with scripted_model(TURNS) as (model, api):
-        given = ("--model", "scripted", "--frames", "picture")
-        run(CLIENTS / "python", AGENTS / "language_model.py", address, *given, OPENAI_BASE_URL=api)
+        options = ("--model", "scripted", "--frames", "picture")
+        run(
+            CLIENTS / "python", AGENTS / "language_model.py", address, *options, OPENAI_BASE_URL=api
+        )
     assert len(model.asked) == sum(moves for _, moves in ends(server)) > 2
     assert "image_url" in json.dumps(model.asked[-1])
 
@@ -130,8 +135,8 @@ def test_a_model_of_vision_plays_a_series_by_pictures(card):
 def test_a_model_plays_a_series_by_the_mcp_client(card, task):
     server, address = card(task)
     with scripted_model(TURNS) as (_, api):
-        given = (AGENTS / "mcp_tools.py", address, "--model", "scripted")
-        said = run(CLIENTS / "python", *given, OPENAI_BASE_URL=api)
-    assert said.count("moves\n") == 2
+        arguments = (AGENTS / "mcp_tools.py", address, "--model", "scripted")
+        output = run(CLIENTS / "python", *arguments, OPENAI_BASE_URL=api)
+    assert output.count("moves\n") == 2
     if task == MARS:
         assert [outcome for outcome, _ in ends(server)] == ["explored", "explored"]

@@ -1,4 +1,4 @@
-"""The example of a clone: a policy from a release's people, held-out terrains, and no clone of nobody."""
+"""The clone example: a policy from a release's people, on held-out terrains."""
 
 import importlib.util
 import sys
@@ -28,7 +28,7 @@ def example():
 
 @pytest.fixture
 def clone(example, tmp_path, monkeypatch):
-    """`clone(kinds, words)` calls the example with a small released study that these kinds of players played."""
+    """`clone(kinds, words)` runs the example on a small study of these players."""
 
     def call(kinds, *words):
         bundle = tmp_path / "out"
@@ -78,4 +78,4 @@ def test_a_clone_learns_the_moves_it_is_shown(example, tmp_path):
     save_network(net, tmp_path / "clone.onnx", {})
     policy = load(tmp_path / "clone.onnx", 4)
     held = (record(seed) for seed in range(100, 110))
-    assert sum((agreement_with(policy, each) for each in held), Agreement()).share > 0.8
+    assert sum((agreement_with(policy, held_out) for held_out in held), Agreement()).share > 0.8

@@ -1,4 +1,4 @@
-"""The simulated robot sees what a laser would see, hits nothing, and knows in the end every cell that it can reach."""
+"""The simulated robot sees as a laser does, hits nothing and maps what it can."""
 
 import importlib.util
 import math
@@ -46,15 +46,15 @@ def explorer_of(robots, terrain, name="frontier-utility", noise=0.05, start=(0, 
 
 def reachable(terrain, start=(0, 0)):
     """Return the free cells connected with the start."""
-    found, queue = {start}, deque([start])
+    reached, queue = {start}, deque([start])
     while queue:
         row, col = queue.popleft()
         for cell in ((row - 1, col), (row, col + 1), (row + 1, col), (row, col - 1)):
             inside = 0 <= cell[0] < terrain.shape[0] and 0 <= cell[1] < terrain.shape[1]
-            if inside and cell not in found and not terrain[cell]:
-                found.add(cell)
+            if inside and cell not in reached and not terrain[cell]:
+                reached.add(cell)
                 queue.append(cell)
-    return found
+    return reached
 
 
 def test_a_beam_ends_where_marching_along_it_ends(robots):
@@ -86,8 +86,8 @@ def test_the_robot_knows_in_the_end_every_cell_that_it_can_reach_and_has_hit_not
 def test_a_cell_is_known_when_its_pixels_are(robots):
     drawn = np.full((8, 12), robots.CLEAR, np.uint8)
     drawn[0, 0], drawn[1, 1], drawn[6, 9] = robots.NOT_SEEN, robots.OCCUPIED, robots.NOT_SEEN
-    known = robots.cells_known(drawn, (1, 0)).tolist()
-    assert known == [[OBSTACLE, FREE, FREE], [ROVER, FREE, UNKNOWN]]
+    codes = robots.cells_known(drawn, (1, 0)).tolist()
+    assert codes == [[OBSTACLE, FREE, FREE], [ROVER, FREE, UNKNOWN]]
 
 
 def test_metres_and_cells_are_two_names_of_one_place(robots):
@@ -116,15 +116,15 @@ def test_a_robot_that_leaves_its_cell_is_seen_to_collide(robots):
 
 def test_the_command_prints_what_the_robot_did_and_writes_a_picture(robots, tmp_path, capsys):
     robots.main(["--size", "8", "--out", str(tmp_path / "robot.png")])
-    said = capsys.readouterr().out
-    assert said.startswith("explored: ")
-    assert " 0 collisions; " in said
+    output = capsys.readouterr().out
+    assert output.startswith("explored: ")
+    assert " 0 collisions; " in output
     assert (tmp_path / "robot.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_command_explores_a_map_file(robots, tmp_path, capsys):
     write_map(GridMap(TERRAIN, CELL_M, (0.0, 0.0, 0.0), (8, 0)), tmp_path / "rooms.yaml")
     robots.main(["--map", str(tmp_path / "rooms.yaml"), "--out", str(tmp_path / "robot.png")])
-    said = capsys.readouterr().out.split()
-    assert (said[0], said[3]) == ("explored:", str(TERRAIN.size))
-    assert int(said[1]) >= (~TERRAIN).sum()  # all free cells, and the obstacles that can be seen
+    words = capsys.readouterr().out.split()
+    assert (words[0], words[3]) == ("explored:", str(TERRAIN.size))
+    assert int(words[1]) >= (~TERRAIN).sum()  # all free cells, and the obstacles that can be seen

@@ -1,4 +1,4 @@
-"""Each example in a virtual environment of its own with what it asks for, kept in .cache/examples from run to run."""
+"""Each example in a virtual environment of its own, kept in .cache/examples."""
 
 import json
 import os
@@ -24,12 +24,12 @@ OLDEST = ["gymnasium==1.0.0", "numba", "scipy", "pytest", "pytest-timeout", "hyp
 
 
 def needs(name):
-    """Return what pip installs in the environment of an example: what its script says, or the core alone in `oldest`."""
+    """Return what pip installs for an example's environment; `oldest` is the core."""
     if name == "oldest":
         return OLDEST
     (line,) = re.findall(r"^ *pip install (.+)$", (ROOT / "examples" / name).read_text(), re.M)
-    own, *packages = shlex.split(line)
-    return ["--editable", f"{ROOT}{own.removeprefix('.')}", *packages]
+    core, *packages = shlex.split(line)
+    return ["--editable", f"{ROOT}{core.removeprefix('.')}", *packages]
 
 
 def home(name):
@@ -143,9 +143,9 @@ def test_a_ppo_that_stable_baselines_exports_plays_the_same_seeds_as_there(env, 
 
 def test_the_example_trains_and_writes_what_evaluate_scores(tmp_path):
     out = tmp_path / "mine.onnx"
-    given = ["--steps", 1024, "--size", 8, "--out", out]
-    said = run(home("sb3_maskable_ppo.py"), "examples/sb3_maskable_ppo.py", *given, cwd=ROOT)
-    assert "1,024 moves learnt from" in said
+    options = ["--steps", 1024, "--size", 8, "--out", out]
+    output = run(home("sb3_maskable_ppo.py"), "examples/sb3_maskable_ppo.py", *options, cwd=ROOT)
+    assert "1,024 moves learnt from" in output
     rest = ["--policy", out, "--size", 8, "--episodes", 3]
     assert "mine" in run(
         sys.executable, "-m", "humanplay.tasks.mars.cli", "evaluate", *rest, cwd=ROOT
@@ -154,8 +154,8 @@ def test_the_example_trains_and_writes_what_evaluate_scores(tmp_path):
 
 def test_the_cleanrl_loop_learns_and_saves_what_beats_chance(tmp_path):
     options = ["--steps", 100_000, "--size", 12, "--out", tmp_path / "mine.onnx"]
-    said = run(sys.executable, "examples/cleanrl_ppo.py", *options, cwd=ROOT)
-    scores = [float(one) for one in re.findall(r"mean score ([\d.]+)", said)]
+    output = run(sys.executable, "examples/cleanrl_ppo.py", *options, cwd=ROOT)
+    scores = [float(one) for one in re.findall(r"mean score ([\d.]+)", output)]
     *scores, mine, chance = scores
     assert mine > chance
     assert len(scores) > 20
@@ -164,28 +164,30 @@ def test_the_cleanrl_loop_learns_and_saves_what_beats_chance(tmp_path):
 
 
 def test_rllib_trains():
-    said = run(home("rllib_ppo.py"), "examples/rllib_ppo.py", "--steps", 2000, cwd=ROOT)
-    assert len(re.findall(r"moves, mean return -?[\d.]+", said)) >= 2
+    output = run(home("rllib_ppo.py"), "examples/rllib_ppo.py", "--steps", 2000, cwd=ROOT)
+    assert len(re.findall(r"moves, mean return -?[\d.]+", output)) >= 2
 
 
 def test_torchrl_rolls_out_with_masks():
-    said = run(home("torchrl_rollout.py"), "examples/torchrl_rollout.py", "--steps", 200, cwd=ROOT)
-    assert "200 moves, 0 of them invalid" in said
-    assert "action_mask" in said
+    output = run(
+        home("torchrl_rollout.py"), "examples/torchrl_rollout.py", "--steps", 200, cwd=ROOT
+    )
+    assert "200 moves, 0 of them invalid" in output
+    assert "action_mask" in output
 
 
 @pytest.mark.parametrize(
-    ("script", "more", "said"),
+    ("script", "more", "pattern"),
     [
         ("envpool_style.py", ["--num-envs", 128, "--batch-size", 64], r", [1-9]\d* episodes ended, mean score 0"),
         ("pufferlib_style.py", ["--num-envs", 64], ", 64 rovers in the given memory"),
     ],
 )  # fmt: skip
-def test_a_stack_is_played_in_the_style_of_other_libraries(script, more, said):
+def test_a_stack_is_played_in_the_style_of_other_libraries(script, more, pattern):
     options = ["--steps", 20_000, "--size", 8, *more]
     printed = run(sys.executable, f"examples/{script}", *options, cwd=ROOT)
     assert "moves, 0 of them invalid" in printed
-    assert re.search(said, printed)
+    assert re.search(pattern, printed)
 
 
 def test_the_oldest_gymnasium_in_the_range_serves_the_environment(tmp_path):

@@ -1,4 +1,4 @@
-"""The playground without MarsExplorer: a copy of the tree in which nothing of it is left serves another world."""
+"""The playground without MarsExplorer's files serves another world."""
 
 import os
 import shutil
@@ -43,15 +43,15 @@ def test_a_server_starts_with_another_world(tree, tmp_path):
         stderr=subprocess.STDOUT,
         text=True,
     ) as server:
-        said = []
+        printed = []
         try:
             for line in server.stdout:
-                said.append(line)
+                printed.append(line)
                 if "is open at" in line:
                     break
-            assert said, "the server said nothing"
-            assert "is open at" in said[-1], "".join(said)
-            url = f"http://127.0.0.1:{said[-1].split('http://127.0.0.1:')[1].split()[0]}"
+            assert printed, "the server said nothing"
+            assert "is open at" in printed[-1], "".join(printed)
+            url = f"http://127.0.0.1:{printed[-1].split('http://127.0.0.1:')[1].split()[0]}"
             with httpx.Client(base_url=url, timeout=PATIENCE_S, trust_env=False) as client:
                 for path in ("", "daily", "leaderboard", "me", "study", "about", "api/task"):
                     assert client.get(path).status_code == 200, path

@@ -1,4 +1,4 @@
-"""A world of one's own, registered by its folder: served, drawn from there, played by people and policies, and verified."""
+"""A world of one's own, registered by its folder: served, played and verified."""
 
 import json
 import os
@@ -145,14 +145,14 @@ def test_synthetic_participants_take_part_in_a_study_of_it(serve, maze, tmp_path
     server = serve(task=maze)
     outcomes = []
     simulate(Plan(server.url, "way", 2, speed=1000.0), outcomes)
-    assert [(each.stage, each.ranked) for each in outcomes] == [("complete", 2)] * 2
+    assert [(outcome.stage, outcome.ranked) for outcome in outcomes] == [("complete", 2)] * 2
     with closing(Reader.open(tmp_path / "playground.db")) as reader:
         (script,) = reader.query("SELECT DISTINCT script FROM participants")
     assert script == {"script": "far-wall, 10% random moves"}
 
 
 def by_keys(server, client, session, policy):
-    """Play a board of the maze to its end by keys, as a policy would, and return the last frame."""
+    """Play a maze to its end by keys, as a policy would; return the last frame."""
     policy.reset()
     with server.socket(session, client) as socket:
         frame = socket.receive("frame")
@@ -163,7 +163,7 @@ def by_keys(server, client, session, policy):
 
 
 def all_ready(client, path):
-    """The policies of an answer by name, once all have their figures; until then False."""
+    """An answer's policies by name, once all have figures; False until then."""
     policies = client.get(path).json()["policies"]
     return all(policy["state"] == "ready" for policy in policies) and {
         policy["name"]: policy for policy in policies
@@ -232,8 +232,8 @@ def test_its_leaderboard_shows_people_and_policies(serve, maze):
 
 def test_the_figures_of_its_policies_are_made_by_the_command(maze, tmp_path, capsys):
     out = tmp_path / "figures"
-    code, said, _ = command(capsys, "leaderboard", "--env", MAZE, "--out", out)
-    assert (code, said.strip()) == (0, str(out / "maze.json"))
+    code, output, _ = command(capsys, "leaderboard", "--env", MAZE, "--out", out)
+    assert (code, output.strip()) == (0, str(out / "maze.json"))
     figures = json.loads((out / "maze.json").read_text())["policies"]
     assert [figure["policy"] for figure in figures] == ["far-wall", "random"]
     assert len(figures[0]["steps"]) == 100

@@ -37,12 +37,12 @@ def copied(value):
     return np.array(value, copy=True)
 
 
-def assert_same(given, kept):
-    for name, one in kept.items():
+def assert_same(stepped, expected):
+    for name, one in expected.items():
         if isinstance(one, dict):
-            assert_same(given[name], one)
+            assert_same(stepped[name], one)
         elif name != "final_obs":
-            assert (given[name] == one).all(), name
+            assert (stepped[name] == one).all(), name
 
 
 def test_stacks_in_several_threads_at_once_do_not_meet():

@@ -36,7 +36,7 @@ def board_of(episode):
 
 
 def boards():
-    """The boards by name: at the start, on the way, done, and after driving into a rock."""
+    """Boards by name: at the start, on the way, done, and after hitting a rock."""
     policy = policies.load("ppo")
     policy.reset(SEED)
     episode = Episode.begin(CONFIG, seed=SEED)

@@ -1,4 +1,4 @@
-"""What the browser tests share: where Chromium is, how it is started, where pictures go."""
+"""What the browser tests share: Chromium, its options, and the pictures' folder."""
 
 import os
 import random
@@ -43,7 +43,7 @@ def chromium_path():
 
 
 def free_port():
-    """Return a port nobody listens on, below those that the system hands out meanwhile."""
+    """Return a free port below those that the system hands out."""
     while True:
         port = random.randrange(20_000, 32_000)
         with socket.socket() as sock, suppress(OSError):
@@ -56,15 +56,17 @@ ANIMATED = """() => Promise.allSettled(document.getAnimations()
 
 
 def violations(page, **options):
-    """What axe finds on the page once nothing fades in or moves: "rule: what it is (first place)"."""
+    """What axe finds on a page at rest: "rule: what it is (first place)"."""
     if not page.evaluate("() => 'axe' in window"):
         page.evaluate(AXE_SCRIPT)
     page.evaluate(ANIMATED)
     # the default rules look at nothing preloaded
     wanted = {"resultTypes": ["violations"], "preload": False, **options}
     run = "options => axe.run(options).then(({ violations }) => violations)"
-    found = page.evaluate(run, wanted)
-    return [f"{each['id']}: {each['help']} ({each['nodes'][0]['html'][:120]})" for each in found]
+    broken_rules = page.evaluate(run, wanted)
+    return [
+        f"{rule['id']}: {rule['help']} ({rule['nodes'][0]['html'][:120]})" for rule in broken_rules
+    ]
 
 
 def keep_picture(page, name, full_page=False):
@@ -78,24 +80,27 @@ SIZES = {"phone": (390, 844), "desktop": (1440, 900)}
 
 
 def judged(page, name, full_page=False):
-    """What axe finds on a screen at both sizes, and where it is wider than the screen; a picture of each is kept."""
-    found = []
+    """What axe finds on a screen at both sizes, and where it is too wide.
+
+    A picture of each is kept.
+    """
+    faults = []
     for size, (width, height) in SIZES.items():
         page.set_viewport_size({"width": width, "height": height})
-        found += [f"{name}, {size}: {each}" for each in violations(page)]
+        faults += [f"{name}, {size}: {violation}" for violation in violations(page)]
         reached = page.evaluate("() => document.documentElement.scrollWidth")
-        found += [f"{name}, {size}: {reached} px wide"] if reached > width else []
+        faults += [f"{name}, {size}: {reached} px wide"] if reached > width else []
         keep_picture(page, f"{name}-{size}", full_page)
-    return found
+    return faults
 
 
 def fetched(page, url):
-    """GET an address with the page's cookies, once more if the server has just closed an idle connection."""
+    """GET with the page's cookies, once more if an idle connection was just closed."""
     return page.request.get(url, max_retries=1)
 
 
 class Hand:
-    """A person's pace: as fast as a hand can be for a moment, and no faster than it can keep up (`FASTEST`)."""
+    """A person's pace: fast for a moment, and no faster than a hand can (`FASTEST`)."""
 
     def __init__(self):
         self._pressed_s = []
@@ -106,9 +111,9 @@ class Hand:
         The times are those after each press, so the page had taken it by then: however busy the machine is, the page sees
         no presses closer together than these.
         """
-        known = [each for each in FASTEST if each[0] <= len(self._pressed_s) + 1]
+        limits = [limit for limit in FASTEST if limit[0] <= len(self._pressed_s) + 1]
         rested = [
-            self._pressed_s[1 - presses] + 1.1 * least_ms / 1000 for presses, least_ms in known
+            self._pressed_s[1 - presses] + 1.1 * least_ms / 1000 for presses, least_ms in limits
         ]
         time.sleep(max(0.0, max(rested, default=0.0) - time.monotonic()))
         keyboard.press(key)
@@ -131,7 +136,7 @@ class Player:
         return self
 
     def wait(self, claim, timeout_ms=1000 * PATIENCE_S):
-        """Wait until an expression is true; one of what a page that is loading does not have yet is not."""
+        """Wait until an expression is true; an error while a page loads counts as false."""
         claim = f"() => {{ try {{ return Boolean({claim}) }} catch (error) {{ return false }} }}"
         self.page.wait_for_function(claim, timeout=timeout_ms)
 
@@ -139,7 +144,7 @@ class Player:
         return self.page.evaluate(f"() => window.playground.state.{path}")
 
     def open_session(self, **wish):
-        """Open a session of one's own (the page's cookie) and return what the server says of it."""
+        """Open a session with the page's cookie; return the server's answer."""
         origin = "/".join(self.url.split("/")[:3])
         url, headers = f"{self.url}/api/sessions", {"Origin": origin}
         answer = self.page.request.post(url, data=wish, headers=headers, max_retries=1)
@@ -191,5 +196,5 @@ class Player:
         eventually(lambda: self.picture(test_id) != before)
 
     def shows(self, test_id, text):
-        """Wait until an element says just that: the page paints in the frame after its state has changed."""
+        """Wait until an element says just that: a page paints after its state changes."""
         eventually(lambda: self.page.get_by_test_id(test_id).inner_text() == text)

@@ -78,10 +78,10 @@ def is_valid(episode):
 
 
 def write_report(database, path, *options):
-    """Write the report of the study in a database as JSON; return the command's exit code."""
-    where = "--database", str(database), "--json", str(path)
+    """Write the report of a database's study as JSON; return the exit code."""
+    files = "--database", str(database), "--json", str(path)
     try:
-        main(["report", "--study", NAME, "--no-moves", *where, *options])
+        main(["report", "--study", NAME, "--no-moves", *files, *options])
     except SystemExit as left:
         return left.code or 0
     return 0

@@ -26,7 +26,10 @@ def rows_of(release, name):
 
 
 def figures(release):
-    """Return {"per protocol", "everybody": {metric: (mean, interval)}, "statuses": counts}."""
+    """Return the means with intervals, and the counts of statuses.
+
+    They are {"per protocol", "everybody": {metric: (mean, interval)}, "statuses": counts}.
+    """
     protocol = json.loads((release / "protocol.json").read_text(encoding="utf-8"))
     people = [row for row in rows_of(release, "participants") if row["kind"] == "human"]
     episodes = [row for row in rows_of(release, "episodes") if row["phase"] == "ranked"]

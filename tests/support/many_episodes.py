@@ -42,9 +42,7 @@ def make_episodes(
     configs: tuple[EnvConfig, ...],
     players: int = 3000,
 ) -> None:
-    """Make a database with about so many finished episodes and players, and the folder of its
-    studies.
-    """
+    """Make a database with about so many episodes and players, and its studies' folder."""
     for name in ("dunes", "ridge"):
         study = freeze(studies, name, close=name == "dunes")
         play_study(path, study, ("human",) * 6)

@@ -7,7 +7,7 @@ import numpy as np
 
 
 class Masked(gymnasium.Env):
-    """A marker on a line of `cells` cells that says in one of three ways what is allowed.
+    """A marker on a line of `cells` cells, with one of three forms of mask.
 
     how  "info", "observation" or "method"
     """
@@ -86,7 +86,7 @@ class Doors(Masked):
 
 
 class Belt(Masked):
-    """A belt: in its odd cells nobody can stay, in its first none can go left, in its last none right."""
+    """A belt with its own bans: no staying in odd cells, no leaving at its ends."""
 
     names: ClassVar = ["noop", "left", "right"]
 

@@ -1,4 +1,4 @@
-"""Environments that do not follow from seed and actions, each for a reason of its own, beside twins that do.
+"""Environments that do not follow from seed and actions, beside twins that do.
 
 `tests.support.odd_environments:Odd-clock-v0` is the odd one, `Even-clock-v0` its twin.
 """
@@ -29,7 +29,7 @@ module_state = [0]
 
 
 class Walk(gymnasium.Env):
-    """A number that follows from seed and actions, shown as a picture; the odd one adds something else."""
+    """A number shown as a picture; the odd one adds something to seed and actions."""
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012
     action_space = gymnasium.spaces.Discrete(3)

@@ -1,4 +1,4 @@
-"""Policy files for the tests: good ones of every kind, and a corpus of broken and malicious ones."""
+"""Policy files for the tests: good ones, and broken and malicious ones."""
 
 import json
 import os
@@ -41,7 +41,7 @@ def runs(marker):
 def onnx_model(
     size=(6, 7), batch=1, masked=False, value=True, dtype=TensorProto.FLOAT, logits=4, bias=None, names=None, seed=0
 ):  # fmt: skip
-    """Return a linear policy over the flattened board as an ONNX model, its weights drawn from a seed."""
+    """Return a linear policy over the flattened board, with weights from a seed."""
     rng = np.random.default_rng(seed)
     cells = size[0] * size[1]
     name, out = names or ("observation", "logits")
@@ -145,7 +145,9 @@ def broken_onnx(kind, path, marker):
         model.functions.append(helper.make_function("ai.mine", "F", ["x"], ["y"], body, opset))
     elif kind == "a loop":
         kinds = {"i": TensorProto.INT64, "go": TensorProto.BOOL, "on": TensorProto.BOOL}
-        i, go, on = (helper.make_tensor_value_info(*each, []) for each in kinds.items())
+        i, go, on = (
+            helper.make_tensor_value_info(*name_and_kind, []) for name_and_kind in kinds.items()
+        )
         nodes = [helper.make_node("Identity", ["go"], ["on"])]
         body = helper.make_graph(nodes, "body", [i, go], [on])
         graph.initializer.append(numpy_helper.from_array(np.array(2**62, np.int64), "many"))
@@ -197,24 +199,26 @@ def _field(number, content):
 
 
 def _second_graph(node):
-    """Return a further part of a model's graph with one node: protobuf joins the parts."""
+    """Return another part of a model's graph, one node: protobuf joins parts."""
     return _field(7, _field(1, node))
 
 
 def _output(graph, name):
-    """Make the largest number of a tensor an output, so that nobody leaves the tensor out."""
+    """Make a tensor's largest number an output, so that no optimiser drops it."""
     graph.node.append(helper.make_node("ReduceMax", [name], ["peak"], keepdims=0))
     graph.output.append(helper.make_tensor_value_info("peak", TensorProto.FLOAT, []))
 
 
 def _network_of_one_board():
-    """A network over our features that leaves the number of boards open, and gives the logits of one."""
+    """A network with an open number of boards that gives the logits of one."""
     nodes = [
         helper.make_node("ReduceSum", ["moves", "axes"], ["sums"]),
         helper.make_node("Reshape", ["sums", "shape"], ["logits"]),
     ]
     held = {"axes": [0, 2], "shape": [1, 4]}
-    initializers = [numpy_helper.from_array(np.array(each), name) for name, each in held.items()]
+    initializers = [
+        numpy_helper.from_array(np.array(numbers), name) for name, numbers in held.items()
+    ]
     planes = helper.make_tensor_value_info(
         "planes", TensorProto.UINT8, [None, PLANES, PICTURE_CELLS]
     )

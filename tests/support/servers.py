@@ -138,7 +138,7 @@ class Running:
     def socket(
         self, session_id, client=None, origin=True, path="/ws/sessions/", max_queue=None, **headers
     ):
-        """Yield a Socket with the client's cookie and the page's Origin, as a browser would.
+        """Yield a Socket with the client's cookie and the page's Origin.
 
         max_queue  messages that wait for the test before nothing more is read; None reads them all,
                    so that it closes at once
@@ -298,8 +298,7 @@ def server(serve):
 
 @pytest.fixture
 def spawn(tmp_path, tmp_path_factory, limits):
-    """`spawn()` starts a server in a process of its own that can be killed; the same database every
-    time.
+    """`spawn()` starts a server that can be killed, on the same database every time.
 
     `listening` is a socket that it inherits as systemd would pass it on.
     """

@@ -1,4 +1,4 @@
-"""Agents play an evaluation with cards: once at each instance, from what was seen alone, and without a score."""
+"""Agents play an evaluation with cards: each instance once, without a score."""
 
 import asyncio
 
@@ -42,8 +42,8 @@ def test_the_address_of_a_card_is_of_no_use_once_one_of_three_is_closed(
     Folder.beside(database).close("small", keeps_secret=ends != "study")
     if ends == "evaluation":
         close = "agents", "close", "agents", "--yes", "--now", "--database", database
-        code, _, said = command(capsys, *close)
-        assert code == 0, said
+        code, _, errors = command(capsys, *close)
+        assert code == 0, errors
     elif ends == "card":
         words = "agents", "revoke", "agents", agent.token[:4], "--database", database
         assert command(capsys, *words)[0] == 0
@@ -93,8 +93,8 @@ def test_the_limits_of_calls_and_of_time_hold(serve, tmp_path):
     agent = Agent(serve(), token_of(tmp_path / "playground.db"))
     agent.play(0, moves=1)
     agent.server.clock.wait(6 * 60_000)
-    status, said = refused(agent, "act", 0, 0)
-    assert (status, said) == (409, "instance 0 is finished: no move is made any more")
+    status, reason = refused(agent, "act", 0, 0)
+    assert (status, reason) == (409, "instance 0 is finished: no move is made any more")
     agent.play(1, moves=0)
     for _ in range(9 - 4):
         agent.call("begin", 1)

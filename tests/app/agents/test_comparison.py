@@ -7,7 +7,7 @@ from humanplay.tasks.gymnasium.description import Description
 
 
 def test_what_an_agent_left_is_worth_what_people_get_for_leaving():
-    """The environment's lowest score, however much was scored until then; what was played stands as played."""
+    """Leaving is worth the lowest score, however much was scored until then."""
     task = f"gymnasium:{Description(id='FrozenLake-v1', bounds=(1, 500)).told}"
     environment = environment_of(task)
     protocol = Protocol(

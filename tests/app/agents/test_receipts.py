@@ -1,4 +1,4 @@
-"""What came of a card, signed: checked by itself, and with the opening by simulating every episode again."""
+"""A card's signed receipt, checked alone and by replaying it with the opening."""
 
 import json
 import math
@@ -24,11 +24,11 @@ def closed(tmp_path_factory, shipped_policies):
 
 def receipts_of(root):
     """The receipts by author and number."""
-    found = {}
+    receipts = {}
     for path in (root / "playground.db-agents/agents/receipts").iterdir():
         content = json.loads(path.read_text())
-        found[content["card"]["author"], content["card"]["number"]] = path
-    return found
+        receipts[content["card"]["author"], content["card"]["number"]] = path
+    return receipts
 
 
 @pytest.fixture
@@ -53,22 +53,22 @@ def changed(receipt, change):
 
 def test_a_receipt_is_checked_alone_and_by_the_opening(files, closed, capsys):
     receipt, opening = files
-    code, said, _ = verify(capsys, receipt)
-    assert (code, "nothing wrong; no episode simulated" in said) == (0, True)
+    code, output, _ = verify(capsys, receipt)
+    assert (code, "nothing wrong; no episode simulated" in output) == (0, True)
     content = json.loads(receipt.read_text())
     fingerprint = signing.fingerprint(content["public_key"].encode())
     card = content["card"]["id"]
-    code, said, _ = verify(
+    code, output, _ = verify(
         capsys, receipt, "--opening", opening, "--key", fingerprint, "--card", card
     )
-    assert (code, "every episode simulated again" in said, "signer checked" in said) == (
+    assert (code, "every episode simulated again" in output, "signer checked" in output) == (
         0,
         True,
         True,
     )
     assert content["agent"] == {"agent": "Mapper", "model": "rule", "prompts_sha256": "0" * 64}
     assert content["seen_by"]["participants"] == 3
-    assert "who could have seen the instances before: 3 participants (since 2026-09" in said
+    assert "who could have seen the instances before: 3 participants (since 2026-09" in output
     assert content["seen_by"]["participants_since"].startswith("2026-09")
     assert verify(capsys, receipt, "--key", "0" * 64)[0] == 1
 
@@ -76,7 +76,7 @@ def test_a_receipt_is_checked_alone_and_by_the_opening(files, closed, capsys):
 def test_what_was_left_or_never_begun_counts_as_abandoned(closed, capsys):
     path = receipts_of(closed)["Bo", 1]
     content = json.loads(path.read_text())
-    came = {each["index"]: each for each in content["episodes"]}
+    came = {episode["index"]: episode for episode in content["episodes"]}
     assert [came[i]["outcome"] for i in range(3)] == ["abandoned", "explored", "abandoned"]
     assert [came[i]["begun"] for i in range(3)] == [False, True, True]
     assert came[0]["score"] <= came[2]["score"] < came[1]["score"]
@@ -107,8 +107,8 @@ def test_a_further_card_of_an_author_says_what_it_has_seen_and_does_not_rank(clo
     path = path.with_name("forged.json")
     path.write_text(json.dumps(sign(forged, key)))
     try:
-        code, said, _ = verify(capsys, path)
-        assert (code, "ranks" in said) == (1, True)
+        code, output, _ = verify(capsys, path)
+        assert (code, "ranks" in output) == (1, True)
     finally:
         path.unlink()
 
@@ -127,8 +127,8 @@ def test_a_further_card_of_an_author_says_what_it_has_seen_and_does_not_rank(clo
 def test_a_changed_receipt_is_found(files, capsys, change):
     receipt, _ = files
     changed(receipt, change)
-    code, said, _ = verify(capsys, receipt)
-    assert (code, "its signature is invalid" in said) == (1, True)
+    code, output, _ = verify(capsys, receipt)
+    assert (code, "its signature is invalid" in output) == (1, True)
 
 
 def test_a_receipt_signed_anew_is_found_by_its_key_and_by_the_simulation(
@@ -143,22 +143,22 @@ def test_a_receipt_signed_anew_is_found_by_its_key_and_by_the_simulation(
 
     content = changed(receipt, better)
     del content["public_key"], content["signature"]
-    own = signing.signing_key(tmp_path / "own.db")
-    receipt.write_text(json.dumps(sign(content, own)))
+    own_key = signing.signing_key(tmp_path / "own.db")
+    receipt.write_text(json.dumps(sign(content, own_key)))
     assert verify(capsys, receipt)[0] == 0  # by itself it is sound: somebody else's
-    code, said, _ = verify(capsys, receipt, "--opening", opening)
-    assert (code, "public_key" in said) == (1, True)
+    code, output, _ = verify(capsys, receipt, "--opening", opening)
+    assert (code, "public_key" in output) == (1, True)
     servers = signing.signing_key(closed / "playground.db")
     receipt.write_text(json.dumps(sign(content, servers)))
-    code, said, _ = verify(capsys, receipt, "--opening", opening)
-    assert (code, "chain" in said, "instance" in said) == (1, True, True)
+    code, output, _ = verify(capsys, receipt, "--opening", opening)
+    assert (code, "chain" in output, "instance" in output) == (1, True, True)
 
 
 def test_a_receipt_presented_for_another_card_or_series_is_refused(files, closed, tmp_path, capsys):
     receipt, opening = files
     other = json.loads(receipts_of(closed)["Bo", 1].read_text())["card"]["id"]
-    code, said, _ = verify(capsys, receipt, "--card", other)
-    assert (code, "card" in said) == (1, True)
+    code, output, _ = verify(capsys, receipt, "--card", other)
+    assert (code, "card" in output) == (1, True)
     assert verify(capsys, receipt, "--evaluation", "another")[0] == 1
     assert verify(capsys, receipt, "--evaluation", "agents")[0] == 0
     content = json.loads(opening.read_text())
@@ -170,8 +170,8 @@ def test_a_receipt_presented_for_another_card_or_series_is_refused(files, closed
     assert verify(capsys, receipt, "--opening", renamed)[0] == 1
     content["evaluation"], content["secret"] = "agents", "00" * 32
     renamed.write_text(json.dumps(sign(content, key)))
-    code, said, _ = verify(capsys, receipt, "--opening", renamed)
-    assert (code, "commitment" in said) == (1, True)
+    code, output, _ = verify(capsys, receipt, "--opening", renamed)
+    assert (code, "commitment" in output) == (1, True)
 
 
 def test_a_file_that_is_no_receipt_is_refused(tmp_path, capsys, files):
@@ -185,13 +185,13 @@ def test_a_file_that_is_no_receipt_is_refused(tmp_path, capsys, files):
     content = json.loads(files[0].read_text())
     del content["public_key"], content["signature"], content["seen_by"]
     (tmp_path / "lacking.json").write_text(json.dumps(sign(content, key)))
-    code, said, _ = verify(capsys, tmp_path / "lacking.json")
-    assert (code, "KeyError('seen_by')" in said) == (1, True)
+    code, output, _ = verify(capsys, tmp_path / "lacking.json")
+    assert (code, "KeyError('seen_by')" in output) == (1, True)
     changed(files[0], lambda content: content["episodes"][0].update(score=math.nan))
-    code, said, _ = verify(capsys, files[0], "--opening", files[1])
-    assert (code, "its signature is invalid" in said, "damaged" in said) == (1, True, True)
-    code, _, said = verify(capsys, tmp_path / "none.json")
-    assert (code, "is no file of format humanplay-receipt-1" in said) == (1, True)
+    code, output, _ = verify(capsys, files[0], "--opening", files[1])
+    assert (code, "its signature is invalid" in output, "damaged" in output) == (1, True, True)
+    code, _, errors = verify(capsys, tmp_path / "none.json")
+    assert (code, "is no file of format humanplay-receipt-1" in errors) == (1, True)
     assert verify(capsys, files[1])[0] == 1
 
 
@@ -220,22 +220,22 @@ def comparison_of(root):
 
 
 def test_agents_policies_and_people_stand_on_one_scale(closed):
-    found = comparison_of(closed)
-    rows = {(row["kind"], row["name"]): row for row in found["rows"]}
-    agents = [row for row in found["rows"] if row["kind"] == "agent"]
+    comparison = comparison_of(closed)
+    rows = {(row["kind"], row["name"]): row for row in comparison["rows"]}
+    agents = [row for row in comparison["rows"] if row["kind"] == "agent"]
     mapper, knower, left = sorted(
         agents, key=lambda row: (row["card"]["author"].lower(), row["card"]["number"])
     )[:3]
-    assert found["people"]["players"] == 2
+    assert comparison["people"]["players"] == 2
     assert ("policy", "random") in rows
     assert knower["score"]["mean"] > mapper["score"]["mean"] > left["score"]["mean"]
     assert (mapper["rank"], knower["rank"], left["rank"]) == (1, None, 2)
     assert (mapper["attempts"], left["attempts"]) == (3, 2)
     assert left["outcomes"][0] == "abandoned"
-    both = next(each for each in found["instances"] if each["completed"] == 2)
+    both = next(instance for instance in comparison["instances"] if instance["completed"] == 2)
     assert both["players"] == 2
-    assert 0 < both["best"] <= both["upper_median"] <= found["limit"]
-    difference = mapper["score"]["mean"] - found["people"]["score"]["mean"]
+    assert 0 < both["best"] <= both["upper_median"] <= comparison["limit"]
+    difference = mapper["score"]["mean"] - comparison["people"]["score"]["mean"]
     assert mapper["score"]["difference"] == pytest.approx(difference)
 
 
@@ -254,11 +254,11 @@ def test_the_comparison_tells_of_each_instance_what_came_of_everybody_who_ended_
     begun(tmp_path / "playground.db", of="dunes")
     assert run("agents", "close", "agents", "--yes", "--now", *paths(tmp_path)) == 0
     data = load(tmp_path / "playground.db", "dunes")
-    for each in comparison_of(tmp_path)["instances"]:
-        own = [t for t in data.trials if t.terrain_index == each["index"]]
-        scores = [trial.score for trial in own]
-        assert each["players"] == len(own)
-        assert each["score"] == (pytest.approx(sum(scores) / len(own)) if own else None)
+    for instance in comparison_of(tmp_path)["instances"]:
+        trials = [t for t in data.trials if t.terrain_index == instance["index"]]
+        scores = [trial.score for trial in trials]
+        assert instance["players"] == len(trials)
+        assert instance["score"] == (pytest.approx(sum(scores) / len(trials)) if trials else None)
     page = serve().client().get("/evaluations/agents")
     assert page.status_code == 200
     assert "Closed" in page.text
@@ -266,8 +266,10 @@ def test_the_comparison_tells_of_each_instance_what_came_of_everybody_who_ended_
 
 def test_a_bundle_of_the_study_holds_no_receipts(closed, tmp_path, capsys):
     bundle = tmp_path / "dunes-1"
-    code, _, said = command(capsys, "release", "--study", "dunes", "--out", bundle, *paths(closed))
-    assert code == 0, said
+    code, _, errors = command(
+        capsys, "release", "--study", "dunes", "--out", bundle, *paths(closed)
+    )
+    assert code == 0, errors
     names = [str(path.relative_to(bundle)) for path in bundle.rglob("*")]
     assert not [name for name in names if "receipt" in name or "evaluation" in name]
     assert command(capsys, "reproduce", bundle, "--recorded")[0] == 0

@@ -1,4 +1,4 @@
-"""Nothing tells a terrain that agents play: no route, no command, no message of an attempt, until the evaluation closes."""
+"""Nothing tells an evaluation's terrains before it closes: no route, no command."""
 
 import dataclasses
 import json
@@ -25,7 +25,7 @@ PATH_ENV = "gymnasium:tests.support.environments:Path-v0"
 
 @pytest.fixture
 def root(tmp_path):
-    """A study that three have played and whose secret is kept, and an open evaluation on its terrains."""
+    """A closed study with its secret kept, and an open evaluation on its terrains."""
     study = freeze(tmp_path / "playground.db-studies", close=False)
     play_study(tmp_path / "playground.db", study)
     assert run("study", "close", "dunes", "--keep-secret", "--yes", *paths(tmp_path)) == 0
@@ -50,7 +50,7 @@ def test_no_route_tells_anything_of_a_terrain_that_agents_play(serve, root):
     rows = server.services.store.connection.execute(
         "SELECT id, session_id FROM episodes"
     ).fetchall()
-    ids = {each for row in rows for each in row}
+    ids = {ident for row in rows for ident in row}
     operator = server.page()
     assert operator.post("/api/admin/login", json={"password": "long enough 1"}).status_code == 200
     asked, hidden, strangers = 0, secrets_of(root), server.client()
@@ -75,11 +75,11 @@ def test_no_route_tells_anything_of_a_terrain_that_agents_play(serve, root):
                 for who in (strangers, operator):
                     answer = who.get(url, params={"index": 0})
                     asked += 1
-                    told = [each for each in hidden if each in answer.text]
-                    assert not told, (url, told)
+                    leaks = [secret for secret in hidden if secret in answer.text]
+                    assert not leaks, (url, leaks)
                     if who is not operator:
                         assert not [
-                            each for each in ids if each in answer.text and each not in url
+                            ident for ident in ids if ident in answer.text and ident not in url
                         ], url
     assert asked > 100
     stranger = server.client()
@@ -89,54 +89,57 @@ def test_no_route_tells_anything_of_a_terrain_that_agents_play(serve, root):
     assert (about["status"], about["secret"], about["comparison"]) == ("open", None, None)
     page = stranger.get("/evaluations/agents")
     assert "no score is told before it closes" in page.text
-    for what in ("report", "release"):
-        refused = operator.post(f"/api/admin/studies/dunes/exports/{what}", json={"authors": []})
-        kept = "its secret kept" in refused.json()["detail"]
-        assert (refused.status_code, kept) == (409, True)
+    for export in ("report", "release"):
+        refused = operator.post(f"/api/admin/studies/dunes/exports/{export}", json={"authors": []})
+        says_why = "its secret kept" in refused.json()["detail"]
+        assert (refused.status_code, says_why) == (409, True)
     assert stranger.post("/api/studies/agents/join").status_code == 404
-    assert [each["name"] for each in stranger.get("/api/studies").json()] == ["dunes"]
+    assert [study["name"] for study in stranger.get("/api/studies").json()] == ["dunes"]
 
 
 def test_no_command_tells_a_secret_of_an_open_evaluation(root, capsys):
     for words in (["agents", "show"], ["agents", "show", "agents"], ["study", "show", "dunes"]):
-        code, out, said = command(capsys, *words, *paths(root))
-        assert code == 0, said
-        assert not [each for each in secrets_of(root) if each in out + said]
+        code, out, errors = command(capsys, *words, *paths(root))
+        assert code == 0, errors
+        assert not [secret for secret in secrets_of(root) if secret in out + errors]
 
 
 def alike(agent, instances, moves):
-    """Yield pairs of instances that have looked the same so far, with what each call on them told."""
-    told = {}
+    """Yield the answers on pairs of instances that have looked the same so far."""
+    answers = {}
     for index in range(instances):
         calls = [agent.call("begin", index)]
         calls += [agent.call("act", index, move) for move in moves]
         if calls[-1].done:
             continue
         calls.append(agent.call("begin", index))
-        for given in ((index, 99), (index, 0, 77), (instances, 0)):
+        for arguments in ((index, 99), (index, 0, 77), (instances, 0)):
             with pytest.raises(CardError) as refusal:
-                agent.call("act", *given)
+                agent.call("act", *arguments)
             calls.append((refusal.value.status, str(refusal.value)))
         text = json.dumps(
-            [dataclasses.asdict(each) if dataclasses.is_dataclass(each) else each for each in calls]
+            [
+                dataclasses.asdict(answer) if dataclasses.is_dataclass(answer) else answer
+                for answer in calls
+            ]
         )
-        told[index] = text.replace(f'"index": {index},', '"index": 0,').replace(
+        answers[index] = text.replace(f'"index": {index},', '"index": 0,').replace(
             f"instance {index}:", "instance 0:"
         )
-    for one, other in combinations(told, 2):
-        shown = [json.loads(told[each])[: len(moves) + 1] for each in (one, other)]
-        if [each["observation"] for each in shown[0]] == [each["observation"] for each in shown[1]]:
-            yield told[one], told[other]
+    for one, other in combinations(answers, 2):
+        shown = [json.loads(answers[index])[: len(moves) + 1] for index in (one, other)]
+        if [view["observation"] for view in shown[0]] == [view["observation"] for view in shown[1]]:
+            yield answers[one], answers[other]
 
 
 def test_two_instances_that_look_alike_so_far_answer_alike(serve, tmp_path):
     config = EnvConfig("random", 7, 9, sensor_radius=2)
     own(tmp_path / "playground.db", task="mars", config=config, instances=40)
     agent = Agent(serve(), token_of(tmp_path / "playground.db"))
-    made = evaluation_of(tmp_path / "playground.db")
+    evaluation = evaluation_of(tmp_path / "playground.db")
     pairs = list(alike(agent, 40, ["east"]))
     assert len(pairs) > 3
-    assert len({generate(config, made.seed(i)).tobytes() for i in range(40)}) > 30
+    assert len({generate(config, evaluation.seed(i)).tobytes() for i in range(40)}) > 30
     for one, other in pairs:
         assert one == other
 
@@ -154,8 +157,8 @@ def test_what_may_be_evaluated_and_closed_in_which_order(tmp_path, capsys):
     play_study(database, freeze(tmp_path / "playground.db-studies", close=False))
 
     def asked(*words):
-        code, out, said = command(capsys, *words, *paths(tmp_path))
-        return code, out + said
+        code, out, errors = command(capsys, *words, *paths(tmp_path))
+        return code, out + errors
 
     begin = asked("agents", "new", "agents", "--of", "dunes")  # while people may still play
     assert (begin[0], folder.study("dunes").commitment in begin[1]) == (0, True)
@@ -164,8 +167,8 @@ def test_what_may_be_evaluated_and_closed_in_which_order(tmp_path, capsys):
     close = "agents", "close", "agents", "--yes"
     early = asked(*close)
     assert (early[0], "people still play these terrains" in early[1]) == (2, True)
-    kept = asked("study", "close", "dunes", "--keep-secret", "--yes")
-    assert (kept[0], folder.status("dunes")) == (0, "secret kept"), kept
+    closed = asked("study", "close", "dunes", "--keep-secret", "--yes")
+    assert (closed[0], folder.status("dunes")) == (0, "secret kept"), closed
     assert asked(*close)[0] == 0
     assert folder.study("dunes").closed_ms is not None
     third = asked("agents", "new", "third", "--of", "dunes")
@@ -180,8 +183,8 @@ def test_an_evaluation_is_not_closed_while_an_agent_is_at_it(serve, tmp_path, ca
     agent = Agent(serve(), token_of(database))
     agent.play(0, moves=1)
     close = "agents", "close", "agents", "--yes", *paths(tmp_path)
-    code, _, said = command(capsys, *close)
-    assert (code, "1 agent has moved" in said, evaluation_of(database).is_open) == (2, True, True)
+    code, _, errors = command(capsys, *close)
+    assert (code, "1 agent has moved" in errors, evaluation_of(database).is_open) == (2, True, True)
     assert command(capsys, *close, "--now")[0] == 0
     sql = "SELECT json_extract(came_to, '$.outcome') FROM agents_attempts"
     assert rows_of(database, sql) == [("abandoned",)]
@@ -207,8 +210,8 @@ def test_nothing_is_closed_where_a_policys_file_is_lost(tmp_path, capsys):
     content = file.read_bytes()
     file.unlink()
     close = "agents", "close", "agents", "--yes", *paths(tmp_path)
-    code, _, said = command(capsys, *close)
-    assert (code, said.count("\n"), evaluation_of(database).is_open) == (1, 1, True)
+    code, _, errors = command(capsys, *close)
+    assert (code, errors.count("\n"), evaluation_of(database).is_open) == (1, 1, True)
     file.write_bytes(content)
     assert command(capsys, *close)[0] == 0
 
@@ -223,8 +226,8 @@ def test_nothing_is_closed_where_a_policys_file_is_lost(tmp_path, capsys):
     ],
 )
 def test_a_mistake_with_an_evaluation_is_one_sentence(tmp_path, capsys, words, part):
-    code, _, said = command(capsys, "agents", *words.split(), *paths(tmp_path))
-    assert (code, part in said, said.count("\n")) == (2, True, 1)
+    code, _, errors = command(capsys, "agents", *words.split(), *paths(tmp_path))
+    assert (code, part in errors, errors.count("\n")) == (2, True, 1)
 
 
 def test_agents_enter_no_figure_of_people(serve, root, capsys):
@@ -251,7 +254,7 @@ ROOM = re.compile(r"[Rr]eceipt|[Ss]ealed|OpenEnv|\bMCP\b|[Aa]gents?\b.{0,3} card
 
 def test_the_rooms_words_stand_in_the_room_and_its_page_alone():
     top = Path(__file__).parents[3]
-    found = [
+    leaks = [
         f"{path.relative_to(top)}: {line.strip()}"
         for folder in ("app/humanplay", "static")
         for path in sorted((top / folder).rglob("*"))
@@ -260,4 +263,4 @@ def test_the_rooms_words_stand_in_the_room_and_its_page_alone():
         for line in path.read_text(encoding="utf-8").splitlines()
         if ROOM.search(line)
     ]
-    assert found == []
+    assert leaks == []

@@ -1,4 +1,4 @@
-"""A card's address speaks OpenEnv's protocol and MCP: what it tells, what it refuses, and that it goes on after a lost line."""
+"""A card's address speaks OpenEnv's protocol and MCP, and survives lost lines."""
 
 import json
 import logging
@@ -48,9 +48,9 @@ class Wire:
         with connect(self._ws, proxy=None, compression=None) as socket:
 
             def ask(kind, _raw=None, **data):
-                told = {"type": kind, "data": data} if data else {"type": kind}
+                message = {"type": kind, "data": data} if data else {"type": kind}
                 with suppress(ConnectionClosed):  # what came before it is read all the same
-                    socket.send(json.dumps(told) if _raw is None else _raw)
+                    socket.send(json.dumps(message) if _raw is None else _raw)
                 return json.loads(socket.recv())
 
             yield ask
@@ -103,20 +103,20 @@ def error(answer):
 
 def test_a_series_is_played_to_its_end_and_no_score_is_told(wire, database):
     with wire.socket() as ask:
-        answers = [each for index in (0, 2, 1) for each in wire.play(ask, index)]
+        answers = [answer for index in (0, 2, 1) for answer in wire.play(ask, index)]
         state = ask("state")
     assert state["type"] == "state"
     assert state["data"]["finished"] == [0, 1, 2]
-    assert sum(each["data"]["done"] for each in answers) == 3
+    assert sum(answer["data"]["done"] for answer in answers) == 3
     assert len(answers) > 20
-    for each in answers:
-        assert (each["type"], each["data"]["reward"]) == ("observation", None)
-        seen = each["data"]["observation"]
+    for answer in answers:
+        assert (answer["type"], answer["data"]["reward"]) == ("observation", None)
+        seen = answer["data"]["observation"]
         assert set(seen) == {"index", "step", "observation", "text", "picture"}
         assert len(seen["text"].encode()) <= 1000
         assert seen["picture"].startswith("data:image/png;base64,")
-    told = json.dumps([answers, state, wire.get().json(), wire.get("/metadata").json()])
-    assert not any(word in told for word in ('"return"', '"score"', '"outcome"', '"seed"'))
+    text = json.dumps([answers, state, wire.get().json(), wire.get("/metadata").json()])
+    assert not any(word in text for word in ('"return"', '"score"', '"outcome"', '"seed"'))
     sql = "SELECT instance, json_extract(came_to, '$.outcome') FROM agents_attempts ORDER BY id"
     assert rows_of(database, sql) == [(0, "explored"), (2, "explored"), (1, "explored")]
     assert wire.post("/close", {}).json() == {"closed": True}
@@ -140,31 +140,31 @@ def test_a_lost_line_goes_on_where_the_record_stands(wire):
 
 def test_a_kill_while_agents_act_loses_no_move_that_was_answered(spawn, database):
     server, tokens = spawn(), [token_of(database, author) for author in ("Ann", "Bob")]
-    told, enough = {}, threading.Event()
+    answered, enough = {}, threading.Event()
 
     def act(wire):
         with suppress(ConnectionClosed), wire.socket() as ask:
             while True:
                 for answer in (ask("reset", index=index) for index in range(3)):
                     index = answer["data"]["observation"]["index"]
-                    told[wire.base, index] = answer
+                    answered[wire.base, index] = answer
                     seen = answer["data"]["observation"]["observation"]
-                    told[wire.base, index] = ask("step", action=free_way(seen))
-                    if sum(each["data"]["observation"]["step"] for each in told.values()) > 30:
+                    answered[wire.base, index] = ask("step", action=free_way(seen))
+                    if sum(last["data"]["observation"]["step"] for last in answered.values()) > 30:
                         enough.set()
 
     agents = [threading.Thread(target=act, args=(Wire(server, token),)) for token in tokens]
-    for each in agents:
-        each.start()
+    for thread in agents:
+        thread.start()
     assert enough.wait(PATIENCE_S)
     server.kill()
-    for each in agents:
-        each.join()
+    for thread in agents:
+        thread.join()
     server = spawn()
-    for (base, index), last in told.items():
+    for (base, index), last in answered.items():
         with Wire(server, base.removeprefix("/agents/")).socket() as ask:
             now = ask("reset", index=index)
-        moves = [each["data"]["observation"]["step"] for each in (last, now)]
+        moves = [message["data"]["observation"]["step"] for message in (last, now)]
         assert moves[0] <= moves[1] <= moves[0] + 1  # a move may have been kept and not answered
         assert moves[0] < moves[1] or now == last
     server.kill()
@@ -190,8 +190,8 @@ REFUSED = [
 def test_what_is_no_reset_and_no_step_is_refused_in_a_sentence(wire):
     with wire.socket() as ask:
         ask("reset", index=1)
-        for kind, data, said in REFUSED:
-            assert said in error(ask(kind, **data))[1], (kind, data)
+        for kind, data, reason in REFUSED:
+            assert reason in error(ask(kind, **data))[1], (kind, data)
         assert ask("step", action="east")["data"]["observation"]["step"] == 1  # it goes on
 
 
@@ -205,10 +205,10 @@ def test_what_is_no_message_is_refused_and_the_socket_goes_on(wire):
 def test_a_finished_instance_is_not_reset(wire):
     with wire.socket() as ask:
         wire.play(ask, 2)
-        said = "instance 2 is finished: a card has one attempt at each instance"
-        assert error(ask("reset", index=2)) == ("EXECUTION_ERROR", said)
-        said = "instance 2 is finished: no move is made any more"  # and not how it ended
-        assert error(ask("step", action="east")) == ("EXECUTION_ERROR", said)
+        reason = "instance 2 is finished: a card has one attempt at each instance"
+        assert error(ask("reset", index=2)) == ("EXECUTION_ERROR", reason)
+        reason = "instance 2 is finished: no move is made any more"  # and not how it ended
+        assert error(ask("step", action="east")) == ("EXECUTION_ERROR", reason)
 
 
 def test_a_guessed_token_a_closed_and_a_revoked_card_are_told_alike_on_every_route(
@@ -249,7 +249,7 @@ def test_a_guessed_token_a_closed_and_a_revoked_card_are_told_alike_on_every_rou
         wire = Wire(server, token)
         answers = [wire.get(path) for path in gets]
         answers += [wire.post(path, {"split": "evaluation"}) for path in posts]
-        assert {(each.status_code, each.text) for each in answers} == {
+        assert {(answer.status_code, answer.text) for answer in answers} == {
             (404, json.dumps({"detail": NO_CARD}, separators=(",", ":")))
         }
         with wire.socket() as ask:
@@ -287,14 +287,14 @@ def test_the_instances_are_listed_as_openenv_words_it(wire):
 
 
 def test_the_author_says_what_the_agent_is_before_it_plays(wire):
-    said = {"agent": "rule", "version": "1", "model": "none"}
-    assert wire.post("", said).json() == {"agent": said}
+    description = {"agent": "rule", "version": "1", "model": "none"}
+    assert wire.post("", description).json() == {"agent": description}
     assert "line of sight" in wire.get().json()["instructions"]
     with wire.socket() as ask:
         ask("reset", index=0)
     late = wire.post("", {"agent": "another"})
-    assert (late.status_code, wire.get().json()["agent"]) == (409, said)
-    assert wire.post("", {"cost": "3 USD"}).json() == {"agent": {**said, "cost": "3 USD"}}
+    assert (late.status_code, wire.get().json()["agent"]) == (409, description)
+    assert wire.post("", {"cost": "3 USD"}).json() == {"agent": {**description, "cost": "3 USD"}}
     for wrong in ({"score": "1"}, {"agent": 3}):
         assert wire.post("", wrong).status_code == 422
 
@@ -307,22 +307,22 @@ def test_mcp_has_a_handshake_and_two_tools(wire):
     assert wire.rpc("ping") == {}
     note = wire.post("/mcp", {"jsonrpc": "2.0", "method": "notifications/initialized"})
     assert (note.status_code, note.content) == (202, b"")
-    tools = {each["name"]: each["inputSchema"] for each in wire.rpc("tools/list")["tools"]}
+    tools = {tool["name"]: tool["inputSchema"] for tool in wire.rpc("tools/list")["tools"]}
     assert set(tools) == {"begin", "move"}
     assert tools["move"]["properties"]["action"]["enum"] == ["north", "east", "south", "west"]
     first = wire.rpc("tools/call", name="begin", arguments={"index": 1})
     moved = wire.rpc("tools/call", name="move", arguments={"index": 1, "action": "east"})
     assert first["content"][0]["text"].startswith("instance 1, step 0, running\n7 rows")
-    assert [each["type"] for each in moved["content"]] == ["text", "image"]
+    assert [part["type"] for part in moved["content"]] == ["text", "image"]
     assert moved["structuredContent"]["observation"]["step"] == 1
     assert moved["structuredContent"]["reward"] is None
-    for name, given in [
+    for name, arguments in [
         ("move", {"index": 2, "action": "east"}),
         ("reset", {}),
         ("begin", {"seed": 1}),
     ]:
-        refused = wire.rpc("tools/call", name=name, arguments=given)
-        assert refused["isError"], (name, given)
+        refused = wire.rpc("tools/call", name=name, arguments=arguments)
+        assert refused["isError"], (name, arguments)
     session = wire.rpc("openenv/session/create")["session_id"]
     assert wire.rpc("openenv/session/close", session_id=session)["closed"]
     assert wire.rpc("openenv/session/close", session_id="x")["code"] == -32602
@@ -341,12 +341,12 @@ def test_an_agent_sees_what_the_protocol_shows_and_nothing_else(serve, tmp_path,
     with wire.socket() as ask:
         seen = ask("reset", index=0)["data"]["observation"]
     assert set(seen) == {"index", "step", *shown}
-    told = wire.rpc("tools/call", name="begin", arguments={"index": 0})
-    assert ("text" in shown) == ("@ the rover" in json.dumps(told))
+    answer = wire.rpc("tools/call", name="begin", arguments={"index": 0})
+    assert ("text" in shown) == ("@ the rover" in json.dumps(answer))
 
 
 def known(answer):
-    """Return the map that is known and where the rover stands: all that an instance may tell."""
+    """Return the known map and the rover's place: all that an instance may tell."""
     seen = answer["data"]["observation"]["observation"]
     return json.dumps([seen["grid"], seen["position"]])
 
@@ -363,18 +363,20 @@ def test_instances_that_look_alike_so_far_are_told_alike(serve, tmp_path):
         one, other = max(alike.values(), key=len)[:2]
         pairs = 0
         for action in ("east", "south", "west", "north") * 3:
-            told = []
+            answers = []
             for index in (one, other):
                 now = ask("reset", index=index)
-                told.append([now, wire.rpc("tools/call", name="begin", arguments={"index": index})])
-                told[-1] = json.loads(
-                    json.dumps(told[-1])
+                answers.append(
+                    [now, wire.rpc("tools/call", name="begin", arguments={"index": index})]
+                )
+                answers[-1] = json.loads(
+                    json.dumps(answers[-1])
                     .replace(f'"index": {index}', '"index": 0')
                     .replace(f"instance {index},", "instance 0,")
                 )
-            if known(told[0][0]) != known(told[1][0]):
+            if known(answers[0][0]) != known(answers[1][0]):
                 break
-            assert told[0] == told[1]
+            assert answers[0] == answers[1]
             pairs += 1
             ends = [
                 (ask("reset", index=index), ask("step", action=action))[1]["data"]["done"]
@@ -419,13 +421,13 @@ def test_a_text_frame_shows_the_matrix_around_the_rover_in_one_kilobyte(size):
     policy = load("frontier-cost")
     policy.reset(0)
     while run.view().outcome == "running" and run.view().steps < 400:
-        given = run.seen(False, True)["observation"]
-        text = text_frame(given)
+        observation = run.seen(False, True)["observation"]
+        text = text_frame(observation)
         assert len(text.encode()) <= 1000
         lines = text.split("\n")[2:]
         assert sum("@" in line for line in lines) == 1
         for line in lines:
             number, cells = line[:3], line[4:]
-            assert cells in given["grid"][int(number)]
+            assert cells in observation["grid"][int(number)]
             assert len(cells) == min(size[1], 25)
-        run.step(int(policy.act(codes_of(given["grid"]))))
+        run.step(int(policy.act(codes_of(observation["grid"]))))

@@ -1,4 +1,4 @@
-"""The command: help that teaches, one sentence and an exit code for every mistake, nothing half-written."""
+"""The command: help, one sentence and an exit code for every mistake."""
 
 import csv
 import json
@@ -130,7 +130,7 @@ def test_a_missing_module_that_no_extra_brings_is_an_error_of_ours():
 
 
 def test_the_extras_are_those_of_the_package():
-    """Every library that pyproject.toml lists for an extra is known to bring that extra's name into the sentence."""
+    """Every library of an extra brings the extra's name into the error."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     declared = project["optional-dependencies"]
     del declared["audit"], declared["dev"], declared["docs"]  # no command needs them
@@ -143,10 +143,10 @@ def test_the_extras_are_those_of_the_package():
     assert set(declared) == set(EXTRAS)
     for extra, requirements in declared.items():
         names = [re.split(r"[<>=\[ ]", requirement)[0] for requirement in requirements]
-        own = {imported_as.get(name, name) for name in names if name != "humanplay"}
-        assert {name if name in EXTRAS[extra] else name.replace("-", "_") for name in own} <= set(
-            EXTRAS[extra]
-        )
+        modules = {imported_as.get(name, name) for name in names if name != "humanplay"}
+        assert {
+            name if name in EXTRAS[extra] else name.replace("-", "_") for name in modules
+        } <= set(EXTRAS[extra])
         included = ",".join(re.findall(r"humanplay\[([a-z,]+)\]", " ".join(requirements)))
         assert tuple(included.split(",") if included else ()) == INCLUDED.get(extra, ()), extra
     entries = [*COMMANDS.values(), *mars.COMMANDS.values()]
@@ -260,10 +260,12 @@ def test_two_databases_share_no_study_and_one_option_names_both(run, tmp_path):
     """A study is beside its database, its freezing in the chain of that one alone."""
     for name in ("a", "a.sqlite", "b.db"):
         Store(tmp_path / name).close()
-    where = "--database", tmp_path / "b.db"
+    database = "--database", tmp_path / "b.db"
     new = "--size", "7", "--warm-up", 0, "--ranked", 1, "--players", 2, "--policy", "random"
-    assert run("study", "new", "dunes", *new, "--declarations", DECLARATIONS_FILE, *where)[0] == 0
-    assert run("study", "freeze", "dunes", "--underpowered", *where)[0] == 0
+    assert (
+        run("study", "new", "dunes", *new, "--declarations", DECLARATIONS_FILE, *database)[0] == 0
+    )
+    assert run("study", "freeze", "dunes", "--underpowered", *database)[0] == 0
     for name in ("a", "a.sqlite"):
         code, out, _ = run("study", "list", "--database", tmp_path / name)
         assert (code, "no studies in" in out) == (0, True)
@@ -282,10 +284,10 @@ def test_two_databases_share_no_study_and_one_option_names_both(run, tmp_path):
             mars.cli,
             *(cli.get_command(None, name) for name in ("study", "agents")),
         )
-        for name, each in (
+        for name, command in (
             (name, group.get_command(None, name)) for name in group.list_commands(None)
         )
-        if any("--studies" in option.opts for option in each.params)
+        if any("--studies" in option.opts for option in command.params)
     }
     assert options == set()
 
@@ -304,9 +306,9 @@ def test_export_writes_both_tables(run, database, tmp_path):
         episodes = list(csv.DictReader(file))
     with (tmp_path / "new" / "out" / "steps.csv").open() as file:
         steps = list(csv.DictReader(file))
-    assert [each["verified"] for each in episodes] == ["true", "true"]
-    assert len(steps) == sum(int(each["steps"]) for each in episodes)
-    assert {each["player"] for each in steps} == {each["player"] for each in episodes}
+    assert [row["verified"] for row in episodes] == ["true", "true"]
+    assert len(steps) == sum(int(row["steps"]) for row in episodes)
+    assert {row["player"] for row in steps} == {row["player"] for row in episodes}
 
 
 def test_export_of_the_human_episodes(run, database, tmp_path):
@@ -322,12 +324,12 @@ def test_export_reads_while_a_server_runs(run, database, tmp_path):
     store.close()
 
 
-@pytest.mark.parametrize("what", ["missing", "text", "folder"])
-def test_export_refuses_what_is_no_database_of_ours(run, tmp_path, what):
+@pytest.mark.parametrize("kind", ["missing", "text", "folder"])
+def test_export_refuses_what_is_no_database_of_ours(run, tmp_path, kind):
     path = tmp_path / "it"
-    if what == "text":
+    if kind == "text":
         path.write_text("hello " * 30)
-    if what == "folder":
+    if kind == "folder":
         path.mkdir()
     code, _, err = run("export", "--database", path, "--out", tmp_path / "out")
     assert code == 1
@@ -446,8 +448,8 @@ def test_flags_reach_the_server_as_settings(run, monkeypatch, tmp_path):
     seen = []
     monkeypatch.setattr(humanplay.web.server, "run", seen.append)
     monkeypatch.setenv("HUMANPLAY_HOST", "::1")
-    given = ["--port", "9", "--policy", "a.b", "c.d", "--durable", "--database"]
-    assert run("serve", *given, tmp_path / "a.db")[0] == 0
+    flags = ["--port", "9", "--policy", "a.b", "c.d", "--durable", "--database"]
+    assert run("serve", *flags, tmp_path / "a.db")[0] == 0
     assert run("serve")[0] == 0
     assert run("serve", "--paper")[0] == 0
     first, second, third = seen
@@ -460,7 +462,7 @@ def test_flags_reach_the_server_as_settings(run, monkeypatch, tmp_path):
 
 
 def heed_control_c():
-    """Undo what a shell does to whatever it starts in the background: there Ctrl-C is ignored, by children as well.
+    """Undo a shell's ignoring of Ctrl-C for what it starts in the background.
 
     The process has one core, hence one worker process.
     """
@@ -527,12 +529,12 @@ def test_policies_are_evaluated_on_map_files(run, tmp_path):
     for name in ("hall", "shed"):
         write_map(GridMap(terrain, 0.5, (0.0, 0.0, 0.0), (0, 0)), tmp_path / f"{name}.yaml")
     maps = "--map", tmp_path / "hall.yaml", "--map", tmp_path / "shed.yaml"
-    given = "--policy", "frontier-priced", "--json", tmp_path / "figures.json"
-    code, out, err = run("evaluate", *given, *maps)
+    options = "--policy", "frontier-priced", "--json", tmp_path / "figures.json"
+    code, out, err = run("evaluate", *options, *maps)
     assert code == 0
     assert "frontier-priced" in out
     assert "hall.yaml: 6 x 9 cells of 0.5 m, start in row 5, column 0, at (0.25, 0.25) m" in err
     maps = json.loads((tmp_path / "figures.json").read_text())["maps"]
-    assert [each["name"] for each in maps] == ["hall", "shed"]
+    assert [grid_map["name"] for grid_map in maps] == ["hall", "shed"]
     names = "frontier-priced frontier-cost frontier-utility"
-    assert [each["policy"] for each in maps[1]["results"]] == names.split()
+    assert [result["policy"] for result in maps[1]["results"]] == names.split()

@@ -1,4 +1,4 @@
-"""Where Python lacks POSIX, as on Windows: what works, and the sentence of what does not."""
+"""Without POSIX, as on Windows: what works, and the error for what does not."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Commits that are missing: whatever opens the database compares it with the note beside it, and stops before using it."""
+"""A database that lacks commits noted beside it is refused by whatever opens it."""
 
 import shutil
 import sqlite3
@@ -82,7 +82,7 @@ def test_a_killed_server_goes_on_or_the_start_says_what_is_missing(spawn, killed
     path, session = killed
     missing = noted(path) - commits_of(path)
     assert missing > 2
-    kept = {suffix: beside(path, suffix).read_bytes() for suffix in gone}
+    contents = {suffix: beside(path, suffix).read_bytes() for suffix in gone}
     for suffix in gone:
         beside(path, suffix).unlink()
     before = path.read_bytes()
@@ -92,7 +92,7 @@ def test_a_killed_server_goes_on_or_the_start_says_what_is_missing(spawn, killed
         for _ in range(2):
             assert f"playground.db lacks {missing} commits" in refusal(spawn)
     assert path.read_bytes() == before
-    for suffix, content in kept.items():
+    for suffix, content in contents.items():
         beside(path, suffix).write_bytes(content)
     assert step_of(spawn(), session) == 2
 
@@ -158,8 +158,8 @@ def test_a_log_that_was_cut_short_stops_the_start(spawn, killed):
 
 def test_a_database_that_is_gone_after_a_kill_is_not_begun_anew(spawn, killed):
     path, _ = killed
-    for each in (path, beside(path, "-wal")):
-        each.unlink()
+    for file_path in (path, beside(path, "-wal")):
+        file_path.unlink()
     assert "playground.db lacks" in refusal(spawn)
     assert not path.exists()
 
@@ -290,7 +290,7 @@ def test_the_tables_of_a_young_database_are_in_the_file_itself(spawn, tmp_path):
 
 @pytest.fixture
 def root_of_steps(tmp_path):
-    """Make a database with moves, and return where in its file the table of moves begins."""
+    """Make a database with moves, and return where its table of moves begins."""
     with closing(Store(tmp_path / "playground.db")) as store:
         for seed in range(40):
             play(store, seed=seed)
@@ -299,7 +299,7 @@ def root_of_steps(tmp_path):
 
 
 def damage(path, at):
-    """Overwrite a page; from another process, since closing a handle here would drop SQLite's locks."""
+    """Overwrite a page in another process: closing a handle drops SQLite's locks."""
     code = "import os, sys; f = os.open(sys.argv[1], os.O_WRONLY); os.pwrite(f, bytes([119]) * 4096, int(sys.argv[2]))"
     subprocess.run([sys.executable, "-c", code, str(path), str(at)], check=True)
 
@@ -327,10 +327,10 @@ def test_the_file_is_checked_beside_play_and_damage_is_said_and_logged(
     assert "`humanplay verify`" in answer.json()["detail"]
     server.process.terminate()
     assert server.process.wait() == 0
-    said = "".join(server.printed) + server.process.stdout.read()
+    log = "".join(server.printed) + server.process.stdout.read()
     server.close()
-    assert said.count(f"the database {path} is damaged") == 1
-    assert "Traceback" not in said
+    assert log.count(f"the database {path} is damaged") == 1
+    assert "Traceback" not in log
 
 
 def test_after_a_power_cut_a_damaged_file_is_one_sentence_before_anything_is_answered(

@@ -1,4 +1,4 @@
-"""What the thread that writes costs a move: beside a server that writes on its event loop, in turn, in one run."""
+"""What the writing thread costs a move, against writing on the event loop."""
 
 import subprocess
 import sys
@@ -32,7 +32,7 @@ DELAYS_MS = 5.0
 
 
 class Played:
-    """A server in a process of its own, boards on it, and how long each move took in ms."""
+    """A server in its own process, boards on it, and each move's time in ms."""
 
     def __init__(self, stack, database, mode, boards):
         command = [sys.executable, "-c", SERVER, str(database), mode]
@@ -46,7 +46,7 @@ class Played:
         begun = [
             client.post("/api/sessions", json={"size": 42, "seed": 3}).json() for _ in range(boards)
         ]
-        self.sockets = [stack.enter_context(server.socket(each["session"])) for each in begun]
+        self.sockets = [stack.enter_context(server.socket(board["session"])) for board in begun]
         self.frames = [socket.receive("frame") for socket in self.sockets]
         self.spent, self.cpu_s = [], 0.0
 
@@ -87,17 +87,17 @@ def _ended(process):
 )
 @pytest.mark.parametrize(("boards", "rounds"), [(1, 1500), (20, 100)])
 def test_the_thread_that_writes_costs_a_move_less_than_half_a_millisecond(tmp_path, boards, rounds):
-    """Where several boards move at once, their moves share commits, which makes up for the thread."""
+    """Several boards' moves share commits, which makes up for the thread."""
     with ExitStack() as stack:
         modes = "without", "with"
         inline, threaded = (Played(stack, tmp_path / f"{mode}.db", mode, boards) for mode in modes)
         for step in range(rounds):
-            for each in (inline, threaded) if step % 2 else (threaded, inline):
-                each.move_all(step)
+            for played in (inline, threaded) if step % 2 else (threaded, inline):
+                played.move_all(step)
         (low_before, before, p99_before), (low, after, p99) = (
-            np.percentile(each.spent[100:], [10, 50, 99]) for each in (inline, threaded)
+            np.percentile(played.spent[100:], [10, 50, 99]) for played in (inline, threaded)
         )
-        cpu_before, cpu = (1000 * each.cpu_s / len(each.spent) for each in (inline, threaded))
+        cpu_before, cpu = (1000 * played.cpu_s / len(played.spent) for played in (inline, threaded))
     print(
         f"\n{boards} board(s), written on the event loop -> by a thread: round trip of a move, median {before:.2f} -> ",
         end="",

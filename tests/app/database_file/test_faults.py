@@ -1,4 +1,4 @@
-"""A disk, a clock, a process and a time zone that fail under play: nothing acknowledged is lost, and the way out is said."""
+"""Failing disks, clocks, processes and time zones lose nothing acknowledged."""
 
 import os
 import secrets
@@ -26,7 +26,7 @@ ACTIONS = ("south", "north", "north")
 
 
 def pressed(socket, frame, action):
-    """Take a person's time, and return the messages of a press: its input event, and its move."""
+    """Take a person's time, and return a press's messages: input event and move."""
     socket.clock.wait(150)
     at_ms = socket.clock.page_ms()
     key = {"kind": "keydown", "code": KEY_CODES[action], "repeat": False, "trusted": True}
@@ -73,7 +73,10 @@ def served(path, environment):
     [("ENOSPC", 1), ("ENOSPC", 4), ("EIO", 1), ("EIO", 4), ("EROFS", 1)],
 )
 def test_a_disk_that_fails_at_any_write_of_an_episode_loses_nothing(spawn, tmp_path, error, first):
-    """At its beginning, and at the batch of each press, each move and the end; from the fourth write on a commit is torn."""
+    """At the beginning, at each press and move, and at the end.
+
+    From the fourth write on a commit is torn.
+    """
     server, log = at_a_persons_pace(spawn()), tmp_path / "playground.db-wal"
     client = server.page()
     with failing(server, log, error, first=first):
@@ -126,7 +129,7 @@ def test_a_disk_that_fails_at_any_write_of_an_episode_loses_nothing(spawn, tmp_p
     ids=["note", "checkpoint", "sync of the file", "sync of the log"],
 )
 def test_a_disk_that_fails_beside_the_log_loses_no_move(spawn, tmp_path, suffix, call, end):
-    """The note of a commit, and what is copied into the file and synced when a server ends."""
+    """The commit's note, and the copy and sync when a server ends."""
     server, path = at_a_persons_pace(spawn()), tmp_path / f"playground.db{suffix}"
     client = server.page()
     begun = client.post("/api/sessions", json=BOARD).json()
@@ -167,7 +170,7 @@ def test_a_server_on_a_full_or_read_only_file_system_says_what_to_do(tmp_path, o
 def test_a_clock_that_is_set_and_another_time_zone_lose_no_move_and_spoil_no_episode(
     spawn, tmp_path
 ):
-    """Where it is noon in UTC, Kiribati has the next day; the clock is set right while the server is down."""
+    """At noon in UTC Kiribati has the next day; the clock is set between two starts."""
     path, clock = tmp_path / "playground.db", FakeClock(tmp_path / "clock")
     now = datetime.now(UTC)
     noon = now.replace(hour=12, minute=0, second=0) - now
@@ -198,7 +201,7 @@ def test_a_clock_that_is_set_and_another_time_zone_lose_no_move_and_spoil_no_epi
 
 @pytest.mark.parametrize("end", [signal.SIGCONT, signal.SIGKILL])
 def test_a_server_that_is_stopped_under_play_loses_no_move(spawn, tmp_path, end):
-    """What a page sends meanwhile is made when it goes on; where it is killed instead, the page was answered nothing."""
+    """What a page sends meanwhile is played later; a killed server answered nothing."""
     server = at_a_persons_pace(spawn())
     client = server.page()
     begun = client.post("/api/sessions", json=BOARD).json()

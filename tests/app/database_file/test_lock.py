@@ -48,7 +48,7 @@ def test_a_second_server_is_refused_through_links_and_without_the_lock_file(path
 
 
 def test_refusing_a_second_server_keeps_the_locks_of_the_first(path, tmp_path):
-    """A handle that is opened on the database and closed again would drop SQLite's locks: the log could be taken away."""
+    """Opening and closing another handle would drop SQLite's locks, and lose the log."""
     store = Store(path)
     play(store, seed=1)
     Reader.open(path).close()
@@ -84,8 +84,8 @@ def test_readers_on_many_threads_are_counted_one_by_one(path, monkeypatch):
     sys.setswitchinterval(1e-5)
     try:
         with ThreadPoolExecutor(6) as readers:
-            for each in [readers.submit(come_and_go) for _ in range(6)]:
-                each.result()
+            for future in [readers.submit(come_and_go) for _ in range(6)]:
+                future.result()
     finally:
         sys.setswitchinterval(interval)
     assert file.is_in_use(path)

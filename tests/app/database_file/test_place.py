@@ -1,4 +1,4 @@
-"""The database deleted, moved or replaced while a server runs: nothing is acknowledged that nobody can read again."""
+"""A database that is moved while a server runs: nothing is acknowledged unread."""
 
 import shutil
 

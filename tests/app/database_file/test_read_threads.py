@@ -1,4 +1,4 @@
-"""Reads go over a fixed number of connections, each of which keeps little in memory."""
+"""Reads use a fixed number of connections that keep little in memory."""
 
 import asyncio
 import threading
@@ -31,14 +31,14 @@ def test_all_that_the_store_reads_goes_over_the_connections_that_were_opened_at_
         list(people.map(visit, range(6)))
     eventually(lambda: len(server.services.lobby) == 0)
     assert len(reads) == THREADS
-    found = server.on_loop(
+    cache_sizes = server.on_loop(
         server.services.store.read(lambda: server.services.store.query("PRAGMA cache_size"))
     )
-    assert found == [{"cache_size": -READ_CACHE_KB}]
+    assert cache_sizes == [{"cache_size": -READ_CACHE_KB}]
 
 
 def test_one_list_is_read_at_a_time_whoever_asks(serve, monkeypatch):
-    """Each thread that is at work keeps the event loop, hence moves, waiting for its turn."""
+    """Each working thread delays the event loop, and with it moves."""
     server, inside, most, read = serve(), [], [], Reader.episodes
 
     def read_slowly(*given):
@@ -52,7 +52,7 @@ def test_one_list_is_read_at_a_time_whoever_asks(serve, monkeypatch):
     client = server.client()
     with ThreadPoolExecutor(10) as people:
         answers = list(people.map(client.get, ["/api/episodes"] * 20))
-    assert {each.status_code for each in answers} == {200}
+    assert {answer.status_code for answer in answers} == {200}
     assert max(most) == 1
 
 
@@ -69,10 +69,10 @@ def test_whoever_asks_for_no_list_waits_for_none(serve, monkeypatch):
                 assert page.get(url, timeout=5).status_code == status, url
             login = {"password": PASSWORD}
             assert page.post("/api/admin/login", json=login, timeout=5).status_code == 200
-            assert not any(each.done() for each in lists)
+            assert not any(answer.done() for answer in lists)
         finally:
             goes_on.set()
-        assert {each.result().status_code for each in lists} == {200}
+        assert {answer.result().status_code for answer in lists} == {200}
 
 
 def test_each_thread_that_reads_has_one_of_the_connections_that_were_opened_at_the_start():
@@ -100,7 +100,7 @@ def test_each_thread_that_reads_has_one_of_the_connections_that_were_opened_at_t
     assert set(asyncio.run(read_at_once(reads))) == set(opened)
     assert len(opened) == THREADS
     reads.close()
-    assert not any(each.is_open for each in opened)
+    assert not any(connection.is_open for connection in opened)
 
     def fail():
         if len(opened) == THREADS + 2:
@@ -109,4 +109,4 @@ def test_each_thread_that_reads_has_one_of_the_connections_that_were_opened_at_t
 
     with pytest.raises(OSError, match="no more files"):
         ReadThreads(fail)
-    assert not any(each.is_open for each in opened)
+    assert not any(connection.is_open for connection in opened)

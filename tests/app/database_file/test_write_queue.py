@@ -1,4 +1,4 @@
-"""The event loop never waits for SQLite: whatever the disk or another program does, moves alone wait for it, and say why."""
+"""The event loop never waits for SQLite: only moves wait, and say why."""
 
 import asyncio
 import sys
@@ -35,7 +35,7 @@ COMMIT_S = 0.25
 
 
 def delay_commits(server, seconds):
-    """Let each commit of a server take this long, as on a disk that answers slowly; the interpreter is free meanwhile.
+    """Delay each commit of a server, as a slow disk does, with the interpreter free.
 
     Return a list that grows by each commit.
     """
@@ -53,7 +53,7 @@ def delay_commits(server, seconds):
 
 
 def waits_ms(client, paths, seconds):
-    """Return how long each of the requests took that were made one after the other for some seconds."""
+    """Return the time that each of some seconds' requests took."""
     waits, began = [], time.monotonic()
     while time.monotonic() - began < seconds:
         for path in paths:
@@ -105,8 +105,8 @@ def test_a_locked_database_delays_moves_alone_and_its_player_knows_why(serve, tm
             )
         assert socket.frame_after(2)["step"] == 3
         assert begins.result().status_code == 201
-    made = [step["action"] for step in server.services.store.steps(frame["episode"])]
-    assert made == [2, 0, 2]
+    actions = [step["action"] for step in server.services.store.steps(frame["episode"])]
+    assert actions == [2, 0, 2]
     driven = client.get(f"/api/sessions/{drives}").json()
     eventually(lambda: client.get(f"/api/sessions/{drives}").json()["step"] > driven["step"])
     p99, p99_before = np.percentile(during, 99), np.percentile(before, 99)
@@ -119,7 +119,7 @@ def test_a_locked_database_delays_moves_alone_and_its_player_knows_why(serve, tm
 
 @pytest.mark.parametrize("seconds", [2, pytest.param(10, marks=pytest.mark.long)])
 def test_a_disk_that_answers_slowly_delays_moves_alone(serve, seconds):
-    """Others ask for pages and the state of the server, open sockets, and are answered as before."""
+    """Others' pages, requests and sockets are answered as before."""
     server = serve()
     client, other = server.client(), server.client()
     begun, still = begin(client), begin(other, 6)
@@ -142,7 +142,7 @@ def test_a_disk_that_answers_slowly_delays_moves_alone(serve, seconds):
     with ThreadPoolExecutor(1) as pool:
         before = waits_ms(other, paths, seconds)
         delay_commits(server, COMMIT_S)
-        made = pool.submit(play)
+        moves = pool.submit(play)
         during = waits_ms(other, paths, seconds)
         with server.socket(still["session"], other) as socket:
             assert socket.receive("frame") == still["frame"]
@@ -150,7 +150,7 @@ def test_a_disk_that_answers_slowly_delays_moves_alone(serve, seconds):
             socket.connection.ping().wait(10)
             during.append(1000 * (time.perf_counter() - asked))
         stop.set()
-        assert 1 <= made.result() <= (seconds + 5) / COMMIT_S
+        assert 1 <= moves.result() <= (seconds + 5) / COMMIT_S
     delay_commits(server, 0)
     p99, p99_before = np.percentile(during, 99), np.percentile(before, 99)
     print(
@@ -218,8 +218,8 @@ def test_a_move_is_recorded_with_the_press_before_it_and_the_last_press_is_in_th
         press_and_move(board, server, frame["episode"], 2, "north", "ArrowUp")
         assert board.frame_after(2)["outcome"] == "out_of_bounds"
         delay_commits(server, 0)
-    kept = client.get(f"/api/episodes/{frame['episode']}").json()
-    assert (kept["counts"], kept["attestation"], kept["attestation_reason"]) == (
+    episode = client.get(f"/api/episodes/{frame['episode']}").json()
+    assert (episode["counts"], episode["attestation"], episode["attestation_reason"]) == (
         True,
         "attested",
         None,
@@ -325,7 +325,7 @@ def with_threads(path, scenario):
 
 
 async def blocked(store):
-    """Keep the thread of the writes busy; return the event that lets it go on, and what waits for it."""
+    """Keep the writing thread busy; return the event that frees it, and its write."""
     busy, go_on = threading.Event(), threading.Event()
     waiting = asyncio.create_task(store.write(lambda: (busy.set(), go_on.wait(10))))
     await asyncio.to_thread(busy.wait, 10)
@@ -350,11 +350,11 @@ def test_writes_that_wait_are_committed_together_and_one_that_fails_fails_alone(
         writes = [
             asyncio.create_task(
                 store.write(
-                    partial(store.add_step, step_row(*each)),
-                    then=lambda _, each=each: published.append(each),
+                    partial(store.add_step, step_row(*move)),
+                    then=lambda _, move=move: published.append(move),
                 )
             )
-            for each in wanted
+            for move in wanted
         ]
         await asyncio.sleep(0.05)
         assert published == []
@@ -362,11 +362,11 @@ def test_writes_that_wait_are_committed_together_and_one_that_fails_fails_alone(
         results = await asyncio.gather(*writes, return_exceptions=True)
         assert [result is None for result in results] == [True, True, False, True, True]
         assert "step 7 is not the next" in str(results[2])
-        assert published == [each for each in wanted if each[1] != 7], (
+        assert published == [move for move in wanted if move[1] != 7], (
             "in the order in which they were asked for"
         )
         assert commits == ["COMMIT"]
-        return [len(await store.read(lambda id_=each: store.steps(id_))) for each in episodes]
+        return [len(await store.read(lambda id_=episode: store.steps(id_))) for episode in episodes]
 
     assert with_threads(tmp_path / "a.db", scenario) == [2, 1, 0, 1]
 
@@ -375,8 +375,8 @@ def test_a_commit_that_fails_is_an_error_of_everybody_whose_write_was_in_it(tmp_
     async def scenario(store, episodes):
         go_on, _ = await blocked(store)
         writes = [
-            asyncio.create_task(store.write(partial(store.add_step, step_row(each, 0))))
-            for each in episodes
+            asyncio.create_task(store.write(partial(store.add_step, step_row(episode, 0))))
+            for episode in episodes
         ]
         await asyncio.sleep(0.05)
         (tmp_path / "a.db").rename(tmp_path / "elsewhere.db")
@@ -384,7 +384,7 @@ def test_a_commit_that_fails_is_an_error_of_everybody_whose_write_was_in_it(tmp_
         results = await asyncio.gather(*writes, return_exceptions=True)
         (tmp_path / "elsewhere.db").rename(tmp_path / "a.db")
         assert all("deleted, moved or replaced" in str(result) for result in results)
-        return [len(await store.read(lambda id_=each: store.steps(id_))) for each in episodes]
+        return [len(await store.read(lambda id_=episode: store.steps(id_))) for episode in episodes]
 
     assert with_threads(tmp_path / "a.db", scenario) == [0, 0, 0, 0]
 
@@ -398,9 +398,9 @@ def test_what_was_asked_for_is_written_before_the_thread_ends_and_whoever_has_go
         go_on, _ = await blocked(store)
         writes = [
             asyncio.create_task(
-                store.write(partial(store.add_step, step_row(each, 0)), then=followed.append)
+                store.write(partial(store.add_step, step_row(episode, 0)), then=followed.append)
             )
-            for each in episodes
+            for episode in episodes
         ]
         await asyncio.sleep(0.05)
         writes[0].cancel()
@@ -411,7 +411,7 @@ def test_what_was_asked_for_is_written_before_the_thread_ends_and_whoever_has_go
         go_on.set()
         await stopping
         await asyncio.gather(*writes[1:])
-        return [len(store.steps(each)) for each in episodes]
+        return [len(store.steps(episode)) for episode in episodes]
 
     assert with_threads(tmp_path / "a.db", scenario) == [1, 1, 1, 1]
     assert followed == [None] * 4, "memory follows the database also where nobody waits any more"
@@ -453,7 +453,7 @@ def test_a_database_on_the_event_loop_is_warned_of_and_cannot_be_written_there(t
 
 
 class StoppingLoop(asyncio.SelectorEventLoop):
-    """A loop in which the next write that is asked for is overtaken by the end of the queue, which another thread asks for."""
+    """A loop in which another thread ends the queue just before the next write."""
 
     queue = None
 

@@ -1,4 +1,4 @@
-"""Pictures of people's episodes: kept replays give what new ones give, leave with their episodes, and have a bound."""
+"""Pictures of people's episodes: kept replays change nothing, and are bounded."""
 
 import pytest
 
@@ -46,43 +46,45 @@ def pictures(summaries, store, config=SMALL):
 
 
 def test_only_the_episodes_that_have_come_are_replayed(store, replayed):
-    kept = HumanSummaries()
-    first = pictures(kept, store)
-    assert pictures(kept, store) == first
+    summaries = HumanSummaries()
+    first = pictures(summaries, store)
+    assert pictures(summaries, store) == first
     assert replayed == [SMALL] * 25
     row = play(store, 50, "player-1", explore=True)
-    found = pictures(kept, store)
+    later = pictures(summaries, store)
     assert replayed == [SMALL] * 26
-    assert found == pictures(HumanSummaries(), store) != first
+    assert later == pictures(HumanSummaries(), store) != first
     with store.transaction():
         store.connection.execute("UPDATE episodes SET driver = 'script' WHERE id = ?", [row.id])
         volunteers.renew(store.connection)
     del replayed[:]
-    assert pictures(kept, store) == first == pictures(HumanSummaries(), store)
+    assert pictures(summaries, store) == first == pictures(HumanSummaries(), store)
     assert replayed == [SMALL] * 25, "by the new ones alone"
 
 
 def test_the_pictures_are_of_the_newest_episodes(store, monkeypatch):
     monkeypatch.setattr(leaderboard, "MAX_EPISODES", 2)
-    kept = HumanSummaries()
-    pictures(kept, store)
+    summaries = HumanSummaries()
+    pictures(summaries, store)
     newest = store.query("SELECT trajectory_hash AS hash FROM episodes WHERE seed IN (823, 824)")
-    assert {hash_ for hash_, *_ in kept._replays[SMALL.hash]} == {row["hash"] for row in newest}
+    assert {hash_ for hash_, *_ in summaries._replays[SMALL.hash]} == {
+        row["hash"] for row in newest
+    }
 
 
 def test_an_episode_that_has_left_is_dropped_when_its_board_is_read(store):
-    kept = HumanSummaries()
-    pictures(kept, store)
+    summaries = HumanSummaries()
+    pictures(summaries, store)
     (gone,) = store.query("SELECT id, trajectory_hash FROM episodes WHERE seed = 803")
-    assert gone["trajectory_hash"] in repr(kept._replays)
+    assert gone["trajectory_hash"] in repr(summaries._replays)
     with store.transaction():
         for table in ("steps", "input_events", "page_loads", "event_batches"):
             store.connection.execute(f"DELETE FROM {table} WHERE episode_id = ?", [gone["id"]])
         store.connection.execute("DELETE FROM episodes WHERE id = ?", [gone["id"]])
         volunteers.renew(store.connection)
-    assert pictures(kept, store) == pictures(HumanSummaries(), store)
-    assert gone["trajectory_hash"] not in repr(kept._replays)
-    assert len(kept._replays[SMALL.hash]) == 24
+    assert pictures(summaries, store) == pictures(HumanSummaries(), store)
+    assert gone["trajectory_hash"] not in repr(summaries._replays)
+    assert len(summaries._replays[SMALL.hash]) == 24
 
 
 def test_a_reading_of_the_leaderboard_drops_what_no_figure_is_made_from(store, tmp_path):
@@ -103,19 +105,19 @@ def test_a_reading_of_the_leaderboard_drops_what_no_figure_is_made_from(store, t
 def test_the_replays_that_are_kept_have_a_bound_and_those_of_the_latest_board_stay(
     store, replayed, monkeypatch
 ):
-    kept = HumanSummaries()
-    pictures(kept, store, WIDE)
-    pictures(kept, store)
-    assert list(kept._replays) == [WIDE.hash, SMALL.hash], "there is room for both"
+    summaries = HumanSummaries()
+    pictures(summaries, store, WIDE)
+    pictures(summaries, store)
+    assert list(summaries._replays) == [WIDE.hash, SMALL.hash], "there is room for both"
     most = 4 * leaderboard.OVERHEAD
     monkeypatch.setattr(leaderboard, "MAX_MOVES", most)
     play(store, 40, explore=True)
-    assert pictures(kept, store) == pictures(HumanSummaries(), store)
-    fit = kept._replays[SMALL.hash]
-    assert list(kept._replays) == [SMALL.hash]
+    assert pictures(summaries, store) == pictures(HumanSummaries(), store)
+    fit = summaries._replays[SMALL.hash]
+    assert list(summaries._replays) == [SMALL.hash]
     assert 0 < len(fit) < 26
-    assert sum(leaderboard.OVERHEAD + len(each.path) for each in fit.values()) <= most
+    assert sum(leaderboard.OVERHEAD + len(summary.path) for summary in fit.values()) <= most
     play(store, 41, explore=True)
     del replayed[:]
-    pictures(kept, store)
+    pictures(summaries, store)
     assert len(replayed) == 27 - len(fit), "what did not fit is replayed again"

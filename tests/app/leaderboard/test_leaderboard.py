@@ -1,4 +1,4 @@
-"""People and policies on one scale: figures from the database and from real evaluation, kept, never invented."""
+"""People and policies on one scale, from the database and from evaluation."""
 
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -46,7 +46,7 @@ def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
     try:
         studies = ClosedStudies(tmp_path / "playground.db-studies")
         unplayed = entries.list_entries(store, studies, VolunteerFigures())
-        assert [each.to_dict()["players"] for each in unplayed] == [0] * len(MarsBoards.offered)
+        assert [entry.to_dict()["players"] for entry in unplayed] == [0] * len(MarsBoards.offered)
         play(store, seed=1, explore=True)
         first, *rest = entries.list_entries(store, studies, VolunteerFigures())
     finally:
@@ -72,7 +72,8 @@ def test_a_board_that_was_only_left_does_not_stand_first_and_nothing_is_evaluate
     assert rest[0]["id"] == "random-21x21"
     assert (rest[-1]["id"], rest[-1]["episodes"]) == ("random-90x90", 3)
     states = {
-        each["state"] for each in client.get(f"/api/leaderboard/{first['id']}").json()["policies"]
+        policy["state"]
+        for policy in client.get(f"/api/leaderboard/{first['id']}").json()["policies"]
     }
     assert states == {"missing"}
     jobs = server.services.jobs
@@ -108,16 +109,16 @@ def test_many_who_ask_at_once_share_a_reading_and_keep_nobody_else_waiting(serve
 
 
 def test_the_leaderboard_and_the_pages_figure_are_made_once(serve, monkeypatch, tmp_path):
-    store, made, make = Store(tmp_path / "playground.db"), [], human_level._figure
+    store, calls, make = Store(tmp_path / "playground.db"), [], human_level._figure
     for player in ("ada", "bob"):
         play(store, 1, player, explore=True)
     store.close()
-    monkeypatch.setattr(human_level, "_figure", lambda *given: made.append(given) or make(*given))
+    monkeypatch.setattr(human_level, "_figure", lambda *given: calls.append(given) or make(*given))
     client = serve().client()
     for _ in range(2):
         assert client.get("/api/human-level").json()["figures"][0]["players"] == 2
         assert client.get("/api/leaderboard").json()[0]["players"] == 2
-    assert len(made) == 1
+    assert len(calls) == 1
 
 
 @pytest.fixture
@@ -132,12 +133,12 @@ def settled(client, board):
     """The board once every policy has its figure; every answer until then is honest."""
 
     def ask():
-        found = client.get(f"/api/leaderboard/{board}?evaluate=true").json()
-        for policy in found["policies"]:
+        leaderboard = client.get(f"/api/leaderboard/{board}?evaluate=true").json()
+        for policy in leaderboard["policies"]:
             assert policy["state"] in ("ready", "computing", "waiting"), policy["error"]
             assert (policy["figure"] is None) == (policy["state"] != "ready")
             assert policy["done"] <= policy["of"] == TERRAINS
-        return found if all(policy["figure"] for policy in found["policies"]) else None
+        return leaderboard if all(policy["figure"] for policy in leaderboard["policies"]) else None
 
     return eventually(ask, IDLE_WORK_S)
 
@@ -158,46 +159,46 @@ def test_a_board_shows_people_and_policies_and_what_is_made_is_kept(serve, quick
     assert (first["id"], first["players"], first["episodes"]) == ("random-5x7", 6, 27)
     assert first["missing"] is None
 
-    found = settled(client, "random-5x7")
+    shown = settled(client, "random-5x7")
     level = client.get("/api/human-level").json()["figures"][0]
-    assert found["people"]["score"] == level["score"], "the page's one human level"
-    assert [each["players"] for each in found["people"]["trials"]] == [5, 5, 5, 5, 5, 1]
-    assert np.shape(found["people"]["visits"]) == (5, 7)
-    assert found["people"]["curve"]["mean"][0] < found["people"]["curve"]["mean"][-1] <= 1
+    assert shown["people"]["score"] == level["score"], "the page's one human level"
+    assert [trial["players"] for trial in shown["people"]["trials"]] == [5, 5, 5, 5, 5, 1]
+    assert np.shape(shown["people"]["visits"]) == (5, 7)
+    assert shown["people"]["curve"]["mean"][0] < shown["people"]["curve"]["mean"][-1] <= 1
 
-    names = [policy["name"] for policy in found["policies"]]
+    names = [policy["name"] for policy in shown["policies"]]
     table = evaluate(names, config, TERRAINS, FIRST_SEED)
-    for policy, row in zip(found["policies"], table.rows, strict=True):
-        made = policy["figure"]
+    for policy, row in zip(shown["policies"], table.rows, strict=True):
+        figure = policy["figure"]
         assert policy["name"] == row.policy
-        assert (made["episodes"], made["completed"]) == (TERRAINS, row.completion)
-        for what in ("steps", "score"):
-            ends = {end: getattr(row, f"{what}_{end}") for end in ("mean", "low", "high")}
-            assert made[what] == pytest.approx(ends)
+        assert (figure["episodes"], figure["completed"]) == (TERRAINS, row.completion)
+        for metric in ("steps", "score"):
+            ends = {end: getattr(row, f"{metric}_{end}") for end in ("mean", "low", "high")}
+            assert figure[metric] == pytest.approx(ends)
     server.stop()
 
     again = serve().client().get("/api/leaderboard/random-5x7").json()["policies"]
-    assert [each["figure"] for each in again] == [each["figure"] for each in found["policies"]]
+    assert [row["figure"] for row in again] == [row["figure"] for row in shown["policies"]]
 
 
 def test_too_few_people_have_no_mean_no_curve_and_no_map(serve, quick, tmp_path):
     with closing(Store(tmp_path / "playground.db")) as store:
         for seed in range(8):
             play(store, seed, f"player-{seed // 5}", explore=True, config=EnvConfig("random", 5, 7))
-    found = serve().client().get("/api/leaderboard/random-5x7").json()
-    assert (found["people"], found["board"]["players"], found["board"]["episodes"]) == (None, 2, 8)
-    assert found["board"]["missing"] == {"players": 4, "of": 5, "episodes": 5}
+    shown = serve().client().get("/api/leaderboard/random-5x7").json()
+    assert (shown["people"], shown["board"]["players"], shown["board"]["episodes"]) == (None, 2, 8)
+    assert shown["board"]["missing"] == {"players": 4, "of": 5, "episodes": 5}
 
 
 def test_nobody_has_played(serve, quick):
     client = serve().client()
-    found = client.get("/api/leaderboard/random-21x21").json()
-    assert (found["people"], found["board"]["players"], found["board"]["missing"]) == (
+    shown = client.get("/api/leaderboard/random-21x21").json()
+    assert (shown["people"], shown["board"]["players"], shown["board"]["missing"]) == (
         None,
         0,
         None,
     )
-    assert not any(policy["figure"] for policy in found["policies"]), "none before it is asked for"
+    assert not any(policy["figure"] for policy in shown["policies"]), "none before it is asked for"
     missing = client.get("/api/leaderboard/random-9x9")
     assert (missing.status_code, missing.json()["detail"][:24]) == (404, "no board 'random-9x9' on")
 
@@ -219,24 +220,24 @@ def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(ser
     assert client.get("/api/leaderboard/random-7x9").status_code == 404
     Folder(tmp_path / "playground.db-studies").close("small")
     first = client.get("/api/leaderboard").json()[0]
-    told = {"id": "study-small", "study": "small", "players": 1, "terrains": 3}
-    assert told.items() <= first.items()
+    expected = {"id": "study-small", "study": "small", "players": 1, "terrains": 3}
+    assert expected.items() <= first.items()
 
     def made():
-        found = client.get("/api/leaderboard/study-small?evaluate=true").json()
-        return found if found["policies"][0]["figure"] else None
+        shown = client.get("/api/leaderboard/study-small?evaluate=true").json()
+        return shown if shown["policies"][0]["figure"] else None
 
-    found = eventually(made, IDLE_WORK_S)
+    shown = eventually(made, IDLE_WORK_S)
     steps = [played[-1]["step"] if played[-1]["outcome"] == "explored" else 63 for played in frames]
-    assert found["people"]["players"] == 1
-    assert found["people"]["steps"]["mean"] == pytest.approx(np.mean(steps))
-    assert [each["steps"]["mean"] for each in found["people"]["trials"]] == steps
-    assert np.shape(found["people"]["visits"]) == (7, 9)
-    assert [policy["name"] for policy in found["policies"]] == ["frontier-cost"]
+    assert shown["people"]["players"] == 1
+    assert shown["people"]["steps"]["mean"] == pytest.approx(np.mean(steps))
+    assert [trial["steps"]["mean"] for trial in shown["people"]["trials"]] == steps
+    assert np.shape(shown["people"]["visits"]) == (7, 9)
+    assert [policy["name"] for policy in shown["policies"]] == ["frontier-cost"]
     config, seeds = study.protocol.env_config, [study.seed("ranked", i) for i in range(3)]
-    own = [evaluate(["frontier-cost"], config, 2, seed) for seed in seeds]
-    mean = np.mean([table.results[0].steps_to_99 for table in own])
-    assert found["policies"][0]["figure"]["steps"]["mean"] == pytest.approx(mean)
+    tables = [evaluate(["frontier-cost"], config, 2, seed) for seed in seeds]
+    mean = np.mean([table.results[0].steps_to_99 for table in tables])
+    assert shown["policies"][0]["figure"]["steps"]["mean"] == pytest.approx(mean)
 
 
 def test_a_closed_study_of_another_environment_has_no_board_and_hides_no_others(serve, tmp_path):

@@ -1,4 +1,4 @@
-"""The figures that come with the package: complete, exactly what the policies do here, and used for nothing else."""
+"""The shipped figures are complete, exact, and used for nothing else."""
 
 import json
 from functools import cache
@@ -41,13 +41,16 @@ def test_every_board_on_offer_has_a_figure_of_every_shipped_policy(board):
     entry = offered_boards()[board]
     shipped = ShippedFigures()
     for job in jobs_of(entry):
-        found = shipped.find(job)
+        figure = shipped.find(job)
         command = f"humanplay leaderboard --board {board} --out data/leaderboard"
-        assert found is not None, f"run `{command}`"
-        assert found.command == command
-        assert (found.figure["episodes"], len(found.steps)) == (len(entry.seeds), len(entry.seeds))
-        assert found.figure["steps"]["mean"] == np.mean(found.steps)
-        assert np.shape(found.figure["visits"]) == (entry.config.rows, entry.config.cols)
+        assert figure is not None, f"run `{command}`"
+        assert figure.command == command
+        assert (figure.figure["episodes"], len(figure.steps)) == (
+            len(entry.seeds),
+            len(entry.seeds),
+        )
+        assert figure.figure["steps"]["mean"] == np.mean(figure.steps)
+        assert np.shape(figure.figure["visits"]) == (entry.config.rows, entry.config.cols)
 
 
 @pytest.mark.parametrize("board", ["random-21x21", "1-2-1-21x21", "3-2-2-21x21"])
@@ -56,17 +59,19 @@ def test_the_first_terrains_are_played_again_to_the_same_step(board):
     for job in jobs_of(entry):
         policy = policies.load(job.policy, entry.config.sensor_radius)
         played = [play_episode(policy, entry.config, seed) for seed in job.seeds[:3]]
-        again = [steps_to_target(each.config, each.outcome, each.steps) for each in played]
+        again = [
+            steps_to_target(episode.config, episode.outcome, episode.steps) for episode in played
+        ]
         assert tuple(again) == ShippedFigures().find(job).steps[:3], job.policy
 
 
 def test_a_whole_figure_is_made_again_to_the_last_digit():
     jobs = jobs_of(offered_boards()["random-21x21"])
-    job = next(each for each in jobs if each.policy == "frontier-cost")
+    job = next(candidate for candidate in jobs if candidate.policy == "frontier-cost")
     shipped = ShippedFigures().find(job)
-    made = make_figure(job, shipped.command)
-    assert json.loads(json.dumps(made.figure)) == shipped.figure
-    assert made == shipped
+    figure = make_figure(job, shipped.command)
+    assert json.loads(json.dumps(figure.figure)) == shipped.figure
+    assert figure == shipped
 
 
 @pytest.mark.long
@@ -74,18 +79,18 @@ def test_a_whole_figure_is_made_again_to_the_last_digit():
 def test_a_file_is_made_again_as_it_is(board):
     entry = offered_boards()[board]
     with Jobs(2) as jobs:
-        made = make_board(entry, jobs, lambda done, of: None)
-    kept = (FOLDER / file_name(entry.config)).read_text()
-    assert made == kept
+        text = make_board(entry, jobs, lambda done, of: None)
+    shipped_text = (FOLDER / file_name(entry.config)).read_text()
+    assert text == shipped_text
 
 
 def test_a_figure_is_used_for_its_own_terrains_policy_and_core_alone(tmp_path):
     job = Evaluation("frontier-cost", TINY, (1, 2))
-    made = make_figure(job, COMMAND)
+    figure = make_figure(job, COMMAND)
     path = tmp_path / file_name(TINY)
-    document = to_document(TINY, job.seeds, [made], COMMAND)
+    document = to_document(TINY, job.seeds, [figure], COMMAND)
     path.write_text(document)
-    assert ShippedFigures(tmp_path).find(job) == made
+    assert ShippedFigures(tmp_path).find(job) == figure
     short = EnvConfig("random", 5, 7, max_steps=9)
     for other in (
         ("frontier-cost", TINY, (1, 3)),
@@ -101,7 +106,7 @@ def test_a_figure_is_used_for_its_own_terrains_policy_and_core_alone(tmp_path):
 
 
 def test_the_first_visit_shows_a_full_board_without_people(serve):
-    found = serve().client().get("/api/leaderboard/random-21x21").json()
-    assert [policy["state"] for policy in found["policies"]] == ["ready"] * len(policies.names())
-    assert all("leaderboard" in policy["shipped"]["command"] for policy in found["policies"])
-    assert found["people"] is None
+    shown = serve().client().get("/api/leaderboard/random-21x21").json()
+    assert [policy["state"] for policy in shown["policies"]] == ["ready"] * len(policies.names())
+    assert all("leaderboard" in policy["shipped"]["command"] for policy in shown["policies"])
+    assert shown["people"] is None

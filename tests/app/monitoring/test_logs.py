@@ -44,8 +44,8 @@ def test_who_plays_joins_and_logs_in_is_nowhere_in_the_log(spawn, tmp_path):
     assert operator.post("/api/admin/login", json={"password": PASSWORD}).status_code == 200
     answer = operator.get("/api/admin/studies/small?token=not-a-token-of-ours")
     assert answer.status_code == 200
-    for each in (client, person.client, operator):
-        for cookie in each.cookies.jar:
+    for visitor in (client, person.client, operator):
+        for cookie in visitor.cookies.jar:
             secrets_of_theirs |= {cookie.value, *cookie.value.split(".")}
     secrets_of_theirs |= {session, begun["session"], begun["rival"]["session"], begun["watch"]}
     secrets_of_theirs |= {begun["frame"]["episode"], person.where["participant"]}
@@ -74,7 +74,7 @@ def test_every_answer_has_an_id_of_its_own_and_nobody_chooses_it(server):
     client.headers["X-Request-ID"] = "mine"
     ids = [client.get(path).headers["x-request-id"] for path in ("/", "/healthz", "/nowhere")]
     assert len(set(ids)) == 3
-    assert all(re.fullmatch("[0-9a-f]{16}", each) for each in ids)
+    assert all(re.fullmatch("[0-9a-f]{16}", ident) for ident in ids)
 
 
 def test_a_failure_is_logged_by_its_class_and_place_and_not_by_what_somebody_sent():
@@ -84,9 +84,9 @@ def test_a_failure_is_logged_by_its_class_and_place_and_not_by_what_somebody_sen
     except ValueError as error:
         failed = (type(error), error, error.__traceback__)
         record = logging.LogRecord("app", logging.ERROR, "", 0, "failed", (), failed)
-    said = json.loads(formatter.format(record))
-    assert said["exc_info"].startswith("ValueError in test_a_failure_is_logged_by_its_class")
-    assert "ada" not in json.dumps(said)
+    line = json.loads(formatter.format(record))
+    assert line["exc_info"].startswith("ValueError in test_a_failure_is_logged_by_its_class")
+    assert "ada" not in json.dumps(line)
 
 
 def test_long_ids_are_masked_and_words_are_not():
@@ -123,15 +123,15 @@ for deep in (0, 500):
 @pytest.mark.parametrize("log_format", ["text", "json"])
 def test_what_strangers_cause_in_the_log_is_cut_rated_and_on_lines_of_its_own(log_format):
     command = [sys.executable, "-c", FLOOD, log_format]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
-    assert chr(27) not in said
-    came = [line for line in said.splitlines() if "it came" in line]
+    log = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    assert chr(27) not in log
+    came = [line for line in log.splitlines() if "it came" in line]
     assert 21 <= len(came) < 60, "20 at once, and ten a second"
     left_out = re.findall(r"\(after (\d+) more from here, which are left out\)", "".join(came))
     assert len(came) + sum(map(int, left_out)) == 1000, (
         "each is written, or counted in the next one that is"
     )
     assert all(line.startswith(("ERROR: it came: \\x1b\\nERROR: forged", "{")) for line in came)
-    assert said.count("ValueError") == said.count("it failed") == 2
-    assert max(map(len, said.splitlines())) < 3000
-    assert len(said.splitlines()) < len(came) + 100
+    assert log.count("ValueError") == log.count("it failed") == 2
+    assert max(map(len, log.splitlines())) < 3000
+    assert len(log.splitlines()) < len(came) + 100

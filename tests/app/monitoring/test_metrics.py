@@ -1,4 +1,4 @@
-"""The metrics count what happened, on a port of their own that the page's port does not have."""
+"""The metrics count what happened, on a port of their own."""
 
 import socket
 import timeit
@@ -88,8 +88,8 @@ def test_without_the_flag_there_is_no_listener(spawn):
 def test_a_port_in_use_is_said_before_anything_starts(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        said = f"cannot serve metrics on 127.0.0.1 port {port}: .* choose another with --metrics"
-        with pytest.raises(ServerError, match=said):
+        reason = f"cannot serve metrics on 127.0.0.1 port {port}: .* choose another with --metrics"
+        with pytest.raises(ServerError, match=reason):
             run(Settings(port=0, metrics_port=port, database=tmp_path / "new.db"))
     assert not (tmp_path / "new.db").exists()
 
@@ -118,7 +118,7 @@ def test_the_slowest_of_the_newest_moves_are_told():
 
 
 def test_counting_costs_less_than_a_twentieth_of_a_move(server):
-    """Both are measured in this run: the moves by the server's own histogram, the counting alone by timeit."""
+    """The server's histogram measures the moves, timeit the counting alone."""
     client, policy = server.client(), load("frontier-cost")
     begun = client.post("/api/sessions", json={"seed": 1}).json()
     policy.reset(1)

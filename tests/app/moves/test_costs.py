@@ -1,4 +1,4 @@
-"""Where a study's players lose moves: rows, the summary over players, and nothing of an open study's ranked terrains."""
+"""Where a study's players lose moves; an open study tells nothing."""
 
 import json
 from contextlib import closing
@@ -60,16 +60,20 @@ def test_a_row_for_each_move_of_an_episode(reader, estimator):
     data = load(reader, "dunes")
     rows = list(cost_rows(reader, data, ranked(data), estimator))
     for trial, record in trial_records(reader, ranked(data)):
-        own = [row for row in rows if row.episode == trial.id]
+        episode_rows = [row for row in rows if row.episode == trial.id]
         costs, moves = estimator.costs(record), len(record.actions)
-        assert [row.step for row in own] == list(range(moves + (record.outcome == "abandoned")))
-        assert [row.action for row in own[:moves]] == [ACTIONS[move] for move in record.actions]
-        assert [row.action for row in own[moves:]] == [None] * (len(own) - moves)
-        assert [row.cost for row in own[:moves]] == costs.costs.tolist()
-        assert sum(row.cost for row in own) == costs.counts - costs.expert_moves
+        assert [row.step for row in episode_rows] == list(
+            range(moves + (record.outcome == "abandoned"))
+        )
+        assert [row.action for row in episode_rows[:moves]] == [
+            ACTIONS[move] for move in record.actions
+        ]
+        assert [row.action for row in episode_rows[moves:]] == [None] * (len(episode_rows) - moves)
+        assert [row.cost for row in episode_rows[:moves]] == costs.costs.tolist()
+        assert sum(row.cost for row in episode_rows) == costs.counts - costs.expert_moves
         for kind, cost in costs.by_kind().items():
-            assert sum(row.cost for row in own if row.kind == kind) == cost
-        assert sum(row.cost for row in own if row.kind is None) == costs.gained
+            assert sum(row.cost for row in episode_rows if row.kind == kind) == cost
+        assert sum(row.cost for row in episode_rows if row.kind is None) == costs.gained
 
 
 def test_costs_stand_beside_experts_episodes_and_add_up(reader, estimator):
@@ -124,8 +128,8 @@ def test_without_experts_file_no_move_is_judged_and_the_report_says_so(place):
 
 
 def test_the_moves_of_a_spoilt_episode_enter_nothing_that_follows_from_moves(tmp_path, estimator):
-    made = freeze(tmp_path / "play.db-studies", policies=("frontier-cost",))
-    with closing(StudyRecorder(tmp_path / "play.db", made)) as recorder:
+    study = freeze(tmp_path / "play.db-studies", policies=("frontier-cost",))
+    with closing(StudyRecorder(tmp_path / "play.db", study)) as recorder:
         for number in range(2):
             person = recorder.join(number)
             for trial in range(3):
@@ -160,18 +164,18 @@ def test_the_analysis_is_kept_next_to_the_database(place):
         def analyse(data):
             return costs_of_people(reader, data, no_bar, cost_cache(database))
 
-        found = analyse(data)
-        assert found["people"].total.mean > 0
+        costs = analyse(data)
+        assert costs["people"].total.mean > 0
         assert len(list(cost_cache(database).iterdir())) >= 3
-        assert analyse(data) == found
+        assert analyse(data) == costs
         assert analyse(replace(data, closed_ms=None)) == {}
 
 
 def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_path, capsys):
     folder, people = place
-    where = "--database", folder / "play.db"
+    database = "--database", folder / "play.db"
     files = "--html", tmp_path / "r.html", "--json", tmp_path / "r.json"
-    code, _, _ = command(capsys, "report", "--study", "dunes", *where, *files)
+    code, _, _ = command(capsys, "report", "--study", "dunes", *database, *files)
     assert code == 0
     page, document = (
         (tmp_path / "r.html").read_text(),
@@ -195,15 +199,15 @@ def test_forgetting_a_participant_deletes_the_costs_that_were_kept(tmp_path, cap
 
 def test_the_command_prints_players_and_writes_every_move(place, tmp_path, capsys):
     folder, people = place
-    where = "--database", folder / "play.db"
+    database = "--database", folder / "play.db"
     written = "--json", tmp_path / "costs.json"
-    code, said, err = command(capsys, "costs", "--study", "dunes", *where, *written)
+    code, output, err = command(capsys, "costs", "--study", "dunes", *database, *written)
     assert code == 0, err
-    assert "cost per ranked episode" in said
-    assert "ppo on the same instances" in said
+    assert "cost per ranked episode" in output
+    assert "ppo on the same instances" in output
     written = (tmp_path / "costs.json").read_text()
     document = json.loads(written)
     moves = document["moves"]
     assert {move["player"] for move in moves} == {"P01", "P02"}
     assert set(moves[0]) == {"player", "episode", "step", "action", "cost", "expert_action", "kind"}
-    assert not any(person in written or person in said for person in people)
+    assert not any(person in written or person in output for person in people)

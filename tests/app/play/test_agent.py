@@ -1,4 +1,4 @@
-"""A policy at the controls: following, timed, paused, single steps, failing, remembering."""
+"""A policy at the controls: following, timed, paused, single steps, failing."""
 
 import asyncio
 import time
@@ -133,8 +133,8 @@ def test_a_new_episode_restarts_both_on_one_terrain(server):
     refused = client.post(f"/api/sessions/{rival}/episodes")
     assert refused.status_code == 422
     assert "rival" in refused.json()["detail"]
-    found = server.services.store
-    player, other = (found.resume_session(each).episode for each in (begun["session"], rival))
+    store = server.services.store
+    player, other = (store.resume_session(session).episode for session in (begun["session"], rival))
     assert (player.terrain, player.seed, player.number) == (other.terrain, other.seed, 2)
 
 

@@ -1,4 +1,4 @@
-"""The level of an episode by its rows: what people's networks and clocks do passes, what was made up does not."""
+"""An episode's level: people's networks and clocks pass, inventions do not."""
 
 import random
 import secrets
@@ -32,7 +32,7 @@ CONDITIONS = Conditions(STARTED, key_map_of(KEYS))
 
 
 class Page:
-    """A page that was loaded at `loaded_ms` of the server's clock, and what reaches the server from it."""
+    """A page loaded at `loaded_ms` of the server's clock, and what it sends."""
 
     def __init__(self, loaded_ms=STARTED - 20_000.0, speed=1.0, grain_ms=0.1, number=0):
         self.loaded_ms, self.speed, self.grain_ms = loaded_ms, speed, grain_ms
@@ -44,7 +44,7 @@ class Page:
 
 
 class Episode:
-    """The rows of an episode, made press by press: `at` is the time on the server's clock."""
+    """An episode's rows, made press by press; `at` is the time on the server's clock."""
 
     def __init__(self, seed=1):
         self.random = random.Random(seed)
@@ -54,7 +54,10 @@ class Episode:
     def press(
         self, page, gap_ms=None, latency_ms=12.0, behind=0, handling_ms=0.4, action=None, **changes
     ):
-        """Press a key `gap_ms` after the press before; event and move arrive `latency_ms` later, never before earlier ones."""
+        """Press a key `gap_ms` after the press before.
+
+        Event and move arrive `latency_ms` later, never before earlier ones.
+        """
         self.at += self.random.lognormvariate(5.6, 0.35) if gap_ms is None else gap_ms
         action = self.random.randrange(4) if action is None else action
         step, sent = len(self.moves), self.at + handling_ms
@@ -104,11 +107,11 @@ def test_supervised_is_what_was_played_within_four_hours_of_the_operators_code()
         -4 * 3_600_000 - 1: "attested",
         1: "attested",
     }
-    found = {
+    levels = {
         ms: played().level(Conditions(STARTED, key_map_of(KEYS), (STARTED + ms,))).level
         for ms in at
     }
-    assert found == at
+    assert levels == at
 
 
 def test_levels_have_an_order_and_a_script_has_none():
@@ -140,7 +143,7 @@ BURSTS = Conditions(STARTED, key_map_of(KEYS), types_ahead=True)
 
 
 def burst(presses, gap_ms=65, latency_ms=150.0):
-    """An episode of a few moves with a burst at the end: all of it is typed before the page shows any answer."""
+    """An episode that ends in a burst, typed before the page shows any answer."""
     episode = played(6)
     for behind in range(presses):
         episode.press(Page(), gap_ms=gap_ms, behind=behind, latency_ms=latency_ms)
@@ -226,26 +229,26 @@ def test_a_key_drives_where_the_participant_has_put_it_now_or_earlier():
         assert episode.level(Conditions(STARTED, key_map_of(KEYS, settings))).level == "attested"
 
 
-def broken(what):
+def broken(harm):
     """An honest episode with one thing changed at step 30."""
     episode = played()
     move, events = episode.moves[30], [row for row in episode.events if row["kind"] == "keydown"]
     press = events[30]
-    if what == "no event":
+    if harm == "no event":
         episode.events.remove(press)
-    elif what == "no events":
+    elif harm == "no events":
         episode.events.clear()
-    elif what == "one event for two moves":
+    elif harm == "one event for two moves":
         episode.events.remove(press)
         move.update(key_down_ms=events[29]["client_ms"], action=episode.moves[29]["action"])
-    elif what == "in another order":
+    elif harm == "in another order":
         one, two = episode.events.index(press), episode.events.index(events[31])
         episode.events[one], episode.events[two] = events[31], press
-    elif what == "a script's":
+    elif harm == "a script's":
         move["driver"] = "script"
     else:
-        (press if what in press and what != "server_ms" else move).update(CHANGES[what])
-        if what == "server_ms":
+        (press if harm in press and harm != "server_ms" else move).update(CHANGES[harm])
+        if harm == "server_ms":
             press["server_ms"] = move["server_ms"] + 1
     return episode
 
@@ -258,7 +261,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize(
-    ("what", "said"),
+    ("harm", "reason"),
     [
         ("no event", "step 30: no press of its own was received before the move"),
         ("no events", "step 0: no press of its own was received before the move"),
@@ -277,12 +280,12 @@ CHANGES = {
     ],
 )
 def test_one_move_that_does_not_fit_its_event_spoils_the_whole_episode_and_the_first_unmakes_it(
-    what, said
+    harm, reason
 ):
-    found = broken(what).level()
-    assert found.level == ("unattested" if said.startswith("step 0:") else "spoilt")
-    assert found.reason.startswith(said)
-    assert found.step == int(said.split(":")[0].removeprefix("step "))
+    attestation = broken(harm).level()
+    assert attestation.level == ("unattested" if reason.startswith("step 0:") else "spoilt")
+    assert attestation.reason.startswith(reason)
+    assert attestation.step == int(reason.split(":")[0].removeprefix("step "))
 
 
 @pytest.mark.parametrize("step", [-1, None, 31])
@@ -302,13 +305,16 @@ def test_a_press_of_long_ago_a_frame_of_long_ago_and_a_move_before_its_press_are
 
 @pytest.mark.parametrize("speed", [0.1, 0.5, 2, 10, 100])
 def test_a_clock_that_runs_faster_or_slower_than_the_servers_is_a_lie(speed):
-    found = played(60, Page(speed=speed)).level()
-    assert found == AttestationResult("spoilt", found.reason, found.step)
-    assert "clock" in found.reason or "presses in" in found.reason
+    attestation = played(60, Page(speed=speed)).level()
+    assert attestation == AttestationResult("spoilt", attestation.reason, attestation.step)
+    assert "clock" in attestation.reason or "presses in" in attestation.reason
 
 
 def forged(times, real_ms=3.0, loads=lambda step: 0):
-    """Moves sent every `real_ms` of the server's time, with stamps of one's choice: `times(step)`, ms since `loads(step)`."""
+    """Moves every `real_ms` of the server's time, with stamps of one's choice.
+
+    `times(step)` is a stamp, in ms since `loads(step)`.
+    """
     episode = Episode()
     for step in range(40):
         episode.press(Page(number=loads(step)), gap_ms=real_ms, latency_ms=0.5)
@@ -371,7 +377,7 @@ def test_nobody_presses_ten_times_in_four_hundred_milliseconds_or_fifty_times_in
     groups=st.lists(st.tuples(st.integers(1, 4), st.sampled_from((0, 12, 30))), max_size=12),
 )
 def test_chords_and_rolls_raise_no_alarm_whatever_the_clock_is_rounded_to(grain_ms, seed, groups):
-    """Up to four keys at once or one after the other within 90 ms, then what a hand needs for the next."""
+    """Up to four keys at once or within 90 ms, then the pause that a hand needs."""
     episode, page = Episode(seed), Page(grain_ms=grain_ms)
     for keys, apart_ms in groups:
         episode.press(page, gap_ms=episode.random.uniform(260, 400))
@@ -449,7 +455,7 @@ def test_a_held_key_is_told_from_a_program_by_its_repeat_flags_alone():
 
 @pytest.mark.parametrize(("slow", "is_at_once"), [(0, True), (5, True), (6, False), (20, False)])
 def test_a_program_shows_at_once_or_after_a_persons_moves(slow, is_at_once):
-    """The first fast press is that after the last slow one, so a sixth slow move is a person's."""
+    """The first fast press follows the last slow one: a sixth slow move is a person's."""
     episode = played(slow, latency_ms=0.5).presses(Page(), 20, gap_ms=10, latency_ms=0.5)
     reason = episode.level().reason
     assert shows_program(reason)
@@ -462,12 +468,12 @@ def test_the_first_press_that_comes_too_soon_decides_whichever_floor_it_is_under
 
 
 def test_five_presses_by_a_rounded_clock_take_twice_as_long():
-    made = {
+    episodes = {
         grain: played(5, Page(grain_ms=grain), gap_ms=26.0, latency_ms=0.5)
         for grain in (0.1, 100.0)
     }
-    assert made[0.1].level().level == "attested"
-    assert made[100.0].level().reason == "step 0: 5 presses in 100 ms"
+    assert episodes[0.1].level().level == "attested"
+    assert episodes[100.0].level().reason == "step 0: 5 presses in 100 ms"
 
 
 def kept(store, episode_id, moves, events):
@@ -488,18 +494,21 @@ def kept(store, episode_id, moves, events):
 def test_what_is_prepared_before_the_end_says_the_same_and_is_made_again_where_something_has_changed(
     tmp_path,
 ):
-    """The last move is not stored yet when the end is prepared, and nothing of it may come later unseen."""
-    made = played(20)
-    elsewhere = Conditions(STARTED, {each: {0} for each in CONDITIONS.key_map})
+    """The last move is not stored yet when the end is prepared.
+
+    Nothing of it may come later unseen.
+    """
+    episode = played(20)
+    elsewhere = Conditions(STARTED, {key: {0} for key in CONDITIONS.key_map})
     with closing(Store(tmp_path / "play.db")) as store:
         episode_id = open_episode(store, add_session(store), seed=1, started_ms=STARTED)[0].id
-        kept(store, episode_id, made.moves[:-1], made.events[:-2])
-        early = prepare_end(store, episode_id, CONDITIONS, made.moves[-1])
-        kept(store, episode_id, [], made.events[-2:])
-        ending = prepare_end(store, episode_id, CONDITIONS, made.moves[-1])
-        kept(store, episode_id, made.moves[-1:], [])
+        kept(store, episode_id, episode.moves[:-1], episode.events[:-2])
+        early = prepare_end(store, episode_id, CONDITIONS, episode.moves[-1])
+        kept(store, episode_id, [], episode.events[-2:])
+        ending = prepare_end(store, episode_id, CONDITIONS, episode.moves[-1])
+        kept(store, episode_id, episode.moves[-1:], [])
         assert prepare_end(store, episode_id, None, None).attested is None
         assert (early.attested.level, ending.attested.level) == ("spoilt", "attested")
-        for each in (ending, early, None):
-            assert attest_stored(store, episode_id, CONDITIONS, each).level == "attested"
-            assert attest_stored(store, episode_id, elsewhere, each).level == "unattested"
+        for prepared in (ending, early, None):
+            assert attest_stored(store, episode_id, CONDITIONS, prepared).level == "attested"
+            assert attest_stored(store, episode_id, elsewhere, prepared).level == "unattested"

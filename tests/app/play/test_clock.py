@@ -1,4 +1,4 @@
-"""A board on which time runs: actions from held keys, countdown, pauses and lag, and what whoever has the rows can find."""
+"""A board on a clock: held keys, countdown, pauses, lag, and forged rows."""
 
 import json
 import time
@@ -76,7 +76,7 @@ def test_pauses_and_late_ticks_follow_from_the_times_of_the_ticks():
 
 @pytest.fixture
 def soon(monkeypatch):
-    """Countdowns of a tenth of their time, and a server that may be late by any time: the machine that tests is busy."""
+    """Countdowns of a tenth of their time, and any lateness: the test machine is busy."""
     monkeypatch.setattr(clock, "STALL_S", 60)
     monkeypatch.setattr(clock, "COUNTDOWN_S", 0.3)
     for module in (clock, session, attestation):
@@ -138,21 +138,21 @@ def test_ticks_follow_from_held_keys_are_attested_and_whatever_is_changed_is_fou
     client, board, me = play(ticking)
     assert me.kinds == {"frame", "clock", "kept", "history"}
     assert me.refused is None
-    made = ask(tmp_path / "playground.db", "SELECT action, input, driver FROM steps ORDER BY step")
-    assert {NOOP, RIGHT} == {action for action, *_ in made}
-    assert set(made) == {(NOOP, None, "human"), (RIGHT, "key", "human")}
-    assert 35 <= sum(action == RIGHT for action, *_ in made) <= 60
+    moves = ask(tmp_path / "playground.db", "SELECT action, input, driver FROM steps ORDER BY step")
+    assert {NOOP, RIGHT} == {action for action, *_ in moves}
+    assert set(moves) == {(NOOP, None, "human"), (RIGHT, "key", "human")}
+    assert 35 <= sum(action == RIGHT for action, *_ in moves) <= 60
     assert client.post(f"/api/sessions/{board}/episodes", json={}).status_code == 201
     assert levels(tmp_path)[0] == ("human", "attested", None)
     assert verify_database(tmp_path / "playground.db").findings == ()
     ticking.stop()
     path = tmp_path / "playground.db"
-    kept = path.read_bytes()
-    for change, what in CHANGES.items():
-        path.write_bytes(kept)
+    content = path.read_bytes()
+    for change, expected in CHANGES.items():
+        path.write_bytes(content)
         assert alter(path, change) > 0
-        found = [str(each) for each in verify_database(path).findings]
-        assert any(what in each for each in found), (change, found)
+        findings = [str(finding) for finding in verify_database(path).findings]
+        assert any(expected in finding for finding in findings), (change, findings)
 
 
 def test_a_server_s_clock_that_is_set_back_spoils_nothing(ticking, tmp_path):
@@ -275,11 +275,11 @@ def test_nothing_but_the_picture_and_the_figures_leaves_the_server(ticking):
         socket.send(
             {"kind": "events", "episode": "x" * 16, "batch": "y" * 16, **LOAD, "events": []}
         )
-        told = []
+        messages = []
         socket.send({"kind": "history"})
-        while len(told) < 4:
-            told.append(json.loads(socket.connection.recv(timeout=10)))
-    seen = {key for message in told for key in message}
+        while len(messages) < 4:
+            messages.append(json.loads(socket.connection.recv(timeout=10)))
+    seen = {key for message in messages for key in message}
     assert seen <= {"kind", "episode", "headlines", "state", "ms", "reason", "count"}
 
 
@@ -322,24 +322,24 @@ def test_keys_that_could_not_be_kept_let_the_board_stand_still(
 
 
 @pytest.mark.parametrize(
-    ("said", "wrong"),
+    ("line", "wrong"),
     [
         ("clock = 0", "clock"), ("clock = 61", "clock"), ('clock = "fast"', "clock"),
         ('keys = { "KeyA+Fire" = 0 }', "expected codes like ArrowUp"),
     ],
 )  # fmt: skip
-def test_a_clock_and_keys_that_are_none_are_named_with_their_line(tmp_path, said, wrong):
+def test_a_clock_and_keys_that_are_none_are_named_with_their_line(tmp_path, line, wrong):
     file = tmp_path / "odd.toml"
-    file.write_text(f'id = "FrozenLake-v1"\n{said}\n')
+    file.write_text(f'id = "FrozenLake-v1"\n{line}\n')
     with pytest.raises(ValueError, match=f"line 2: {wrong}|line 2: keys: {wrong}"):
         read_description(file)
 
 
 def test_the_no_op_is_the_one_of_the_file_else_the_one_called_so():
-    told = {"id": "FrozenLake-v1", "clock": 10}
+    fields = {"id": "FrozenLake-v1", "clock": 10}
     assert environment_of(TASK).noop == 0
-    assert environment_of(f"gymnasium:{Description(**told).told}").noop is None
-    assert environment_of(f"gymnasium:{Description(**told, noop='up').told}").noop == 3
+    assert environment_of(f"gymnasium:{Description(**fields).told}").noop is None
+    assert environment_of(f"gymnasium:{Description(**fields, noop='up').told}").noop == 3
 
 
 def test_a_path_whose_scores_are_hidden_tells_none():

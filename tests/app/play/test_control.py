@@ -1,4 +1,4 @@
-"""Who may see and move a board: its player's cookie alone when the page began it, whoever knows its id when a script did."""
+"""A page's board obeys its player's cookie; a script's obeys whoever has its id."""
 
 import json
 
@@ -12,7 +12,7 @@ from tests.support.study import Person, freeze
 
 
 def askers(server, owner):
-    """Everybody who is not the player: another page, nobody, a forger, a script that knows the id."""
+    """Everybody but the player: another page, nobody, a forger, a script with the id."""
     other = server.page()
     other.post("/api/sessions", json={"seed": 1})
     forger = server.page(cookies={PLAYER_COOKIE: forged(owner.cookies[PLAYER_COOKIE])})
@@ -48,12 +48,12 @@ def test_a_board_of_the_page_is_unknown_to_everybody_but_its_player(server, body
         for session in ids:
             for method, url, content in calls(session, begun["frame"]):
                 answer = client.request(method, url, json=content)
-                known = (
+                unknown_url = (
                     f"/api/sessions/{'x' * 22}" + url.partition(session)[2]
                     if session in url
                     else url
                 )
-                unknown = client.request(method, known, json=content)
+                unknown = client.request(method, unknown_url, json=content)
                 assert answer.status_code == 404, (who, method, url)
                 if session in url and "viewer" not in url:
                     assert answer.text == unknown.text.replace("x" * 22, session), (
@@ -88,8 +88,8 @@ def test_a_copied_id_cannot_turn_a_ranked_episode_into_a_scripts(server):
             frame = mine.frame_after(frame["step"])
             if frame["outcome"]:
                 break
-    kept = owner.get(f"/api/episodes/{frame['episode']}").json()
-    assert (kept["driver"], kept["counts"]) == ("human", True)
+    stored = owner.get(f"/api/episodes/{frame['episode']}").json()
+    assert (stored["driver"], stored["counts"]) == ("human", True)
 
 
 def test_the_operator_watches_a_players_board_on_their_own_page_and_cannot_move_it(serve):
@@ -138,8 +138,8 @@ def test_the_page_finds_its_own_board_by_its_cookie_alone(server):
     owner.post("/api/sessions", json={"player": "random", "seed": 3})  # a replay, say
     assert owner.get("/api/me/session").json()["session"] == ranked["session"]
     for begun in (practice, ranked):
-        found = owner.get(f"/api/me/session?episode={begun['frame']['episode']}").json()
-        assert found["session"] == begun["session"]
+        board = owner.get(f"/api/me/session?episode={begun['frame']['episode']}").json()
+        assert board["session"] == begun["session"]
     rival_page = owner.get(
         f"/api/me/session?episode={practice['rival']['frame']['episode']}"
     ).json()
@@ -187,7 +187,7 @@ def test_an_episode_can_be_watched_by_its_id_and_the_answers_hold_nothing_else(s
         assert (last["outcome"], last) == ("out_of_bounds", frame)
         assert closing_code(watching) == 1000
     replay = spectator.get(f"/api/watch/{episode}").json()
-    assert [each["step"] for each in replay["frames"]] == [0, 1, 2, 3]
+    assert [recorded["step"] for recorded in replay["frames"]] == [0, 1, 2, 3]
     assert replay["frames"][1:3] == seen
     answers = json.dumps([watched, rival, seen, replay])
     secrets = [

@@ -49,7 +49,7 @@ def decide(ask, **settings):
 
 @pytest.mark.parametrize("owners", [["crowd"] * 30, [f"owner {number}" for number in range(30)]])
 def test_a_board_waits_for_one_long_decision_and_not_for_thirty(owners, monkeypatch):
-    """By the queue's clock, which only the crowd's decisions move on: a busy machine would make any decision a long one."""
+    """The clock counts the crowd's decisions alone, so a busy machine changes nothing."""
     order, spent_s, lasts = [], [], Random(3)
     monkeypatch.setattr(agent, "time", SimpleNamespace(monotonic=lambda: sum(spent_s)))
 
@@ -71,8 +71,8 @@ def test_a_board_waits_for_one_long_decision_and_not_for_thirty(owners, monkeypa
             before = len(order)
             await decisions.act(Recorded("alone", order), BOARD, "alone")
             waits.append(order[before:].index("alone"))
-        for each in crowd:
-            each.cancel()
+        for task in crowd:
+            task.cancel()
         return waits
 
     assert max(decide(ask)) <= 2
@@ -90,13 +90,13 @@ def test_a_decision_that_takes_too_long_is_given_up_and_the_next_is_made_meanwhi
         ]
         await asyncio.sleep(0.01)
         quick = asyncio.create_task(decisions.act(Recorded("quick", order), BOARD, "two"))
-        found = await asyncio.gather(*stuck, quick, return_exceptions=True)
+        results = await asyncio.gather(*stuck, quick, return_exceptions=True)
         release.set()
-        return found
+        return results
 
     *stuck, quick = decide(ask, decision_s=0.1)
-    assert [str(each) for each in stuck] == ["a decision took longer than 0.1 s"] * 2
-    assert all(isinstance(each, SlowDecisionError) for each in stuck)
+    assert [str(error) for error in stuck] == ["a decision took longer than 0.1 s"] * 2
+    assert all(isinstance(error, SlowDecisionError) for error in stuck)
     assert quick == 1
 
 

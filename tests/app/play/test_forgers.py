@@ -1,4 +1,4 @@
-"""Forgers who hold a valid cookie, the page's Origin and, in a study, an invitation: what enters a human figure of theirs."""
+"""Forgers with a valid cookie, Origin and invitation enter no human figure."""
 
 import random
 import time
@@ -29,13 +29,13 @@ KEYS = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": 
 
 
 class Forger:
-    """A program that plays a board and calls its moves keys; `stamps(step)` gives what it says of a press, or None for none."""
+    """A program that calls its moves keys; `stamps(step)` is a press's stamp or None."""
 
     def __init__(self, stamps, pace_ms=3.0, real=False):
         self.stamps, self.pace_ms, self.real = stamps, pace_ms, real
 
     def play(self, socket, clock):
-        """Play the episode on the board to its end, a move every `pace_ms` of the server's time."""
+        """Play the board's episode to its end, a move every `pace_ms` of server time."""
         policy = load("frontier-cost")
         policy.reset(1)
         frame = socket.receive("frame")
@@ -77,7 +77,7 @@ def forgers(copied):
         return round(until, 1)
 
     def hurried(step, clock):
-        """Send the time, but never more than 10 ms after the press before: a busy machine must not make a person of it."""
+        """Send the time, at most 10 ms after the last press, so that none looks human."""
         hurried.last = clock.page_ms() if step == 0 else min(clock.page_ms(), hurried.last + 10)
         return round(hurried.last, 1)
 
@@ -113,8 +113,8 @@ def honest_board(server):
 
 def counted(server):
     """Return the ids of the episodes that count for the playground's figure."""
-    found = server.client().get("/api/episodes", params={"who": "human", "limit": 200}).json()
-    return {episode["episode"] for episode in found}
+    episodes = server.client().get("/api/episodes", params={"who": "human", "limit": 200}).json()
+    return {episode["episode"] for episode in episodes}
 
 
 @pytest.mark.parametrize("times", [1, pytest.param(10, marks=pytest.mark.long)])
@@ -165,7 +165,7 @@ def test_no_forger_in_a_study_enters_a_human_figure_but_as_one_who_left(server, 
     issued = Invitations(Folder(tmp_path / "playground.db-studies")).issue(
         study.name, 1 + 8 * times
     )
-    invitations = iter([token_of(study, each.id) for each in issued])
+    invitations = iter([token_of(study, invitation.id) for invitation in issued])
     person = Person(server, invitation=next(invitations))
     person.to_warm_up()
     person.play_on()
@@ -184,13 +184,15 @@ def test_no_forger_in_a_study_enters_a_human_figure_but_as_one_who_left(server, 
             levels.setdefault(trial.participant, []).append(trial.attestation)
     counting = [
         name
-        for name, found in zip(["the person", *names], levels.values(), strict=True)
-        if "attested" in found
+        for name, attestations in zip(["the person", *names], levels.values(), strict=True)
+        if "attested" in attestations
     ]
     assert counting == ["the person"]
-    spoilt = sum(found == ["spoilt"] for found in levels.values())
-    assert sum(found == ["unattested"] for found in levels.values()) + spoilt == len(names)
-    ranked = [trial for own in people_of(data).ranked.values() for trial in own]
+    spoilt = sum(attestations == ["spoilt"] for attestations in levels.values())
+    assert sum(attestations == ["unattested"] for attestations in levels.values()) + spoilt == len(
+        names
+    )
+    ranked = [trial for trials in people_of(data).ranked.values() for trial in trials]
     assert [trial.outcome for trial in ranked].count("abandoned") == spoilt == len(ranked) - 1
     cohort = people_of(data)
     finished, *_ = study_figures(data, cohort, everybody_of(data, cohort))
@@ -200,7 +202,7 @@ def test_no_forger_in_a_study_enters_a_human_figure_but_as_one_who_left(server, 
 @pytest.mark.long
 @pytest.mark.parametrize(("speed", "fewest", "most"), [(100.0, 0, 0), (1.0, 18, 20)])
 def test_a_program_at_a_persons_speed_is_not_told_apart(server, tmp_path, speed, fewest, most):
-    """Measure what docs/attestation.md states of forgers who press with honest times; a hundred times as fast, none counts."""
+    """Measure docs/attestation.md's forgers with honest times; faster, none counts."""
     boards = {"size": (9, 12), "ranked": 2, "warm_up": 1, "players": 10}
     study = freeze(tmp_path / "playground.db-studies", recruitment="invitation", **boards)
     issued = Invitations(Folder(tmp_path / "playground.db-studies")).issue(study.name, 10)

@@ -1,4 +1,7 @@
-"""Until a move is recorded every reader is told what was published last: another connection holds the database's lock."""
+"""Until a move is recorded, every reader sees what was published last.
+
+Another connection holds the database's lock.
+"""
 
 import asyncio
 import json
@@ -37,16 +40,16 @@ def get(path):
 def view_of_who_joins(table):
     with ExitStack() as stack:
         seen = View3d(table.server, table.session, stack, table.client).read("/border", "/rover")
-    decoded = [msgspec.msgpack.decode(each) for each in seen]
-    return [each | {"owner": None} for each in decoded if "name" in each]
+    decoded = [msgspec.msgpack.decode(packet) for packet in seen]
+    return [message | {"owner": None} for message in decoded if "name" in message]
 
 
 def operators_stream(table):
     async def first():
         messages = board_messages(table.server.services.store, table.board)
-        found = await anext(messages)
+        message = await anext(messages)
         await messages.aclose()
-        return json.loads(found)
+        return json.loads(message)
 
     return table.server.on_loop(first())
 
@@ -82,7 +85,7 @@ class Table:
         eventually(self.has_come_to_rest)
 
     def has_come_to_rest(self):
-        """Whether no move is asked for or under way, and the policy has decided on the newest frame."""
+        """Whether no move is under way and the policy has decided on the newest frame."""
         board = self.board
         is_moving = self.agent._single_moves or board.changing.locked()
         return bool(not is_moving and board.shown.steps and not self.agent._is_undecided())
@@ -119,7 +122,7 @@ def test_a_rival_neither_decides_nor_moves_before_its_players_move_is_recorded(s
     wanted = {"size": SIZE, "seed": 5, "rival": "frontier-cost"}
     about = client.post("/api/sessions", json=wanted).json()
     player, rival = (
-        lobby.in_memory(each) for each in (about["session"], about["rival"]["session"])
+        lobby.in_memory(session) for session in (about["session"], about["rival"]["session"])
     )
     agent = lobby._groups[player.id].agents[rival.id]
     eventually(lambda: not agent._is_undecided())
@@ -139,7 +142,7 @@ def test_a_rival_neither_decides_nor_moves_before_its_players_move_is_recorded(s
 
 
 def test_a_run_whose_move_was_not_recorded_is_made_again_and_goes_on(server):
-    """Refused moves, one of them the last and one that gives up, leave the board as it was; the episode is the core's."""
+    """Refused moves leave the board as it was, an ending move and an abandonment too."""
     client = server.client()
     about = client.post("/api/sessions", json={"size": SIZE, "seed": 5}).json()
     path, episode = f"/api/sessions/{about['session']}", about["frame"]["episode"]
@@ -162,5 +165,5 @@ def test_a_run_whose_move_was_not_recorded_is_made_again_and_goes_on(server):
         twin.step(action)
         assert act(step, ACTIONS[action]).text == View(twin).frame(episode)
     assert twin.outcome == "out_of_bounds"
-    kept = server.services.store.load_record(episode)
-    assert kept.trajectory_hash == twin.record().trajectory_hash
+    record = server.services.store.load_record(episode)
+    assert record.trajectory_hash == twin.record().trajectory_hash

@@ -1,4 +1,4 @@
-"""Who is human: trusted events of the page with the session's own cookie; whatever else is a script."""
+"""Human is what comes as trusted events with the session's cookie."""
 
 import pytest
 
@@ -7,14 +7,14 @@ from tests.support.keyboard import press
 
 
 def finish(server, begun, client, *acts, **socket):
-    """Make the moves (where, input), the last of which goes off the grid; return what the store says of the episode."""
+    """Make moves (direction, input) that end off the grid; return the stored episode."""
     with server.socket(begun["session"], client, **socket) as connection:
         frame = connection.receive("frame")
         ways = {"off": "north", "away": "south", "back": "north"}
         if frame["grid"][1][0] != ".":
             ways = {"off": "north", "away": "east", "back": "west"}
-        for where, device in acts:
-            action = ways[where]
+        for direction, device in acts:
+            action = ways[direction]
             connection.act(frame, action, input=device)
             frame = connection.frame_after(frame["step"])
     return server.page().get(f"/api/episodes/{frame['episode']}").json()
@@ -27,14 +27,18 @@ def test_keys_and_touches_from_the_page_count(server):
     client = server.page()
     begun = client.post("/api/sessions").json()
     assert begun["counts"] is True
-    kept = finish(server, begun, client, *KEYS)
-    assert (kept["driver"], kept["counts"], kept["outcome"]) == ("human", True, "out_of_bounds")
-    assert [(move["driver"], move["input"]) for move in kept["moves"]] == [
+    episode = finish(server, begun, client, *KEYS)
+    assert (episode["driver"], episode["counts"], episode["outcome"]) == (
+        "human",
+        True,
+        "out_of_bounds",
+    )
+    assert [(move["driver"], move["input"]) for move in episode["moves"]] == [
         ("human", "key"),
         ("human", "touch"),
         ("human", "key"),
     ]
-    assert (kept["attestation"], kept["attestation_reason"]) == ("attested", None)
+    assert (episode["attestation"], episode["attestation_reason"]) == ("attested", None)
     assert client.get(f"/api/sessions/{begun['session']}/about").json()["counts"] is True
     assert client.get("/api/human-level").json()["figures"][0]["episodes"] == 1
 
@@ -57,8 +61,8 @@ def test_a_burst_that_was_typed_before_any_answer_was_on_screen_counts(server):
         frame = connection.frame_after(9)
         connection.act(frame, "north", input="key")
         frame = connection.frame_after(frame["step"])
-    kept = client.get(f"/api/episodes/{frame['episode']}").json()
-    assert (kept["counts"], kept["attestation"], kept["attestation_reason"]) == (
+    episode = client.get(f"/api/episodes/{frame['episode']}").json()
+    assert (episode["counts"], episode["attestation"], episode["attestation_reason"]) == (
         True,
         "attested",
         None,
@@ -72,9 +76,13 @@ def test_a_burst_that_was_typed_before_any_answer_was_on_screen_counts(server):
 def test_one_move_without_an_event_makes_the_whole_episode_a_scripts(server, acts, level):
     client = server.page()
     begun = client.post("/api/sessions").json()
-    kept = finish(server, begun, client, *acts)
+    episode = finish(server, begun, client, *acts)
     counts = level == "spoilt"
-    assert (kept["driver"], kept["attestation"], kept["counts"]) == ("script", level, counts)
+    assert (episode["driver"], episode["attestation"], episode["counts"]) == (
+        "script",
+        level,
+        counts,
+    )
     assert client.get(f"/api/sessions/{begun['session']}/about").json()["counts"] is counts
 
 
@@ -103,8 +111,8 @@ def test_a_board_that_a_script_began_never_counts(server):
     client = server.client()
     begun = client.post("/api/sessions").json()
     assert begun["counts"] is False
-    kept = finish(server, begun, client, *KEYS)
-    assert (kept["driver"], kept["counts"]) == ("script", False)
+    episode = finish(server, begun, client, *KEYS)
+    assert (episode["driver"], episode["counts"]) == ("script", False)
 
 
 def test_a_chosen_terrain_or_a_rival_never_counts(server):
@@ -112,8 +120,8 @@ def test_a_chosen_terrain_or_a_rival_never_counts(server):
     for body in ({"seed": 9}, {"rival": "frontier-cost"}):
         begun = client.post("/api/sessions", json=body).json()
         assert begun["counts"] is False
-        kept = finish(server, begun, client, *KEYS)
-        assert (kept["driver"], kept["counts"]) == ("human", False)
+        episode = finish(server, begun, client, *KEYS)
+        assert (episode["driver"], episode["counts"]) == ("human", False)
 
 
 def test_after_a_scripts_episode_the_next_may_count_again(server):

@@ -1,4 +1,4 @@
-"""SIGKILL or SIGTERM right after acknowledged steps: nothing lost, nothing doubled, everything goes on where it stood."""
+"""SIGKILL or SIGTERM right after acknowledged steps loses and doubles nothing."""
 
 import os
 import random
@@ -43,7 +43,7 @@ def begin(client, kind, dice):
 
 
 class Board:
-    """A session somebody watches, or plays, until the kill; `seen` is the last frame that arrived."""
+    """A session that is watched or played until the kill; `seen` is its last frame."""
 
     def __init__(self, kind, begun, socket):
         self.kind, self.begun, self.socket, self.seen = kind, begun, socket, socket.receive("frame")
@@ -67,7 +67,10 @@ def rows_of(path, episode):
 
 
 def check(client, path, session, seen, is_exact):
-    """The board stands where it was seen last, or further on when nobody waits for a policy; its steps are 0, 1, 2, ..."""
+    """The board is at its last seen frame, or later if a policy plays alone.
+
+    Its steps are 0, 1, 2, ...
+    """
     frame = client.get(f"/api/sessions/{session}").json()
     assert frame["episode"] == seen["episode"]
     assert frame["step"] >= seen["step"]
@@ -140,7 +143,7 @@ def test_a_kill_right_after_a_step_of_one_session_loses_and_doubles_nothing(spaw
 
 
 def play_until(stop, answered, client, boards, acknowledged):
-    """Move one board after the other over HTTP, as fast as the answers come, and note each step that was answered."""
+    """Move boards in turn over HTTP, as fast as answers come, and note each answer."""
     frames = {}
     with suppress(httpx.TransportError):
         while not stop.is_set():
@@ -159,7 +162,10 @@ def play_until(stop, answered, client, boards, acknowledged):
 
 
 def play_rounds(start, end, path, dice, rounds):
-    """Play a server that `start()` starts, `end(server)` 0 to 150 ms after the first answer, and again: nothing is lost."""
+    """Restart a server 0 to 150 ms after its first answer, again and again.
+
+    `start()` starts it and `end(server)` ends it; nothing may be lost.
+    """
     acknowledged, boards = {}, []
     for number in range(rounds):
         server = start()
@@ -188,7 +194,7 @@ def play_rounds(start, end, path, dice, rounds):
             "SELECT episode_id, step, action FROM steps ORDER BY episode_id, step"
         ).fetchall()
     there = {(episode, step): action for episode, step, action in rows}
-    lost = [each for each, action in acknowledged.items() if there.get(each) != action]
+    lost = [place for place, action in acknowledged.items() if there.get(place) != action]
     counts = Counter(episode for episode, _ in there)
     gaps = [episode for episode, count in counts.items() if (episode, count - 1) not in there]
     doubled = len(rows) - len(there)
@@ -206,7 +212,7 @@ def kill(server):
 
 
 def stopping(path, took_s):
-    """Return a function that ends a server by SIGTERM and demands 0, soon, a closed database and no traceback."""
+    """Return a function that ends a server by SIGTERM: 0, soon, closed, no traceback."""
 
     def stop(server):
         began = time.monotonic()
@@ -237,7 +243,7 @@ def test_a_server_that_is_stopped_under_play_ends_with_0_and_its_database_is_clo
 
 @pytest.fixture
 def start_unit(tmp_path):
-    """`start_unit()` runs the command of deploy's unit with its environment, its folders replaced by the test's own."""
+    """`start_unit()` runs the command of deploy's unit in the test's own folders."""
     systemd = Path(__file__).parents[3] / "deploy" / "systemd"
     (command,) = re.findall(r"^ExecStart=(.*)$", (systemd / "humanplay.service").read_text(), re.M)
     command = command.replace("/opt/humanplay/venv", sys.prefix).split()
@@ -255,8 +261,8 @@ def start_unit(tmp_path):
             text=True,
         )
         processes.append(process)
-        said = next(line for line in process.stdout if "is open at" in line)
-        server = Running(int(said.split("http://127.0.0.1:")[1].split()[0]))
+        address_line = next(line for line in process.stdout if "is open at" in line)
+        server = Running(int(address_line.split("http://127.0.0.1:")[1].split()[0]))
         server.process = process
         return server
 

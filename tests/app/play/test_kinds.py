@@ -56,10 +56,10 @@ def test_a_challenge_is_one_terrain_against_one_episode(against, serve):
     client = first.page()
     about = client.post("/api/sessions", json={"challenges": against}).json()
     challenge = ("challenge", against, False, None)
-    kept = [about[name] for name in ("kind", "challenges", "counts", "rival")]
-    assert tuple(kept) == challenge
-    found = client.get(f"/api/episodes/{against}").json()
-    assert (about["size"], about["frame"]["position"]) == ([9, 12], found["start"])
+    stated = [about[name] for name in ("kind", "challenges", "counts", "rival")]
+    assert tuple(stated) == challenge
+    rival_episode = client.get(f"/api/episodes/{against}").json()
+    assert (about["size"], about["frame"]["position"]) == ([9, 12], rival_episode["start"])
     following = client.post(f"/api/sessions/{about['session']}/episodes", json={})
     assert following.status_code == 409
     assert "POST /api/sessions begins another" in following.json()["detail"]
@@ -72,7 +72,7 @@ def test_a_challenge_is_one_terrain_against_one_episode(against, serve):
 
 
 @pytest.mark.parametrize(
-    ("body", "said"),
+    ("body", "reason"),
     [
         ({"challenges": "0123456789abcdef"}, "no finished episode"),
         ({"rival": "frontier-cost"}, "leave out player, rival and replays"),
@@ -81,10 +81,10 @@ def test_a_challenge_is_one_terrain_against_one_episode(against, serve):
         ({"size": 9}, "name no other"),
     ],
 )
-def test_a_challenge_that_cannot_be_is_refused(against, serve, body, said):
+def test_a_challenge_that_cannot_be_is_refused(against, serve, body, reason):
     answer = serve().page().post("/api/sessions", json={"challenges": against} | body)
     assert answer.status_code == 422
-    assert said in str(answer.json()["detail"])
+    assert reason in str(answer.json()["detail"])
 
 
 def test_nothing_names_an_episode_that_was_erased(against, serve, tmp_path):

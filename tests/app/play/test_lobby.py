@@ -1,4 +1,4 @@
-"""Sessions by id: unloading and resuming, restarts under way, ids and clocks from outside, a store that fails."""
+"""Sessions by id: unloading, resuming, restarts, foreign ids, a failing store."""
 
 import asyncio
 import itertools
@@ -26,7 +26,10 @@ def policies():
 
 @pytest.fixture
 def run_in_lobby(tmp_path, policies):
-    """`run_in_lobby(scenario)` runs `scenario(lobby)` on a lobby of its own; again and again on the same database."""
+    """`run_in_lobby(scenario)` runs `scenario(lobby)`, any number of times.
+
+    The database stays the same.
+    """
 
     def run(scenario, idle_s=600.0, **sources):
         async def whole():
@@ -71,7 +74,7 @@ def test_a_board_that_is_slow_to_resume_delays_no_other(run_in_lobby, monkeypatc
         waiting = [asyncio.create_task(lobby.get(ids[0])) for _ in range(2)]
         await asyncio.sleep(0.05)
         assert (await asyncio.wait_for(lobby.get(ids[1]), 5)).id == ids[1]
-        assert not any(each.done() for each in waiting)
+        assert not any(task.done() for task in waiting)
         waits.set()
         first, second = await asyncio.gather(*waiting)
         assert first is second

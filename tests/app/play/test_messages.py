@@ -37,7 +37,7 @@ def test_an_act_and_a_request_for_history_are_understood():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "sentence"),
     [
         ("{", "a message must be JSON, and this is not"),
         ("", "a message must be JSON"),
@@ -66,16 +66,16 @@ def test_an_act_and_a_request_for_history_are_understood():
         ('"\\ud800"', "JSON"),
     ],
 )
-def test_a_bad_message_is_answered_with_what_was_expected_and_what_came(text, said):
+def test_a_bad_message_is_answered_with_what_was_expected_and_what_came(text, sentence):
     with pytest.raises(BadMessageError) as caught:
         as_move(parse_message(text), Mars, "script")
-    assert said in str(caught.value)
+    assert sentence in str(caught.value)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300
 
 
 @pytest.mark.parametrize(
-    ("body", "said"),
+    ("body", "sentence"),
     [
         ({}, "a pace is exactly one of moves_per_second, pause, step, follow; got none"),
         ({"pause": True, "step": True}, "got pause, step"),
@@ -84,10 +84,10 @@ def test_a_bad_message_is_answered_with_what_was_expected_and_what_came(text, sa
         ({"moves_per_second": 61}, "moves_per_second must be at most 60, got 61"),
     ],
 )
-def test_a_pace_is_exactly_one_of_four(body, said):
+def test_a_pace_is_exactly_one_of_four(body, sentence):
     with pytest.raises(ValidationError) as caught:
         ChangePace.model_validate(body)
-    assert said in describe_errors(caught.value.errors())
+    assert sentence in describe_errors(caught.value.errors())
 
 
 def test_a_frame_shows_what_the_rover_has_discovered_row_by_row():

@@ -1,4 +1,4 @@
-"""A ranked episode cannot be dropped by leaving it, nor its terrain exchanged for another."""
+"""A ranked episode is neither dropped by leaving nor its terrain exchanged."""
 
 import asyncio
 import itertools
@@ -55,7 +55,7 @@ def begin(client, **body):
 
 
 def drive(server, client, about, moves, away=True):
-    """Go to and fro between the first two cells; off the grid instead with `away` False. Return the last frame."""
+    """Go to and fro between two cells, or off the grid; return the last frame."""
     with server.socket(about["session"], client) as socket:
         frame = socket.receive("frame")
         ways = ("south", "north") if frame["grid"][1][0] != "#" else ("east", "west")
@@ -66,10 +66,14 @@ def drive(server, client, about, moves, away=True):
 
 
 def outcome(client, about):
-    """The outcome and the steps of a finished episode, and whether it counts; None while it runs."""
+    """A finished episode's outcome, its steps, and whether it counts; None while open."""
     answer = client.get(f"/api/episodes/{about['frame']['episode']}")
-    kept = answer.json()
-    return None if answer.status_code == 404 else (kept["outcome"], kept["steps"], kept["counts"])
+    episode = answer.json()
+    return (
+        None
+        if answer.status_code == 404
+        else (episode["outcome"], episode["steps"], episode["counts"])
+    )
 
 
 def counted_steps(client):
@@ -114,7 +118,7 @@ PATIENCE = 17
 
 
 def test_leaving_what_goes_badly_costs_what_an_abandoned_episode_costs(serve):
-    """The rule that left boards at 75 moves and was rewarded with 70.9 steps instead of 87.5, on small boards."""
+    """Leaving boards at 75 moves once gave 70.9 steps instead of 87.5."""
     seeds = itertools.count(1)
     server, policy = serve(), load("frontier-cost")
     lobby = server.services.lobby
@@ -210,7 +214,9 @@ def test_two_tabs_that_ask_for_a_ranked_board_at_once_get_one(in_lobby):
         session = answers[0][0]
         await session.act(Move(session.current.id, 0, _away(session), "human"))
         wanted = [NewEpisode(size=[9, 14]), NewEpisode(size=[9, 14])]
-        following = await asyncio.gather(*(boards.begin_next(session, each) for each in wanted))
+        following = await asyncio.gather(
+            *(boards.begin_next(session, episode) for episode in wanted)
+        )
         assert len({board.current.id for board, _ in following}) == 1
         assert len(open_ranked(lobby.store, "me")) == 1
 
@@ -274,13 +280,13 @@ def test_a_kill_leaves_one_ranked_episode_open_and_nothing_lost(spawn, kill):
     asking.join()
     again = spawn()
     back = again.page(cookies=dict(client.cookies))
-    found = back.get("/api/me/session").json()
+    board = back.get("/api/me/session").json()
     if outcome(back, first) is None:
-        assert (found["session"], found["frame"]["step"]) == (first["session"], 3)
+        assert (board["session"], board["frame"]["step"]) == (first["session"], 3)
     else:
         assert outcome(back, first) == ("abandoned", 3, True)
-        assert found["size"] == [9, 13]
-    drive(again, back, found, 1)
+        assert board["size"] == [9, 13]
+    drive(again, back, board, 1)
     again.kill()
 
 

@@ -1,4 +1,4 @@
-"""A person's episode that is spoilt counts as abandoned; what fails on the server's side spoils nothing."""
+"""A person's spoilt episode counts as abandoned; a server's fault spoils nothing."""
 
 import json
 import sqlite3
@@ -20,7 +20,7 @@ CONFIG = EnvConfig.of("random", SIZE)
 
 
 def drive(server, spoil=None, at=4):
-    """Play a ranked episode to its end as a person does, but for `spoil(socket, frame, action)` at one step."""
+    """Play a ranked episode as a person, but for `spoil(socket, frame, action)` once."""
     client = server.page()
     begun = client.post("/api/sessions", json={"size": SIZE}).json()
 
@@ -59,10 +59,15 @@ def test_a_ranked_episode_that_is_spoilt_counts_as_abandoned_and_one_never_begun
     stored = server.services.store.find_episode(frame["episode"]).episode
     with closing(Reader.open(server.services.store.path)) as reader:
         sums = sorted(players_of(reader, CONFIG.hash))
-    (own,) = (each for each in sums if each.spoilt)
-    assert stored.forfeited().steps_to_target == CONFIG.limit == own.steps > own.played_steps
-    assert own.score < own.played_score
-    assert [each.failed for each in sums] == [each.spoilt for each in sums]
+    (spoilt_sums,) = (player for player in sums if player.spoilt)
+    assert (
+        stored.forfeited().steps_to_target
+        == CONFIG.limit
+        == spoilt_sums.steps
+        > spoilt_sums.played_steps
+    )
+    assert spoilt_sums.score < spoilt_sums.played_score
+    assert [player.failed for player in sums] == [player.spoilt for player in sums]
     assert "1 spoilt" in server.client().get("/api/human-level").json()["sentence"]
     assert verify_database(server.services.store.path).findings == ()
 
@@ -76,7 +81,7 @@ def test_a_spoilt_episode_is_worth_what_giving_it_up_at_its_end_is():
     for action in whole[:-1]:
         given_up.step(action)
     given_up.abandon()
-    record, given = episode.record(), given_up.record()
+    record, given_up_record = episode.record(), given_up.record()
     trial = Trial(
         id="one", session_id="s", number=0, task="mars", core_version=record.core_version, config=CONFIG, seed=3,
         seed_chosen=False, terrain=record.terrain, start=record.start, policy_seed=1, driver="human", assisted=False,
@@ -85,31 +90,34 @@ def test_a_spoilt_episode_is_worth_what_giving_it_up_at_its_end_is():
     )  # fmt: skip
     last = episode.rewards[-1] - CONFIG.r_bonus
     cells = CONFIG.n + CONFIG.r_invalid + CONFIG.r_bonus
-    assert trial.forfeited().score == pytest.approx(given.score + last / cells)
+    assert trial.forfeited().score == pytest.approx(given_up_record.score + last / cells)
     nothing = Episode.begin(CONFIG, seed=3)
     nothing.abandon()
     assert nothing.score == 0, "what intention to treat counts a terrain as that was not begun"
 
 
 def test_choosing_what_to_spoil_gains_no_step(tmp_path):
-    """Of twenty episodes the worse half is spoilt: the figure is that of the same player who left them."""
+    """Spoiling the worse half of twenty episodes gives the figure of leaving it."""
     figures = []
     for how in ("as played", "left", "spoilt"):
         with closing(Store(tmp_path / f"{how}.db")) as store:
             moves = sorted(_play(store, seed, "as played") for seed in range(20))
         with closing(Store(tmp_path / f"{how} half.db")) as store:
             for seed in range(20):
-                made = _play(store, seed, how, worse_than=moves[9])
-                assert made
+                moves_made = _play(store, seed, how, worse_than=moves[9])
+                assert moves_made
             with closing(Reader.open(store.path)) as reader:
-                (own,) = players_of(reader, CONFIG.hash)
-                figures.append(own.steps / own.episodes)
+                (sums,) = players_of(reader, CONFIG.hash)
+                figures.append(sums.steps / sums.episodes)
     played, left, spoilt = figures
     assert spoilt == left > played
 
 
 def _play(store, seed, how, worse_than=10**9):
-    """Play a ranked episode as "ada" and return its moves; those that take more than `worse_than` end as `how` says."""
+    """Play a ranked episode as "ada"; return its moves.
+
+    Those that take more than `worse_than` end as `how` says.
+    """
     row, episode = open_episode(store, add_session(store), seed, CONFIG)
     whole = tour(episode)
     is_bad = len(whole) > worse_than

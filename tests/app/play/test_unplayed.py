@@ -1,4 +1,4 @@
-"""Boards on which nobody has moved leave the database after a day, others are closed then, and a study's stay as they are."""
+"""Boards without a move leave the database after a day, except a study's."""
 
 import asyncio
 import secrets
@@ -59,7 +59,7 @@ def test_boards_that_nobody_has_moved_on_are_deleted_and_nothing_else_is(serve, 
     freeze(tmp_path / "playground.db-studies")
     server = serve()
     path = tmp_path / "playground.db"
-    kept, gone = set(), set()
+    staying, gone = set(), set()
 
     def begin(client=None, **body):
         return (client or server.page()).post("/api/sessions", json={"size": 9, **body}).json()
@@ -73,7 +73,7 @@ def test_boards_that_nobody_has_moved_on_are_deleted_and_nothing_else_is(serve, 
     with server.socket(begun["session"], moved) as socket:
         socket.act(socket.receive("frame"), "south", input="key")
         socket.frame_after(0)
-    kept.add(begun["session"])
+    staying.add(begun["session"])
     pressed = server.page()
     begun = begin(pressed)
     with server.socket(begun["session"], pressed) as socket:
@@ -87,11 +87,11 @@ def test_boards_that_nobody_has_moved_on_are_deleted_and_nothing_else_is(serve, 
             }
         )
         assert socket.receive("kept")["count"] == 1
-    kept.add(begun["session"])
+    staying.add(begun["session"])
     ended = server.client()
     begun = begin(ended)
     ended.post(f"/api/sessions/{begun['session']}/episodes")
-    kept.add(begun["session"])
+    staying.add(begun["session"])
     policy = begin(player="frontier-cost")
     eventually(
         lambda: (
@@ -99,11 +99,11 @@ def test_boards_that_nobody_has_moved_on_are_deleted_and_nothing_else_is(serve, 
             in (200, 404)
         )
     )
-    kept.add(server.page().post("/api/daily").json()["session"])
+    staying.add(server.page().post("/api/daily").json()["session"])
     person = Person(server)
     person.to_tutorial()
     person.call("next")
-    kept.add(person.where["session"])
+    staying.add(person.where["session"])
     newest = begin()["session"]
     server.stop()
 
@@ -113,7 +113,7 @@ def test_boards_that_nobody_has_moved_on_are_deleted_and_nothing_else_is(serve, 
     assert asyncio.run(delete_later(path, DAY_H + 1)) >= len(gone)
     left = ids(path)
     assert not left & gone
-    assert kept | {newest} <= left
+    assert staying | {newest} <= left
     after = counts(path)
     assert after["players"] < before["players"]
     assert [after[table] for table in TABLES[3:]] == [before[table] for table in TABLES[3:]]
@@ -137,8 +137,8 @@ def test_boards_that_are_in_use_do_not_keep_later_ones_from_being_deleted(tmp_pa
             store.add_session(SessionRow(f"s{number}", None, "human", None, "follow", 8.0, number))
         deleted, after, in_use = [], 0, {"s0", "s1", "s3"}
         while after is not None:
-            found, _, after = delete_unplayed(store, 1000, in_use.__contains__, after, most=2)
-            deleted += found
+            sessions, _, after = delete_unplayed(store, 1000, in_use.__contains__, after, most=2)
+            deleted += sessions
         assert deleted == ["s2", "s4", "s5"], "s6 is the newest of all"
 
 
@@ -183,5 +183,5 @@ def test_what_was_left_for_a_day_is_closed_but_in_a_study(serve, tmp_path):
     assert outcomes() == {}
     server.clock.skipped_ms += 2 * 3_600_000
     server.on_loop(boards.abandon_left())
-    left = {each["frame"]["episode"]: "abandoned" for each in (moved, touched, script)}
+    left = {board["frame"]["episode"]: "abandoned" for board in (moved, touched, script)}
     assert outcomes() == left

@@ -1,4 +1,4 @@
-"""Boards are found by their ids for watching, and memory keeps next to nothing of a session that has left."""
+"""Boards are found by their ids for watching, at hardly any cost in memory."""
 
 import asyncio
 import gc
@@ -26,23 +26,25 @@ def test_nothing_in_memory_goes_by_the_ids_of_a_session_that_has_left(serve):
 
     eventually(lambda: len(server.services.lobby) == 0)
     charged = server.services.lobby.charges._open  # an episode that has not ended
-    eventually(lambda: all(each is charged for each in _keyed_by(ids, server.services)), 10)
+    eventually(lambda: all(holder is charged for holder in _keyed_by(ids, server.services)), 10)
 
 
 def _keyed_by(ids, root):
-    """Return the sets and dictionaries within an object, at any depth, of which one of the ids is a member."""
-    seen, left, found = {id(root)}, [root], []
+    """Return all sets and dictionaries within an object that hold one of the ids."""
+    seen, left, holders = {id(root)}, [root], []
     while left:
-        for each in gc.get_referents(left.pop()):
-            if id(each) in seen or isinstance(each, (type, ModuleType, FunctionType, str, bytes)):
-                continue
-            seen.add(id(each))
-            left.append(each)
-            if type(each) in (dict, set, OrderedDict, defaultdict) and any(
-                one in each for one in ids
+        for referent in gc.get_referents(left.pop()):
+            if id(referent) in seen or isinstance(
+                referent, (type, ModuleType, FunctionType, str, bytes)
             ):
-                found.append(each)
-    return found
+                continue
+            seen.add(id(referent))
+            left.append(referent)
+            if type(referent) in (dict, set, OrderedDict, defaultdict) and any(
+                one in referent for one in ids
+            ):
+                holders.append(referent)
+    return holders
 
 
 async def _watched(server, watch):
@@ -70,7 +72,7 @@ def test_boards_are_found_by_their_ids_for_watching_in_a_few_bytes_of_each(tmp_p
     finally:
         tracemalloc.stop()
     assert grown < BYTES_A_SESSION
-    assert [look_for(each) for each in sessions[::100]] == sessions[::100]
+    assert [look_for(session_id) for session_id in sessions[::100]] == sessions[::100]
     with store.transaction():
         store.connection.execute("DELETE FROM sessions WHERE id = ?", [sessions[7]])
         sessions.append(add_session(store))
@@ -90,6 +92,6 @@ def test_boards_are_found_by_their_ids_for_watching_in_a_few_bytes_of_each(tmp_p
         "its first 64 bits are those of a session"
     )
     monkeypatch.setattr("humanplay.board.sources.MAX_FOUND", 20)
-    assert [look_for(each) for each in sessions[50:]] == sessions[50:]
+    assert [look_for(session_id) for session_id in sessions[50:]] == sessions[50:]
     assert len(watch_ids._found) <= 20
     store.close()

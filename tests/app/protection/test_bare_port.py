@@ -104,9 +104,9 @@ def test_others_play_on_and_a_server_that_is_stopped_meanwhile_has_every_move(
                 frame = message if message["kind"] == "frame" else frame
         except ConnectionClosed:
             pass
-    said = server.process.stdout.read()
+    log = server.process.stdout.read()
     server.close()
-    assert "Traceback" not in said
+    assert "Traceback" not in log
     assert most_mb < before_mb + MOST_GROWTH_MB
     assert not (tmp_path / "playground.db-wal").exists(), "SQLite deletes it when all is closed"
     assert verify_database(tmp_path / "playground.db").findings == ()
@@ -149,8 +149,8 @@ def asked(server, *parts):
     """Send bytes over a connection and return all that comes until it is closed."""
     with socket.create_connection(("127.0.0.1", server.port), timeout=10) as connection:
         try:
-            for each in parts:
-                connection.sendall(each)
+            for part in parts:
+                connection.sendall(part)
             return b"".join(iter(lambda: connection.recv(65536), b""))
         except ConnectionResetError:
             return b""
@@ -212,8 +212,8 @@ def test_what_is_malformed_is_answered_with_4xx_closed_and_not_logged(spawn):
         first = HANDSHAKE.replace(b"/ws/sessions/x", ways[number % 4].encode()) + b"\r\n"
         opened = socket.create_connection(("127.0.0.1", server.port), timeout=10)
         with opened as connection, suppress(ConnectionError):
-            for each in (first, *parts):
-                connection.sendall(each)
+            for part in (first, *parts):
+                connection.sendall(part)
     for junk in (b"\xff" * 100, masked(1, b"\xff"), masked(9, b"") * 3 + b"\x83\xff", b"\x0f" * 99):
         with server.socket(begun["session"], client) as board:
             board.receive("frame")
@@ -222,9 +222,9 @@ def test_what_is_malformed_is_answered_with_4xx_closed_and_not_logged(spawn):
     eventually(lambda: len(list(files.iterdir())) <= before + 3)
     server.process.send_signal(signal.SIGTERM)
     assert server.process.wait(15) == 0
-    said = server.process.stdout.read()
+    log = server.process.stdout.read()
     server.close()
-    assert said.strip() == "", said[:2000]
+    assert log.strip() == "", log[:2000]
 
 
 def test_a_websocket_that_is_refused_is_told_why_and_closed(serve):
@@ -239,7 +239,7 @@ def test_a_websocket_that_is_refused_is_told_why_and_closed(serve):
 
 
 def test_pings_beyond_their_rate_are_not_answered(serve):
-    """Counted and not timed: it is the answers that others wait for, on whatever machine."""
+    """Counted and not timed: others wait for the answers, on whatever machine."""
     server = serve(limits=Limits())
     session = server.client().post("/api/sessions", json={"size": 9}).json()["session"]
     ping, pong = masked(9, b"of mine"), b"\x8a\x07of mine"

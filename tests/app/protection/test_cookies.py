@@ -1,4 +1,4 @@
-"""Only cookies of this server reach what reads them: Python takes seconds for a long quoted one."""
+"""Only this server's cookies are parsed: Python takes seconds for a long one."""
 
 import time
 
@@ -13,7 +13,7 @@ ESCAPES = '"' + "\\a" * 7500 + '"'
 
 def handed_on(*cookies):
     """The cookies that a handler finds, where these headers came."""
-    headers = [(b"accept", b"*/*"), *((b"cookie", each.encode()) for each in cookies)]
+    headers = [(b"accept", b"*/*"), *((b"cookie", cookie.encode()) for cookie in cookies)]
     names = frozenset((b"humanplay_player", b"humanplay_admin"))
     return Request(with_own_cookies({"type": "http", "headers": headers}, names)).cookies
 

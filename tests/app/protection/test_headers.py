@@ -1,4 +1,4 @@
-"""Every answer says how a browser is to treat it; what is private is stored nowhere."""
+"""Every answer's headers guide the browser; what is private is stored nowhere."""
 
 import re
 
@@ -36,7 +36,7 @@ def test_every_answer_but_pages_that_are_the_same_for_all_is_stored_nowhere(site
     paths = [route.path for route in routes if "GET" in route.methods]
     assert set(paths) > SAME_FOR_ALL
     for path in paths:
-        asked = re.sub(r"\{(\w+)[^}]*\}", lambda found: values.get(found[1], "any"), path)
+        asked = re.sub(r"\{(\w+)[^}]*\}", lambda match: values.get(match[1], "any"), path)
         answer = client.get(asked, follow_redirects=False)
         expected = "no-cache" if path in SAME_FOR_ALL or path == "/watch/{watch_id}" else "no-store"
         if path not in VIEWER:
@@ -80,7 +80,7 @@ def test_what_browsers_heed_by_tls_alone_is_sent_by_tls_alone(site):
     assert "strict-transport-security" not in loopback
     assert "strict-transport-security" not in lan
     opener = "cross-origin-opener-policy"
-    assert [each.get(opener) for each in (tls, loopback, lan)] == [
+    assert [headers.get(opener) for headers in (tls, loopback, lan)] == [
         "same-origin",
         "same-origin",
         None,

@@ -1,4 +1,4 @@
-"""The server answers under its own names alone, and takes a proxy's word from named proxies alone."""
+"""The server answers under its own names, and trusts named proxies alone."""
 
 import socket
 
@@ -58,21 +58,21 @@ def guess(client, address):
 
 
 def test_wrong_guesses_cannot_be_spread_over_invented_addresses(serve):
-    """Without a named proxy the header is nothing; behind one, what stands left of the visitor's address is invented."""
+    """Without a named proxy the header counts for nothing; behind one, its left part."""
     client = serve(admin_password="correct-horse").page()
-    said = [guess(client, f"9.9.9.{number}") for number in range(ATTEMPTS_PER_MINUTE + 1)]
-    assert said == ONE_TOO_MANY
+    codes = [guess(client, f"9.9.9.{number}") for number in range(ATTEMPTS_PER_MINUTE + 1)]
+    assert codes == ONE_TOO_MANY
 
 
 def test_behind_a_named_proxy_each_visitor_is_counted_alone(serve):
     proxies = ["127.0.0.0/8", "10.0.0.7"]
     client = serve(admin_password="correct-horse", trusted_proxies=proxies).page()
     numbers = range(ATTEMPTS_PER_MINUTE + 1)
-    said = [guess(client, f"9.9.9.{number}, 5.6.7.8, 10.0.0.7") for number in numbers]
-    assert said == ONE_TOO_MANY
+    codes = [guess(client, f"9.9.9.{number}, 5.6.7.8, 10.0.0.7") for number in numbers]
+    assert codes == ONE_TOO_MANY
     assert guess(client, "5.6.7.9") == 401
-    said = [guess(client, f"2001:db8:1:2:{number}::1") for number in numbers]
-    assert said == ONE_TOO_MANY, "a home changes its address within its /64 as it likes"
+    codes = [guess(client, f"2001:db8:1:2:{number}::1") for number in numbers]
+    assert codes == ONE_TOO_MANY, "a home changes its address within its /64 as it likes"
     assert guess(client, "2001:db8:1:3::9") == 401
 
 
@@ -106,8 +106,8 @@ def test_settings_that_name_no_address_are_refused_in_words(capsys):
         (["--trusted-proxy", "0.0.0.0/0"], "expected the proxy's own address or network"),
         (["--trusted-proxy", "*"], "expected an IP address or a network"),
     ):
-        code, _, said = command(capsys, "serve", *flags)
-        assert (code, sentence in said) == (2, True)
+        code, _, errors = command(capsys, "serve", *flags)
+        assert (code, sentence in errors) == (2, True)
     settings = Settings(public_url="https://mars.example:443/lab/", trusted_proxies=["10.1.2.3/8"])
     assert settings.public_url == "https://mars.example/lab"
     assert settings.trusted_proxies == ("10.0.0.0/8",)

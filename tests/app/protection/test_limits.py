@@ -1,4 +1,4 @@
-"""How much one client may hold open, send and ask for: by address, by cookie and by socket."""
+"""How much one client may open, send and ask, by address, cookie and socket."""
 
 import re
 import socket as sockets
@@ -120,8 +120,8 @@ def test_a_flood_closes_any_socket_with_1008_and_costs_its_address_handshakes(se
             flooded = stack.enter_context(server.socket(name, client, path=path)).connection
             message = masked(1, b"nonsense")
         flooded.socket.sendall(message * (PATIENCE + 200))
-        said = "too many messages: 20 at once and 60 a second are answered"
-        assert why_closed(flooded) == (1008, said)
+        reason = "too many messages: 20 at once and 60 a second are answered"
+        assert why_closed(flooded) == (1008, reason)
     assert server.protection.refusals["messages"] == 1
     with pytest.raises(InvalidStatus) as refused, server.socket(begun["session"]):
         pass
@@ -139,8 +139,8 @@ def test_a_flood_of_frames_that_are_no_message_closes_its_socket(serve, opcode):
         first = b"" if opcode else bytes([1, 128]) + bytes(4)
         part = bytes([128 * (opcode > 0) | opcode]) + masked(opcode, b"")[1:]
         connection.socket.sendall(first + part * 300)
-        said = "too many pings, pongs or parts of messages: 100 at once and 10 a second are read"
-        assert why_closed(connection) == (1008, said)
+        reason = "too many pings, pongs or parts of messages: 100 at once and 10 a second are read"
+        assert why_closed(connection) == (1008, reason)
     with pytest.raises(InvalidStatus) as refused, server.socket(begun["session"]):
         pass
     assert refused.value.response.status_code == 429
@@ -185,10 +185,10 @@ def test_boards_and_episodes_have_a_rate_for_each_player_and_for_each_address(se
     refused = begin_board(first)
     assert refused.status_code == 429
     assert 1 <= int(refused.headers["retry-after"]) <= 34
-    said = (
+    reason = (
         "too many new boards from this browser (2 at once and 0.03 a second at most): try again in"
     )
-    assert said in refused.json()["detail"]
+    assert reason in refused.json()["detail"]
     assert begin_board(second).status_code == 201
     refused = begin_board(second)
     assert (refused.status_code, "from this network" in refused.json()["detail"]) == (429, True)
@@ -238,7 +238,7 @@ def test_requests_of_an_address_wait_beyond_a_pace_and_nobody_elses_do(serve):
         asked = connections.map(greedy.get, ["/api/health"] * 25)
         assert other.get("/api/health").status_code == 200
         assert time.monotonic() - began < 1.5
-        assert {each.status_code for each in asked} == {200}
+        assert {answer.status_code for answer in asked} == {200}
     assert time.monotonic() - began > 1.9
 
 
@@ -252,16 +252,16 @@ def test_a_request_that_is_refused_closes_its_connection(serve):
 
 
 def test_the_addresses_of_one_network_are_one_and_visitors_are_told_apart_behind_a_proxy(serve):
-    """A home has the 2**64 addresses of its network; IPv4 that is written as IPv6 is the same."""
+    """A home has a network's 2**64 addresses; IPv4 written as IPv6 is the same."""
     limits = Limits(sessions_per_address="2+0.001/s")
 
     def codes(server, *addresses):
-        clients = [server.client(headers={"X-Forwarded-For": each}) for each in addresses]
-        return [each.post("/api/sessions", json={"size": 9}).status_code for each in clients]
+        clients = [server.client(headers={"X-Forwarded-For": address}) for address in addresses]
+        return [client.post("/api/sessions", json={"size": 9}).status_code for client in clients]
 
     behind = serve(limits=limits, trusted_proxies=("127.0.0.1",))
     assert codes(behind, *(f"203.0.113.{number}" for number in range(4))) == [201] * 4
-    assert codes(behind, *(f"2001:db8:1:2:{each}::7" for each in ("1", "2", "ffff"))) == [
+    assert codes(behind, *(f"2001:db8:1:2:{part}::7" for part in ("1", "2", "ffff"))) == [
         201, 201, 429,
     ]  # fmt: skip
     assert codes(behind, "2001:db8:1:3::7", "198.51.100.9", "::ffff:198.51.100.9", "198.51.100.9") == [
@@ -272,7 +272,7 @@ def test_the_addresses_of_one_network_are_one_and_visitors_are_told_apart_behind
 
 
 def test_a_class_of_a_hundred_people_behind_one_address_plays_unhindered(serve, tmp_path):
-    """Each joins, begins a board, opens a socket and moves; the default settings refuse nothing."""
+    """Each joins, begins a board, opens a socket and moves under default settings."""
     freeze(tmp_path / "playground.db-studies")
     server = serve(limits=Limits())
     with ExitStack() as stack:
@@ -326,8 +326,8 @@ def test_an_answer_that_nobody_takes_ends_and_one_that_is_taken_slowly_is_whole(
     ask = b"GET /viewer/client/ HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
     with opened(server) as connection:
         connection.sendall(ask)
-        where = re.search(r"location: (\S+)", connection.recv(65536).decode())[1]
-    ask = ask.replace(b"client/", b"client/" + where.encode())
+        version = re.search(r"location: (\S+)", connection.recv(65536).decode())[1]
+    ask = ask.replace(b"client/", b"client/" + version.encode())
     with opened(server, receives=4096) as connection:
         connection.sendall(ask)
         time.sleep(3)

@@ -1,4 +1,4 @@
-"""Sessions that come and go leave the server's memory and its file descriptors as they were."""
+"""Sessions that come and go leave memory and file descriptors as they were."""
 
 import random
 import time
@@ -19,7 +19,7 @@ UNLIMITED = dict.fromkeys(BUCKETS, "1000000+1000000/s") | {"stored_address_perce
 
 
 def state_of(server):
-    """Resident memory (MB) and open file descriptors of the server's process, once no session is in its memory."""
+    """Resident memory (MB) and open descriptors, once no session is in memory."""
     with server.client() as client:
         eventually(lambda: client.get("/api/health").json()["sessions"] == 0)
     time.sleep(6)  # connections that were kept open for another request end
@@ -52,7 +52,7 @@ def come_and_go(server, number):
 
 
 def test_memory_and_descriptors_come_back_after_a_thousand_sessions(spawn):
-    """Of a server on which what happens once has happened: code compiled, caches filled, threads started.
+    """On a warm server: code compiled, caches filled, threads started.
 
     Each thread that reads has a connection to the database, so as many people come at once before as later.
     """

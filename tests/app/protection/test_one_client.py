@@ -1,4 +1,7 @@
-"""What one client can do by many connections, large boards and many stored events, and how long the others wait meanwhile."""
+"""What one client can do, and how long the others wait meanwhile.
+
+It has many connections, large boards and many stored events.
+"""
 
 import threading
 import time
@@ -58,7 +61,7 @@ def moves_of(server, session, client, seconds):
 
 
 def decision_ms():
-    """How long `ppo` takes for a decision on 128x128 in this process: the median of those of an episode's beginning."""
+    """The median time of `ppo`'s first decisions on 128x128 in this process."""
     policy, spent = policies.load("ppo"), []
     episode = Episode.begin(EnvConfig.of("random", 128), seed=7)
     policy.reset(0)
@@ -71,7 +74,7 @@ def decision_ms():
 
 
 def test_thirty_boards_of_ppo_on_128_keep_an_honest_board_waiting_for_one_decision(spawn):
-    """The honest board asks for 20 moves a second on 64x64; the thirty, each of another player, for 60 a second."""
+    """The honest board asks for 20 moves a second on 64x64, thirty others for 60."""
     server = spawn()
     with ExitStack() as stack:
         client = stack.enter_context(server.client())
@@ -101,11 +104,11 @@ def count_events(path):
 
 
 def test_others_wait_no_longer_while_an_episode_comes_to_fifty_thousand_events(spawn, tmp_path):
-    """They come 200 at a time, nearly equal to each other, as fast as they are answered."""
+    """They come 200 at a time, nearly equal, as fast as they are answered."""
     server = spawn(limits={"messages": "1000000+1000000/s"})
     with server.page() as client:
         begun = client.post("/api/sessions", json={"size": 64}).json()
-        cookie = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar)
+        cookie = "; ".join(f"{morsel.name}={morsel.value}" for morsel in client.cookies.jar)
     measure(server, 2)
     quiet = percentiles(measure(server, 8))
     url = f"ws://127.0.0.1:{server.port}/ws/sessions/{begun['session']}"
@@ -126,7 +129,7 @@ def test_others_wait_no_longer_while_an_episode_comes_to_fifty_thousand_events(s
 
 
 def boards_full_of_events(path, boards):
-    """Store boards with as many input events as are kept, the last of them a move; return their sessions."""
+    """Store boards with the most input events, the last a move; return their sessions."""
     times_ms = [100.0 + number for number in range(MAX_EVENTS_PER_EPISODE - 1)]
     events = [InputEventRow("keydown", "KeyW", False, True, at_ms, 0, 2.5) for at_ms in times_ms]
     sessions = []
@@ -142,12 +145,12 @@ def boards_full_of_events(path, boards):
 
 
 def test_others_wait_no_longer_while_episodes_of_fifty_thousand_events_end(spawn, tmp_path):
-    """Twelve episodes are abandoned, one after the other; in the quiet time as many that have no event."""
+    """Twelve episodes are abandoned in turn; in the quiet time, as many empty ones."""
     sessions = boards_full_of_events(tmp_path / "playground.db", 12)
     server = spawn()
     with server.client() as client:
         begun = [client.post("/api/sessions", json={"size": 21}).json() for _ in sessions]
-        empty = [each["session"] for each in begun]
+        empty = [board["session"] for board in begun]
 
         def end(ending):
             for session in ending:

@@ -28,7 +28,10 @@ def operated(serve, tmp_path):
 
 
 def changing_calls(app):
-    """Yield method and path of each route that may change something, with its parameters filled in."""
+    """Yield method and path of each route that may change something.
+
+    Its parameters are filled in.
+    """
     for route in app.routes:
         if isinstance(route, Route | APIRoute):
             path = re.sub(r"\{[^}]*\}", "any", route.path)
@@ -44,8 +47,8 @@ def test_every_route_that_changes_something_refuses_another_sites_page(operated)
         for name, value in SITES:
             answer = client.request(method, path, headers={name: value})
             assert answer.status_code == 403, (method, path, value)
-            said = "must come from a page of this server or from a script"
-            assert said in answer.json()["detail"]
+            reason = "must come from a page of this server or from a script"
+            assert reason in answer.json()["detail"]
     assert len(operated.services.lobby) == 0
 
 

@@ -1,4 +1,4 @@
-"""Bytes that are stored for an address, a player and a study: what begins is refused, what is open goes on.
+"""Stored bytes of an address, a player and a study: only new boards are refused.
 
 An open board is charged what it can store, so that whatever is open never comes to more than the budget.
 """
@@ -35,7 +35,7 @@ def begin(client, **wanted):
 
 def send_batch(socket, episode, number, size):
     """How many of a batch of input events are kept."""
-    events = [{**PRESS, "client_ms": 20 * number + each / 10} for each in range(size)]
+    events = [{**PRESS, "client_ms": 20 * number + place / 10} for place in range(size)]
     batch = f"batch-{number:06}"
     socket.send({"kind": "events", "episode": episode, "batch": batch, **LOAD, "events": events})
     return socket.receive("kept")["count"]
@@ -47,7 +47,7 @@ def send_events(socket, episode, batches):
 
 
 def fill(server, client, session, episode, first=0, most=80):
-    """Send batches of 200 input events until one is refused; return how many were kept."""
+    """Send batches of 200 input events until one is refused; return their number."""
     with server.socket(session, client) as socket:
         sent = range(first, first + most)
         return next((at - first for at in sent if not send_batch(socket, episode, at, 200)), most)
@@ -136,7 +136,7 @@ def test_a_player_has_a_budget_of_their_own(serve):
 def test_short_episodes_count_until_midnight_and_are_refused_at_their_cookies_budget(
     serve, monkeypatch
 ):
-    """Each is charged far more while it is open, and what it has stored once it has ended."""
+    """An open one is charged far more; an ended one, what it has stored."""
     fast = "100000+100000/s"
     rates = dict.fromkeys(("episodes_per_address", "episodes_per_player", "messages"), fast)
     server = serve(limits=Limits(stored_player_percent=percent(1_500_000), **rates))
@@ -240,8 +240,8 @@ def test_an_episode_keeps_as_many_events_as_it_has_room_for_and_every_move(serve
     client = server.page()
     board = begin(client).json()
     episode = board["frame"]["episode"]
-    kept = 200 * fill(server, client, board["session"], episode)
-    assert 0.95 * LEAST_EVENTS < kept <= LEAST_EVENTS
+    stored_events = 200 * fill(server, client, board["session"], episode)
+    assert 0.95 * LEAST_EVENTS < stored_events <= LEAST_EVENTS
     with server.socket(board["session"], client) as socket:
         frame = socket.receive("frame")
         for step in range(40):
@@ -269,18 +269,18 @@ def test_an_open_episode_is_charged_again_after_a_restart(serve):
         assert socket.frame_after(0)["step"] == 1
 
 
-@pytest.mark.parametrize("what", ["boards", "large boards", "moves", "events"])
-def test_what_is_counted_is_what_the_file_grows_by(serve, what):
+@pytest.mark.parametrize("load", ["boards", "large boards", "moves", "events"])
+def test_what_is_counted_is_what_the_file_grows_by(serve, load):
     server = serve()
     client, before = server.page(), file_bytes(server)
     sides = {"large boards": 128, "moves": 42}
-    for number in range(60 if "boards" in what else 1):
+    for number in range(60 if "boards" in load else 1):
         client = server.client() if number else client
-        board = begin(client, size=sides.get(what, 21)).json()
-        episode, steps = board["frame"]["episode"], 1200 if what == "moves" else 0
+        board = begin(client, size=sides.get(load, 21)).json()
+        episode, steps = board["frame"]["episode"], 1200 if load == "moves" else 0
         with server.socket(board["session"], client) as socket:
             socket.receive("frame")
-            if what == "events":
+            if load == "events":
                 send_events(socket, episode, 40)
         for step in range(steps + 1):  # it ends by leaving the grid
             action = "north" if step == steps else ("east", "west")[step % 2]
@@ -288,5 +288,5 @@ def test_what_is_counted_is_what_the_file_grows_by(serve, what):
             path = f"/api/sessions/{board['session']}/act"
             assert client.post(path, json=act).status_code == 200
     grown, counted = file_bytes(server) - before, max(server.protection.charges.today().values())
-    print(f"{what}: grown {grown}, counted {counted}")
+    print(f"{load}: grown {grown}, counted {counted}")
     assert 0.7 * grown < counted < 1.5 * grown

@@ -1,4 +1,4 @@
-"""The course of an episode against its frames, and a policy on its terrain against the policy's own episode."""
+"""An episode's course against its frames and against the policy's own episode."""
 
 import re
 
@@ -59,8 +59,8 @@ def share(episode):
 @pytest.mark.parametrize(("before", "moves"), [(0, "1 move"), (2, "3 moves")])
 def test_an_ending_in_words(before, moves):
     episode = played(lambda episode: [*free_moves(episode)[:before], 0])
-    said = sentence(course_of("A person", episode.record()))
-    assert said == f"drove off the map at {share(episode)} after {moves}"
+    words = sentence(course_of("A person", episode.record()))
+    assert words == f"drove off the map at {share(episode)} after {moves}"
 
 
 def test_an_abandoned_episode_was_left():
@@ -81,9 +81,12 @@ def test_pages_and_pictures_have_the_same_plain_names():
 
 def test_a_ghost_is_the_policys_own_episode_on_that_terrain():
     record = played(free_moves).record()
-    ghost, own = play_ghost("frontier-cost", record), play_terrain(load("frontier-cost", 3), record)
-    assert ghost.actions == bytes(own.actions)
-    assert (ghost.outcome, ghost.score) == (own.outcome, own.score)
+    ghost, episode = (
+        play_ghost("frontier-cost", record),
+        play_terrain(load("frontier-cost", 3), record),
+    )
+    assert ghost.actions == bytes(episode.actions)
+    assert (ghost.outcome, ghost.score) == (episode.outcome, episode.score)
 
 
 def test_a_ghost_that_cannot_be_had_says_why(monkeypatch):

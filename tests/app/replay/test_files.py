@@ -1,4 +1,4 @@
-"""A replay as a file: pictures of the right number, size and colours; one page that holds all it needs."""
+"""Replays as files: pictures of the right size and colours, and one whole page."""
 
 import io
 import json
@@ -51,8 +51,10 @@ def test_a_board_is_drawn_in_the_common_colours_and_shows_nothing_before_it_was_
         picture = board_picture(ghost, step, cell, AMBER)
         assert picture.size == (130, 90)
         for (row, col), since in np.ndenumerate(ghost.known_since):
-            known = 0 <= since <= step
-            expected = NIGHT if not known else ROCK if ghost.codes[row, col] == OBSTACLE else SOIL
+            is_known = 0 <= since <= step
+            expected = (
+                NIGHT if not is_known else ROCK if ghost.codes[row, col] == OBSTACLE else SOIL
+            )
             shown = picture.getpixel((col * cell + 1, row * cell + 1))
             assert (row, col) == ghost.path[step] or shown == expected, (step, row, col)
 
@@ -129,10 +131,10 @@ def test_a_page_in_one_file_holds_every_module_and_asks_for_nothing(courses):
     data = json.loads(re.search(r'id="replay-data">(.*?)</script>', text, re.S)[1])
     assert [data["run"]["name"], data["ghost"]["name"]] == ["A person", "frontier-cost"]
     assert data["episode"] == "e<"
-    known = json.loads(re.search(r'type="importmap">(.*?)</script>', text, re.S)[1])["imports"]
-    assert ENTRY in known
+    imports = json.loads(re.search(r'type="importmap">(.*?)</script>', text, re.S)[1])["imports"]
+    assert ENTRY in imports
     for name, script in modules(ENTRY, "mars").items():
-        assert set(re.findall(r'from "([^"]+)"', script)) <= set(known), name
+        assert set(re.findall(r'from "([^"]+)"', script)) <= set(imports), name
     assert not re.search(r'(?:src|href)="(?!data:)', text)
     assert not set(re.findall(r"https?://[\w.]+", text)) - {"http://www.w3.org"}
 

@@ -1,6 +1,4 @@
-"""Synthetic participants go through whole studies, survive kills and leave, and nothing of them enters a figure about
-people.
-"""
+"""Synthetic participants go through whole studies and enter no human figure."""
 
 import threading
 from collections import Counter
@@ -47,7 +45,7 @@ class Simulation(threading.Thread):
 
     @property
     def moves(self):
-        return sum(len(each.round_trips_ms) for each in self.outcomes)
+        return sum(len(outcome.round_trips_ms) for outcome in self.outcomes)
 
     def result(self, seconds=180.0):
         self.join(seconds)
@@ -62,7 +60,10 @@ class Simulation(threading.Thread):
 
 
 def check_database(path, study, moves, kills):
-    """Every participant has exactly its episodes, every episode exactly its moves, and all of it is a script's."""
+    """Every participant has exactly their episodes, every episode its moves.
+
+    All of it is a script's.
+    """
     protocol = study.protocol
     people = ask(path, "SELECT id, kind, stage FROM participants")
     assert {kind for _, kind, _ in people} == {"script"}
@@ -86,10 +87,10 @@ def check_database(path, study, moves, kills):
         if stage == "complete":
             assert all(outcome for trials in played.values() for *_, outcome in trials)
     steps = "SELECT episode_id, count(*), min(step), max(step) FROM steps GROUP BY episode_id"
-    kept = ask(path, steps)
-    assert all((low, high) == (0, count - 1) for _, count, low, high in kept)
+    counts = ask(path, steps)
+    assert all((low, high) == (0, count - 1) for _, count, low, high in counts)
     # a kill can lose the frame of a move that is in the database: one a participant, never the move
-    assert 0 <= sum(count for _, count, _, _ in kept) - moves <= kills * len(people)
+    assert 0 <= sum(count for _, count, _, _ in counts) - moves <= kills * len(people)
     assert ask(path, "SELECT count(*) FROM identities")[0][0] == len(people)
     events = ask(path, "SELECT count(*) FROM input_events WHERE kind = 'keydown'")[0][0]
     assert moves <= events <= moves + 2 * kills * len(people)
@@ -105,7 +106,7 @@ def check_no_human_figure(path, study):
 
 
 def check_whole_study(spawn, tmp_path, study, participants, moves, **rest):
-    """Kill the server after some moves and let it go on: everything is there once, and all of it is a script's."""
+    """Kill the server after some moves: everything is there once, and a script's."""
     server = spawn()
     simulation = Simulation(server.url, study, participants, **rest)
     simulation.reaches(moves, 1800)
@@ -122,8 +123,8 @@ def check_whole_study(spawn, tmp_path, study, participants, moves, **rest):
 def test_a_small_study_survives_a_kill_and_enters_no_human_figure(spawn, tmp_path):
     study = freeze(tmp_path / "playground.db-studies", size=9)
     outcomes, verified = check_whole_study(spawn, tmp_path, study, 3, 40, seed=3)
-    assert [each.stage for each in outcomes] == ["complete"] * 3
-    assert all(each.code for each in outcomes)
+    assert [outcome.stage for outcome in outcomes] == ["complete"] * 3
+    assert all(outcome.code for outcome in outcomes)
     assert (verified.episodes, verified.still_open) == (3 * 6, 0)
 
 
@@ -133,14 +134,14 @@ def test_ten_participants_of_a_whole_study_survive_a_kill(spawn, tmp_path):
     sizes = {"size": 21, "warm_up": 15, "ranked": 30, "players": 10, "break_every": 10}
     study = freeze(tmp_path / "playground.db-studies", **sizes)
     outcomes, _ = check_whole_study(spawn, tmp_path, study, 10, 15_000, seed=11, leaving=0.2)
-    stages = Counter(each.stage for each in outcomes)
+    stages = Counter(outcome.stage for outcome in outcomes)
     assert set(stages) == {"complete", "left"}
 
 
 def test_those_who_leave_withdraw_or_close_the_page(server, tmp_path):
     study = freeze(tmp_path / "playground.db-studies", size=7, ranked=4)
     simulation = Simulation(server.url, study, 6, seed=4, leaving=1.0)
-    assert {each.stage for each in simulation.result()} == {"left"}
+    assert {outcome.stage for outcome in simulation.result()} == {"left"}
     path = tmp_path / "playground.db"
     stages = Counter(stage for (stage,) in ask(path, "SELECT stage FROM participants"))
     assert stages["withdrawn"] > 0 < stages["ranked"]
@@ -151,8 +152,8 @@ def test_those_who_leave_withdraw_or_close_the_page(server, tmp_path):
 
 def test_the_command_prints_who_came_how_far(server, tmp_path, capsys):
     freeze(tmp_path / "playground.db-studies")
-    given = "--study", "small", "--url", server.url, "--speed", "1e6"
-    code, out, err = command(capsys, "simulate", *given)
+    options = "--study", "small", "--url", server.url, "--speed", "1e6"
+    code, out, err = command(capsys, "simulate", *options)
     assert code == 0, err
     assert out.count("complete") == 2  # as many as the study plans
     assert "moves; act to frame in ms: p50" in out
@@ -199,12 +200,12 @@ def test_each_mistake_is_a_sentence(server, tmp_path, capsys):
 
     def refused(**rest):
         """What the command says, which must be one line."""
-        given = {"study": study.name, "url": server.url, **rest}
-        options = (f"--{name}={value}" for name, value in given.items())
-        code, _, said = command(capsys, "simulate", *options)
+        arguments = {"study": study.name, "url": server.url, **rest}
+        options = (f"--{name}={value}" for name, value in arguments.items())
+        code, _, errors = command(capsys, "simulate", *options)
         assert code in (1, 2)
-        assert "Traceback" not in said
-        return said
+        assert "Traceback" not in errors
+        return errors
 
     assert "there is no such study here" in refused(study="nobody")
     assert "start one with `humanplay serve`" in refused(url="http://127.0.0.1:9")

@@ -1,4 +1,4 @@
-"""Backups while people play, in rotation, and put back: what was committed before a backup is in it."""
+"""Backups while people play, in rotation, and restored."""
 
 import json
 import os
@@ -70,7 +70,7 @@ def test_a_backup_holds_every_step_that_was_committed_before_it(tmp_path):
             copy = tmp_path / f"copy-{number}.db"
             assert back_up(path, copy) == copy.stat().st_size
             assert steps_in(copy) == number + 1
-        assert sorted(each.name for each in tmp_path.glob("copy*")) == [
+        assert sorted(file.name for file in tmp_path.glob("copy*")) == [
             "copy-0.db",
             "copy-1.db",
             "copy-2.db",
@@ -120,13 +120,15 @@ main(sys.argv[1:])
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "sentence"),
     [
         (["backup", "copy.db"], "cannot copy play.db"),
         (["export", "--out", "copy"], "cannot write to copy, choose another --out: file too large"),
     ],
 )
-def test_a_full_disk_ends_a_backup_and_an_export_in_one_sentence(database, tmp_path, words, said):
+def test_a_full_disk_ends_a_backup_and_an_export_in_one_sentence(
+    database, tmp_path, words, sentence
+):
     with closing(Store(database)) as store:
         for seed in range(60):
             play(store, seed=seed, explore=True)
@@ -135,7 +137,7 @@ def test_a_full_disk_ends_a_backup_and_an_export_in_one_sentence(database, tmp_p
     command = [sys.executable, "-B", "-c", LIMITED, *words, "--database", "play.db"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr.startswith(f"humanplay: {said}")
+    assert done.stderr.startswith(f"humanplay: {sentence}")
     assert done.stderr.count("\n") == 1
     assert [*tmp_path.glob("copy*"), *tmp_path.glob("copy/*")] == [tmp_path / "copy"]
 
@@ -143,21 +145,26 @@ def test_a_full_disk_ends_a_backup_and_an_export_in_one_sentence(database, tmp_p
 def test_the_last_backups_of_hours_days_and_weeks_stay_and_other_files_are_left_alone(
     database, tmp_path
 ):
-    """Of one every half hour for three months there stay 12 hours', 7 days' and 4 weeks', some of which are the same."""
+    """Of three months' half hours there stay 12 hours', 7 days' and 4 weeks' backups.
+
+    Some of these are the same.
+    """
     folder = tmp_path / "backups"
     folder.mkdir()
     others = ["play-notes.db", "other-20200101T000000Z.db", "play-20200101T000000Z.db.partial"]
     last = datetime(2020, 4, 1, 23, 40, tzinfo=UTC)  # a Wednesday
     times = [last - timedelta(minutes=30 * number) for number in range(24 * 2 * 90)]
-    names = [f"play-{each:%Y%m%dT%H%M%S}Z.db" for each in times]
+    names = [f"play-{time:%Y%m%dT%H%M%S}Z.db" for time in times]
     for name in [*others, *names]:
         (folder / name).write_bytes(b"")
     backups = Backups(database, folder, 60)
-    made = backups.make()
+    newest = backups.make()
     hours = [f"play-20200401T{hour:02}4000Z.db" for hour in range(13, 24)]
     days = [f"play-202003{day}T234000Z.db" for day in range(27, 32)]
     weeks = ["play-20200322T234000Z.db", "play-20200329T234000Z.db"]  # Sundays
-    assert [each.name for each in backups.existing()] == sorted({*hours, *days, *weeks, made.name})
+    assert [backup_file.name for backup_file in backups.existing()] == sorted(
+        {*hours, *days, *weeks, newest.name}
+    )
     assert all((folder / name).exists() for name in others)
     assert 0 <= backups.age_s() < 60
 
@@ -166,12 +173,12 @@ def test_a_backup_that_does_not_fit_is_refused_with_both_sizes_and_leaves_nothin
     serve, database, tmp_path, monkeypatch, caplog
 ):
     monkeypatch.setattr(backup, "SPARE_BYTES", 2**60)
-    said = r"needs 1,152,\d{3},\d{3},\d{3},\d{3},\d{3} bytes .*, [\d,]+ are available: make room"
-    with pytest.raises(StoreError, match=said):
+    reason = r"needs 1,152,\d{3},\d{3},\d{3},\d{3},\d{3} bytes .*, [\d,]+ are available: make room"
+    with pytest.raises(StoreError, match=reason):
         back_up(database, tmp_path / "copy.db")
     assert not list(tmp_path.glob("copy*"))
     server = serve(backup_every=60, backup_to=tmp_path / "kept")
-    eventually(lambda: re.search("no backup was made: .*" + said, caplog.text))
+    eventually(lambda: re.search("no backup was made: .*" + reason, caplog.text))
     metrics = server.services.store.metrics.registry
     assert metrics.get_sample_value("humanplay_backup_failures") == 1
     assert list((tmp_path / "kept").iterdir()) == []
@@ -217,12 +224,12 @@ def test_a_restored_backup_is_the_database_and_what_stood_there_stays(database, 
         )  # as a kill would leave it: the newest steps are in the log
     crashed = tmp_path / "crashed" / "play.db"
     after, before = steps_in(database), steps_in(copy)
-    kept = restore(copy, crashed, "now")
+    replaced = restore(copy, crashed, "now")
     assert steps_in(crashed) == before, (
         "the log of the former database must not meet the restored one"
     )
-    assert kept == crashed.with_name("play.db.before-now")
-    assert steps_in(kept) == after > before
+    assert replaced == crashed.with_name("play.db.before-now")
+    assert steps_in(replaced) == after > before
     assert not verify_database(crashed).findings
 
 
@@ -296,7 +303,7 @@ HARM = {
     ids=["index", "table", "missing"],
 )  # fmt: skip
 def test_a_file_whose_schema_could_act_is_opened_by_nothing(database, tmp_path, harm, named):
-    """Word for word as ours, before anything is read from it; a further table does nothing."""
+    """The schema is compared word for word before a read; a further table is harmless."""
     hostile = tmp_path / "hostile.db"
     back_up(database, hostile)
     with closing(sqlite3.connect(hostile)) as db:
@@ -345,18 +352,18 @@ def commands(group, name=""):
     """Yield (name, command) of each command in a group."""
     context = click.Context(group)
     for part in group.list_commands(context):
-        each = group.get_command(context, part)
-        if isinstance(each, click.Group):
-            yield from commands(each, f"{name}{part} ")
+        command = group.get_command(context, part)
+        if isinstance(command, click.Group):
+            yield from commands(command, f"{name}{part} ")
         else:
-            yield name + part, each
+            yield name + part, command
 
 
 def test_every_command_refuses_a_trigger_a_view_and_a_pipe_at_once(database, tmp_path, monkeypatch):
     opening = {
         name
-        for name, each in commands(cli)
-        if {"database", "databases", "backup"} & {option.name for option in each.params}
+        for name, command in commands(cli)
+        if {"database", "databases", "backup"} & {option.name for option in command.params}
     }
     assert opening == OPENING.keys()
     monkeypatch.chdir(tmp_path)
@@ -385,19 +392,19 @@ def test_every_command_refuses_a_trigger_a_view_and_a_pipe_at_once(database, tmp
             done = run(name, words.replace("FILE", f"{kind}.db"))
             assert done.exit_code == 1, (name, done.output)
             assert re.search(refused, done.output), (name, done.output)
-    made = {path.name for path in tmp_path.iterdir()} - before
-    assert {name for name in made if not name.endswith("-lock")} == set()
+    new_files = {path.name for path in tmp_path.iterdir()} - before
+    assert {name for name in new_files if not name.endswith("-lock")} == set()
     assert verify_database(database).findings == ()
 
 
 def leaf_pages(path, table):
-    """Return the pages of a table's rows in their order, as the shell of SQLite names them."""
+    """Return a table's leaf pages in their order, as SQLite's shell names them."""
     sql = f"SELECT pageno FROM dbstat WHERE name = '{table}' AND pagetype = 'leaf' ORDER BY path"
     return [int(number) for number in run_sqlite(path, sql).split()]
 
 
 def run_sqlite(path, command, text=None):
-    """Return what the shell of SQLite prints on a database; skip where there is none that can do this."""
+    """Return what SQLite's shell prints on a database; skip if no shell can do it."""
     shell = shutil.which("sqlite3")
     if shell is None:
         pytest.skip("sqlite3 is not installed: no damaged file is read out here")
@@ -425,9 +432,9 @@ def test_sqlite_reads_out_a_damaged_file_and_verify_names_what_is_missing(tmp_pa
     assert quick_check(path) != "ok"
     run_sqlite(new, None, run_sqlite(path, ".recover"))
     assert quick_check(new) == "ok"
-    found = verify_database(new)
-    harmed = {each.where.removeprefix("episode ") for each in found.findings}
-    assert found.episodes == 60
+    verification = verify_database(new)
+    harmed = {finding.where.removeprefix("episode ") for finding in verification.findings}
+    assert verification.episodes == 60
     assert harmed <= set(played)
     assert 0 < len(harmed) <= 60 * 2 / len(pages)
     with closing(Store(new)) as store:
@@ -435,16 +442,16 @@ def test_sqlite_reads_out_a_damaged_file_and_verify_names_what_is_missing(tmp_pa
 
 
 def test_the_commands_say_what_they_did(database, tmp_path, capsys):
-    given = tmp_path / "b.db", "--database", database
-    code, said, _ = command(capsys, "backup", *given)
-    assert (code, "verified" in said) == (0, True)
-    code, said, _ = command(capsys, "restore", *given, "--yes")
-    assert (code, f"what stood there is {database}.before-" in said) == (0, True)
+    arguments = tmp_path / "b.db", "--database", database
+    code, output, _ = command(capsys, "backup", *arguments)
+    assert (code, "verified" in output) == (0, True)
+    code, output, _ = command(capsys, "restore", *arguments, "--yes")
+    assert (code, f"what stood there is {database}.before-" in output) == (0, True)
 
 
 @pytest.mark.long
 def test_a_restore_drill(spawn, tmp_path):
-    """Play, back up while playing, kill, lose the database, restore the newest backup, go on, and verify everything."""
+    """Play, back up, kill, lose the database, restore the newest backup, verify."""
     path, folder = tmp_path / "playground.db", tmp_path / "kept"
     server = spawn(backup_every=0.02, backup_to=str(folder))
     client, stop, acknowledged = server.client(), threading.Event(), []
@@ -488,7 +495,7 @@ def test_a_restore_drill(spawn, tmp_path):
     subprocess.run(command, check=True)
     with closing(sqlite3.connect(path)) as db:
         there = {tuple(row) for row in db.execute("SELECT episode_id, step FROM steps")}
-    before = [each for each in acknowledged if each[0] < made_at]
+    before = [move for move in acknowledged if move[0] < made_at]
     assert len(before) > 100
     assert all((episode, step) in there for _, episode, step, _ in before)
     assert not verify_database(path).findings
@@ -496,7 +503,7 @@ def test_a_restore_drill(spawn, tmp_path):
     frame = server.client().get(f"/api/sessions/{before[-1][3]}").json()
     assert frame["step"] > before[-1][2], json.dumps(frame)
     server.close()
-    made, kept, due = len(acknowledged), len(there), len(before)
+    made_moves, stored_moves, due = len(acknowledged), len(there), len(before)
     print(
-        f"\n{made} moves acknowledged, {kept} in the newest backup, all {due} that were made before it was begun"
+        f"\n{made_moves} moves acknowledged, {stored_moves} in the newest backup, all {due} that were made before it was begun"
     )

@@ -1,4 +1,4 @@
-"""The chain: what appends an entry, what an entry tells nobody, and what a step costs."""
+"""The chain: what appends an entry, what an entry tells, what a step costs."""
 
 import hashlib
 import json
@@ -103,10 +103,10 @@ def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_t
     lines += [
         [row.id, number, 0, 0, "keydown", code, 0, 1, ms * number, 0, 2.5, 5] for number in range(4)
     ]
-    said = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
-    assert table == hashlib.sha256(salt + said.encode()).hexdigest()
-    made = chain.compute(store.connection, Thing("episode", row.id), salt)
-    assert (made, chain.combine(made)) == (json.loads(parts), whole)
+    hashed = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
+    assert table == hashlib.sha256(salt + hashed.encode()).hexdigest()
+    digests = chain.compute(store.connection, Thing("episode", row.id), salt)
+    assert (digests, chain.combine(digests)) == (json.loads(parts), whole)
     assert verify_database(store.path).findings == ()
 
 
@@ -137,8 +137,8 @@ def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(s
         store.connection.execute(
             "UPDATE input_events SET client_ms = client_ms + 0.5 WHERE number = ?", [number]
         )
-        (found,) = verify_database(store.path).findings
-        assert (found.where, found.what) == (
+        (finding,) = verify_database(store.path).findings
+        assert (finding.where, finding.what) == (
             f"episode {row.id}",
             "digest of its stored fields in the table input_events",
         )
@@ -163,8 +163,8 @@ def test_a_participants_change_replaces_their_entry_and_hides_no_change_made_bef
     study_store.add_stage_event(person, 6, "break", {})
     study_store.set_stage(person, 7, "withdrawn")
     recorder.close()
-    (found,) = verify_database(recorder.path).findings
-    assert (found.where, found.what) == (f"participant {person}", "digest of its stored fields")
+    (finding,) = verify_database(recorder.path).findings
+    assert (finding.where, finding.what) == (f"participant {person}", "digest of its stored fields")
 
 
 def test_a_step_or_a_change_that_fails_leaves_no_entry(store, monkeypatch):
@@ -222,14 +222,14 @@ def test_nothing_in_the_chain_says_who_or_when_but_for_the_day(copy):
 
 
 def test_no_hash_of_a_forgotten_person_can_be_made_again(copy):
-    """Somebody who knows every row of the person and every byte that is left finds none of their hashes in the chain."""
+    """Even with all of the person's rows, none of their hashes is found in the chain."""
     path, people = copy
-    known = path.with_name("known.db")
-    shutil.copy(path, known)
+    copied = path.with_name("known.db")
+    shutil.copy(path, copied)
     theirs = "id = ?1 OR id IN (SELECT session_id FROM participants WHERE id = ?1) OR id IN (SELECT e.id FROM episodes e " \
         "JOIN participants p ON p.session_id = e.session_id WHERE p.id = ?1)"  # fmt: skip
     lost = ask(
-        known,
+        copied,
         f"SELECT number, kind, id, first, salt, parts FROM chain_salts WHERE {theirs}",
         people[0],
     )
@@ -238,14 +238,18 @@ def test_no_hash_of_a_forgotten_person_can_be_made_again(copy):
     left = path.read_bytes()
     hashes = {hash_ for (hash_,) in ask(path, "SELECT hash FROM chain")}
     salts = [salt for (salt,) in ask(path, "SELECT salt FROM chain_salts")]
-    conn = sqlite3.connect(known)
+    conn = sqlite3.connect(copied)
     for _, kind, ident, first, salt, parts in lost:
         thing = Thing(kind, ident, first)
         assert chain.combine(chain.compute(conn, thing, salt)) in hashes, (
             "with the salt it could be made"
         )
         assert (
-            not {chain.combine(chain.compute(conn, thing, each)) for each in (*salts, b"")} & hashes
+            not {
+                chain.combine(chain.compute(conn, thing, other_salt))
+                for other_salt in (*salts, b"")
+            }
+            & hashes
         )
         assert salt not in left
         assert not any(part.encode() in left for part in json.loads(parts).values())
@@ -263,8 +267,8 @@ def test_an_entry_that_calls_others_forgotten_cannot_take_two_or_later_ones(copy
     conn = sqlite3.connect(path, isolation_level=None)
     (live,) = conn.execute("SELECT max(number) FROM chain_salts").fetchone()
     chain.append_note(conn, "forgotten", {"forgotten": [live, live, 10_000]})
-    found = [finding.stored for finding in verify_database(path).findings if finding.what == "it"]
-    assert found == [
+    notes = [finding.stored for finding in verify_database(path).findings if finding.what == "it"]
+    assert notes == [
         f"entry {live} forgotten, which is not in force",
         "entry 10000 forgotten, which is not in force",
     ]
@@ -283,9 +287,9 @@ def test_kept_episodes_that_were_changed_are_found_after_their_person_is_forgott
     conn.execute("UPDATE participants SET completed_ms = 1 WHERE id = ?", [person])
     conn.close()
     forget(path, person)
-    found = {finding.where for finding in verify_database(path).findings}
+    places = {finding.where for finding in verify_database(path).findings}
     (now,) = ask(path, "SELECT participant_id FROM series_episodes WHERE episode_id = ?", ident)
-    assert found == {f"episode {ident}", f"participant {now[0]}"}
+    assert places == {f"episode {ident}", f"participant {now[0]}"}
 
 
 @pytest.mark.parametrize(
@@ -317,12 +321,12 @@ def test_a_merge_makes_nothing_sound_that_was_changed_before(copy, tmp_path, har
     conn.close()
     both = tmp_path / "both.db"
     merge([path, tmp_path / "other.db"], both)
-    found = verify_database(both).findings
-    assert {finding.where.split()[0] for finding in found} == {kind}
+    findings = verify_database(both).findings
+    assert {finding.where.split()[0] for finding in findings} == {kind}
     with closing(sqlite3.connect(both, isolation_level=None)) as conn:
         for thing in chain.things(conn):
             chain.append(conn, thing.kind, thing.id)
-    assert verify_database(both).findings == found, "nor does a later change"
+    assert verify_database(both).findings == findings, "nor does a later change"
 
 
 def test_a_merge_begins_a_chain_that_holds_the_heads_of_its_sources(copy, tmp_path):
@@ -335,7 +339,7 @@ def test_a_merge_begins_a_chain_that_holds_the_heads_of_its_sources(copy, tmp_pa
         json.loads(note)["merged"]
         for (note,) in ask(tmp_path / "both.db", "SELECT note FROM chain WHERE kind = 'merged'")
     ]
-    heads = [verify_database(each).chain for each in (path, tmp_path / "other.db")]
+    heads = [verify_database(source).chain for source in (path, tmp_path / "other.db")]
     assert notes == [{"head": head.head, "entries": head.entries} for head in heads]
     assert verify_database(tmp_path / "both.db").findings == ()
 
@@ -347,41 +351,41 @@ def run(capsys, *args):
 
 def test_verify_prints_the_head_and_where_an_earlier_one_stood(copy, tmp_path, capsys):
     path, people = copy
-    given = ("verify", "--database", path)
-    code, said = run(capsys, *given)
+    arguments = ("verify", "--database", path)
+    code, output = run(capsys, *arguments)
     head = verify_database(path).chain
     assert code == 0
-    assert f"chain: {head.entries:,} entries; head {head.head}\n" in said
+    assert f"chain: {head.entries:,} entries; head {head.head}\n" in output
     build_release(ReleaseRequest(path, "dunes", tmp_path / "out"))
     manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
     assert (manifest["chain_head"], manifest["chain_entries"]) == (head.head, head.entries)
     forget(path, people[0])
     for earlier in (head.head, head.head.upper(), tmp_path / "out"):
-        code, said = run(capsys, *given, "--head", earlier)
+        code, output = run(capsys, *arguments, "--head", earlier)
         assert (
             code,
-            "since then: 1 of kind erased, 1 of kind forgotten, 1 of kind released" in said,
-            "1 of kind participant" in said,
+            "since then: 1 of kind erased, 1 of kind forgotten, 1 of kind released" in output,
+            "1 of kind participant" in output,
         ) == (0, True, True)
-    code, said = run(capsys, *given, "--head", "0" * 64)
-    assert (code, said.startswith("chain: the head given is 000")) == (1, True)
+    code, output = run(capsys, *arguments, "--head", "0" * 64)
+    assert (code, output.startswith("chain: the head given is 000")) == (1, True)
 
 
 @pytest.mark.parametrize(
-    ("args", "said"),
+    ("args", "sentence"),
     [
         (("--database", "a.db", "--head", "12"), "--head is the 64 hexadecimal digits"),
         (("--dataset", "a", "--head", "0" * 64), "--head goes with --database"),
     ],
 )
-def test_a_head_that_is_none_is_refused_in_a_sentence(capsys, args, said):
+def test_a_head_that_is_none_is_refused_in_a_sentence(capsys, args, sentence):
     code, printed = run(capsys, "verify", *args)
     assert code == 2
-    assert said in printed
+    assert sentence in printed
 
 
 @pytest.mark.parametrize(
-    ("harm", "what"),
+    ("harm", "message"),
     [
         ("DELETE FROM meta WHERE name LIKE 'erased|%'", "what the chain says was erased"),
         ("UPDATE meta SET value = json_set(value, '$.stage', 'ranked') WHERE name LIKE 'erased|%'",
@@ -391,7 +395,7 @@ def test_a_head_that_is_none_is_refused_in_a_sentence(capsys, args, said):
         ("DELETE FROM chain WHERE kind = 'released'", "an entry of the chain that it was released"),
     ],
 )  # fmt: skip
-def test_an_erasure_or_a_release_that_is_taken_back_is_found(copy, tmp_path, harm, what):
+def test_an_erasure_or_a_release_that_is_taken_back_is_found(copy, tmp_path, harm, message):
     path, people = copy
     build_release(ReleaseRequest(path, "dunes", tmp_path / "out"))
     marks = "SELECT kind FROM chain WHERE kind IN ('frozen', 'closed', 'erased', 'released') ORDER BY number"
@@ -400,7 +404,7 @@ def test_an_erasure_or_a_release_that_is_taken_back_is_found(copy, tmp_path, har
     assert [kind for (kind,) in ask(path, marks)] == ["frozen", "closed", "released", "erased"]
     assert verify_database(path).findings == ()
     assert alter(path, harm) == 1
-    assert what in {finding.what for finding in verify_database(path).findings}
+    assert message in {finding.what for finding in verify_database(path).findings}
 
 
 def test_a_merge_takes_over_every_freezing_that_its_sources_know(copy, tmp_path):

@@ -1,4 +1,4 @@
-"""The one list of columns: what the database makes of it, what the documents say of it, and that nobody leaves by it."""
+"""The one list of columns, as the database and the documents have it."""
 
 import sqlite3
 from contextlib import closing
@@ -11,11 +11,11 @@ def test_a_new_database_has_the_tables_and_columns_of_the_list_and_no_others(tmp
     Store(tmp_path / "play.db").close()
     with closing(sqlite3.connect(tmp_path / "play.db")) as conn:
         sql = "SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT LIKE 'sqlite_%'"
-        found = {
+        tables = {
             name: tuple(row[1] for row in conn.execute(f"PRAGMA table_info({name})"))
             for (name,) in conn.execute(sql)
         }
-    assert found == {name: table.names() for name, table in TABLES.items() if table.names()}
+    assert tables == {name: table.names() for name, table in TABLES.items() if table.names()}
 
 
 def test_nothing_that_says_who_somebody_is_leaves_as_it_is():
@@ -28,7 +28,7 @@ def test_nothing_that_says_who_somebody_is_leaves_as_it_is():
 
 
 def test_every_column_of_a_chained_table_is_in_the_chain_but_for_what_may_change():
-    """A board's pace does; a challenge is blanked once its episode, somebody else's, is erased.
+    """A board's pace may change; an erased episode blanks its challenges.
 
     What an environment raised is for its author alone and counts for nothing; a release blanks it.
     """

@@ -1,4 +1,4 @@
-"""Daily attempts in the database: one a day and player, hidden until the day is over, in no human figure, checked, merged."""
+"""Daily attempts in the database: one a day and player, in no human figure."""
 
 from contextlib import closing
 
@@ -38,7 +38,7 @@ def test_a_player_has_one_attempt_a_day_and_everybody_the_same_terrain(store):
         play_daily(store)
     assert play_daily(store, "bob").terrain == row.terrain
     assert play_daily(store, day="2026-11-23").terrain != row.terrain
-    assert [each.day for each in attempts_of(store, "ada")] == ["2026-11-23", DAY]
+    assert [attempt.day for attempt in attempts_of(store, "ada")] == ["2026-11-23", DAY]
     assert verify_database(store.path).findings == ()
 
 
@@ -87,20 +87,20 @@ HARMS = [
 ]
 
 
-@pytest.mark.parametrize(("harm", "found"), HARMS)
-def test_an_attempt_that_is_not_of_its_days_terrain_is_found(store, harm, found):
+@pytest.mark.parametrize(("harm", "expected"), HARMS)
+def test_an_attempt_that_is_not_of_its_days_terrain_is_found(store, harm, expected):
     play_daily(store)
     store.add_player("bob", 1)
     alter(store.path, "PRAGMA foreign_keys = OFF", harm)
     findings = verify_database(store.path).findings
     named = {
-        next((name for name in ("digest", "seed of") if name in each.what), each.what)
-        for each in findings
+        next((name for name in ("digest", "seed of") if name in finding.what), finding.what)
+        for finding in findings
     }
-    assert {name.removesuffix(" of") for name in named} == found
+    assert {name.removesuffix(" of") for name in named} == expected
 
 
-def test_daily_attempts_of_two_servers_are_merged_with_their_keys(tmp_path):
+def test_attempts_of_two_servers_are_merged_with_their_keys(tmp_path):
     for name, player in (("a.db", "ada"), ("b.db", "bob")):
         with closing(Store(tmp_path / name)) as store:
             play_daily(store, player)
@@ -114,7 +114,7 @@ def test_daily_attempts_of_two_servers_are_merged_with_their_keys(tmp_path):
         merge([tmp_path / "c.db", tmp_path / "b.db"], tmp_path / "d.db")
 
 
-def test_whoever_is_forgotten_leaves_no_daily_attempt(tmp_path):
+def test_whoever_is_forgotten_leaves_no_attempt(tmp_path):
     study = freeze(tmp_path / "studies")
     people = play_study(tmp_path / "play.db", study, ("human", "human"))
     with closing(StudyRecorder(tmp_path / "play.db", study)) as recorder:

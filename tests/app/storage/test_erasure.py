@@ -60,8 +60,8 @@ def test_a_release_waits_for_whoever_asked_to_be_erased_and_counts_that_they_ask
     recorder = StudyRecorder(path, study)
     person = recorder.join(7, stage="ranked")
     recorder.play(person, "ranked", 0, "tour")
-    known = StudyStore(recorder.store)
-    known.withdraw(known.participant(person), recorder.tick(1000), erase=True)
+    study_store = StudyStore(recorder.store)
+    study_store.withdraw(study_store.participant(person), recorder.tick(1000), erase=True)
     recorder.close()
     request, label = ReleaseRequest(path, study.name, tmp_path / "out"), participant_label(person)
     with pytest.raises(ReleaseError, match=f"1 participant .* `humanplay forget {label}` first"):
@@ -73,27 +73,27 @@ def test_a_release_waits_for_whoever_asked_to_be_erased_and_counts_that_they_ask
 
 def traces_of(path, person):
     """Every id and word by which the database knows a participant."""
-    found = {person}
+    traces = {person}
     (row,) = ask(
         path, "SELECT player_id, session_id, completion_code FROM participants WHERE id = ?", person
     )
-    found |= set(row)
-    found |= {
+    traces |= set(row)
+    traces |= {
         row[0] for row in ask(path, "SELECT value FROM identities WHERE participant_id = ?", person)
     }
     boards = ask(path, "SELECT id FROM sessions WHERE player_id = ?", row[0])
-    found |= {board for (board,) in boards}
+    traces |= {board for (board,) in boards}
     for (board,) in boards:
-        found |= {
+        traces |= {
             ident for (ident,) in ask(path, "SELECT id FROM episodes WHERE session_id = ?", board)
         }
-    assert len(found) > 10
-    return found
+    assert len(traces) > 10
+    return traces
 
 
 def bytes_in_folder(path):
     """Every byte of the database, its log and whatever else lies in its folder."""
-    return b"".join(each.read_bytes() for each in path.parent.iterdir() if each.is_file())
+    return b"".join(file.read_bytes() for file in path.parent.iterdir() if file.is_file())
 
 
 def test_nothing_remains_in_any_byte_and_the_others_are_as_they_were(copy):
@@ -125,8 +125,8 @@ def test_it_leaves_the_log_empty_of_a_database_that_was_not_closed_well(copy):
         shutil.copy(path.with_name(name), path.with_name(f"killed{name[4:]}"))
     writer.close()
     killed = path.with_name("killed.db")
-    for each in path.parent.glob("play.db*"):
-        each.unlink()
+    for file in path.parent.glob("play.db*"):
+        file.unlink()
     assert b"CODE-in-the-log" in bytes_in_folder(killed)
     forget(killed, people[0])
     assert b"CODE-in-the-log" not in bytes_in_folder(killed)
@@ -176,7 +176,7 @@ def test_a_disk_without_room_for_a_copy_erases_nobody(copy, monkeypatch):
 
 
 def test_a_disk_that_fills_up_after_the_erasure_leaves_it_done_and_says_what_is_left_to_do(copy):
-    """No file may become longer than the part of the database that the deletion changes."""
+    """No file may grow beyond the part of the database that the deletion changes."""
     resource = pytest.importorskip("resource")
     path, _, people = copy
     length = path.stat().st_size
@@ -248,7 +248,7 @@ def _empty(path, *more):
     """Delete all rows but the list of the forgotten."""
     tables = "chain chain_salts input_events steps series_episodes episodes stage_events identities participants sessions"
     every = [*tables.split(), "players", "series", "releases", *more]
-    alter(path, "PRAGMA foreign_keys = OFF", *(f"DELETE FROM {each}" for each in every))
+    alter(path, "PRAGMA foreign_keys = OFF", *(f"DELETE FROM {table}" for table in every))
 
 
 def test_a_merge_with_an_older_copy_does_not_bring_them_back(copy, tmp_path):
@@ -331,9 +331,9 @@ def test_somebody_in_two_studies_is_erased_from_one(tmp_path):
 def test_the_command_asks_and_tells(copy, capsys, monkeypatch):
     path, _, people = copy
     monkeypatch.setattr("sys.stdin", io.StringIO())
-    given = "forget", people[0], "--database", path
-    assert run(*given) == 130
+    arguments = "forget", people[0], "--database", path
+    assert run(*arguments) == 130
     assert ask(path, "SELECT count(*) FROM participants") == [(3,)]
-    code, said, _ = command(capsys, *given, "--yes")
-    assert (code, "erased from" in said) == (0, True)
+    code, output, _ = command(capsys, *arguments, "--yes")
+    assert (code, "erased from" in output) == (0, True)
     open_read_only(path).close()

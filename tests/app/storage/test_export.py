@@ -139,9 +139,11 @@ def test_an_export_given_up_halfway_leaves_the_store_working(store):
 def test_both_files_are_written_whole_or_neither(store, tmp_path):
     play(store, seed=1)
     seen = []
-    said = export_to(store.path, tmp_path / "out", "all", lambda *progress: seen.append(progress))
+    summary = export_to(
+        store.path, tmp_path / "out", "all", lambda *progress: seen.append(progress)
+    )
     assert (
-        said
+        summary
         == f"1 episode in {tmp_path / 'out' / 'episodes.csv'}, 2 steps in {tmp_path / 'out' / 'steps.csv'}"
     )
     assert seen[-1] == (2, 2)
@@ -161,8 +163,8 @@ def test_both_files_are_written_whole_or_neither(store, tmp_path):
 def test_episodes_that_do_not_verify_are_counted_in_what_is_said(store, tmp_path):
     play(store, seed=1)
     alter(store.path, "UPDATE episodes SET total = 0.25")
-    said = export_to(store.path, tmp_path, "all", lambda *_: None)
-    assert "1 of them did not replay as recorded" in said
+    summary = export_to(store.path, tmp_path, "all", lambda *_: None)
+    assert "1 of them did not replay as recorded" in summary
 
 
 @pytest.mark.parametrize("wrong", [("players", "all"), ("steps", "me")])
@@ -196,7 +198,10 @@ def test_an_export_of_the_golden_study_is_what_it_always_was(tmp_path):
 
 
 def read_under_one_pseudonym(path):
-    """Return a table's text with the players' pseudonyms, drawn anew for each export, numbered in order of appearance."""
+    """Return a table's text with the players' pseudonyms numbered by appearance.
+
+    Each export draws them anew.
+    """
     text = path.read_text()
     for number, pseudonym in enumerate(dict.fromkeys(re.findall(r"\bP[0-9a-f]{10}\b", text))):
         text = text.replace(pseudonym, f"player-{number}")

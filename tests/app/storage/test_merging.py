@@ -56,8 +56,8 @@ def test_names_of_players_stay_where_they_can_be_changed(servers, tmp_path):
         ((player,), *_) = conn.execute("SELECT id FROM players").fetchall()
         conn.execute("INSERT INTO names VALUES (?, 'Ada', 'ada', 5, 0)", (player,))
     merge([tmp_path / "a.db", folder / "b.db"], tmp_path / "c.db")
-    told = "SELECT count(*) FROM names", "SELECT count(*) FROM meta"
-    assert [ask(tmp_path / "c.db", each) for each in told] == [[(0,)], [(0,)]]
+    counts = "SELECT count(*) FROM names", "SELECT count(*) FROM meta"
+    assert [ask(tmp_path / "c.db", count) for count in counts] == [[(0,)], [(0,)]]
 
 
 def test_what_both_hold_is_taken_once(servers, tmp_path):
@@ -81,7 +81,7 @@ def test_what_both_hold_is_taken_once(servers, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("harm", "said"),
+    ("harm", "reason"),
     [
         (
             "UPDATE steps SET client_ms = 1 WHERE step = 1",
@@ -95,11 +95,11 @@ def test_what_both_hold_is_taken_once(servers, tmp_path):
         ("UPDATE series SET secret = '00'", "another secret"),
     ],
 )
-def test_two_contents_under_one_id_are_refused(servers, tmp_path, harm, said):
+def test_two_contents_under_one_id_are_refused(servers, tmp_path, harm, reason):
     folder, _ = servers
     shutil.copy(folder / "a.db", tmp_path / "b.db")
     alter(tmp_path / "b.db", harm)
-    with pytest.raises(MergeError, match=said):
+    with pytest.raises(MergeError, match=reason):
         merge([folder / "a.db", tmp_path / "b.db"], tmp_path / "c.db")
     assert not list(tmp_path.glob("*c.db*"))
 
@@ -154,10 +154,10 @@ def test_a_server_may_go_on_writing_and_one_person_on_two_servers_is_reported(
     recorder = StudyRecorder(tmp_path / "live.db", study)
     recorder.play(recorder.join(0), "warm_up", 0)
     sources = folder / "a.db", tmp_path / "live.db"
-    code, said, err = command(capsys, "merge", *sources, "--out", tmp_path / "c.db")
+    code, output, err = command(capsys, "merge", *sources, "--out", tmp_path / "c.db")
     assert (code, err) == (0, "")
-    assert "3 participants and 13 episodes from 2 databases" in said
-    assert "1 outside id or invitation took part in a study twice" in said
+    assert "3 participants and 13 episodes from 2 databases" in output
+    assert "1 outside id or invitation took part in a study twice" in output
     recorder.close()
 
 
@@ -165,8 +165,8 @@ def test_nothing_is_written_over(servers, tmp_path, capsys):
     folder, _ = servers
     (tmp_path / "c.db").write_text("mine")
     sources = folder / "a.db", folder / "b.db"
-    code, _, said = command(capsys, "merge", *sources, "--out", tmp_path / "c.db")
-    assert (code, "is there already" in said) == (1, True)
+    code, _, errors = command(capsys, "merge", *sources, "--out", tmp_path / "c.db")
+    assert (code, "is there already" in errors) == (1, True)
     assert (tmp_path / "c.db").read_text() == "mine"
 
 
@@ -177,7 +177,7 @@ def done(*words):
 
 
 def test_a_study_that_is_spread_over_servers_by_its_links_is_put_together(serve, tmp_path):
-    """As deploy.md says: issued once, copied, played on each by other people, closed, merged, reported."""
+    """As deploy.md says: issued once, copied, played, closed, merged, reported."""
     labs = [tmp_path / "lab-a.db", tmp_path / "lab-b.db"]
     folders = [Folder(path.with_name(f"{path.name}-studies")) for path in labs]
     study = freeze_small(folders[0].root, recruitment="invitation")

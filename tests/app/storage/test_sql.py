@@ -1,4 +1,4 @@
-"""SQL stands in `db`, in the release writer, and in the room of agents, which has tables of its own."""
+"""SQL stands in `db`, in the release writer and in the agents' room."""
 
 import ast
 import re
@@ -19,12 +19,12 @@ CALLS = {"execute", "executemany", "executescript", "query"}
 
 
 def find_sql(source):
-    """Return (line, text) of every string that is an SQL statement and of every call that takes one."""
+    """Return (line, text) of every SQL string, and of every call that takes one."""
     tree = ast.parse(source)
     texts = {
         id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)
     }  # docstrings and their like
-    found = []
+    statements = []
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr):
             text = "".join(
@@ -40,13 +40,13 @@ def find_sql(source):
             and node.func.attr in CALLS
             and "Layout" not in ast.unparse(node.func.value)  # matplotlib's, which executes no SQL
         ):
-            found.append((node.lineno, f".{node.func.attr}("))
+            statements.append((node.lineno, f".{node.func.attr}("))
             continue
         else:
             continue
         if STATEMENT.match(text):
-            found.append((node.lineno, text))
-    return found
+            statements.append((node.lineno, text))
+    return statements
 
 
 def test_no_other_folder_speaks_sql():
@@ -63,8 +63,8 @@ def test_no_other_folder_speaks_sql():
 
 @pytest.mark.parametrize("folder", SPEAKERS)
 def test_the_search_finds_sql_where_it_does_stand(folder):
-    found = [
+    statements = [
         text for path in (ROOT / folder).rglob("*.py") for _, text in find_sql(path.read_text())
     ]
-    assert any(text.lower().startswith("select") for text in found)
-    assert any(text.startswith(".execute") for text in found)
+    assert any(text.lower().startswith("select") for text in statements)
+    assert any(text.startswith(".execute") for text in statements)

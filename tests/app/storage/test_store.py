@@ -1,4 +1,4 @@
-"""The store on real database files: what it keeps, what it refuses, what it finds again."""
+"""The store on real files: what it keeps, refuses and finds again."""
 
 import os
 import shutil
@@ -139,13 +139,13 @@ def test_a_rival_that_ended_first_does_not_tell_the_terrain_its_player_is_on(sto
     assert store.episode(its_row.id) is None
     episode.abandon()
     store.next_episode([Closing(row.id, episode.record(), NOW)], ())
-    assert {each["episode"] for each in store.episodes()} == {row.id, its_row.id}
+    assert {listed["episode"] for listed in store.episodes()} == {row.id, its_row.id}
 
 
 def test_lists_hold_seed_actions_and_times_and_no_ids_of_players_or_sessions(store):
     rows = [play(store, seed=seed, player="secret-player") for seed in (1, 2, 3)]
-    found = store.episodes(limit=2)
-    assert len(found) == 2
+    listed = store.episodes(limit=2)
+    assert len(listed) == 2
     one = store.episode(rows[0].id)
     assert one["seed"] == 1
     assert [move["action"] for move in one["moves"]] == one["actions"]
@@ -154,7 +154,7 @@ def test_lists_hold_seed_actions_and_times_and_no_ids_of_players_or_sessions(sto
         "server_ms": rows[0].started_ms + 100, "client_ms": 100.5, "key_down_ms": 100.0, "key_up_ms": 180.5,
         "input": "key", "driver": "human",
     }  # fmt: skip
-    text = repr((found, one))
+    text = repr((listed, one))
     assert "secret-player" not in text
     assert rows[0].session_id not in text
 
@@ -162,11 +162,11 @@ def test_lists_hold_seed_actions_and_times_and_no_ids_of_players_or_sessions(sto
 def test_pages_after_an_episode_are_the_whole_list_whatever_ends_meanwhile(store):
     for seed in range(7):  # some end in the same millisecond
         play(store, seed, started_ms=NOW + seed // 3)
-    whole = [each["episode"] for each in store.episodes()]
+    whole = [row["episode"] for row in store.episodes()]
     pages, last = [], None
     while page := store.episodes(limit=2, after=last):
         last = page[-1]["episode"]
-        pages += [each["episode"] for each in page]
+        pages += [row["episode"] for row in page]
         play(store, 100 + len(pages), started_ms=NOW + 1000)
     assert pages == whole
     with pytest.raises(LookupError, match="no finished episode 'nobody' to go on after"):
@@ -284,7 +284,7 @@ def test_a_database_killed_before_its_first_checkpoint_is_still_ours(tmp_path, p
 
 
 def as_nobody(action):
-    """Return what `action()` prints as a user without rights, in a child: root writes through every permission."""
+    """Return what `action()` prints without rights, in a child: root may write all."""
     reading, writing = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter(
@@ -297,16 +297,16 @@ def as_nobody(action):
                 os.setgroups([])
                 os.setgid(65534)
                 os.setuid(65534)
-            said = "\n".join(str(line) for line in action())
+            printed = "\n".join(str(line) for line in action())
         except BaseException as error:
-            said = f"failed: {error!r}"
-        os.write(writing, said.encode())
+            printed = f"failed: {error!r}"
+        os.write(writing, printed.encode())
         os._exit(0)
     os.close(writing)
     with os.fdopen(reading) as file:
-        said = file.read()
+        printed = file.read()
     os.waitpid(child, 0)
-    return said.splitlines()
+    return printed.splitlines()
 
 
 @pytest.fixture

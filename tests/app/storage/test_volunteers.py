@@ -1,4 +1,4 @@
-"""The sums behind the volunteers' figures are those of the episodes, however these came and went; `verify` finds others."""
+"""The volunteers' sums are those of their episodes, or `verify` finds it."""
 
 import shutil
 import sqlite3
@@ -26,15 +26,17 @@ WIDE = EnvConfig("1-1-1", 7, 9, sensor_radius=2)
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """Two players of three and one episodes, a participant's two, and what does not count."""
+    """Players with three and one episodes, a participant's two, and uncounted ones."""
     folder = tmp_path_factory.mktemp("recorded")
     path = folder / "play.db"
     people = play_study(path, freeze(folder / "studies"), ("human", "human"))
     with closing(Store(path)) as store:
-        (own,) = store.query("SELECT player_id AS id FROM participants WHERE id = ?", [people[0]])
-        for seed, player in enumerate(("ada", "ada", "bob", own["id"])):
+        (participant,) = store.query(
+            "SELECT player_id AS id FROM participants WHERE id = ?", [people[0]]
+        )
+        for seed, player in enumerate(("ada", "ada", "bob", participant["id"])):
             play(store, seed, player, explore=seed != 1)
-        for seed, player in enumerate(("ada", own["id"])):
+        for seed, player in enumerate(("ada", participant["id"])):
             play(store, seed, player, config=WIDE)
         play(store, 8, "ada", driver="script")
         play_daily(store, "ada")
@@ -48,17 +50,17 @@ def path(recorded, tmp_path):
 
 
 def played(path):
-    """Return episodes and spoilt ones of each figure by size; what it is made from must be what the episodes give."""
+    """Return each figure's episodes and spoilt ones by size, checked by the episodes."""
     with reading(path) as conn:
         assert list(differences(conn)) == []
     with closing(Reader.open(path)) as reader:
         figures = human_level(reader)["figures"]
         rows = [(row["config_hash"], row["attestation"]) for row in reader.finished("human")]
-    for each in figures:
-        levels = [level for config, level in rows if config == each["config_hash"]]
-        assert (each["episodes"], each["spoilt"]) == (len(levels), levels.count("spoilt"))
-    assert sum(each["episodes"] for each in figures) == len(rows)
-    return {each["rows"]: (each["episodes"], each["spoilt"]) for each in figures}
+    for figure in figures:
+        levels = [level for config, level in rows if config == figure["config_hash"]]
+        assert (figure["episodes"], figure["spoilt"]) == (len(levels), levels.count("spoilt"))
+    assert sum(figure["episodes"] for figure in figures) == len(rows)
+    return {figure["rows"]: (figure["episodes"], figure["spoilt"]) for figure in figures}
 
 
 def test_sums_are_those_of_the_episodes_after_each_level_erasure_merge_and_restoring(
@@ -100,8 +102,8 @@ def test_sums_hold_an_episode_whose_end_was_told_when_the_server_was_killed(spaw
     "harm",
     [
         *(
-            f"UPDATE volunteers SET {each} = {each} + 1 WHERE player_id = 'ada'"
-            for each in ("episodes", "abandoned", "spoilt", "failed", "score", "steps", "played_score", "played_steps")
+            f"UPDATE volunteers SET {column} = {column} + 1 WHERE player_id = 'ada'"
+            for column in ("episodes", "abandoned", "spoilt", "failed", "score", "steps", "played_score", "played_steps")
         ),
         "UPDATE volunteers SET player_id = 'eve' WHERE player_id = 'ada'",
         "UPDATE volunteers SET config_hash = 'x' || config_hash WHERE player_id = 'ada'",
@@ -120,6 +122,6 @@ def test_sums_that_are_not_those_of_the_episodes_are_found_and_a_merge_makes_the
         conn.execute(harm)
     findings = verify_database(path).findings
     assert findings
-    assert all(each.where.startswith("volunteers' figure ") for each in findings)
+    assert all(finding.where.startswith("volunteers' figure ") for finding in findings)
     merge([path], tmp_path / "anew.db")
     assert played(tmp_path / "anew.db") == {SMALL.rows: (4, 0), WIDE.rows: (2, 0)}

@@ -1,4 +1,4 @@
-"""The 3-D view over a real socket: it follows the board, shows nothing else, and survives what it should refuse."""
+"""The 3-D view over a real socket: it follows the board and shows nothing else."""
 
 import asyncio
 import gc
@@ -185,7 +185,7 @@ def test_nothing_is_left_of_a_viewer_that_went(server, board):
 
 
 def twins():
-    """Two running episodes on terrains that differ where nobody has looked: their far corner, behind a wall."""
+    """Two running episodes whose terrains differ in the far corner, behind a wall."""
     wall = np.zeros((9, 12), bool)
     wall[:8, 5] = True
     other = wall.copy()
@@ -202,7 +202,7 @@ def encode(message):
 
 
 def record(episode, actions=(), options=None):
-    """Every message, encoded, of a scene that shows the episode and then each of the moves."""
+    """Every message, encoded, of a scene that shows an episode and its moves."""
 
     async def run():
         viewer, sent = Viewer(), []
@@ -223,7 +223,7 @@ def record(episode, actions=(), options=None):
 
 @pytest.mark.parametrize("has_effects", [False, True])
 def test_the_scene_shows_nothing_of_what_is_hidden(has_effects):
-    """Two terrains that agree on every cell seen so far give the same messages, byte for byte."""
+    """Terrains that agree on every seen cell give the same messages, byte for byte."""
     one, other = twins()
     actions = (2, 1, 1, 2, 0, 3)
     options = ViewOptions(has_effects=has_effects)
@@ -264,11 +264,13 @@ def test_the_lidar_sweeps_in_each_move_where_effects_are_wished_for():
         return [message for message in record(twins()[0], (2, 1), options) if b"/sweep" in message]
 
     assert about_sweep(ViewOptions()) == []
-    said = about_sweep(ViewOptions(has_effects=True))
-    shown = [b"visible\xc3" in each for each in said if b"SetSceneNodeVisibility" in each]
+    messages = about_sweep(ViewOptions(has_effects=True))
+    shown = [
+        b"visible\xc3" in message for message in messages if b"SetSceneNodeVisibility" in message
+    ]
     changes = [now for before, now in pairwise(shown) if now != before]
     assert changes == [True, False] * 2, "once a move"
-    assert len({message for message in said if b"wxyz" in message}) > 2, "it turns"
+    assert len({message for message in messages if b"wxyz" in message}) > 2, "it turns"
 
 
 def test_the_scene_never_asks_for_the_terrain():
@@ -300,7 +302,7 @@ def move(client, session, action):
 
 
 def read_all(view, name):
-    """Every message up to one about a node of that name, and all that follow until the server is silent."""
+    """Every message up to one about a node of that name, and all until silence."""
     seen = []
     with suppress(TimeoutError):
         while True:
@@ -332,17 +334,21 @@ def test_each_view_shows_the_other_path_when_the_player_has_ended_and_not_before
     client = server.client()
     mine, other = begin_race(client)
     with open_view(server, mine) as view, open_view(server, other) as other_view:
-        for each in (view, other_view):
-            each.send(CAMERA)
-            read_until(each, is_named("/border"))
+        for socket in (view, other_view):
+            socket.send(CAMERA)
+            read_until(socket, is_named("/border"))
         for number, action in enumerate(("east", "west", "east"), 1):
             assert move(client, mine, action)["outcome"] is None
             eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] == number)  # noqa: B023
         assert move(client, mine, "north")["outcome"] == "out_of_bounds"
-        for each, colour in ((view, TEAL), (other_view, AMBER)):
-            seen = read_until(each, is_paired_path)
+        for socket, colour in ((view, TEAL), (other_view, AMBER)):
+            seen = read_until(socket, is_paired_path)
             assert colour_of(seen[-1]) == colour
-            ended = next(n for n, each in enumerate(seen) if each.get("name") == "/rover" and n > 0)
+            ended = next(
+                number
+                for number, message in enumerate(seen)
+                if message.get("name") == "/rover" and number > 0
+            )
             assert not any(map(is_paired_path, seen[:ended]))
         # the rival goes on alone, and its path with it
         steps = client.get(f"/api/sessions/{other}").json()["step"]
@@ -350,10 +356,10 @@ def test_each_view_shows_the_other_path_when_the_player_has_ended_and_not_before
         assert eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] > steps)
         client.post(f"/api/sessions/{mine}/episodes", json={"size": [9, 12], "seed": 4})
         gone = read_until(
-            view, lambda each: is_about_paired_path(each) and not is_paired_path(each)
+            view, lambda message: is_about_paired_path(message) and not is_paired_path(message)
         )
         # Messages without these move or show a node.
-        drawn = [each for each in gone if is_paired_path(each) and "props" in each]
+        drawn = [message for message in gone if is_paired_path(message) and "props" in message]
         assert all(colour_of(message) == TEAL for message in drawn)
 
 
@@ -411,8 +417,10 @@ def test_a_view_is_drawn_as_its_address_wishes(server):
     assert any(message.get("name") == "/shade" for message in full)
     looks = []
     for seen, hazes in ((plain, 0), (full, 1)):
-        assert [each["type"] for each in seen].count("FogMessage") == hazes, "haze is an effect"
-        turns = [each for each in seen if each["type"] == "SetCameraLookAtMessage"]
+        assert [message["type"] for message in seen].count("FogMessage") == hazes, (
+            "haze is an effect"
+        )
+        turns = [message for message in seen if message["type"] == "SetCameraLookAtMessage"]
         looks.append(turns[-1]["look_at"])
     assert looks[0][0] == 5.5
     assert looks[1] == [0.0, 0.0, 0.0], "it follows the rover in the north-west"
@@ -456,7 +464,7 @@ def test_a_dash_lies_over_the_middle_of_each_step_once():
 @pytest.mark.parametrize(("rows", "cols"), [(21, 21), (5, 40), (40, 5), (84, 84), (9, 12)])
 @pytest.mark.parametrize("aspect", [0.4, 0.83, 1.0, 1.8, 3.0])
 def test_the_whole_board_is_in_sight_and_nearly_fills_it(rows, cols, aspect):
-    """Projected by hand: each corner of the ground falls inside the view, and the outermost near its edge."""
+    """Projected by hand: the ground's corners are in view, one near its edge."""
     y, distance = camera_for(rows, cols, aspect)
     eye = np.array([(cols - 1) / 2, y - distance * np.cos(TILT), distance * np.sin(TILT)])
     ahead = np.array([0, np.cos(TILT), -np.sin(TILT)])

@@ -16,13 +16,13 @@ class LiteralGuard:
     def __init__(self):
         self.met, self.left, self.stuck_at = set(), 0, -1
 
-    def takes_over(self, cell, known):
-        if self.left == 0 and (cell, known) in self.met:
-            self.left, self.stuck_at = GUARD_STEPS, known
-        self.met.add((cell, known))
+    def takes_over(self, cell, known_cells):
+        if self.left == 0 and (cell, known_cells) in self.met:
+            self.left, self.stuck_at = GUARD_STEPS, known_cells
+        self.met.add((cell, known_cells))
         if self.left == 0:
             return False
-        if self.left > 1 or known != self.stuck_at:
+        if self.left > 1 or known_cells != self.stuck_at:
             self.left -= 1
         return True
 
@@ -36,15 +36,16 @@ class LiteralGuard:
 def test_a_stack_is_guarded_as_each_episode_alone(moves):
     """A move is a cell and whether something new is known there; nothing is forgotten."""
     num, cells = 3, 4
-    known_before, known = np.full((num, cells), -1), np.zeros(num, np.int64)
+    known_before, known_cells = np.full((num, cells), -1), np.zeros(num, np.int64)
     steps_left = np.zeros(num, np.int64)
     known_at_start = np.full(num, -1)
     is_guarded = np.zeros(num, np.bool_)
     literal = [LiteralGuard() for _ in range(num)]
     for row in moves:
-        known += [int(grows) for _, grows in row]
+        known_cells += [int(grows) for _, grows in row]
         at = np.array([cell for cell, _ in row])
-        update_guard(at, known, known_before, steps_left, known_at_start, is_guarded)
+        update_guard(at, known_cells, known_before, steps_left, known_at_start, is_guarded)
         assert is_guarded.tolist() == [
-            each.takes_over(cell, int(k)) for each, cell, k in zip(literal, at, known, strict=True)
+            guard.takes_over(cell, int(k))
+            for guard, cell, k in zip(literal, at, known_cells, strict=True)
         ]

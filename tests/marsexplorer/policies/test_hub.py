@@ -89,7 +89,7 @@ def test_a_revision_is_the_policy_as_it_was_then(hub_app, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "said", "code"),
+    ("words", "sentence", "code"),
     [
         (("push", "frontier-cost", REPO), "frontier-cost is a rule", 2),
         (("push", "nothing.onnx", REPO), "no policy file at nothing.onnx", 2),
@@ -98,9 +98,11 @@ def test_a_revision_is_the_policy_as_it_was_then(hub_app, tmp_path):
         (("push", "ppo", REPO, "--token", "hf_of_eve"), "the hub refused", 1),
     ],
 )
-def test_a_mistake_is_one_sentence_and_leaves_nothing(hub_app, capsys, words, said, code):
+def test_a_mistake_is_one_sentence_and_leaves_nothing(hub_app, capsys, words, sentence, code):
     ended, _, complained = command(capsys, "policies", *words)
-    assert (ended, said in complained, len(complained.splitlines())) == (code, True, 1), complained
+    assert (ended, sentence in complained, len(complained.splitlines())) == (code, True, 1), (
+        complained
+    )
     assert hub_app.state.repositories == {}
 
 

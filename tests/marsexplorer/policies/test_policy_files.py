@@ -65,21 +65,21 @@ def test_a_broken_onnx_file_is_refused_and_runs_nothing(kind, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "given", [{}, {"batch": 0}, {"dtype": TensorProto.UINT8}, {"value": False}, {"masked": True}]
+    "options", [{}, {"batch": 0}, {"dtype": TensorProto.UINT8}, {"value": False}, {"masked": True}]
 )
-def test_an_onnx_policy_decides_as_written_out(given, tmp_path):
-    policy = policies.load(files.write_onnx(tmp_path / "mine.onnx", **given))
+def test_an_onnx_policy_decides_as_written_out(options, tmp_path):
+    policy = policies.load(files.write_onnx(tmp_path / "mine.onnx", **options))
     assert policy.name == "mine"
     weights = np.random.default_rng(0).normal(size=(42, 4)).astype(np.float32)
-    raw = given.get("dtype") == TensorProto.UINT8
+    raw = options.get("dtype") == TensorProto.UINT8
     for episode in boards():
         board = episode.codes.astype(np.float32) if raw else episode.observation()
         scores = board.reshape(1, 42) @ weights
         value = scores.mean()
-        if given.get("masked"):
+        if options.get("masked"):
             scores[0, ~np.array(valid(episode))] = -np.inf
         assert policy.act(episode.codes) == int(scores.argmax())
-        if given.get("value", True):
+        if options.get("value", True):
             assert policy.thought()[1] == pytest.approx(value, abs=1e-4)
         else:
             assert np.isnan(policy.thought()[1])

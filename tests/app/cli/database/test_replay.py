@@ -1,4 +1,4 @@
-"""The command `humanplay replay`: which episode, which format, and what is refused in a sentence."""
+"""The command `humanplay replay`: its episodes, its formats and its refusals."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""`humanplay reproduce`: every figure of a bundle comes out again from the bundle alone, and a changed cell is seen."""
+"""`humanplay reproduce` derives every figure from the bundle alone."""
 
 import hashlib
 import json
@@ -23,16 +23,19 @@ from tests.support.stored_studies import freeze, play_study
 
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory):
-    """The release of a study that compares a policy from a file, which is another now; database and studies are gone."""
+    """A release that compares a policy from a file; its database is deleted.
+
+    The policy's file is another one now.
+    """
     folder = tmp_path_factory.mktemp("reproduce")
     policy = folder / "mine.onnx"
     shutil.copy(find_file("ppo"), policy)
     study = freeze(folder / "play.db-studies", policies=("random", "frontier-cost", str(policy)))
     play_study(folder / "play.db", study)
-    kept = folder / "play.db-studies" / "dunes" / "policies"
+    stored_policies = folder / "play.db-studies" / "dunes" / "policies"
     write_network(policy)
-    given = {"policy_folder": kept, "with_report": True}
-    built = build_release(ReleaseRequest(folder / "play.db", "dunes", folder / "out", **given))
+    options = {"policy_folder": stored_policies, "with_report": True}
+    built = build_release(ReleaseRequest(folder / "play.db", "dunes", folder / "out", **options))
     (folder / "play.db").unlink()
     shutil.rmtree(folder / "play.db-studies")
     return folder / "out", built.signer, policy
@@ -40,7 +43,7 @@ def bundle(tmp_path_factory):
 
 @pytest.fixture
 def reproduce(capsys, tmp_path, monkeypatch):
-    """`reproduce(...)` runs the command in an empty folder and returns exit code, stdout, stderr."""
+    """`reproduce(...)` runs the command in an empty folder: code, stdout, stderr."""
     monkeypatch.setenv("HUMANPLAY_SIGNERS", str(tmp_path / "signers.json"))
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
@@ -59,16 +62,16 @@ def counts(out):
 
 def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
     out, signer, policy = bundle
-    code, said, _ = reproduce(out)
-    assert (code, said.strip().splitlines()[-1].split(", ")[1]) == (0, "0 differ")
-    found = counts(said)
-    assert all(differ == 0 for _, differ in found.values())
+    code, output, _ = reproduce(out)
+    assert (code, output.strip().splitlines()[-1].split(", ")[1]) == (0, "0 differ")
+    sections_compared = counts(output)
+    assert all(differ == 0 for _, differ in sections_compared.values())
     sections = ["figures", "metrics", "comparisons", "players", "pictures", "policies", "page"]
     for section in (*sections, "scripts: figures"):
-        assert found[section][0] > 0, section
-    assert found["policies' episodes, replayed"] == (3 * 3 * 2, 0)
-    assert found["policies' episodes, played again"] == (3 * 3, 0)
-    assert found["costs"][0] > 30
+        assert sections_compared[section][0] > 0, section
+    assert sections_compared["policies' episodes, replayed"] == (3 * 3 * 2, 0)
+    assert sections_compared["policies' episodes, played again"] == (3 * 3, 0)
+    assert sections_compared["costs"][0] > 30
     with closing(sqlite3.connect(out / "study.sqlite")) as conn:
         judged = conn.execute(
             "SELECT DISTINCT p.kind FROM move_costs m JOIN series_episodes s USING (episode_id) "
@@ -86,12 +89,12 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
             "WHERE p.kind = 'human' AND s.phase = 'ranked' AND outcome = 'abandoned'"
         ).fetchone()
     assert judged == [("human",)], "nobody asked what a program's moves cost"
-    assert found["cost of each move"][0] == costs == moves + given_up
+    assert sections_compared["cost of each move"][0] == costs == moves + given_up
     assert [path.name for path in (out / "policies").iterdir()] == [
         f"{policies.policy_hash('ppo')}.onnx"
     ]
-    assert f"{policy} was not played again" not in said
-    assert f"signer not checked: nothing here says whose key {signer} is" in said
+    assert f"{policy} was not played again" not in output
+    assert f"signer not checked: nothing here says whose key {signer} is" in output
     # the sections of the people's report hold as many numbers and texts as report.json does
     again = (
         "policies' episodes, replayed",
@@ -99,8 +102,8 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
         "cost of each move",
     )
     compared = sum(
-        each
-        for name, (each, _) in found.items()
+        number
+        for name, (number, _) in sections_compared.items()
         if not name.startswith("scripts: ") and name not in ("page", *again)
     )
     left_out = len(("made_at", "software_version"))
@@ -108,7 +111,7 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
 
 
 def leaves(value):
-    """How many numbers and texts a JSON document holds, the length of each list among them."""
+    """Count a JSON document's numbers and texts, and the length of each list."""
     if isinstance(value, (dict, list)):
         inner = value.values() if isinstance(value, dict) else value
         return sum(map(leaves, inner)) + isinstance(value, list)
@@ -122,23 +125,23 @@ def test_a_policy_whose_file_is_not_in_the_bundle_is_played_again_only_from_the_
     out = tmp_path / "without"
     shutil.copytree(bundle[0], out)
     shutil.rmtree(out / "policies")
-    code, said, _ = reproduce(out)
-    assert (code, counts(said)["policies' episodes, played again"]) == (1, (3 * 3, 0)), (
+    code, output, _ = reproduce(out)
+    assert (code, counts(output)["policies' episodes, played again"]) == (1, (3 * 3, 0)), (
         "the shipped ppo is that file"
     )
-    assert "file policies/" in said
+    assert "file policies/" in output
     monkeypatch.setattr(card, "shipped_folder", lambda: tmp_path)
-    said = reproduce(out)[1]
-    assert counts(said)["policies' episodes, played again"] == (2 * 3, 0)
+    output = reproduce(out)[1]
+    assert counts(output)["policies' episodes, played again"] == (2 * 3, 0)
     replayed = "was not played again, its recorded moves were replayed: the study compares with"
-    assert f"{bundle[2]} {replayed}" in said
+    assert f"{bundle[2]} {replayed}" in output
     ppo = "the study compares with the policy 'ppo'"
-    assert f"not compared: cost of moves: {ppo}" in said
+    assert f"not compared: cost of moves: {ppo}" in output
 
 
 @pytest.fixture
 def forged(bundle, tmp_path):
-    """A copy of the bundle in which one stored cell is changed, signed anew by somebody else."""
+    """A copy of the bundle with one changed cell, signed anew by somebody else."""
     out = tmp_path / "forged"
     shutil.copytree(bundle[0], out)
     sql = """UPDATE episodes SET score = score + 0.01 WHERE id = (SELECT e.id FROM episodes e
@@ -158,15 +161,15 @@ def forged(bundle, tmp_path):
 
 def test_one_changed_cell_makes_figures_differ_and_the_forgers_key_is_unknown(forged, reproduce):
     out, forger = forged
-    code, said, _ = reproduce(out, "--recorded")
-    found = counts(said)
+    code, output, _ = reproduce(out, "--recorded")
+    sections = counts(output)
     assert code == 1
-    assert found["figures"][1] > 0
-    assert found["players"][1] > 0
-    assert found["policies"][1] == found["protocol"][1] == 0
-    assert "groups.0.figures.0.score.mean: " in said
-    assert "none not as signed" in said
-    assert f"signer not checked: nothing here says whose key {forger} is" in said
+    assert sections["figures"][1] > 0
+    assert sections["players"][1] > 0
+    assert sections["policies"][1] == sections["protocol"][1] == 0
+    assert "groups.0.figures.0.score.mean: " in output
+    assert "none not as signed" in output
+    assert f"signer not checked: nothing here says whose key {forger} is" in output
 
 
 @pytest.mark.long
@@ -185,14 +188,14 @@ def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen
     alter(out / "study.sqlite", sql)
     longer = "UPDATE policy_episodes SET actions = actions || 'N' WHERE policy = 'frontier-cost'"
     alter(out / "study.sqlite", f"{longer} AND terrain_index = 0")
-    code, said, _ = reproduce(out, "--recorded")
-    found = counts(said)
+    code, output, _ = reproduce(out, "--recorded")
+    sections = counts(output)
     assert code == 1
-    assert found["page"] == (3, 2)
-    assert found["figures"] == (found["figures"][0], 1)
-    assert found["policies' episodes, replayed"][1] == 4
-    assert "file report.html: sha256" in said
-    assert "file report-checklist.html" in said
+    assert sections["page"] == (3, 2)
+    assert sections["figures"] == (sections["figures"][0], 1)
+    assert sections["policies' episodes, replayed"][1] == 4
+    assert "file report.html: sha256" in output
+    assert "file report-checklist.html" in output
 
 
 def test_a_policy_that_is_missing_when_a_release_is_made_is_left_out_only_when_asked(
@@ -203,9 +206,9 @@ def test_a_policy_that_is_missing_when_a_release_is_made_is_left_out_only_when_a
     play_study(tmp_path / "play.db", study, kinds=("human",))
     policy.unlink()
     study.policy_files.place(str(policy)).unlink()
-    where = "--database", tmp_path / "play.db"
+    database = "--database", tmp_path / "play.db"
     for more, expected in ((), 1), (("--without-policy", policy), 0):
-        args = "--study", "dunes", *where, "--out", tmp_path / "out", *more
+        args = "--study", "dunes", *database, "--out", tmp_path / "out", *more
         code, _, err = command(capsys, "release", *args)
         assert (code, "--without-policy" in err) == (expected, bool(expected))
     assert json.loads((tmp_path / "out" / MANIFEST).read_text())["without_policies"] == [

@@ -27,11 +27,11 @@ def place(tmp_path_factory):
 
 @pytest.fixture
 def report(place, capsys):
-    """`report(...)` runs the command on the place and returns exit code, stdout, stderr."""
+    """`report(...)` runs the command on the place: exit code, stdout, stderr."""
 
     def run(*args, study="dunes", database="play.db"):
-        where = "--database", place / database
-        return command(capsys, "report", "--study", study, *where, *args)
+        options = "--database", place / database
+        return command(capsys, "report", "--study", study, *options, *args)
 
     return run
 
@@ -46,7 +46,7 @@ def test_people_on_the_terminal_as_a_page_and_as_json(report, tmp_path):
     (people,) = document["groups"]
     assert people["figures"][1]["players"] == 2
     assert document["scripts"] == {"noisy-frontier": 1}
-    assert {each["policy"] for each in people["comparisons"]} == {"random"}
+    assert {comparison["policy"] for comparison in people["comparisons"]} == {"random"}
     assert people["pictures"]["curve"]["mean"]
     page = (tmp_path / "r.html").read_text()
     assert f"{people['figures'][1]['score']['mean']:.4f}" in page
@@ -65,17 +65,17 @@ def test_scripts_are_reported_when_asked_for_and_marked(report, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "code", "said"),
+    ("arguments", "code", "sentence"),
     [
         ({"study": "moon"}, 2, "nobody has joined a study 'moon'"),
         ({"database": "none.db"}, 1, "no database at"),
         ({"study": "dunes", "database": "alone.db"}, 0, ""),
     ],
 )
-def test_mistakes_are_one_sentence(report, given, code, said):
-    found, out, err = report("--no-policies", **given)
-    assert found == code
-    assert said in err
+def test_mistakes_are_one_sentence(report, arguments, code, sentence):
+    ended, out, err = report("--no-policies", **arguments)
+    assert ended == code
+    assert sentence in err
     assert len(err.splitlines()) == (1 if code else 0)
     assert bool(out) == (code == 0)
 
@@ -110,8 +110,8 @@ def test_a_file_that_cannot_be_written_leaves_nothing_half_done(report, tmp_path
 def test_an_open_study_shows_no_figure_and_makes_no_page(tmp_path, capsys):
     play_study(tmp_path / "play.db", freeze(tmp_path / "play.db-studies", close=False))
 
-    where = "--database", tmp_path / "play.db"
-    run = partial(command, capsys, "report", "--study", "dunes", *where, "--no-policies")
+    database = "--database", tmp_path / "play.db"
+    run = partial(command, capsys, "report", "--study", "dunes", *database, "--no-policies")
     code, out, _ = run()
     assert (code, "mean score" in out) == (0, False)
     assert "No figure is shown until the study is closed: 2 of 3 have finished." in out
@@ -127,32 +127,36 @@ def test_an_open_study_shows_no_figure_and_makes_no_page(tmp_path, capsys):
 
 
 def test_other_studies_of_the_configuration_that_the_chain_knows_are_named(tmp_path, capsys):
-    """Of three studies of one design the best is reported: report and release name the others, and come out again."""
+    """The best of three studies is reported: report and release name the others."""
     path, folder = tmp_path / "play.db", Folder(tmp_path / "play.db-studies")
     Store(path).close()
-    where = ("--database", path)
+    database = ("--database", path)
     for name in ("third", "dunes", "second", "alone"):
         config = EnvConfig("random", 9, 9, sensor_radius=3) if name == "alone" else CONFIG
         rest = {"policies": ("random",), "debrief_policy": "random", "declarations": DECLARATIONS}
         folder.create(default_protocol(name, config, warm_up=2, ranked=3, players=3, **rest))
         with freezing_at(BEGAN):
-            assert command(capsys, "study", "freeze", name, "--underpowered", *where)[0] == 0
+            assert command(capsys, "study", "freeze", name, "--underpowered", *database)[0] == 0
         if name != "third":  # nobody came to it
             play_study(path, folder.study(name), first=10 * len(name))
-            assert command(capsys, "study", "close", name, "--yes", "--now", *where)[0] == 0
+            assert command(capsys, "study", "close", name, "--yes", "--now", *database)[0] == 0
     shutil.rmtree(folder.path("second"))
-    release = partial(command, capsys, "release", "--author", "Ada", *where)
+    release = partial(command, capsys, "release", "--author", "Ada", *database)
     for name in ("dunes", "alone"):
-        html, made, out = tmp_path / f"{name}.html", tmp_path / f"{name}.json", tmp_path / name
-        told = ("--html", html, "--json", made, "--no-policies")
-        assert command(capsys, "report", "--study", name, *where, *told)[0] == 0
+        html, json_report, out = (
+            tmp_path / f"{name}.html",
+            tmp_path / f"{name}.json",
+            tmp_path / name,
+        )
+        options = ("--html", html, "--json", json_report, "--no-policies")
+        assert command(capsys, "report", "--study", name, *database, *options)[0] == 0
         assert release("--study", name, "--out", out)[0] == 0
         assert command(capsys, "reproduce", out)[0] == 0
-        for document in (made, out / "report.json"):
+        for document in (json_report, out / "report.json"):
             (group,) = json.loads(document.read_text())["groups"]
-            said = [line for line in group["cautions"] if "this configuration" in line]
-            assert len(said) == (name == "dunes")
-            for line in said:
+            cautions = [line for line in group["cautions"] if "this configuration" in line]
+            assert len(cautions) == (name == "dunes")
+            for line in cautions:
                 assert line.startswith("2 other studies of this configuration were frozen")
                 assert "third on 20" in line
                 assert "second on 20" in line

@@ -1,4 +1,4 @@
-"""`study new`, `freeze`, `show` and `preregister` as a researcher meets them: texts, power, and the preregistration."""
+"""`study new`, `freeze`, `show` and `preregister` as a researcher meets them."""
 
 import json
 import os
@@ -39,7 +39,7 @@ SHORT = [
 
 @pytest.fixture
 def study(tmp_path, capsys):
-    """`study(...)` runs a command on a folder of its own and returns exit code, stdout, stderr."""
+    """`study(...)` runs a command on its own folder: exit code, stdout, stderr."""
 
     return lambda *args: command(capsys, "study", *args, "--database", tmp_path / "playground.db")
 
@@ -66,9 +66,9 @@ def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_p
     frozen = Folder(tmp_path / "playground.db-studies").study("mine").protocol
     assert (frozen.power.studies, frozen.policy_difference) == (10_000, draft.policy_difference)
     assert 0.5 <= frozen.power.lower <= frozen.power.policy_better
-    said = f"is seen in {100 * frozen.power.policy_better:.0f} % of studies"
-    assert said in out
-    assert said in study("preregister", "mine")[1]
+    power_sentence = f"is seen in {100 * frozen.power.policy_better:.0f} % of studies"
+    assert power_sentence in out
+    assert power_sentence in study("preregister", "mine")[1]
 
 
 def test_the_terrains_spread_is_that_of_the_policies_on_200_other_terrains(study, tmp_path):
@@ -81,9 +81,9 @@ def test_the_terrains_spread_is_that_of_the_policies_on_200_other_terrains(study
     draft = Folder(tmp_path / "playground.db-studies").draft("mine")
     assert draft.assumed_terrain_sd == pytest.approx(np.std(steps, ddof=1), rel=0.01)
     edit(tmp_path, assumed_terrain_sd=None)
-    (kept,) = (tmp_path / "playground.db-studies" / "played").iterdir()
-    held = json.loads(kept.read_text())
-    kept.write_text(json.dumps({**held, "steps": [3.0, 5.0]}))
+    (cache_file,) = (tmp_path / "playground.db-studies" / "played").iterdir()
+    held = json.loads(cache_file.read_text())
+    cache_file.write_text(json.dumps({**held, "steps": [3.0, 5.0]}))
     assert "1.41 between instances" in study("power", "mine")[1], "what was played is kept"
 
 
@@ -112,7 +112,7 @@ def test_the_papers_study_comes_with_a_text_to_recruit_with_and_a_page_of_things
     assert (draft.players, draft.warm_up, draft.ranked) == (10, 15, 30)
     assert (config.level, config.rows, config.cols) == ("random", 21, 21)
     folder = tmp_path / "playground.db-studies" / "koutras2021"
-    asked, todo = ((folder / each).read_text() for each in ("recruitment.txt", "checklist.md"))
+    asked, todo = ((folder / name).read_text() for name in ("recruitment.txt", "checklist.md"))
     assert str(folder / "recruitment.txt") in out
     assert str(folder / "checklist.md") in out
     assert "10 people" in asked
@@ -138,7 +138,7 @@ def test_a_draft_is_shown_as_participants_would_read_it(study, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "reason"),
     [
         ({"players": 3}, "No interval and no p is given below five people"),
         ({"players": 5, "policy_difference": 8}, "for: plan about "),
@@ -147,11 +147,11 @@ def test_a_draft_is_shown_as_participants_would_read_it(study, tmp_path):
         ({"consent": {"text": "{runds}"}}, "unknown placeholder {runds}"),
     ],
 )
-def test_what_cannot_be_frozen_is_refused_with_the_way_out(study, tmp_path, changes, said):
+def test_what_cannot_be_frozen_is_refused_with_the_way_out(study, tmp_path, changes, reason):
     study("new", "mine", *SHORT)
     edit(tmp_path, **changes)
     code, _, err = study("freeze", "mine")
-    assert (code, said in err, err.count("\n")) == (2, True, 1), err
+    assert (code, reason in err, err.count("\n")) == (2, True, 1), err
     assert Folder(tmp_path / "playground.db-studies").status("mine") == "draft"
 
 
@@ -199,8 +199,8 @@ def test_a_file_of_declarations_with_a_wrong_key_is_refused(study, tmp_path):
     path = tmp_path / "declared.json"
     path.write_text(json.dumps({"poplation": "adults"}))
     code, _, err = study("new", "mine", *SHORT, "--declarations", path)
-    said = f"{path} declares 'poplation', which is none of contact, retention, population, "
-    assert (code, said in err, err.count("\n")) == (2, True, 1), err
+    reason = f"{path} declares 'poplation', which is none of contact, retention, population, "
+    assert (code, reason in err, err.count("\n")) == (2, True, 1), err
     path.write_text(json.dumps({"population": 3}))
     code, _, err = study("new", "mine", *SHORT, "--declarations", path)
     assert (code, "population must be" in err) == (2, True), err
@@ -209,21 +209,21 @@ def test_a_file_of_declarations_with_a_wrong_key_is_refused(study, tmp_path):
 
 def test_a_new_study_asks_for_each_declaration_on_a_terminal(tmp_path):
     ours, theirs = pty.openpty()
-    where = ["--database", str(tmp_path / "playground.db")]
+    database = ["--database", str(tmp_path / "playground.db")]
     start = [sys.executable, "-c", "from humanplay.cli.main import main; main()"]
-    run = [*start, "study", "new", "mine", *SHORT[:-2], *where]
+    run = [*start, "study", "new", "mine", *SHORT[:-2], *database]
     with subprocess.Popen(run, stdin=theirs, stdout=subprocess.PIPE, text=True) as process:
         answers = ["Ada, ada@lab.example", "", *["none"] * (len(DECLARATIONS) - 2)]
-        os.write(ours, "".join(f"{each}\n" for each in answers).encode())
-        said, _ = process.communicate(timeout=60)
+        os.write(ours, "".join(f"{answer}\n" for answer in answers).encode())
+        output, _ = process.communicate(timeout=60)
     os.close(ours)
     os.close(theirs)
     assert process.returncode == 0
     for name, field in Declarations.model_fields.items():
-        assert f"{name}: {field.description}" in said
-    found = Folder(tmp_path / "playground.db-studies").draft("mine").declarations
-    assert list(found.model_dump().values()) == answers
-    assert found.unanswered() == ["retention"]
+        assert f"{name}: {field.description}" in output
+    declarations = Folder(tmp_path / "playground.db-studies").draft("mine").declarations
+    assert list(declarations.model_dump().values()) == answers
+    assert declarations.unanswered() == ["retention"]
 
 
 def test_the_guide_lists_every_declaration_with_its_question():
@@ -244,14 +244,14 @@ def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
     code, out, _ = study("preregister", "mine", "--out", tmp_path / "mine.md")
     assert (code, "TO BE STATED" in out) == (0, True)
     text = (tmp_path / "mine.md").read_text()
-    for said in (
+    for phrase in (
         frozen.protocol_hash, frozen.commitment, "Planned: 12 people who finish. Through a recruiting panel",
         "| `strict` | who ended every ranked episode", "never called flat", "Holm's method",
         "rows of a balanced Latin square",
         *DECLARATIONS.values(), "(`demographics`), before the first episode:\n  - ",
         "6 ranked episodes", "What is not preregistered", "empirical likelihood on the means",
     ):  # fmt: skip
-        assert said in text, said
+        assert phrase in text, phrase
     assert "DRAFT" not in text
     assert frozen.secret.hex() not in text
     assert max(map(len, text.splitlines())) < 2000
