@@ -57,7 +57,7 @@ before it.
 @seed_option("Of CMA-ES: the same one, the same run.")
 @click.option(
     "--from",
-    "given",
+    "start_file",
     type=PATH,
     help="A parameters.json of an earlier run.  [default: the shipped parameters]",
 )
@@ -70,7 +70,7 @@ def tune(
     generations: int,
     terrains: int,
     seed: int,
-    given: Path | None,
+    start_file: Path | None,
     out: Path | None,
     ablate: bool,
 ) -> None:
@@ -93,7 +93,7 @@ def tune(
     """
 
     configs = tuple(configs_of(levels, sizes))
-    start = _read_rule(given) if given else TUNED
+    start = _read_rule(start_file) if start_file else TUNED
     if ablate:
         episodes = make_episodes(configs, terrains, HELD_OUT_SEED)
         with progress("playing") as advance, ThreadPoolExecutor(cores()) as pool:
