@@ -11,7 +11,7 @@ from humanplay.db.store import Store
 from humanplay.tasks.mars.boards import FIRST_SEED, MarsBoards
 from humanplay.tasks.mars.policies import PolicyCatalogue
 from marsexplorer.config import EnvConfig
-from tests.support.browser import NO_3D, fetched, judged
+from tests.support.browser import NO_3D, fetched, judge
 from tests.support.recorded import play
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
@@ -47,7 +47,7 @@ def quick(monkeypatch):
 
 def look(page, name):
     """Judge a screen at both sizes: nothing that axe finds, nothing wider than the screen."""
-    assert judged(page, name, full_page=True) == []
+    assert judge(page, name, full_page=True) == []
 
 
 def until(page, claim):

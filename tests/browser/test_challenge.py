@@ -3,7 +3,7 @@
 from humanplay.db.store import Store
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
-from tests.support.browser import AS_A_PERSON, NO_3D, fetched, judged
+from tests.support.browser import AS_A_PERSON, NO_3D, fetched, judge
 from tests.support.recorded import play
 
 
@@ -19,7 +19,7 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     page.get_by_test_id("beat-this").click()
     page.get_by_text(f"{len(store_actions)} moves. Beat it.").wait_for()
     assert page.url.endswith(f"/challenge/{against.id}")
-    assert judged(page, "challenge") == []
+    assert judge(page, "challenge") == []
     assert page.get_by_test_id("people").locator("li").count() == 0
     page.get_by_test_id("take").click()
     me.wait("window.playground?.state.player && window.playground.state.link === 'open'")
@@ -56,7 +56,7 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     gap = mine["step"] - theirs["step"]
     assert f"{abs(gap)} move" in said or "both needed" in said
     assert " a script" in said
-    assert judged(page, "challenge-end") == []
+    assert judge(page, "challenge-end") == []
     # a terrain that was chosen: in no human figure, whoever played it
     stored = fetched(page, f"{server.url}/api/episodes/{mine['episode']}").json()
     assert (stored["driver"], stored["counts"]) == ("human", False)

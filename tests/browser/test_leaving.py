@@ -3,7 +3,7 @@
 import pytest
 
 from tests.browser.test_attested import there_and_back
-from tests.support.browser import AS_A_PERSON, NO_3D, fetched, judged
+from tests.support.browser import AS_A_PERSON, NO_3D, fetched, judge
 
 PERSON = [*NO_3D, *AS_A_PERSON]
 
@@ -41,7 +41,7 @@ def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, play
     known = str(friend.page.evaluate("() => JSON.stringify(window.playground.state)"))
     assert begun["session"] not in friend.page.content() + known
     problems = []
-    problems += judged(friend.page, "watching")
+    problems += judge(friend.page, "watching")
 
     me.press("north" if away == "south" else "west")
     assert me.state()["outcome"] == "out_of_bounds"
@@ -60,7 +60,7 @@ def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, play
     friend.page.wait_for_function("() => window.replay?.ghost")
     friend.page.keyboard.press("End")
     assert "drove off the map" in friend.page.get_by_test_id("headline").inner_text()
-    problems += judged(friend.page, "replay")
+    problems += judge(friend.page, "replay")
     friend.page.get_by_test_id("play-yourself").click()
     friend.wait(
         "window.playground?.state.mode === 'practice' && window.playground.state.link === 'open'"
@@ -83,7 +83,7 @@ def test_leaving_a_ranked_episode_asks_by_keyboard_and_costs_what_abandoning_cos
     me = player(server, PERSON, reduced_motion="reduce")
     ranked(me)
     problems = []
-    problems += judged(me.page, "ranked")
+    problems += judge(me.page, "ranked")
     away, back = there_and_back(me)
     me.press(away)
     episode = me.state()["episode"]
@@ -92,7 +92,7 @@ def test_leaving_a_ranked_episode_asks_by_keyboard_and_costs_what_abandoning_cos
     me.page.get_by_test_id("mode-practice").focus()
     me.page.keyboard.press("Enter")
     dialog.wait_for(state="visible")
-    problems += judged(me.page, "leaving")
+    problems += judge(me.page, "leaving")
     assert me.page.evaluate("() => document.activeElement.dataset.testid") == "keep-playing"
     me.page.keyboard.press("ArrowRight")  # moves nothing while the dialog is open
     me.page.keyboard.press("Enter")

@@ -6,7 +6,7 @@ import io
 import pytest
 
 from tests.browser.test_study_page import RIGHT, Participant
-from tests.support.browser import AS_A_PERSON, NO_3D, judged
+from tests.support.browser import AS_A_PERSON, NO_3D, judge
 from tests.support.command import command
 from tests.support.study import freeze
 
@@ -56,7 +56,7 @@ def reads(person):
 
 
 def look(person, name):
-    assert judged(person.page, f"study-end-{name}") == []
+    assert judge(person.page, f"study-end-{name}") == []
 
 
 def test_each_outcome_is_read_by_whoever_comes_to_it_and_is_paid_as_the_protocol_says(

@@ -6,7 +6,7 @@ from humanplay.db import names
 from humanplay.db.store import Store
 from humanplay.web.access import PLAYER_COOKIE
 from marsexplorer.config import EnvConfig
-from tests.support.browser import AS_A_PERSON, NO_3D, judged, violations
+from tests.support.browser import AS_A_PERSON, NO_3D, judge, violations
 from tests.support.recorded import NOW, play
 
 
@@ -30,13 +30,13 @@ def test_a_name_is_chosen_shown_with_its_gap_to_expert_and_hidden(serve, player,
     page.get_by_test_id("name").fill("Ada L.")
     page.keyboard.press("Enter")
     page.get_by_text("Saved. The leaderboard shows it.").wait_for()
-    wrong += judged(page, "me-name", full_page=True)
+    wrong += judge(page, "me-name", full_page=True)
     page.goto(f"{server.url}/leaderboard")
     page.locator("#named tbody [aria-current]").wait_for(timeout=120_000)
     assert page.locator("#named tbody th").all_inner_texts() == ["Ada L.you", "Bob"]
     page.get_by_test_id("period-all").click()
     page.locator("#named tbody [aria-current]").wait_for()
-    wrong += judged(page, "leaderboard-people", full_page=True)
+    wrong += judge(page, "leaderboard-people", full_page=True)
     page.emulate_media(color_scheme="light")
     wrong += violations(page)
     page.goto(f"{server.url}/admin")

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.browser.test_study_page import RIGHT, Participant, studies  # noqa: F401
-from tests.support.browser import AS_A_PERSON, NO_3D, judged
+from tests.support.browser import AS_A_PERSON, NO_3D, judge
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -26,7 +26,7 @@ def practising(open_browser, serve, studies):  # noqa: F811
 
 
 def look(person, name):
-    assert judged(person.page, f"study-practice-{name}") == []
+    assert judge(person.page, f"study-practice-{name}") == []
 
 
 def gives_up(person):

@@ -3,7 +3,7 @@
 import json
 
 from humanplay.results.puzzles import puzzles_of
-from tests.support.browser import KEY_OF, NO_3D, judged
+from tests.support.browser import KEY_OF, NO_3D, judge
 
 
 def test_three_puzzles_are_answered_by_keys_and_buttons_and_a_reload_keeps_them(serve, player):
@@ -23,7 +23,7 @@ def test_three_puzzles_are_answered_by_keys_and_buttons_and_a_reload_keeps_them(
         "keys => localStorage.setItem('humanplay.keys', keys)", json.dumps({"mars": chosen})
     )
     begin()
-    wrong += judged(page, "puzzle-open")
+    wrong += judge(page, "puzzle-open")
     puzzles = puzzles_of("mars")
     ids = [puzzle["id"] for puzzle in page.evaluate("() => window.puzzles.today.puzzles")]
     answers = [puzzles[each].answer for each in ids]
@@ -35,17 +35,17 @@ def test_three_puzzles_are_answered_by_keys_and_buttons_and_a_reload_keeps_them(
     page.get_by_text(f"{answers[0].best.capitalize()} is right.").wait_for()
     text = page.get_by_test_id("verdict").inner_text()
     assert f"saves {round(answers[0].saves)} moves on average" in text
-    wrong += judged(page, "puzzle-right")
+    wrong += judge(page, "puzzle-right")
     page.get_by_test_id("next").click()
     other = next(each for each in answers[1].means if each != answers[1].best)
     page.get_by_test_id(f"move-{other}").click()
     page.get_by_text(f"{answers[1].best.capitalize()} was better than {other}.").wait_for()
-    wrong += judged(page, "puzzle-wrong")
+    wrong += judge(page, "puzzle-wrong")
     begin()
     assert page.evaluate("() => window.puzzles.number") == 2, "the first that is open"
     page.keyboard.press(keys[answers[2].best])
     page.get_by_text("That was today: 2 of 3 right.").wait_for()
-    wrong += judged(page, "puzzle-done")
+    wrong += judge(page, "puzzle-done")
     begin()
     page.get_by_text("That was today: 2 of 3 right.").wait_for()
     stored = page.evaluate("() => JSON.parse(localStorage.getItem('humanplay.puzzles'))")

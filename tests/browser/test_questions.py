@@ -8,7 +8,7 @@ import pytest
 
 from tests.app.study.test_questions import block
 from tests.browser.test_study_page import RIGHT, Participant
-from tests.support.browser import AS_A_PERSON, NO_3D, SIZES, judged, keep_picture
+from tests.support.browser import AS_A_PERSON, NO_3D, SIZES, judge, keep_picture
 from tests.support.study import freeze
 
 pytestmark = pytest.mark.timeout(600)
@@ -43,7 +43,7 @@ def rows(tmp_path, sql):
 
 def look(person, name):
     """What axe finds on the screen at both sizes, and whether it fits 320 pixels; a picture of each is kept."""
-    found = judged(person.page, name, full_page=True)
+    found = judge(person.page, name, full_page=True)
     person.page.set_viewport_size({"width": 320, "height": 700})
     assert person.page.evaluate("document.documentElement.scrollWidth") <= 320
     keep_picture(person.page, f"{name}-320", full_page=True)

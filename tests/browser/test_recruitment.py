@@ -11,7 +11,7 @@ from humanplay.study.folder import Folder
 from humanplay.study.invitations import Invitations, link_of
 from humanplay.study.recruitment import code_of
 from tests.browser.test_study_page import Participant
-from tests.support.browser import AS_A_PERSON, NO_3D, fetched, judged
+from tests.support.browser import AS_A_PERSON, NO_3D, fetched, judge
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.servers import eventually
 from tests.support.study import freeze
@@ -37,7 +37,7 @@ def visitor(open_browser):
 
 def look(person, name):
     """Judge a screen at both sizes with axe, and keep pictures of it."""
-    assert judged(person.page, f"study-{name}") == []
+    assert judge(person.page, f"study-{name}") == []
 
 
 def refusal(person):
@@ -151,7 +151,7 @@ def test_the_operator_makes_watches_and_revokes_links_and_axe_finds_nothing_wher
     assert [each.split("=")[0] for each in links] == [f"{server.url}/study/tiny?invitation"] * 3
     operator.get_by_role("button", name=f"Revoke {second.id}").press("Enter")
     operator.locator(f"[data-testid=invitation-{second.id}][data-state=revoked]").wait_for()
-    assert judged(operator, "admin-invitations", full_page=True) == []
+    assert judge(operator, "admin-invitations", full_page=True) == []
     assert "has been taken back" in refusal(visitor(link_of(study, second.id, server.url), server))
 
 

@@ -11,7 +11,7 @@ from humanplay.study.protocol import default_protocol
 from humanplay.tasks.mars.run import occupancy_codes
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
-from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SIZES, Player, judged, violations
+from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SIZES, Player, judge, violations
 from tests.support.declared import DECLARATIONS
 from tests.support.servers import eventually
 
@@ -184,7 +184,7 @@ class Screens:
     def look(self, name):
         """Judge a screen at both sizes, and its colours in the other palettes."""
         self.seen.append(name)
-        self.found += judged(self.page, f"study-{name}")
+        self.found += judge(self.page, f"study-{name}")
         for palette in ("colour-blind", "high-contrast", "standard") if name in COLOURFUL else ():
             self.page.evaluate(f"document.documentElement.dataset.palette = '{palette}'")
             if palette != "standard":
@@ -590,11 +590,11 @@ def test_axe_finds_nothing_on_the_playground(serve, player):
         me.page.get_by_test_id(f"mode-{mode}").click()
         me.wait(f"window.playground.state.mode === '{mode}'")
         me.wait("window.playground.state.player.frame.outcome === null")
-        found += judged(me.page, mode)
+        found += judge(me.page, mode)
     eventually(lambda: me.page.keyboard.press("ArrowUp") or me.state()["outcome"])
-    found += judged(me.page, "end")
+    found += judge(me.page, "end")
     me.page.get_by_test_id("open-settings").click()
-    found += judged(me.page, "terrain-dialog")
+    found += judge(me.page, "terrain-dialog")
     me.page.close()
     other = player(server, (), 1100, 700, reduced_motion="reduce")
     # small boards on a small screen: the processor draws both

@@ -14,7 +14,7 @@ from marsexplorer.terrain import attempts, next_seed
 from marsexplorer.world import Worlds
 
 
-def made(num_envs, **options):
+def make_vector(num_envs, **options):
     return gymnasium.make_vec(
         "MarsExplorer-v0",
         num_envs,
@@ -47,7 +47,7 @@ def assert_same(stepped, expected):
 
 def test_stacks_in_several_threads_at_once_do_not_meet():
     def played(_):
-        return [result[1] for result in blind(made(600, observation="uint8"))]
+        return [result[1] for result in blind(make_vector(600, observation="uint8"))]
 
     with ThreadPoolExecutor(4) as pool:
         first, *others = pool.map(played, range(8))
@@ -86,15 +86,15 @@ def test_no_step_is_made_on_a_board_that_stands_on_no_terrain():
         env.reset(seed=[ok] * 3 if env is envs else ok)
         env.step(action)
     with pytest.raises(RuntimeError, match=r"call reset\(\) first"):
-        made(2).step(np.ones(2, np.int64))
+        make_vector(2).step(np.ones(2, np.int64))
 
 
 def test_seeds_are_checked_before_anything_changes_and_what_follows_them_is_known():
-    envs = made(1)
+    envs = make_vector(1)
     for _ in range(2):
         envs.reset(seed=0)
         assert envs.reset()[1]["terrain_seed"] == [next_seed(0)]
-    envs = made(2)
+    envs = make_vector(2)
     envs.reset(seed=[np.int64(3), None])
     second = envs.reset(seed=[np.uint64(5), 0])[1]["terrain_seed"].copy()
     for seed in (2**53 - 1, [2**60, 0], [-1, 2], [1.7, 2], [np.int64(-1), 2]):
@@ -107,7 +107,9 @@ def test_seeds_are_checked_before_anything_changes_and_what_follows_them_is_know
 def test_codes_and_infos_are_views_and_float_ones_last():
     for observation, is_kept in (("uint8", False), ("float32", True)):
         last = None
-        for observations, _, terminated, truncated, info in blind(made(4, observation=observation)):
+        for observations, _, terminated, truncated, info in blind(
+            make_vector(4, observation=observation)
+        ):
             if last is not None:
                 assert np.shares_memory(observations, last[0]) is not is_kept
                 assert np.shares_memory(info["score"], last[1]["score"]) is not is_kept
@@ -126,8 +128,8 @@ def test_codes_and_infos_are_views_and_float_ones_last():
 def test_observations_are_written_into_a_tensor_that_the_caller_gives(observation, dtype):
     tensor = torch.full((4, 6, 9), 9, dtype=dtype)
     plain, with_tensor = (
-        made(4, observation=observation),
-        made(4, observation=observation, out=tensor),
+        make_vector(4, observation=observation),
+        make_vector(4, observation=observation, out=tensor),
     )
     for one, other in zip(blind(plain), blind(with_tensor), strict=True):
         assert (tensor.numpy() == one[0]).all()
@@ -169,7 +171,7 @@ def test_a_buffer_is_written_to_or_refused_with_what_was_expected():
 
 def test_gymnasium_records_the_episodes_that_ended():
     lengths, returns, count = np.zeros(4), np.zeros(4), 0
-    envs = RecordEpisodeStatistics(made(4, observation="uint8"))
+    envs = RecordEpisodeStatistics(make_vector(4, observation="uint8"))
     for _, rewards, terminated, truncated, info in blind(envs):
         lengths, returns = lengths + 1, returns + rewards
         for i in np.flatnonzero(terminated | truncated):
@@ -180,7 +182,7 @@ def test_gymnasium_records_the_episodes_that_ended():
 
 
 def test_bad_actions_move_nothing():
-    envs = made(3, observation="uint8")
+    envs = make_vector(3, observation="uint8")
     envs.reset(seed=1)
     before = envs.snapshot()
     for actions in ([0, 1, 4], [0, -1, 1], [0, 1], [[0, 1, 2]], [0, 1.9, 2], ["0", "1", "2"]):

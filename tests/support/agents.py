@@ -7,7 +7,7 @@ import numpy as np
 from humanplay.agents.evaluation import (
     begin_evaluation,
     changing,
-    evaluation_named,
+    find_evaluation,
     issue_card,
     looking,
 )
@@ -44,13 +44,13 @@ def own(database, name="agents", task="gymnasium:FrozenLake-v1", instances=3, co
 def evaluation_of(database, name="agents"):
     """Return an evaluation as it stands."""
     with looking(database) as conn:
-        return evaluation_named(conn, Folder.beside(database), name)
+        return find_evaluation(conn, Folder.beside(database), name)
 
 
 def token_of(database, author="Ann", name="agents"):
     """Issue a card and return its token."""
     with changing(database) as conn:
-        evaluation = evaluation_named(conn, Folder.beside(database), name)
+        evaluation = find_evaluation(conn, Folder.beside(database), name)
         issued = issue_card(conn, evaluation, author, now_ms())
     return re.search(r"/agents/(\w+)$", evaluation.link(issued.id, "http://h"))[1]
 

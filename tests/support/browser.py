@@ -79,7 +79,7 @@ def keep_picture(page, name, full_page=False):
 SIZES = {"phone": (390, 844), "desktop": (1440, 900)}
 
 
-def judged(page, name, full_page=False):
+def judge(page, name, full_page=False):
     """What axe finds on a screen at both sizes, and where it is too wide.
 
     A picture of each is kept.

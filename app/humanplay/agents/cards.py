@@ -420,7 +420,9 @@ class Cards:
         """
         sees, index = card.protocol.sees, attempt.instance
         try:
-            shown = await on_threads(self._task, run.seen, sees != "observation", sees != "picture")
+            shown = await on_threads(
+                self._task, run.agent_observation, sees != "observation", sees != "picture"
+            )
         except ValueError as error:
             raise CardError(503, f"instance {index}: {error}; try again later") from error
         view = run.view()

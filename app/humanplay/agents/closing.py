@@ -17,9 +17,9 @@ from humanplay.agents.evaluation import (
     cards_of,
     changing,
     end_attempt,
-    evaluation_named,
+    find_evaluation,
     looking,
-    simulated,
+    simulate_episode,
 )
 from humanplay.agents.receipts import compared_policies
 from humanplay.db.store import Store, StoreError
@@ -76,7 +76,7 @@ def close_evaluation(database: Path, folder: Folder, name: str) -> None:
     A closed evaluation stays as it is.
     """
     with changing(database) as conn:
-        evaluation = evaluation_named(conn, folder, name)
+        evaluation = find_evaluation(conn, folder, name)
         if evaluation.closed_ms is not None:
             return
         at_ms = now_ms()
@@ -84,7 +84,9 @@ def close_evaluation(database: Path, folder: Folder, name: str) -> None:
             for attempt in attempts_of(conn, card.id):
                 if attempt.ended_ms is None:
                     number = evaluation.seed(attempt.instance)
-                    came_to = simulated(evaluation.protocol, number, actions_of(conn, attempt.id))
+                    came_to = simulate_episode(
+                        evaluation.protocol, number, actions_of(conn, attempt.id)
+                    )
                     end_attempt(conn, attempt.id, at_ms, came_to)
         sql = "UPDATE agents_evaluations SET closed_ms = ? WHERE name = ?"
         conn.execute(sql, (at_ms, name))

@@ -118,11 +118,11 @@ def card(name: str, author: str, base: str, folder: Folder, database: Path) -> N
     Examples:
       humanplay agents card pilot-agents --author "Ann Lee" --base https://mars.example.org
     """
-    from humanplay.agents.evaluation import changing, evaluation_named, issue_card
+    from humanplay.agents.evaluation import changing, find_evaluation, issue_card
     from humanplay.study.files import now_ms
 
     with failures(f"cannot write {database}"), study_errors(), changing(database) as conn:
-        evaluation = evaluation_named(conn, folder, name)
+        evaluation = find_evaluation(conn, folder, name)
         issued = issue_card(conn, evaluation, author, now_ms())
     if issued.note is not None:
         echo(issued.note, err=True)
@@ -137,11 +137,11 @@ def show(name: str | None, folder: Folder, database: Path) -> None:
 
     The secret of an open one and the addresses of cards are never printed.
     """
-    from humanplay.agents.evaluation import cards_of, evaluation_named, evaluations, looking
+    from humanplay.agents.evaluation import cards_of, evaluations, find_evaluation, looking
     from humanplay.study.files import iso
 
     with failures(f"cannot read {database}"), study_errors(), looking(database) as conn:
-        listed = [evaluation_named(conn, folder, name)] if name else evaluations(conn, folder)
+        listed = [find_evaluation(conn, folder, name)] if name else evaluations(conn, folder)
         cards = cards_of(conn, name) if name else []
     if not listed:
         echo(f"no evaluations in {database}; `humanplay agents new NAME` begins one")
@@ -182,11 +182,11 @@ def revoke(name: str, ident: str, folder: Folder, database: Path) -> None:
 
     Nobody can go on with it, and what was played with it counts.
     """
-    from humanplay.agents.evaluation import card_named, changing, evaluation_named
+    from humanplay.agents.evaluation import changing, find_card, find_evaluation
     from humanplay.study.files import now_ms
 
     with failures(f"cannot write {database}"), study_errors(), changing(database) as conn:
-        card_named(conn, evaluation_named(conn, folder, name).name, ident)
+        find_card(conn, find_evaluation(conn, folder, name).name, ident)
         sql = "UPDATE agents_cards SET revoked_ms = coalesce(revoked_ms, ?) WHERE id = ?"
         conn.execute(sql, (now_ms(), ident))
     echo(f"revoked: {ident}")
@@ -202,12 +202,12 @@ def forget(name: str, ident: str, yes: bool, folder: Folder, database: Path) -> 
 
     Of a closed evaluation, `humanplay agents close` then writes the files again without it.
     """
-    from humanplay.agents.evaluation import card_named, changing, evaluation_named, forget_card
+    from humanplay.agents.evaluation import changing, find_card, find_evaluation, forget_card
 
     if not yes:
         click.confirm(f"Erase the card {ident} of {name} for good?", abort=True, err=True)
     with failures(f"cannot write {database}"), study_errors(), changing(database) as conn:
-        card_named(conn, evaluation_named(conn, folder, name).name, ident)
+        find_card(conn, find_evaluation(conn, folder, name).name, ident)
         forget_card(conn, ident)
     echo(f"erased: {ident}")
 
@@ -227,12 +227,12 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
     them again.
     """
     from humanplay.agents.closing import check_closable, close_evaluation, reveal_study
-    from humanplay.agents.evaluation import evaluation_named, looking, published_folder
+    from humanplay.agents.evaluation import find_evaluation, looking, published_folder
     from humanplay.agents.receipts import publish
 
     with failures(f"cannot close {name!r}"), study_errors(), _policy_errors():
         with looking(database) as conn:
-            evaluation = evaluation_named(conn, folder, name)
+            evaluation = find_evaluation(conn, folder, name)
         check_closable(database, evaluation, now)  # where it cannot be signed nothing is closed
     if evaluation.closed_ms is None and not yes:
         click.confirm(
@@ -286,10 +286,10 @@ def verify(
     if not findings:
         echo(receipts.description(content))
         echo(signing.SignerCheck(signer, "key" if wanted else None).sentence())
-    simulated = (
+    simulate_episode = (
         "every episode simulated again" if opening else "no episode simulated without --opening"
     )
-    echo(f"{len(findings) or 'nothing'} wrong; {simulated}")
+    echo(f"{len(findings) or 'nothing'} wrong; {simulate_episode}")
     return 1 if findings else 0
 
 

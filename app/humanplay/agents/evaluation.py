@@ -276,7 +276,7 @@ def evaluations(conn: sqlite3.Connection, folder: Folder) -> list[Evaluation]:
     return [_evaluation(row, folder) for row in stored]
 
 
-def evaluation_named(conn: sqlite3.Connection, folder: Folder, name: str) -> Evaluation:
+def find_evaluation(conn: sqlite3.Connection, folder: Folder, name: str) -> Evaluation:
     """The evaluation of a name; EvaluationError if there is none."""
     for row in rows(conn, "SELECT * FROM agents_evaluations WHERE name = ?", name):
         return _evaluation(row, folder)
@@ -400,7 +400,7 @@ def issue_card(
     return CardRow(ident, evaluation.name, author, number, now_ms, None, None, "{}", None)
 
 
-def card_named(conn: sqlite3.Connection, evaluation: str, ident: str) -> CardRow:
+def find_card(conn: sqlite3.Connection, evaluation: str, ident: str) -> CardRow:
     """A card of an evaluation by its id; EvaluationError if there is none."""
     cards = {card.id: card for card in cards_of(conn, evaluation)}
     if ident not in cards:
@@ -419,7 +419,7 @@ def card_of_token(
     card = card_with_id(conn, token[:ID_LENGTH])
     if card is None:
         return None
-    evaluation = evaluation_named(conn, folder, card.evaluation)
+    evaluation = find_evaluation(conn, folder, card.evaluation)
     if not hmac.compare_digest(token.encode(), evaluation.token(card.id).encode()):
         return None
     holds = card.revoked_ms is None and card.closed_ms is None and evaluation.is_open
@@ -461,7 +461,7 @@ def cause_of(protocol: Protocol, number: int) -> DrawnInstance:
     return draw_instance(protocol.environment, protocol.env_config, number)
 
 
-def simulated(protocol: Protocol, number: int, actions: bytes) -> EpisodeEnding:
+def simulate_episode(protocol: Protocol, number: int, actions: bytes) -> EpisodeEnding:
     """How an episode on a seed ends.
 
     Raises:

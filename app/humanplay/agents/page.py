@@ -23,8 +23,8 @@ from humanplay.agents.evaluation import (
     Evaluation,
     EvaluationError,
     cards_of,
-    evaluation_named,
     evaluations,
+    find_evaluation,
     published_folder,
 )
 from humanplay.study.protocol import StudyError
@@ -65,7 +65,7 @@ async def get_evaluation(request: Request, name: Name) -> dict[str, object]:
 
     `cards` is how many were issued; `secret` and `comparison` are null until it is closed.
     """
-    evaluation, cards = await _found(request, name)
+    evaluation, cards = await _find(request, name)
     comparison = _path(request, evaluation, COMPARISON)
     return {
         **_about(evaluation),
@@ -87,7 +87,7 @@ async def get_file(request: Request, name: Name, file: str) -> FileResponse:
 
     It is `opening.json`, `receipts/ID.json`, `policies.json` or `comparison.json`.
     """
-    evaluation, _ = await _found(request, name)
+    evaluation, _ = await _find(request, name)
     path = _path(request, evaluation, file)
     if path is None:
         raise HTTPException(404, f"the evaluation {name!r} has published no file {file[:60]!r}")
@@ -107,13 +107,13 @@ async def evaluations_page(request: Request, name: str | None = None) -> Respons
     return HTMLResponse(text, headers=NO_CACHE)
 
 
-async def _found(request: Request, name: str) -> tuple[Evaluation, int]:
+async def _find(request: Request, name: str) -> tuple[Evaluation, int]:
     """The evaluation of a name, and how many cards it has."""
     services = services_of(request)
     store, folder = services.store, services.progress.folder
 
     def read() -> tuple[Evaluation, int]:
-        evaluation = evaluation_named(store.connection, folder, name)
+        evaluation = find_evaluation(store.connection, folder, name)
         return evaluation, len(cards_of(store.connection, name))
 
     try:

@@ -35,10 +35,10 @@ from humanplay.agents.evaluation import (
     actions_of,
     attempts_of,
     cards_of,
-    evaluation_named,
+    find_evaluation,
     looking,
     published_folder,
-    simulated,
+    simulate_episode,
 )
 from humanplay.db.reader import Reader
 from humanplay.db.resimulation import Finding
@@ -76,7 +76,7 @@ def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar
     """
     key = signing.signing_key(database)
     with looking(database) as conn:
-        evaluation = evaluation_named(conn, folder, name)
+        evaluation = find_evaluation(conn, folder, name)
         played = {card: attempts_of(conn, card.id) for card in cards_of(conn, name)}
         moves = {
             attempt.id: actions_of(conn, attempt.id)
@@ -95,7 +95,7 @@ def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar
             ]
             seen_by: Exposure = {**seen, "other_cards_before": len(others)}
             receipt = _receipt(evaluation, card, attempts, moves, seen_by)
-            receipt["public_key"], receipt["signature"] = _signed(receipt, key)
+            receipt["public_key"], receipt["signature"] = _sign(receipt, key)
             receipts.append(receipt)
     protocol = evaluation.protocol
     seeds = {index: evaluation.seed(index) for index in range(protocol.instances)}
@@ -130,17 +130,17 @@ def compared_policies(protocol: Protocol) -> list[str]:
 
 def sign(content: Mapping[str, object], key: Ed25519PrivateKey) -> dict[str, object]:
     """Add the public half of a key, and its signature over the canonical JSON of both."""
-    public, signature = _signed(content, key)
+    public, signature = _sign(content, key)
     return {**content, "public_key": public, "signature": signature}
 
 
-def _signed(content: Mapping[str, object], key: Ed25519PrivateKey) -> tuple[str, str]:
+def _sign(content: Mapping[str, object], key: Ed25519PrivateKey) -> tuple[str, str]:
     """The public half of a key, and its signature over some content with that."""
     public = signing.public_pem(key).decode()
     return public, key.sign(canonical_json({**content, "public_key": public})).hex()
 
 
-def chained(start: str, episodes: Sequence[Mapping[str, object]]) -> str:
+def chain_hash(start: str, episodes: Sequence[Mapping[str, object]]) -> str:
     """The head (hex) of the chain of some episodes.
 
     Each link is SHA-256 over the one before it and the episode.
@@ -197,7 +197,7 @@ def _receipt(
         )
     begun = {attempt.instance for attempt in attempts}
     for index in sorted(set(range(protocol.instances)) - begun):
-        came_to = simulated(protocol, evaluation.seed(index), b"")
+        came_to = simulate_episode(protocol, evaluation.seed(index), b"")
         episodes.append({"index": index, "begun": False, "actions": "", **came_to})
     start = f"{protocol.hash}|{card.id}"
     return {
@@ -222,7 +222,7 @@ def _receipt(
         "ended_at": iso(max(attempt.ended_ms or 0 for attempt in attempts)),
         "closed_at": iso(evaluation.closed_ms or 0),
         "episodes": episodes,
-        "chain": chained(start, episodes),
+        "chain": chain_hash(start, episodes),
         "seen_by": seen_by,
     }
 
@@ -287,7 +287,7 @@ def check_receipt(
     try:
         episodes, of_card = receipt["episodes"], receipt["card"]
         start = f"{receipt['protocol_hash']}|{of_card['id']}"
-        if (head := chained(start, episodes)) != receipt["chain"]:
+        if (head := chain_hash(start, episodes)) != receipt["chain"]:
             yield Finding(name, "chain", receipt["chain"], head)
         indices = sorted(episode["index"] for episode in episodes)
         if indices != list(range(len(indices))):
@@ -336,7 +336,7 @@ def _check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Ite
         instance = f"instance {episode['index']}"
         try:
             number = seed_of(opening, episode["index"])
-            ending = simulated(protocol, number, bytes.fromhex(episode["actions"]))
+            ending = simulate_episode(protocol, number, bytes.fromhex(episode["actions"]))
         except (ValueError, RuntimeError, IndexError) as error:
             yield Finding(instance, "actions", "unplayable", str(error))
             continue

@@ -254,7 +254,7 @@ async def play(websocket: WebSocket, token: str) -> None:
         try:
             await agent_of(websocket, token)
         except (CardError, StoreError) as error:
-            await websocket.send_json(failed(error, "SESSION_ERROR"))
+            await websocket.send_json(error_answer(error, "SESSION_ERROR"))
             await close(websocket, UNKNOWN_SESSION, "no open card")
             return
         at: EpisodeState = {"episode_id": None, "step_count": 0}
@@ -266,7 +266,7 @@ async def play(websocket: WebSocket, token: str) -> None:
                     return
                 answer = await _answer(await agent_of(websocket, token), kind, payload, at)
             except (CardError, RefusedRequestError, StoreError) as error:
-                answer = failed(error)
+                answer = error_answer(error)
             await websocket.send_json(answer)
 
 
@@ -325,6 +325,6 @@ def read(kind: type[M], payload: object) -> M:
         raise CardError(422, describe_errors(error.errors(include_url=False))) from None
 
 
-def failed(error: Exception, code: str = "EXECUTION_ERROR") -> dict[str, object]:
+def error_answer(error: Exception, code: str = "EXECUTION_ERROR") -> dict[str, object]:
     code = "VALIDATION_ERROR" if getattr(error, "status", 0) in (400, 422) else code
     return {"type": "error", "data": {"message": str(error), "code": code}}

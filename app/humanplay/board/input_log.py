@@ -92,9 +92,9 @@ class InputLog:
         """Forget a batch that was not stored, so that it may come again."""
         self._batches.discard(batch)
 
-    async def held(self, episode: str) -> tuple[Controls, HeldKeys]:
+    async def held_keys(self, episode: str) -> tuple[Controls, HeldKeys]:
         """The keys that apply now, and what is down by the stored events."""
-        await self._written()
+        await self._wait_for_batch()
 
         def read() -> tuple[list[EventRow], list[PlayerSettings]]:
             study = self._participation
@@ -124,7 +124,7 @@ class InputLog:
         if self._board.driver_name != HUMAN:
             return None
         # an event that is stored after the comparison would have to be compared on the thread of the writes
-        await self._written()
+        await self._wait_for_batch()
 
         def prepare() -> Ending:
             row = None if last is None else last.row()
@@ -148,7 +148,7 @@ class InputLog:
         events = None if ending is None else ending.events
         return Closing(episode.id, run.record(), at_ms, level, reason, events), attested
 
-    async def _written(self) -> None:
+    async def _wait_for_batch(self) -> None:
         """Wait for the newest batch."""
         if self._writing is not None:
             await asyncio.wait([self._writing])

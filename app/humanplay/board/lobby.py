@@ -479,15 +479,17 @@ class Lobby:
             # somebody else may have resumed it while this waited for the lock
             if session_id in self._groups:
                 return self._groups[session_id]
-            rows = await self.store.read(partial(self._stored, session_id))
+            rows = await self.store.read(partial(self._read_stored, session_id))
             try:
-                boards = [await self._resumed(*row) for row in rows]
+                boards = [await self._restore(*row) for row in rows]
             except ValueError as error:
                 detail = f"session {session_id!r} cannot be resumed: {error}"
                 raise UnknownSessionError(session_id, detail) from error
             return self._add_group(boards)
 
-    def _stored(self, session_id: str) -> list[tuple[StoredEpisode, Participation | None, bool]]:
+    def _read_stored(
+        self, session_id: str
+    ) -> list[tuple[StoredEpisode, Participation | None, bool]]:
         """A player's session and its rival's, as the store holds them.
 
         Returns:
@@ -509,7 +511,7 @@ class Lobby:
             for row, study in stored
         ]
 
-    async def _resumed(
+    async def _restore(
         self, row: StoredEpisode, participation: Participation | None, hides_scores: bool
     ) -> Session:
         """A session as it stood.

@@ -361,15 +361,17 @@ class Session:
                 raise RefusedError(not_allowed(self.task.actions, allowed, move.action))
             await self._make(move, self.now_ms(), notice)
 
-    async def seen(self, picture: bool, observation: bool) -> tuple[View, AgentObservation]:
+    async def agent_observation(
+        self, picture: bool, observation: bool
+    ) -> tuple[View, AgentObservation]:
         """The newest frame's view, and what an agent may see of it.
 
         Args:
-            picture, observation: What `humanplay.task.Run.seen` is asked for.
+            picture, observation: What `humanplay.task.Run.agent_observation` is asked for.
         """
         async with self.changing:
             run = await self._take_run()
-            seen_by_agent = await on_threads(self.task, run.seen, picture, observation)
+            seen_by_agent = await on_threads(self.task, run.agent_observation, picture, observation)
             self._run = run
             return self.shown, seen_by_agent
 
@@ -395,7 +397,7 @@ class Session:
 
     async def held_keys(self) -> HeldKeys:
         """What is down by the stored input events, with the keys of now; hold `changing`."""
-        self._controls, keys = await self.inputs.held(self.current.id)
+        self._controls, keys = await self.inputs.held_keys(self.current.id)
         return keys
 
     async def end_if_left(self) -> None:
@@ -428,7 +430,7 @@ class Session:
         # hold: while the run is off the board, everybody sees the frame before the move
         run = await self._take_run()
         try:
-            reward, view = await self._stepped(run, move.action)
+            reward, view = await self._step_run(run, move.action)
         except RunEndedError as failure:
             note = partial(self._store.note_failure, current.id, failure.report)
             await self._end_here(run, note)
@@ -478,7 +480,7 @@ class Session:
             self._check_current(episode, step)
             await self._end_here(await self.take_abandoned(), note)
 
-    async def _stepped(self, run: Run, action: int) -> tuple[float, View]:
+    async def _step_run(self, run: Run, action: int) -> tuple[float, View]:
         """Make a move of a run that was taken off the board: its reward and new view."""
 
         def step() -> tuple[float, View]:
@@ -489,10 +491,10 @@ class Session:
         elsewhere, loop = cast(RunElsewhere, run), asyncio.get_running_loop()
         if await elsewhere.ask(action):
             return step()
-        elsewhere.tell = lambda *progress: loop.call_soon_threadsafe(self._tell_remade, *progress)
+        elsewhere.tell = lambda *progress: loop.call_soon_threadsafe(self._tell_progress, *progress)
         return await on_threads(self.task, step)
 
-    def _tell_remade(self, done: int, of: int) -> None:
+    def _tell_progress(self, done: int, of: int) -> None:
         self.remade = RepeatProgress(episode=self.current.id, done=done, of=of)
         self.notify()
 

@@ -77,7 +77,7 @@ class Spectators:
     def __init__(self, lobby: Lobby, replayer: Replayer) -> None:
         self._lobby, self._replayer = lobby, replayer
 
-    async def shown(self, link: str, viewer: str | None = None) -> WatchedEpisode:
+    async def watched_episode(self, link: str, viewer: str | None = None) -> WatchedEpisode:
         """What a link shows: the newest episode of a board, or one episode.
 
         Args:
@@ -106,13 +106,13 @@ class Spectators:
 
         Args:
             owner: Whose turn it is to have moves replayed.
-            viewer: As for `shown`.
+            viewer: As for `watched_episode`.
 
         Raises:
-            UnwatchableError: As for `shown`.
+            UnwatchableError: As for `watched_episode`.
         """
-        episode_id = (await self.shown(link, viewer)).episode_id
-        stored, run = await self._stored(episode_id, link, owner)
+        episode_id = (await self.watched_episode(link, viewer)).episode_id
+        stored, run = await self._read_stored(episode_id, link, owner)
         task, shown = self._lobby.task, run.view()
         about = task.describe(stored.episode)
         whole = None
@@ -138,17 +138,17 @@ class Spectators:
 
         Args:
             owner: Whose turn it is to have moves replayed.
-            viewer: As for `shown`.
+            viewer: As for `watched_episode`.
 
         Raises:
-            UnwatchableError: As for `shown`.
+            UnwatchableError: As for `watched_episode`.
         """
         newest, steps, woken, last_id = "", -2, asyncio.Event(), ""
         board: Session | None = None
         with ExitStack() as listening:
             while True:
                 woken.clear()
-                session_id, episode_id, is_board = await self.shown(link, viewer)
+                session_id, episode_id, is_board = await self.watched_episode(link, viewer)
                 if episode_id != last_id:
                     last_id, steps = episode_id, -2
                 if (now := self._board(session_id, episode_id)) is not board:
@@ -157,7 +157,7 @@ class Spectators:
                     if board is not None:
                         listening.callback(board.channel.add_listener(woken.set))
                 asked = episode_id, link, owner
-                shown = board.shown if board else (await self._stored(*asked))[1].view()
+                shown = board.shown if board else (await self._read_stored(*asked))[1].view()
                 frame = shown.frame(episode_id) if board is None else board.frame
                 has_ended, is_behind = shown.ended, shown.steps > steps + 1
                 if frame != newest:
@@ -185,7 +185,9 @@ class Spectators:
         board = self._lobby.in_memory(session_id)
         return board if board is not None and board.current.id == episode_id else None
 
-    async def _stored(self, episode_id: str, link: str, owner: str) -> tuple[StoredEpisode, Run]:
+    async def _read_stored(
+        self, episode_id: str, link: str, owner: str
+    ) -> tuple[StoredEpisode, Run]:
         """The episode that a link shows, as the store holds it.
 
         Raises:

@@ -222,7 +222,7 @@ def _set_aside(database: Path, stamp: str) -> Path | None:
     return aside if was_there else None
 
 
-def _retained(backups: Sequence[Path]) -> set[Path]:
+def _backups_to_keep(backups: Sequence[Path]) -> set[Path]:
     """Which of the backups, oldest first, stay by `KEPT`."""
     paths = set()
     for period, count in KEPT.items():
@@ -280,7 +280,7 @@ class Backups:
         target = self._folder / f"{self._database.stem}-{stamp}.db"
         back_up(self._database, target, self._check_going_on)
         existing = self.existing()
-        for path in set(existing) - _retained(existing):
+        for path in set(existing) - _backups_to_keep(existing):
             path.unlink(missing_ok=True)
         return target
 

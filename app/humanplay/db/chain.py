@@ -155,7 +155,7 @@ class EpisodeRows(NamedTuple):
     events: list[EventRow]
 
 
-def read_played(conn: sqlite3.Connection, episode_id: str) -> EpisodeRows:
+def read_episode_rows(conn: sqlite3.Connection, episode_id: str) -> EpisodeRows:
     """Read the rows of an episode's moves and input events."""
     every: Row = {"id": episode_id, "first": 0, "until": _BEYOND, "first_move": 0}
     cursor = conn.cursor()
@@ -206,7 +206,7 @@ def begin_hash(conn: sqlite3.Connection, episode_id: str) -> BegunHash:
 
     Every connection can compute it before the episode's end.
     """
-    salt, played = secrets.token_bytes(_SALT_BYTES), read_played(conn, episode_id)
+    salt, played = secrets.token_bytes(_SALT_BYTES), read_episode_rows(conn, episode_id)
     events, moves = _empty_hash(_EVENTS, salt), _empty_hash(_STEPS, salt)
     events.update(_lines(played.events))
     moves.update(_lines(played.steps))

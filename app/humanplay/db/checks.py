@@ -27,7 +27,7 @@ from humanplay.db.chain import (
     head,
     link,
     marks,
-    read_played,
+    read_episode_rows,
     select,
 )
 from humanplay.db.database import StoreError, reading, rows, writing
@@ -151,7 +151,7 @@ def check_episode(conn: sqlite3.Connection, ident: str) -> CheckedEpisode:
     """Simulate a finished episode again, and compare its rows with the chain's."""
     sql = "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?"
     (row,) = rows(conn, sql, ident)
-    played = read_played(conn, ident)
+    played = read_episode_rows(conn, ident)
     run, differences = simulate(row, played.steps)
     findings = [*differences, *check_thing(conn, "episode", ident, played)]
     received = [event for event in played.events if event["server_ms"] <= row["ended_ms"]]

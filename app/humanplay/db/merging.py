@@ -126,12 +126,12 @@ def merge_rows(
     before = chain.things(target)
     counted = _parts_of(target, before)
     _merge_series(target, source, source_name)
-    hidden = _hidden(target, source)
+    hidden = _hidden_ids(target, source)
     counts.forgotten = len(hidden["participants"])
     for table in MERGED:
         wanted = _visible(table, stream(source, f"SELECT * FROM {table}"), hidden)
         if table == "releases":
-            wanted = _as_outdated(target, wanted)
+            wanted = _mark_outdated(target, wanted)
         counts.added[table], counts.equal[table] = _merge_table(target, table, wanted, source_name)
     in_source = chain.things(source)
     merged = {thing for thing in in_source if thing.id not in hidden.get(f"{thing.kind}s", ())}
@@ -191,7 +191,7 @@ def _check_same_parts(
             )
 
 
-def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str, set[SqlValue]]:
+def _hidden_ids(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str, set[SqlValue]]:
     """The source's ids that are not to be merged, by table."""
     people = forgotten_people(target, source)
     hidden: dict[str, set[SqlValue]] = {"players": set(), "sessions": set()}
@@ -225,7 +225,7 @@ def _visible(
             yield row
 
 
-def _as_outdated(target: sqlite3.Connection, releases: Iterator[Row]) -> Iterator[Row]:
+def _mark_outdated(target: sqlite3.Connection, releases: Iterator[Row]) -> Iterator[Row]:
     """Yield releases, outdated since the earlier of both databases' times.
 
     The target's rows are changed as well.

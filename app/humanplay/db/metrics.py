@@ -105,7 +105,7 @@ class Metrics:
             self.event_loop_lag.observe(max(0.0, loop.time() - due))
 
     @contextmanager
-    def served(self, host: str, port: int) -> Iterator[str]:
+    def serve(self, host: str, port: int) -> Iterator[str]:
         """Serve the metrics during the block and yield their address.
 
         They have a port of their own, which is private unless it is opened; 0 takes a free one.

@@ -136,7 +136,7 @@ def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, 
         "moves": attempt.moves,
         "coverage": attempt.coverage,
         "score": attempt.score,
-        "unranked": _why_unranked(attempt, terrain) if ended else None,
+        "unranked": _unranked_reason(attempt, terrain) if ended else None,
     }
 
 
@@ -174,7 +174,7 @@ def _day(attempt: Trial) -> str:
     return attempt.day or ""
 
 
-def _why_unranked(attempt: Trial, terrain: DailyTerrain) -> str | None:
+def _unranked_reason(attempt: Trial, terrain: DailyTerrain) -> str | None:
     if attempt.driver != "human":
         return "a move was a script's"
     if attempt.attestation not in ("attested", "supervised"):
@@ -232,7 +232,7 @@ class DailyPolicies:
         offers = [offer for offer in self._offers if offer.plays(config)]
         wanted = [Evaluation(offer.source, config, seeds, self._task) for offer in offers]
         policies = [
-            _described(offer.name, state)
+            _policy_result(offer.name, state)
             for offer, state in zip(offers, self._evaluations.request(wanted), strict=True)
         ]
         policies.sort(key=lambda policy: (policy["moves"] or 0, -(policy["coverage"] or 0)))
@@ -248,7 +248,7 @@ class DailyPolicies:
         self.results(terrain)
 
 
-def _described(name: str, state: FigureState) -> PolicyResult:
+def _policy_result(name: str, state: FigureState) -> PolicyResult:
     figure = state["figure"]
     if figure is None:
         return {"name": name, "state": state["state"], "moves": None, "coverage": None}

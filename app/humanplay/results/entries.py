@@ -132,7 +132,7 @@ class ClosedStudies:
         self._folder = studies
         self._known: dict[tuple[str, int | None, int], tuple[StudyData, StudyPeople | None]] = {}
 
-    def closed(self, reader: Reader) -> list[tuple[StudyData, StudyPeople | None]]:
+    def read(self, reader: Reader) -> list[tuple[StudyData, StudyPeople | None]]:
         """Return each closed study with its people's figure and pictures.
 
         None stands for a study that nobody completed. The first call takes seconds.
@@ -195,7 +195,7 @@ def list_entries(
 
     So nobody puts a board first by leaving it. Of a `task` without boards there are studies alone.
     """
-    of_studies = [_of_study(data, people) for data, people in studies.closed(reader)]
+    of_studies = [_of_study(data, people) for data, people in studies.read(reader)]
     environment = environment_of(task)
     if environment.boards is None:
         return of_studies

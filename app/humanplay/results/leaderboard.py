@@ -213,7 +213,7 @@ def _pictures(
     for trial in reader.newest_counted(config.hash, MAX_EPISODES):
         course = (trial.trajectory_hash or "", trial.outcome or "", trial.core_version)
         if course not in now:
-            now[course] = earlier[course] if course in earlier else _replayed(reader, trial)
+            now[course] = earlier[course] if course in earlier else _replay_summary(reader, trial)
         if (summary := now[course]) is not None:
             people.setdefault(trial.owner_id or "", []).append(summary)
     groups = [episodes for episodes in people.values() if len(episodes) >= LEAST_EPISODES]
@@ -223,7 +223,7 @@ def _pictures(
     return {"curve": drawn.get("curve"), "visits": drawn.get("visits"), "trials": trials}
 
 
-def _replayed(reader: Reader, trial: Trial) -> EpisodeSummary | None:
+def _replay_summary(reader: Reader, trial: Trial) -> EpisodeSummary | None:
     """Return an episode's summary; None if this version's rules cannot replay it."""
     try:
         return summary_of_record(trial.environment, trial.record(reader.steps(trial.id)))

@@ -163,7 +163,7 @@ class ExpertRuns:
         with self._lock:
             if not self._key:
                 self._key = self._depends_on()
-                self._moves = self._stored()
+                self._moves = self._read_stored()
             return dict(self._moves)
 
     def play(self, seeds: Sequence[int]) -> None:
@@ -188,7 +188,7 @@ class ExpertRuns:
         digest = policy_hash(source, self._task)
         return "|".join((environment.version, source, digest, self._config.hash))
 
-    def _stored(self) -> dict[int, int | None]:
+    def _read_stored(self) -> dict[int, int | None]:
         stored: dict[int, int | None] = {}
         for line in self._path.read_text().splitlines() if self._path.exists() else ():
             try:
@@ -257,7 +257,7 @@ class PeopleBoard:
             name = None if player_id is None else own(reader, player_id)
             expert = self._expert.moves()
             runs = [run for run in self._runs if run.ended_ms >= since_ms]
-            everybody = self._ranked(runs, expert, is_whole=since_ms == 0)
+            everybody = self._rank(runs, expert, is_whole=since_ms == 0)
         missing = [run.seed for run in runs if run.seed not in expert]
         self._expert.play(missing)
         ranked = [one for one in everybody if one.worse is not None]
@@ -276,7 +276,7 @@ class PeopleBoard:
             "you": None if name is None else _own(name, mine, place),
         }
 
-    def _ranked(
+    def _rank(
         self, runs: Sequence[RankedRun], expert: Mapping[int, int | None], is_whole: bool
     ) -> list[Standing]:
         """The standings; recomputed only after new episodes or new runs of Expert."""

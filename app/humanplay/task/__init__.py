@@ -318,7 +318,7 @@ class Run(Protocol):
     def view(self) -> View:
         """Return what may be seen of the run as it stands."""
 
-    def seen(self, picture: bool, observation: bool) -> AgentObservation:
+    def agent_observation(self, picture: bool, observation: bool) -> AgentObservation:
         """Return what an agent may see of the run as it stands; what is not asked for is None."""
 
     def record(self) -> Record:
@@ -771,7 +771,7 @@ class Course(Protocol):
     def challenge(self) -> str:
         """What is to be beaten, in words: `beat_text`."""
 
-    def renamed(self, name: str) -> Course:
+    def with_name(self, name: str) -> Course:
         """The same course under another name."""
 
     def to_dict(self) -> dict[str, Any]:

@@ -78,7 +78,7 @@ class FrameCourse:
             "sentence": self.sentence, "frames": self.frames,
         }  # fmt: skip
 
-    def renamed(self, name: str) -> FrameCourse:
+    def with_name(self, name: str) -> FrameCourse:
         """The same course under another name."""
         return replace(self, name=name)
 

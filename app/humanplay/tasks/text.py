@@ -124,7 +124,7 @@ class TextRun(ABC):
         """What may be seen of the run as it stands."""
         return TextView(self)
 
-    def seen(self, picture: bool, observation: bool) -> AgentObservation:
+    def agent_observation(self, picture: bool, observation: bool) -> AgentObservation:
         """What an agent may see: the text."""
         text = self.observation()
         return {

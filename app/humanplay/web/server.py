@@ -475,7 +475,7 @@ def _metrics_served(settings: Settings, metrics: Metrics) -> Iterator[None]:
         return
     with ExitStack() as stack:
         try:
-            served = metrics.served(settings.metrics_host, settings.metrics_port)
+            served = metrics.serve(settings.metrics_host, settings.metrics_port)
             address = stack.enter_context(served)
         except OSError as error:
             reason = (error.strerror or str(error)).lower()

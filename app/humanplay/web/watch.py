@@ -50,7 +50,7 @@ async def watch_page(request: Request, watch_id: str) -> Response:
     services, asker = services_of(request), asker_of(request)
     if await services.replays.has(watch_id, asker):
         return RedirectResponse(f"../replay/{watch_id}", 303)
-    await services.spectators.shown(watch_id, asker.player_id)
+    await services.spectators.watched_episode(watch_id, asker.player_id)
     return page(request, "watch")
 
 

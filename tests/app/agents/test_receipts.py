@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from humanplay.agents.receipts import OPENING_FORMAT, chained, read_signed, sign
+from humanplay.agents.receipts import OPENING_FORMAT, chain_hash, read_signed, sign
 from humanplay.release import signing
 from humanplay.study.data import load
 from humanplay.study.verification import verify_database
@@ -139,7 +139,7 @@ def test_a_receipt_signed_anew_is_found_by_its_key_and_by_the_simulation(
     def better(content):
         content["episodes"][0]["score"] = 1.0
         start = f"{content['protocol_hash']}|{content['card']['id']}"
-        content["chain"] = chained(start, content["episodes"])
+        content["chain"] = chain_hash(start, content["episodes"])
 
     content = changed(receipt, better)
     del content["public_key"], content["signature"]

@@ -421,7 +421,7 @@ def test_a_text_frame_shows_the_matrix_around_the_rover_in_one_kilobyte(size):
     policy = load("frontier-cost")
     policy.reset(0)
     while run.view().outcome == "running" and run.view().steps < 400:
-        observation = run.seen(False, True)["observation"]
+        observation = run.agent_observation(False, True)["observation"]
         text = text_frame(observation)
         assert len(text.encode()) <= 1000
         lines = text.split("\n")[2:]

@@ -476,7 +476,7 @@ def test_five_presses_by_a_rounded_clock_take_twice_as_long():
     assert episodes[100.0].level().reason == "step 0: 5 presses in 100 ms"
 
 
-def kept(store, episode_id, moves, events):
+def store_rows(store, episode_id, moves, events):
     """Put moves and events of an `Episode` into a store."""
     for event in events:
         add_input_events(
@@ -502,11 +502,11 @@ def test_what_is_prepared_before_the_end_says_the_same_and_is_made_again_where_s
     elsewhere = Conditions(STARTED, {key: {0} for key in CONDITIONS.key_map})
     with closing(Store(tmp_path / "play.db")) as store:
         episode_id = open_episode(store, add_session(store), seed=1, started_ms=STARTED)[0].id
-        kept(store, episode_id, episode.moves[:-1], episode.events[:-2])
+        store_rows(store, episode_id, episode.moves[:-1], episode.events[:-2])
         early = prepare_end(store, episode_id, CONDITIONS, episode.moves[-1])
-        kept(store, episode_id, [], episode.events[-2:])
+        store_rows(store, episode_id, [], episode.events[-2:])
         ending = prepare_end(store, episode_id, CONDITIONS, episode.moves[-1])
-        kept(store, episode_id, episode.moves[-1:], [])
+        store_rows(store, episode_id, episode.moves[-1:], [])
         assert prepare_end(store, episode_id, None, None).attested is None
         assert (early.attested.level, ending.attested.level) == ("spoilt", "attested")
         for prepared in (ending, early, None):

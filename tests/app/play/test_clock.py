@@ -28,7 +28,7 @@ TICKING = Description(
 TASK = f"gymnasium:{TICKING.told}"
 
 
-def held(*events):
+def held_keys(*events):
     keys = HeldKeys()
     for kind, *more in events:
         code, repeat, trusted = (*more, *(None, False, True)[len(more) :])
@@ -55,13 +55,13 @@ def held(*events):
     ],
 )  # fmt: skip
 def test_the_action_of_a_tick_follows_from_what_is_held(events, action, by):
-    assert Controls(KEYS, NOOP).action(held(*events).down, RIGHTFIRE) == (action, by)
+    assert Controls(KEYS, NOOP).action(held_keys(*events).down, RIGHTFIRE) == (action, by)
 
 
 def test_without_a_noop_the_last_action_is_repeated():
     assert Controls(KEYS, None).action([], RIGHT) == (RIGHT, None)
     two = Controls({"left": ("KeyA",), "right": ("KeyD",)}, None)
-    down = held(("keydown", "KeyA"), ("keydown", "KeyD"))
+    down = held_keys(("keydown", "KeyA"), ("keydown", "KeyD"))
     assert two.action(down.down, 0) == (1, "key")
     down.take("keydown", "KeyA", False, True)  # its release was never told
     assert two.action(down.down, 0) == (0, "key")

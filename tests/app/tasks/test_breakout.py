@@ -36,8 +36,8 @@ def test_an_agents_action_is_four_ticks_of_a_person_bit_for_bit(sticky):
         kwargs = {"frameskip": frameskip, "repeat_action_probability": sticky}
         return GymnasiumEnvironment(Description(id="ale_py:ALE/Breakout-v5", kwargs=kwargs).told)
 
-    def seen(run):
-        return run.seen(picture=False, observation=True)["observation"]
+    def observation_of(run):
+        return run.agent_observation(picture=False, observation=True)["observation"]
 
     fast, slow = at(1), at(4)
     person, agent = fast.run(fast.default, 7), slow.run(slow.default, 7)
@@ -46,7 +46,7 @@ def test_an_agents_action_is_four_ticks_of_a_person_bit_for_bit(sticky):
             break
         ticks = [person.step(action) for _ in range(4) if person.outcome == "running"]
         assert sum(ticks) == agent.step(action)
-        assert seen(person) == seen(agent)
+        assert observation_of(person) == observation_of(agent)
     assert (person.total, person.outcome) == (agent.total, agent.outcome)
 
 

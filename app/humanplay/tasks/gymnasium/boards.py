@@ -222,7 +222,7 @@ class BoardRun(GymnasiumRun):
             self._shown = self._asked_for(PICTURE)
         return GymnasiumView(self, self._shown["picture"], self._shown["text"])
 
-    def seen(self, picture: bool, observation: bool) -> AgentObservation:
+    def agent_observation(self, picture: bool, observation: bool) -> AgentObservation:
         """Return picture or text, and the observation, which is asked of the process; ValueError where it is lost twice."""
         view = self.view() if picture else None
         return {
@@ -302,7 +302,7 @@ def _play(run: GymnasiumRun, actions: Sequence[int]) -> Work:
             if question == OBSERVATION:
                 question = yield None, packed(run.newest_observation)
             else:
-                question = yield run.seen(picture=True, observation=False)
+                question = yield run.agent_observation(picture=True, observation=False)
         since = len(run.actions)
         run.step(question)
 
@@ -335,7 +335,7 @@ def _told(run: GymnasiumRun, since: int) -> object:
         "outcome": run.outcome,
         "total": run.total,
         "digest": run.digest,
-        "shown": run.seen(picture=True, observation=False) if run.is_live else None,
+        "shown": run.agent_observation(picture=True, observation=False) if run.is_live else None,
     }
     if run.is_live and run.ended:
         return told, packed(run.newest_observation)

@@ -213,7 +213,7 @@ class GymnasiumRun:
         packed = jpeg(pixels) if self._described.codec == "jpeg" else png(pixels, self.is_live)
         return GymnasiumView(self, packed, None)
 
-    def seen(self, picture: bool, observation: bool) -> AgentObservation:
+    def agent_observation(self, picture: bool, observation: bool) -> AgentObservation:
         """Return picture or text, and the observation as numbers, texts, lists and objects."""
         shown = self.view() if picture else None
         given = plain(self._observation) if observation else None

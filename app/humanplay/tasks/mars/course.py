@@ -36,7 +36,7 @@ class Course(DrawnEpisode):
 
     task: ClassVar[str] = "mars"
 
-    def renamed(self, name: str) -> Course:
+    def with_name(self, name: str) -> Course:
         """The same course under another name."""
         return replace(self, name=name)
 

@@ -181,7 +181,7 @@ class MarsEnvironment(BaseEnvironment):
 
     def instance(self, config: EnvConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Return the packed terrain of a seed, and the north-west corner."""
-        return _drawn(config, seed), (0, 0)
+        return _draw(config, seed), (0, 0)
 
     def instance_hash(self, was: Cause) -> str:
         """Return SHA-256 (hex) of shape and packed bits: equal terrains, equal hashes."""
@@ -233,7 +233,7 @@ def environment(variant: str) -> MarsEnvironment:
 
 
 @lru_cache(maxsize=1024)
-def _drawn(config: EnvConfig, seed: int) -> bytes:
+def _draw(config: EnvConfig, seed: int) -> bytes:
     return np.packbits(generate(config, seed)).tobytes()
 
 

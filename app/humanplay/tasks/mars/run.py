@@ -64,7 +64,7 @@ class MarsRun:
         """Return a copy of what is known: uint8[rows, cols]."""
         return self._episode.codes.copy()
 
-    def seen(self, picture: bool, observation: bool) -> AgentObservation:
+    def agent_observation(self, picture: bool, observation: bool) -> AgentObservation:
         """Return the known map as a picture and as an observation, without scores."""
         view = self.view()
         names = ("rows", "cols", "grid", "position", "discovered", "cells", "coverage", "heading")
@@ -207,7 +207,7 @@ TEXT_SIDE = 25
 
 
 def text_frame(observation: Mapping[str, Any]) -> str:
-    """Return an observation (`MarsRun.seen`) as a matrix with a legend.
+    """Return an observation (`MarsRun.agent_observation`) as a matrix with a legend.
 
     Of a large board it has the part around the rover.
     """

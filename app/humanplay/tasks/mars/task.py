@@ -73,7 +73,7 @@ class Mars(BaseTask, MarsEnvironment):
 
     def maps(self) -> list[dict[str, Any]]:
         """Return the maps that the server was started with."""
-        return self.catalogue.listed()
+        return self.catalogue.descriptions()
 
     def first(self, wanted: NewSession) -> Choice:
         """Return the terrain that a new session asks for; ValueError for an unknown map."""

@@ -45,9 +45,9 @@ class MapCatalogue:
 
         cell_m  side of a cell in metres; None: as `read_map` chooses it
         """
-        return cls(_offered(path, cell_m) for path in paths)
+        return cls(_read_offer(path, cell_m) for path in paths)
 
-    def listed(self) -> list[dict[str, Any]]:
+    def descriptions(self) -> list[dict[str, Any]]:
         """Return what may be chosen, as the API lists it."""
         configs = {name: terrain.config for name, terrain in self._maps.items()}
         return [
@@ -104,7 +104,7 @@ def open_map(path: Path, cell_m: float | None) -> GridMap:
     return grid_map
 
 
-def _offered(path: Path, cell_m: float | None) -> tuple[str, Choice]:
+def _read_offer(path: Path, cell_m: float | None) -> tuple[str, Choice]:
     grid_map = open_map(path, cell_m)
     rows, cols = grid_map.terrain.shape
     if max(rows, cols) > MAX_API_SIDE:

@@ -112,7 +112,7 @@ class Replays:
         """
         shown = await self.replay(episode_id, asker, owner)
         key = ("replay", episode_id, shown.episode.trial.trajectory_hash, form, ghost)
-        courses = [shown.course.renamed(shown.episode.name)]  # a file is for everybody
+        courses = [shown.course.with_name(shown.episode.name)]  # a file is for everybody
         if ghost is not None:
             courses.append(await self._ghost(shown.episode, ghost, owner))
         return await self._written(key, owner, file_of, form, episode_id, courses)

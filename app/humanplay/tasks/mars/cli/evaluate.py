@@ -95,7 +95,10 @@ def evaluate(
     if plots is not None:  # whoever lacks its library learns so before any episode is played
         from marsexplorer.evaluation.plots import save_plots
     with ExitStack() as stack:  # the files too: what cannot be written is found before
-        json_file, csv_file = _opened(stack, json_path, "--json"), _opened(stack, csv_path, "--csv")
+        json_file, csv_file = (
+            _open_output(stack, json_path, "--json"),
+            _open_output(stack, csv_path, "--csv"),
+        )
         if plots is not None:
             with written(f"to {plots}", "--plots"):
                 plots.mkdir(parents=True, exist_ok=True)
@@ -118,7 +121,7 @@ def evaluate(
     _print(table)
 
 
-def _opened(stack: ExitStack, path: Path | None, option: str) -> IO[bytes] | None:
+def _open_output(stack: ExitStack, path: Path | None, option: str) -> IO[bytes] | None:
     """Return a file that appears if the stack is left without error; None for no path."""
     from marsexplorer.files import write_whole
 
@@ -170,7 +173,7 @@ def _evaluate_maps(
 
     maps = _read_maps(paths, cell_m)
     with ExitStack() as stack:
-        file = _opened(stack, json_path, "--json")
+        file = _open_output(stack, json_path, "--json")
         with _errors_of_playing():
             maps_results = evaluate_on_maps(names, maps)
         if file is not None:

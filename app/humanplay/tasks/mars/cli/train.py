@@ -153,10 +153,10 @@ def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: st
             echo(f"stopped after {run.global_step:,} of {steps:,} moves", err=True)
             raise
     policy = run_folder.policy
-    echo(f"{policy}: {measure_policy(policy, run_folder.save_policy, _measured(run))}")
+    echo(f"{policy}: {measure_policy(policy, run_folder.save_policy, _measured_configs(run))}")
 
 
-def _measured(run: TrainingRun) -> list[EnvConfig]:
+def _measured_configs(run: TrainingRun) -> list[EnvConfig]:
     """Return the configurations that the policy is measured on: one level, all sizes."""
     return [config for config in run.env_configs if config.level == run.env_configs[0].level]
 

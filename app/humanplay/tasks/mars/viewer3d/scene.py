@@ -137,7 +137,7 @@ def soil(rows: int, cols: int, colour: Colour) -> bytes:
     lit[lines] *= 0.86
     lit *= 1 + 0.05 * rng.standard_normal((height, width))
     drawn = np.clip(np.array(colour) * lit[..., None], 0, 255).astype(np.uint8)
-    return encoded(Image.fromarray(drawn), format="JPEG", quality=80)
+    return encode(Image.fromarray(drawn), format="JPEG", quality=80)
 
 
 @lru_cache(maxsize=2)
@@ -156,7 +156,7 @@ def sky(colours: Colours) -> NDArray[np.uint8]:
     return picture
 
 
-def encoded(image: Image.Image, **options: Any) -> bytes:
+def encode(image: Image.Image, **options: Any) -> bytes:
     """Return an image as the bytes of a file."""
     file = io.BytesIO()
     image.save(file, **options)
@@ -183,7 +183,7 @@ def fog(codes: NDArray[np.uint8], colours: Colours) -> bytes:
             picture[ahead:][lower[ahead:] & ~lower[:-ahead]] = CLIFF
     image = Image.fromarray(picture, "P")
     image.putpalette(colours.fog)
-    return encoded(image, format="PNG", transparency=FOG_ALPHA, compress_level=1)
+    return encode(image, format="PNG", transparency=FOG_ALPHA, compress_level=1)
 
 
 def beside(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -249,7 +249,7 @@ class Scene:
             return
         self._fog._data = fog(episode.codes, self._options.colours)
         self._show_rocks(episode.codes)
-        self._show_found(episode.codes)
+        self._show_discovered(episode.codes)
         row, col = episode.position
         turn = np.pi / 2 * (1 - ACTIONS.index(episode.heading))
         target = np.array([col, -row, turn], np.float64)
@@ -441,7 +441,7 @@ class Scene:
             if len(rocks) >= ITEMS_PER_NODE:
                 self._open_rocks[shape], self._rock_nodes[shape] = [], self._rock_nodes[shape] + 1
 
-    def _show_found(self, codes: NDArray[np.uint8]) -> None:
+    def _show_discovered(self, codes: NDArray[np.uint8]) -> None:
         """Put a bright square under each newly discovered cell, if there are effects.
 
         `glide` lets them rise.
