@@ -11,7 +11,7 @@ from humanplay.db.store import Store
 from tests.support.absent import environment_without
 from tests.support.command_server import command_server
 from tests.support.recorded import play
-from tests.support.servers import Running
+from tests.support.servers import RunningServer
 
 IN_PLAY = {*EXTRAS["play"], *EXTRAS["mars"]}
 MORE_THAN_PLAY = sorted({module for modules in EXTRAS.values() for module in modules} - IN_PLAY)
@@ -23,7 +23,7 @@ def serving(folder, *options):
     command = [sys.executable, "-m", "humanplay.cli", "serve", "--port", "0", *options]
     environ = environment_without(MORE_THAN_PLAY, folder)
     with command_server(command, env=environ) as (_, address):
-        server = Running(int(address.rpartition(":")[2].strip("/")))
+        server = RunningServer(int(address.rpartition(":")[2].strip("/")))
         yield server
         server.close()
 

@@ -37,7 +37,7 @@ seconds they took.
 """
 
 
-class Timed:
+class TimedLookahead:
     """`lookahead`, with the processor time of the decisions that looked ahead."""
 
     name = Lookahead.name
@@ -70,7 +70,7 @@ class Timed:
 def measure(path: Path, side: int, seeds: range) -> None:
     """Add the rows of the terrains that a file does not have yet."""
     done = {row[1] for row in read(path) if row[0] == side}
-    config, alone, ahead = EnvConfig.of("random", side), policies.load("ppo"), Timed()
+    config, alone, ahead = EnvConfig.of("random", side), policies.load("ppo"), TimedLookahead()
     play_episode(ahead, config, 0)  # compiles the kernels
     with progress(f"{side}x{side}") as advance, path.open("a", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -37,7 +37,7 @@ EARLIEST = 0.3
 STAGES = (EARLIEST, 0.6, 0.8, 0.9, 0.95, 1.0)
 
 
-class Watched(Lookahead):
+class JudgedLookahead(Lookahead):
     """`lookahead` on one terrain, with the worth of each of its decisions there.
 
     decisions  (share of the cells known, found, known, number of the episode's terrain) of each
@@ -126,7 +126,7 @@ def main(size: str, terrains: int, seed: int) -> None:
       python -m research.lookahead.stages
       python -m research.lookahead.stages --size 42 --terrains 10
     """
-    config, watched = EnvConfig.of("random", int(size)), Watched()
+    config, watched = EnvConfig.of("random", int(size)), JudgedLookahead()
     with progress("terrains") as advance:
         for count, terrain_seed in enumerate(range(seed, seed + terrains), 1):
             watched.watch(generate(config, terrain_seed), terrain_seed)

@@ -11,7 +11,7 @@ from marsexplorer.terrain import generate
 from marsexplorer.training.network import load_net
 from research.lookahead.__main__ import main, read
 from research.lookahead.distillation import Labeller, Scorer
-from research.lookahead.stages import Watched
+from research.lookahead.stages import JudgedLookahead
 
 
 def test_a_second_run_adds_what_is_missing_and_changes_nothing(tmp_path):
@@ -27,7 +27,7 @@ def test_a_second_run_adds_what_is_missing_and_changes_nothing(tmp_path):
 
 
 def test_what_a_decision_finds_is_at_most_what_knowing_the_map_gives():
-    config, watched = EnvConfig.of("random", 15), Watched()
+    config, watched = EnvConfig.of("random", 15), JudgedLookahead()
     watched.watch(generate(config, 5), 5)
     play_episode(watched, config, 5)
     shares, by_looking, by_knowing, _ = zip(*watched.decisions, strict=True)

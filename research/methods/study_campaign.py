@@ -76,7 +76,7 @@ class Player:
 
 
 @dataclass(frozen=True)
-class Played:
+class PlayedStudy:
     """A study played to its end: database, folder, people's labels, report."""
 
     database: Path
@@ -141,7 +141,7 @@ class Campaign:
         """Return the secret that an operator draws as `number`."""
         return random.Random(f"{self.seed} {number}").randbytes(32)
 
-    def _honest(self, recruitment: str = "invitation") -> Played:
+    def _honest(self, recruitment: str = "invitation") -> PlayedStudy:
         return self.play(self.honest_people, recruitment)
 
     def late(self) -> int:
@@ -187,7 +187,7 @@ class Campaign:
         name: str = NAME,
         place: Path | None = None,
         erased: Sequence[int] = (),
-    ) -> Played:
+    ) -> PlayedStudy:
         """Let people take part in a study on a real server, close it, and return it.
 
         Args:
@@ -219,7 +219,7 @@ class Campaign:
         closed = close_study(folder, None, name, now_ms(), True)
         with closing(Store(database)) as store:  # as a server does that finds it closed
             note_closed(store, closed)
-        return Played(database, folder, joined, self.report(database, folder, name), name)
+        return PlayedStudy(database, folder, joined, self.report(database, folder, name), name)
 
     def _new_place(self) -> Path:
         self._count += 1
@@ -234,7 +234,7 @@ class Campaign:
             database, folder, name, no_bar, with_policies=False, with_moves=False
         )
 
-    def erased(self, played: Played, asked_by: AskedBy | None = None) -> Played:
+    def erased(self, played: PlayedStudy, asked_by: AskedBy | None = None) -> PlayedStudy:
         """A closed study after the worst were erased, with a new release."""
         place = self._new_place()
         shutil.copytree(played.database.parent, place)
@@ -242,9 +242,9 @@ class Campaign:
         for number in self.worst():
             forget(database, played.people[number], asked_by=asked_by)
         build_release(request_of(NAME, place / "release", database, folder, ("A. Author",)))
-        return Played(database, folder, played.people, self.report(database, folder))
+        return PlayedStudy(database, folder, played.people, self.report(database, folder))
 
-    def best_of_three(self) -> Played:
+    def best_of_three(self) -> PlayedStudy:
         """The best of three studies of one design in one database; the first is honest.
 
         The best by those who finished.
@@ -361,7 +361,7 @@ class Attack:
     """
 
     tried: str
-    studies: Callable[[Campaign], tuple[Played, Played]]
+    studies: Callable[[Campaign], tuple[PlayedStudy, PlayedStudy]]
     words: str | None = None
 
 
@@ -370,16 +370,16 @@ NEITHER = r"of \d+ people who agreed (is|are) in neither estimate"
 ERASED = r"people who had begun a ranked episode were erased"
 
 
-def _worst(campaign: Campaign, how: str) -> tuple[Played, Played]:
+def _worst(campaign: Campaign, how: str) -> tuple[PlayedStudy, PlayedStudy]:
     """Return a study without and with the worst two doing otherwise."""
     return campaign.honest(), campaign.play(campaign.some(how, campaign.worst()))
 
 
-def _everybody(campaign: Campaign, how: str) -> Played:
+def _everybody(campaign: Campaign, how: str) -> PlayedStudy:
     return campaign.play(campaign.some(how, range(len(campaign.honest_people))))
 
 
-def _again(campaign: Campaign, recruitment: str) -> tuple[Played, Played]:
+def _again(campaign: Campaign, recruitment: str) -> tuple[PlayedStudy, PlayedStudy]:
     """A study without and with two people who come again from a second browser."""
     first = campaign.honest_people[:CHEATS]
     again = [replace(player, seed=player.seed + 500, slip=0.0) for player in first]

@@ -65,7 +65,7 @@ print(json.dumps(Listener.took))
 """
 
 
-class Measured(NamedTuple):
+class Measurement(NamedTuple):
     """A figure of WANTED, with its unit."""
 
     name: str
@@ -96,7 +96,7 @@ def taken_s(process: int) -> float:
     return float(processor_s(process, *children(process)))
 
 
-def measure_server(cache: Path, state: str) -> list[Measured]:
+def measure_server(cache: Path, state: str) -> list[Measurement]:
     """What a server takes until its first page, first board, and first `ppo` move."""
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -106,18 +106,18 @@ def measure_server(cache: Path, state: str) -> list[Measured]:
         ) as client,
     ):
         client.get("/").raise_for_status()
-        figures = [Measured(f"first page, {state}", taken_s(process), "CPU s")]
+        figures = [Measurement(f"first page, {state}", taken_s(process), "CPU s")]
         if state == "all compiled":
             resident, anonymous = resident_mb(process)
-            figures.append(Measured("resident before anybody plays", resident, "MB"))
-            figures.append(Measured("of it anonymous", anonymous, "MB"))
+            figures.append(Measurement("resident before anybody plays", resident, "MB"))
+            figures.append(Measurement("of it anonymous", anonymous, "MB"))
         client.post("/api/sessions", json={}).raise_for_status()
-        figures.append(Measured(f"first board, {state}", taken_s(process), "CPU s"))
+        figures.append(Measurement(f"first board, {state}", taken_s(process), "CPU s"))
         if state == "all compiled":
             wait_for_move(client, client.post("/api/sessions", json={"player": "ppo"}).json())
             resident, anonymous = resident_mb(process)
-            figures.append(Measured("resident after ppo has played", resident, "MB"))
-            figures.append(Measured("then anonymous", anonymous, "MB"))
+            figures.append(Measurement("resident after ppo has played", resident, "MB"))
+            figures.append(Measurement("then anonymous", anonymous, "MB"))
     return figures
 
 
@@ -139,7 +139,9 @@ def main() -> None:
         measures = measure_server(cold, "nothing compiled")
         measures += measure_server(full, "all compiled")
         first_step, _ = seconds(FIRST_STEP, str(Path(folder) / "step"))
-    measures.append(Measured("first step of gymnasium.make, nothing compiled", first_step, "CPU s"))
+    measures.append(
+        Measurement("first step of gymnasium.make, nothing compiled", first_step, "CPU s")
+    )
     print_table("Kernels", ("kernel", "versions", "CPU s", "kB"), kernels)
     click.echo(f"{sum(float(row[2]) for row in kernels):.1f} CPU s in all")
     rows = [

@@ -64,7 +64,7 @@ GHOST = "/api/episodes/{}/ghost?policy={}"
 MOST_RATIO = 2.0
 
 
-class Greedy:
+class GreedyClient:
     """The requests of one client over each of its connections, in turn, until killed."""
 
     def __init__(self, url: str, episodes: list[str]) -> None:
@@ -131,20 +131,20 @@ class Greedy:
                 del self._connections[number]
 
 
-FLOODS: dict[str, Callable[[Greedy, int], None]] = {
-    "exports": Greedy.exports,
-    "slow readers": Greedy.slow_readers,
-    "ghosts and costs": Greedy.ghosts_and_costs,
-    "garbage": Greedy.garbage,
-    "new boards": Greedy.new_boards,
-    "public reads": Greedy.public_reads,
+FLOODS: dict[str, Callable[[GreedyClient, int], None]] = {
+    "exports": GreedyClient.exports,
+    "slow readers": GreedyClient.slow_readers,
+    "ghosts and costs": GreedyClient.ghosts_and_costs,
+    "garbage": GreedyClient.garbage,
+    "new boards": GreedyClient.new_boards,
+    "public reads": GreedyClient.public_reads,
 }
 
 
 def be_greedy(kind: str, url: str, episodes: list[str]) -> None:
     """Flood until a line comes on standard input, then print the answers' statuses."""
     os.nice(19)
-    client = Greedy(url, episodes)
+    client = GreedyClient(url, episodes)
 
     def again(number: int) -> None:
         while True:

@@ -40,7 +40,7 @@ from humanplay.web.simulate import Outcome, Plan, RefusedError, ServerAwayError,
 from tests.app.protection.test_bare_port import MISBEHAVING
 from tests.app.protection.test_memory import come_and_go
 from tests.support.others import misbehaving
-from tests.support.servers import Running
+from tests.support.servers import RunningServer
 from tests.support.study import freeze
 
 STUDIES, PARTICIPANTS, VISITORS = ("first", "second"), 5, 10
@@ -79,7 +79,7 @@ class Soak:
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
         assert self.process.stdout is not None
         line = next(line for line in self.process.stdout if "is open at" in line)
-        self.server = Running(int(line.split("http://127.0.0.1:")[1].split()[0]))
+        self.server = RunningServer(int(line.split("http://127.0.0.1:")[1].split()[0]))
 
     def begin(self) -> list[threading.Thread]:
         """Let everybody come; the threads end soon after `end`."""

@@ -133,7 +133,7 @@ def work(environment, search, folder, connection):
     jobs.work(Connection(connection))
 
 
-class Forked:
+class ForkedProcess:
     """A forked process, with the members of `subprocess.Popen` that are used of it."""
 
     def __init__(self, task, *arguments, handle=None):
@@ -170,7 +170,7 @@ class Worker(jobs._Process):
         self._connection, others = Pipe()
         del nice
         environment = {**os.environ, **jobs.ONE_THREAD}
-        self._process = Forked(
+        self._process = ForkedProcess(
             "work", environment, sys.path, str(Path.cwd()), handle=others.fileno()
         )
         others.close()
@@ -184,7 +184,7 @@ def forked_workers():
         yield
 
 
-class ServerProcess(Forked):
+class ServerProcess(ForkedProcess):
     """A server's process; `stdout` reads what it printed."""
 
     def __init__(self, settings, log, listening=None):

@@ -113,7 +113,7 @@ class Engine(uvicorn.Server):
         return bool(self.server_state.connections or self.server_state.tasks)
 
 
-class Running:
+class RunningServer:
     """A server at `url`, and clients for it."""
 
     def __init__(self, port, clock=None):
@@ -239,7 +239,7 @@ def running_server(policies, /, sources=None, **settings):
     sock = listen("127.0.0.1", 0)
     bound_connections(sock, settings["limits"].answer_s)
     clock = MovableClock()
-    server = Running(sock.getsockname()[1], clock)
+    server = RunningServer(sock.getsockname()[1], clock)
     sources = sources or Sources(clock_ms=clock.now_ms)
     server.app = create_app(Settings(**settings), Prepared(sources, policies))
     engine = Engine(uvicorn_config(server.app))
@@ -318,7 +318,7 @@ def spawn(tmp_path, tmp_path_factory, limits):
                 break
         assert lines, "the server printed nothing"
         assert "is open at" in lines[-1], "".join(lines)
-        server = Running(int(lines[-1].split("http://127.0.0.1:")[1].split()[0]))
+        server = RunningServer(int(lines[-1].split("http://127.0.0.1:")[1].split()[0]))
         server.process, server.printed = process, lines
         servers.append(server)
 

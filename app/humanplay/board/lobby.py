@@ -501,6 +501,7 @@ class Lobby:
         now = self.sources.clock_ms()
         asked = self.store.resume_session(session_id, now)
         player_id = session_id if asked is None else asked.session.rival_of or session_id
+        # always both boards: one that came back alone would never meet the other again
         ids = [player_id, self.store.rival_of(player_id)]
         rows = [self.store.resume_session(id_, now) for id_ in ids if id_ is not None]
         if asked is None or rows[0] is None:

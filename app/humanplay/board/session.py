@@ -491,6 +491,7 @@ class Session:
         elsewhere, loop = cast(RunElsewhere, run), asyncio.get_running_loop()
         if await elsewhere.ask(action):
             return step()
+        # its process was lost: it repeats the moves before this one, too long for the event loop
         elsewhere.tell = lambda *progress: loop.call_soon_threadsafe(self._tell_progress, *progress)
         return await on_threads(self.task, step)
 

@@ -462,6 +462,7 @@ def forget(conn: sqlite3.Connection, erased: Iterable[Thing]) -> None:
 
     Late input events go with their episodes.
     """
+    # without its salt a hash that stays in the chain can be tied to nobody, not even by trying
     sql = "DELETE FROM chain_salts WHERE id = ? AND kind IN (?, ?) RETURNING number"
     deleted = [
         select(conn, sql, (ident, kind, _also(kind))).fetchall() for kind, ident, _ in erased

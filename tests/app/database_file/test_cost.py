@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.servers import Running
+from tests.support.servers import RunningServer
 
 pytestmark = pytest.mark.bench
 
@@ -31,7 +31,7 @@ such delays."""
 DELAYS_MS = 5.0
 
 
-class Played:
+class PlayedServer:
     """A server in its own process, boards on it, and each move's time in ms."""
 
     def __init__(self, stack, database, mode, boards):
@@ -40,7 +40,7 @@ class Played:
             _ended(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
         )
         line = next(line for line in self.process.stdout if "is open at" in line)
-        server = Running(int(line.split("http://127.0.0.1:")[1].split()[0]))
+        server = RunningServer(int(line.split("http://127.0.0.1:")[1].split()[0]))
         stack.callback(server.close)
         client = server.client()
         begun = [
@@ -90,7 +90,9 @@ def test_the_thread_that_writes_costs_a_move_less_than_half_a_millisecond(tmp_pa
     """Several boards' moves share commits, which makes up for the thread."""
     with ExitStack() as stack:
         modes = "without", "with"
-        inline, threaded = (Played(stack, tmp_path / f"{mode}.db", mode, boards) for mode in modes)
+        inline, threaded = (
+            PlayedServer(stack, tmp_path / f"{mode}.db", mode, boards) for mode in modes
+        )
         for step in range(rounds):
             for played in (inline, threaded) if step % 2 else (threaded, inline):
                 played.move_all(step)

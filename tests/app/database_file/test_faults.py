@@ -16,7 +16,7 @@ from humanplay.web.simulate import KEY_CODES, Clock
 from tests.support.command_server import command_server
 from tests.support.faults import FakeClock, failing, needs_faketime, needs_strace
 from tests.support.page_loads import LOAD
-from tests.support.servers import PATIENCE_S, Running
+from tests.support.servers import PATIENCE_S, RunningServer
 
 SERVE = [sys.executable, "-m", "humanplay.cli", "serve", "--port", "0", "--database"]
 BOARD = {"size": [9, 13], "seed": 5}
@@ -59,7 +59,7 @@ def level_of(client, episode):
 def served(path, environment):
     """Yield a server that its command starts."""
     with command_server([*SERVE, path], env=os.environ | environment) as (process, address):
-        server = at_a_persons_pace(Running(int(address.rsplit(":", 1)[1].strip("/"))))
+        server = at_a_persons_pace(RunningServer(int(address.rsplit(":", 1)[1].strip("/"))))
         server.process = process
         try:
             yield server

@@ -19,7 +19,7 @@ from tests.support.servers import eventually
 BOARD = np.zeros((3, 4), np.uint8)
 
 
-class Recorded:
+class RecordingPolicy:
     """A policy that notes when it decides, and waits until it may."""
 
     name = "recorded"
@@ -53,7 +53,7 @@ def test_a_board_waits_for_one_long_decision_and_not_for_thirty(owners, monkeypa
     order, spent_s, lasts = [], [], Random(3)
     monkeypatch.setattr(agent, "time", SimpleNamespace(monotonic=lambda: sum(spent_s)))
 
-    class Long(Recorded):
+    class LongPolicy(RecordingPolicy):
         def act(self, observation):
             spent_s.append(lasts.uniform(0.01, 0.02))
             return super().act(observation)
@@ -61,7 +61,7 @@ def test_a_board_waits_for_one_long_decision_and_not_for_thirty(owners, monkeypa
     async def ask(decisions):
         async def keep_asking(owner):
             while True:
-                await decisions.act(Long("crowd", order), BOARD, owner)
+                await decisions.act(LongPolicy("crowd", order), BOARD, owner)
 
         crowd = [asyncio.create_task(keep_asking(owner)) for owner in owners]
         while len(order) < 30:  # each has had a decision, and asks for the next
@@ -69,7 +69,7 @@ def test_a_board_waits_for_one_long_decision_and_not_for_thirty(owners, monkeypa
         waits = []
         for _ in range(3):
             before = len(order)
-            await decisions.act(Recorded("alone", order), BOARD, "alone")
+            await decisions.act(RecordingPolicy("alone", order), BOARD, "alone")
             waits.append(order[before:].index("alone"))
         for task in crowd:
             task.cancel()
@@ -84,12 +84,12 @@ def test_a_decision_that_takes_too_long_is_given_up_and_the_next_is_made_meanwhi
     async def ask(decisions):
         stuck = [
             asyncio.create_task(
-                decisions.act(Recorded("stuck", order, until=release), BOARD, "one")
+                decisions.act(RecordingPolicy("stuck", order, until=release), BOARD, "one")
             )
             for _ in range(2)
         ]
         await asyncio.sleep(0.01)
-        quick = asyncio.create_task(decisions.act(Recorded("quick", order), BOARD, "two"))
+        quick = asyncio.create_task(decisions.act(RecordingPolicy("quick", order), BOARD, "two"))
         results = await asyncio.gather(*stuck, quick, return_exceptions=True)
         release.set()
         return results
@@ -109,7 +109,7 @@ class CatalogueWithSlow(PolicyCatalogue):
 
     def load(self, name):
         self.loaded += 1
-        return Recorded("slow", [], until=self.release if self.loaded == 1 else None)
+        return RecordingPolicy("slow", [], until=self.release if self.loaded == 1 else None)
 
 
 def test_a_board_whose_policy_takes_too_long_says_so_pauses_and_can_go_on(serve):

@@ -18,7 +18,7 @@ import pytest
 from humanplay.study.verification import verify_database
 from marsexplorer.config import ACTIONS
 from tests.support.browser import free_port
-from tests.support.servers import PATIENCE_S, Running, eventually
+from tests.support.servers import PATIENCE_S, RunningServer, eventually
 
 KINDS = ("human", "rival", "policy")
 STOP_S = 5.0
@@ -262,7 +262,7 @@ def start_unit(tmp_path):
         )
         processes.append(process)
         address_line = next(line for line in process.stdout if "is open at" in line)
-        server = Running(int(address_line.split("http://127.0.0.1:")[1].split()[0]))
+        server = RunningServer(int(address_line.split("http://127.0.0.1:")[1].split()[0]))
         server.process = process
         return server
 

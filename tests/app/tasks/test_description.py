@@ -22,7 +22,7 @@ from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from humanplay.tasks.gymnasium.run import GymnasiumRun
 from humanplay.tasks.gymnasium.task import GymnasiumTask
 from tests.support.command import command
-from tests.support.servers import Running, eventually
+from tests.support.servers import RunningServer, eventually
 
 OURS = "tests.support.environments"
 PATH = f"{OURS}:Path-v0"
@@ -162,7 +162,7 @@ def test_play_opens_a_browser_at_the_environment_without_what_mars_explorer_need
                 lambda: (tmp_path / "address").exists() and (tmp_path / "address").read_text()
             )
             address = (tmp_path / "address").read_text().strip()
-            found = Running(int(address.rsplit(":", 1)[1].strip("/")))
+            found = RunningServer(int(address.rsplit(":", 1)[1].strip("/")))
             client = found.page()
             assert client.get("/healthz").status_code == 200
             begun = client.post("/api/sessions", json={}).json()

@@ -14,7 +14,7 @@ from humanplay.tasks.mars.task import EXAMPLES
 from marsexplorer.policies import load, names
 from tests.support.fresh_machine import children, fresh_server, processor_s
 from tests.support.level_examples import examples
-from tests.support.servers import Running
+from tests.support.servers import RunningServer
 
 FIRST_PAGE_S = 6.0
 """Processor seconds at most, on a busy machine; research.speed.first_minute measures them."""
@@ -54,7 +54,7 @@ def test_on_a_fresh_machine_the_page_comes_at_once_and_moves_stay_quick_while_bo
     tmp_path,
 ):
     with fresh_server(tmp_path / "cache", tmp_path / "moves.db") as (process, port):
-        server = Running(port)
+        server = RunningServer(port)
         client = server.client()
         client.timeout = httpx.Timeout(COMPILING_S)
         assert client.get("/").status_code == 200

@@ -12,7 +12,7 @@ import pytest
 
 from humanplay.web.listening import ServerError, inherited_socket
 from tests.support.browser import free_port
-from tests.support.servers import PATIENCE_S, Running, eventually
+from tests.support.servers import PATIENCE_S, RunningServer, eventually
 
 
 def begin_and_move(server):
@@ -77,7 +77,7 @@ def test_systemd_passes_its_socket_on_to_the_command(tmp_path):
     ]
     command += ["serve", "--database", tmp_path / "play.db", "--port", "1"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        server = Running(port)
+        server = RunningServer(port)
         try:
             listening = ["ss", "-ltn", f"sport = :{port}"]
             eventually(lambda: b"LISTEN" in subprocess.check_output(listening))
