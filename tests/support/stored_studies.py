@@ -7,6 +7,7 @@ import json
 import random
 import secrets
 from contextlib import contextmanager
+from functools import partial
 
 import pytest
 
@@ -16,7 +17,7 @@ from humanplay.db.store import Closing, SessionRow, StepRow, Store, Trial
 from humanplay.db.study_rows import Participant
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import default_protocol
-from humanplay.study.seeds import TUTORIAL_SEED
+from humanplay.study.seeds import TUTORIAL_SEED, order_group
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.declared import DECLARATIONS
@@ -128,13 +129,17 @@ class StudyRecorder:
                 json.dumps({"session": session, "n": event}),
             )
         chain.append(self.conn, "participant", participant)
+        if self.study.protocol.arms:
+            draw = partial(self.study.arm, kind)
+            StudyStore(self.store).assign_arm(row, now, draw)
         return participant
 
     def _order(self, participant):
         """The order of the ranked terrains for a participant, as a server gives it."""
         study, studies = self.study, StudyStore(self.store)
         person = studies.participant(participant)
-        return study.balanced_order(person.kind, studies.order_number(person, self.clock))
+        group = order_group(person.kind, studies.arm(person.id))
+        return study.balanced_order(group, studies.order_number(person, self.clock))
 
     def play(self, participant, phase, trial, how="tour", spoil=None):
         """Return the id of an episode.

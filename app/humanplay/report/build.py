@@ -27,7 +27,7 @@ from humanplay.report.model import (
     PolicyRun,
     Report,
 )
-from humanplay.report.statistics.arms import arm_rows
+from humanplay.report.statistics.arms import arm_comparisons, arm_rows
 from humanplay.report.statistics.attestation_summary import attestation_summary
 from humanplay.report.statistics.comparisons import (
     FEWEST_TO_TEST,
@@ -164,6 +164,7 @@ def _group(
         worst=worst,
         statuses=status_rows(data, cohort, everybody),
         arms=arm_rows(data, cohort, everybody),
+        arm_comparisons=arm_comparisons(data, cohort, everybody),
         metrics=tuple(_metric(data, cohort, finished, metric) for metric in METRICS)
         if finished
         else (),

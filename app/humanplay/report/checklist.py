@@ -29,6 +29,7 @@ from humanplay.report.statistics.study_figures import (
 )
 from humanplay.study.data import StudyData
 from humanplay.study.flow import Status
+from humanplay.study.policy_episodes import tested_policies
 from humanplay.study.questions import Item as AskedItem
 from humanplay.task import Environment
 
@@ -133,7 +134,9 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "labelled": counted(labelled, "carries a label", "carry a label"),
         "compared": "Yes" if is_compared else "No",
         "policies": ", ".join(policies) or "none played",
-        "test": TEST.format(whom=interval_for(protocol)) if is_compared else "None.",
+        "test": TEST.format(whom=interval_for(protocol))
+        if is_compared and tested_policies(protocol)
+        else "None.",
         "equal": "Yes" if is_compared else "N/A",
         "metrics": f"{words.score[0].upper()}{words.score[1:]} and {words.steps} for both."
         if is_compared

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from humanplay.report.costs import CostSummary
+from humanplay.report.statistics.arm_comparisons import ArmComparison
 from humanplay.report.statistics.arms import ArmRow
 from humanplay.report.statistics.attestation_summary import AttestationSummary
 from humanplay.report.statistics.comparisons import PolicyComparison
@@ -93,6 +94,7 @@ class GroupReport:
     worst       by metric the value of a terrain that counts at the lowest score; None where none is declared
     statuses    everybody who came, by where they are
     arms        people and estimates by the protocol's arms; empty without arms
+    arm_comparisons  every two arms compared, in each metric
     left        began to play and have neither finished nor are still expected to: withdrawn, or the study is closed
     outcomes    ranked episodes by outcome; labels: ranked episodes by label
     flags       of those who began, people of whom it does not hold, by what the protocol's `flags` ask for
@@ -123,6 +125,7 @@ class GroupReport:
     worst: dict[str, float | None]
     statuses: tuple[StatusRow, ...]
     arms: tuple[ArmRow, ...]
+    arm_comparisons: tuple[ArmComparison, ...]
     metrics: tuple[Metric, ...]
     players: tuple[PlayerRow, ...]
     comparisons: tuple[PolicyComparison, ...]

@@ -111,6 +111,7 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
         "statuses": _statuses(group),
         "attrition": _attrition(group),
         "by_arm": _by_arm(group),
+        "arms_compared": _arms_compared(group),
         "against": _against(report, group) if compared else None,
         "exclusion_sets": _exclusion_sets(group),
         "attestation": _attestation(group),
@@ -345,6 +346,26 @@ def _by_arm(group: GroupReport) -> PageTable | None:
     ]
     heads = "arm", "estimate", "players", "score", group.words.steps, group.words.reached
     return PageTable("Means over the players of each arm, with 95 % intervals", heads, rows)
+
+
+def _arms_compared(group: GroupReport) -> PageTable | None:
+    """Arms minus each other under both estimates; None where nobody began."""
+    if not any(row.everybody.players for row in group.arms):
+        return None
+    names = {"score": group.words.score, "steps": group.words.steps}
+    rows = [
+        (
+            f"{row.arm} − {row.other}",
+            names[row.metric],
+            _with_interval(row.difference, row.interval, DIGITS[row.metric]),
+            _with_interval(row.everybody, row.everybody_interval, DIGITS[row.metric]),
+            p_value(row.p_value),
+            p_value(row.p_adjusted),
+        )
+        for row in group.arm_comparisons
+    ]
+    heads = "arms", "in", "difference, per protocol", "everybody", "p", "p (Holm)"
+    return PageTable("Arms minus each other on the same instances", heads, rows)
 
 
 def _exclusion_sets(group: GroupReport) -> PageTable:

@@ -67,8 +67,11 @@ def compared_policies(protocol: Protocol) -> list[str]:
 def tested_policies(protocol: Protocol) -> list[str]:
     """The policies whose difference from the people is tested: the protocol's, without `random`.
 
-    None in a score without a lowest value: those who leave have none, so only finishers could claim it.
+    None in a score without a lowest value: those who leave have none, so only finishers could claim it. And none where the
+    arms are the family that is tested.
     """
+    if protocol.primary_family == "arms":
+        return []
     lowest, _ = protocol.environment.bounds(protocol.env_config)
     if protocol.primary_metric == "score" and not math.isfinite(lowest):
         return []

@@ -163,12 +163,14 @@ class Declarations(Part):
 class Power(Part):
     """What a study can see, by simulated studies with its assumptions.
 
+    arms_differ    share that tell two arms apart which differ by `arm_difference`; None: arms are not tested
     policy_better  share (0..1) of studies that see a policy which is better by `policy_difference`; None: none is tested
     people_better  share that see one which is worse
     half_width     of the 95 % interval of the mean of those who finish, on average; None where people or terrains are too few
     studies        simulated
     """
 
+    arms_differ: float | None = Field(default=None, ge=0, le=1)
     policy_better: float | None = Field(default=None, ge=0, le=1)
     people_better: float | None = Field(default=None, ge=0, le=1)
     half_width: float | None = Field(default=None, ge=0, allow_inf_nan=False)
@@ -176,7 +178,9 @@ class Power(Part):
 
     @property
     def lower(self) -> float | None:
-        """The share that decides: the lower of the two."""
+        """The share that decides: that of the arms, else the lower of the two."""
+        if self.arms_differ is not None:
+            return self.arms_differ
         if self.policy_better is None or self.people_better is None:
             return None
         return min(self.policy_better, self.people_better)
@@ -333,6 +337,8 @@ class Protocol(Part):
     assumed_failed_share of episodes that fail, 0..1
     assumed_leaver_share of the people who begin a ranked episode and leave, 0..1
     policy_difference    between a policy and the people, in the primary metric: what the study is planned to see
+    primary_family       what is tested: the policies against the people, or the arms against each other
+    arm_difference       between two arms, in the primary metric: what a study of arms is planned to see
     power                what freezing found the study to see
     declarations         what only the authors know; freezing asks for all of them
     """
@@ -394,6 +400,8 @@ class Protocol(Part):
     assumed_failed_share: float = Field(default=0.01, ge=0, le=0.5, allow_inf_nan=False)
     assumed_leaver_share: float = Field(default=0.05, ge=0, le=0.5, allow_inf_nan=False)
     policy_difference: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    primary_family: Literal["policies", "arms"] = "policies"
+    arm_difference: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     power: Power | None = None
     declarations: Declarations = Declarations()
 
@@ -512,6 +520,11 @@ class Protocol(Part):
                     f"the block {block.name!r} has an attention check for some arms alone, so that checks would leave out "
                     "more of one arm: ask everybody"
                 )
+        if self.primary_family == "arms" and (not self.arms or self.arm_difference is None):
+            raise ValueError(
+                "primary_family arms needs arms, and arm_difference: the difference between two of them, in the primary "
+                "metric, that the study is to see"
+            )
         reads: dict[object, str] = {}
         for arm in self.arms:
             asked_of_all = {block.name for block in self.blocks if arm.name in block.arms}

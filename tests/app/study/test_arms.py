@@ -7,17 +7,22 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
 import httpx
+import numpy as np
 import pytest
 
 from humanplay.db.erasure import forget
 from humanplay.report.build import build
+from humanplay.report.model import PolicyRun
 from humanplay.report.preregistration import preregistration
 from humanplay.study.data import load
 from humanplay.study.protocol import StudyError
 from humanplay.study.seeds import drawn_arm
 from humanplay.study.verification import verify_database
 from tests.support.command import command
+from tests.support.golden_study import moves_of
 from tests.support.recorded import alter, ask
+from tests.support.stored_studies import StudyRecorder
+from tests.support.stored_studies import freeze as freeze_stored
 from tests.support.study import Person, freeze
 
 YES, NO = ({"version": "1", "agree": agree} for agree in (True, False))
@@ -252,7 +257,7 @@ def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
     assert Counter(row.split(",")[column] for row in table[1:]) == Counter(arms)
     code, printed, error = command(capsys, "reproduce", out)
     assert code == 0, printed + error
-    assert "no difference between arms is tested" in preregistration(study.protocol, study)
+    assert "They have no p: the policies are tested" in preregistration(study.protocol, study)
 
 
 @pytest.mark.parametrize(
@@ -269,6 +274,7 @@ def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
             {"arms": ARMS, "blocks": [{**ABOUT, "name": "w", "at": "before", "arms": ["told"], "questions": [CHECK]}]},
             "an attention check for some arms alone",
         ),
+        ({"primary_family": "arms"}, "primary_family arms needs arms, and arm_difference"),
         ({"arms": [{"name": "a", "hint": "{rows_}"}, {"name": "b"}]}, "unknown placeholder"),
         ({"arms": [{"name": "a", "hint": "Play 30 rounds."}, {"name": "b"}]}, "counts by hand"),
     ],
@@ -284,3 +290,30 @@ def test_arms_of_a_block_are_as_many_of_each_in_an_order_that_changes(tmp_path):
     assert {tuple(sorted(block)) for block in blocks} == {(0, 0, 1, 1, 2, 2)}
     assert len(set(blocks)) > 50
     assert draws[:6] != [drawn_arm(b"s" * 32, "h", "script", number, 3) for number in range(6)]
+
+
+def test_a_study_of_arms_tests_them_and_no_policy(tmp_path):
+    study = freeze_stored(
+        tmp_path / "studies", arms=ARMS, primary_family="arms", arm_difference=5, ranked=5, players=12
+    )  # fmt: skip
+    recorder = StudyRecorder(tmp_path / "play.db", study)
+    for number in range(12):
+        person = recorder.join(number)
+        slips = 0.05 if study.arm("human", number) == "told" else 0.5
+        for trial in range(5):
+            recorder.play(person, "ranked", trial, moves_of(slips, number, trial))
+    recorder.close()
+    data = load(tmp_path / "play.db", study.name)
+    report = build(data, [PolicyRun("frontier-cost", np.ones(5), np.full(5, 20.0), ("",) * 5)])
+    group = report.groups[0]
+    rows = {row.metric: row for row in group.arm_comparisons}
+    assert {(row.arm, row.other) for row in rows.values()} == {("told", "control")}
+    steps = rows["steps"]
+    means = [row.per_protocol.steps.mean for row in group.arms]
+    assert steps.difference == pytest.approx(means[0] - means[1])
+    assert steps.interval[0] < steps.difference < steps.interval[1] < 0
+    assert steps.p_value == steps.p_adjusted < 0.05
+    assert rows["score"].p_value is None
+    assert group.comparisons
+    assert all(row.p_value is None for row in group.comparisons)
+    assert "For each two arms" in preregistration(study.protocol, study)

@@ -901,12 +901,16 @@ def _day(ms: int) -> str:
 
 
 def _check_power(protocol: Protocol) -> None:
-    """Refuse a study that tests policies and sees its planned difference in less than 50 % of cases."""
+    """Refuse a study that sees its planned difference in less than 50 % of cases."""
     from humanplay.report.statistics.planning import LEAST_POWER, power_in_words
     from humanplay.study.policy_episodes import tested_policies
 
-    power = protocol.power
-    if not tested_policies(protocol) or power is None or (power.lower or 0.0) >= LEAST_POWER:
+    power, is_of_arms = protocol.power, protocol.primary_family == "arms"
+    if (
+        not (tested_policies(protocol) or is_of_arms)
+        or power is None
+        or (power.lower or 0.0) >= LEAST_POWER
+    ):
         return
     ways = "; or ".join(
         [*_ways(protocol), "freeze with --underpowered where it is a rehearsal or a pilot"]
@@ -925,6 +929,8 @@ def _ways(protocol: Protocol) -> list[str]:
         reachable_difference,
     )
 
+    if protocol.primary_family == "arms":
+        return ["plan more players, or a larger arm_difference"]
     design, difference, ways = _design(protocol), protocol.policy_difference, []
     with progress("looking for the fewest players and the least difference"):
         fewest = None if difference is None else fewest_participants(design, difference)

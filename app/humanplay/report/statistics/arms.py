@@ -6,8 +6,15 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from humanplay.report.statistics.exclusion_sets import Cohort, Everybody, members, statuses
-from humanplay.report.statistics.study_figures import StudyFigure, estimates_of
+from humanplay.report.statistics.arm_comparisons import ArmComparison, compare_arms
+from humanplay.report.statistics.exclusion_sets import (
+    METRICS,
+    Cohort,
+    Everybody,
+    members,
+    statuses,
+)
+from humanplay.report.statistics.study_figures import StudyFigure, estimates_of, worst_value
 from humanplay.study.data import StudyData
 from humanplay.study.flow import BEGAN, ENDED, Status
 
@@ -38,9 +45,36 @@ def arm_rows(data: StudyData, cohort: Cohort, everybody: Everybody) -> tuple[Arm
 
     Who leaves which arm is an outcome, too.
     """
-    if data.closed_ms is None and cohort.kind == "human":
+    if not _is_shown(data, cohort):
         return ()
     return tuple(_row(data, cohort, everybody, arm.name) for arm in data.protocol.arms)
+
+
+def arm_comparisons(
+    data: StudyData, cohort: Cohort, everybody: Everybody
+) -> tuple[ArmComparison, ...]:
+    """Every two arms in each metric; none of people of an open study."""
+    protocol = data.protocol
+    if not _is_shown(data, cohort):
+        return ()
+    ids = members(cohort, protocol.per_protocol), members(everybody.cohort, {})
+    finished, began = (
+        {arm.name: of_arm(cohort, some, arm.name) for arm in protocol.arms} for some in ids
+    )
+    rows: list[ArmComparison] = []
+    for metric in METRICS:
+        tables = {arm: cohort.table(people, metric) for arm, people in finished.items()}
+        second = None
+        if worst_value(protocol.environment, protocol.env_config, metric) is not None:
+            second = {arm: everybody.cohort.table(people, metric) for arm, people in began.items()}
+        is_primary = protocol.primary_family == "arms" and metric == protocol.primary_metric
+        is_tested = is_primary and second is not None
+        rows += compare_arms(metric, tables, second, is_tested, protocol.terrains_drawn)
+    return tuple(rows)
+
+
+def _is_shown(data: StudyData, cohort: Cohort) -> bool:
+    return data.closed_ms is not None or cohort.kind != "human"
 
 
 def of_arm(cohort: Cohort, ids: Sequence[str], arm: str) -> list[str]:

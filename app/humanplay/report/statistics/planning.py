@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 
 from humanplay.jobs import Progress
+from humanplay.report.statistics.arm_comparisons import arm_p
 from humanplay.report.statistics.comparisons import holm, policy_p
 from humanplay.report.statistics.exclusion_sets import members, people_of
 from humanplay.report.statistics.intervals import Interval, interval
@@ -250,6 +251,42 @@ def simulate_half_width(design: StudyDesign, studies: int = IN_A_SEARCH) -> floa
     return float(np.concatenate(widths).mean())
 
 
+def simulate_arm_power(
+    design: StudyDesign, arms: int, difference: float, studies: int = WHILE_TYPING
+) -> float:
+    """The share of studies that tell two arms apart which differ by `difference`.
+
+    The one that is ahead has the assumed mean, and no terrain favours an arm. In each arm its share
+    of the people finishes, and people leave as in any study.
+    """
+    people = design.participants // arms
+    if not replace(design, participants=people).is_tested:
+        return 0.0
+    behind = design.mean + (-difference if design.higher_is_better else difference)
+    designs = design, replace(design, mean=behind)
+    share = 0.0 if design.worst is None else design.leaver_share
+    size = max(1, CELLS_AT_ONCE // (2 * people * design.terrains))
+    seen = 0
+    for first in range(0, studies, size):
+        rng = np.random.default_rng([SEED, first])
+        drawn = rng.negative_binomial(people, 1 - share, (min(size, studies - first), 2))
+        for leavers, count in zip(*np.unique(drawn, axis=0, return_counts=True), strict=True):
+            one, other = (_played(arm, int(count), people, rng) for arm in designs)
+            everybody = None
+            if design.worst is not None:
+                left, left_there = (
+                    _left(arm, design.worst, (int(count), int(number)), rng)
+                    for arm, number in zip(designs, leavers, strict=True)
+                )
+                everybody = np.concatenate([one, left], 1), np.concatenate([other, left_there], 1)
+            p_values = arm_p((one, other), everybody, design.terrains_drawn)
+            ahead = one.mean((-2, -1)) - other.mean((-2, -1))
+            # the smallest p of a family is multiplied by the number of its tests
+            is_seen = p_values * (arms * (arms - 1) // 2) < 1 - CONFIDENCE
+            seen += int((is_seen & (np.sign(ahead) == np.sign(design.mean - behind))).sum())
+    return seen / studies
+
+
 def power_of(
     protocol: Protocol, studies: int = WHILE_TYPING, advance: Progress | None = None
 ) -> Power:
@@ -259,6 +296,10 @@ def power_of(
     """
     design = design_of(protocol)
     half_width = simulate_half_width(design)
+    if protocol.primary_family == "arms" and protocol.arm_difference is not None:
+        arms = len(protocol.arms)
+        share = simulate_arm_power(design, arms, protocol.arm_difference, studies)
+        return Power(arms_differ=share, half_width=half_width, studies=studies)
     if not design.policies or protocol.policy_difference is None:
         return Power(half_width=half_width, studies=studies)
     better, worse = simulate_power(design, protocol.policy_difference, studies, advance=advance)
@@ -308,7 +349,13 @@ def power_in_words(protocol: Protocol) -> str:
     power, metric = protocol.power, metric_in_words(protocol)
     assert power is not None
     sentences = []
-    if not design_of(protocol).is_tested:
+    if power.arms_differ is not None:
+        people = counted(protocol.players // len(protocol.arms), "person", "people")
+        sentences.append(
+            f"Two arms of {people} each that differ by {protocol.arm_difference:g} in {metric} are told apart in "
+            f"{100 * power.arms_differ:.0f} % of studies: that is the power."
+        )
+    elif not design_of(protocol).is_tested:
         sentences.append(
             "No interval and no p is given below five people or five instances, so no difference is seen."
         )
