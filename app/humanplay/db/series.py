@@ -454,6 +454,12 @@ def count_places(reader: Reader, study: str, since_ms: int | None) -> int:
     return int(reader.query(sql, [study, since_ms])[0]["n"]) + erased
 
 
+def count_dry_runs(reader: Reader, study: str) -> tuple[int, int]:
+    """How many dry runs of a study there were, and how many people agreed to take part."""
+    (row,) = reader.query(DRY_RUNS, [study])
+    return row["dry_runs"], row["dry_run_people"]
+
+
 def count_freezings(reader: Reader, study: str) -> int:
     """Return how often a study of this name was frozen, as the chain says: secrets that were tried out stand there."""
     sql = "SELECT count(*) AS n FROM chain WHERE kind = 'frozen' AND json_extract(note, '$.study') = ?"

@@ -15,10 +15,10 @@ from humanplay.db.input_events import input_events
 from humanplay.db.reader import Reader
 from humanplay.db.rows import PlayerSettings, StageEvent
 from humanplay.db.series import (
-    DRY_RUNS,
     ListedAmounts,
     amounts_listed,
     answers_of_people,
+    count_dry_runs,
     count_freezings,
     erased_people,
     exports_while_open,
@@ -215,9 +215,10 @@ def _arrivals(reader: Reader, study: str, people: Sequence[Person]) -> Arrivals:
     undecided = [each for each in people if each.kind == "human" and each.consent_version is None]
     withdrawn = [person for person in undecided if person.stage == "withdrawn"]
     turned_away = Counter(left_as(person.events) for person in withdrawn)
-    (dry_runs,) = reader.query(DRY_RUNS, [study])
+    dry_runs, dry_run_people = count_dry_runs(reader, study)
     return arrivals_of(
-        **dry_runs,
+        dry_runs=dry_runs,
+        dry_run_people=dry_run_people,
         declined=turned_away[None],
         undecided=len(undecided) - len(withdrawn),
         unfit=turned_away[Outcome.UNFIT_DEVICE],
