@@ -1,4 +1,6 @@
-"""`python -m research.baselines`: rules from elsewhere beside ours, on the same terrains.
+"""Compares rules from elsewhere with ours on the same terrains.
+
+    python -m research.baselines
 
 All rules play a terrain before the next one, so a run that was stopped goes on where it was.
 """
@@ -67,7 +69,7 @@ def measure(side: int, terrains: int) -> None:
 
 
 def steps_by_seed(path: Path) -> tuple[list[int], dict[str, Floats], dict[str, Floats]]:
-    """(seeds, policy -> moves, policy -> shares) of the terrains that all rules played."""
+    """What all rules played: (seeds, policy -> moves, policy -> shares)."""
     with path.open(newline="") as file:
         rows = [*csv.DictReader(file)]
     names = [rule.name for rule in players()]
@@ -86,7 +88,7 @@ def steps_by_seed(path: Path) -> tuple[list[int], dict[str, Floats], dict[str, F
 
 
 def table(sides: Sequence[int] = SIDES) -> str:
-    """The moves of each rule, over those of the paper's better rule and of our best one."""
+    """Each rule's moves, over those of the paper's better rule and of our best one."""
     rows = []
     for side in filter(lambda side: file_of(side).is_file(), sides):
         seeds, moves, shares = steps_by_seed(file_of(side))

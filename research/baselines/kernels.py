@@ -1,4 +1,7 @@
-"""Searches of the rules from elsewhere, compiled. Cells are flat, row * cols + col."""
+"""Searches of the rules from elsewhere, compiled.
+
+Cells are flat: row * cols + col.
+"""
 
 from __future__ import annotations
 

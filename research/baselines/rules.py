@@ -59,13 +59,13 @@ class DistanceAdvantage:
             self._from_rover, self._candidates = np.zeros((2, codes.size), np.int32)
             self._bounds = np.zeros(codes.size)
         row, col = memory.position
-        rover, known = row * codes.shape[1] + col, int(np.count_nonzero(codes))
+        rover, known_cells = row * codes.shape[1] + col, int(np.count_nonzero(codes))
         # While the map stays as it is, each move makes the best candidate better by 1, and no other
         # by more.
-        if known != self._known or rover == self._goal:
+        if known_cells != self._known or rover == self._goal:
             arrays = (self._view, self._scratch, self._from_rover, self._candidates, self._bounds)
             self._goal = most_advantageous(codes, memory.visited, rover, self.weight, *arrays)
-            self._known = known
+            self._known = known_cells
         if self._goal < 0:
             return self._nearest.decide(memory)
         return int(step_toward(codes, rover, memory.heading, self._goal, False, self._scratch))

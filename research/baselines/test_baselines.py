@@ -1,4 +1,4 @@
-"""The rules from elsewhere do what is written of them, and are compared on the same terrains."""
+"""Rules from elsewhere do what is written of them, all on the same terrains."""
 
 from pathlib import Path
 
@@ -35,11 +35,11 @@ def is_frontier(codes, cell):
 def advantages(codes, visited, rover, weight):
     """Candidate -> advantage, as the module's docstring has it."""
     from_rover = moves_from(codes, rover)
-    found = {}
+    by_candidate = {}
     for cell, moves in from_rover.items():
         if cell not in visited and is_frontier(codes, cell):
-            found[cell] = weight * np.mean([*moves_from(codes, cell).values()]) - moves
-    return found
+            by_candidate[cell] = weight * np.mean([*moves_from(codes, cell).values()]) - moves
+    return by_candidate
 
 
 @pytest.mark.parametrize("weight", [0.0, 0.5, 1.0])

@@ -58,7 +58,7 @@ Records = Mapping[Training, Record]
 
 
 def verdict(effect: Estimate | None) -> str:
-    """Return the verdict on a factor by its effect; None: not all trainings are finished."""
+    """The verdict on a factor; its effect is None until all trainings are finished."""
     if effect is None:
         return "undecided"
     if effect.low > LARGE or effect.high < -LARGE:
@@ -74,7 +74,7 @@ def sweeps(coverages: Sequence[float]) -> bool:
 
 
 def effect_of(factor: str, records: Records) -> Estimate | None:
-    """Return the effect of a factor on coverage; None until all trainings are finished."""
+    """A factor's effect on coverage; None until all trainings are finished."""
     high, low = LEVELS[factor]
     by_seed: dict[int, list[float]] = {seed: [] for seed in SEEDS}
     for record in records.values():
@@ -150,14 +150,14 @@ def table(records: Records) -> str:
     rows = [[*head, *COLUMNS, *HELD_OUT, "sweeps"], ["---"] * 14]
     ordered = sorted(records.values(), key=lambda record: kind_of(record.training), reverse=True)
     for kind, group in groupby(ordered, lambda record: kind_of(record.training)):
-        own = list(group)
-        moves = min(record.lines[-1]["moves"] for record in own)
-        columns = [low_to_high([record.last(name) for record in own]) for name in COLUMNS]
-        results = [record.result for record in own if record.result]
+        same_kind = list(group)
+        moves = min(record.lines[-1]["moves"] for record in same_kind)
+        columns = [low_to_high([record.last(name) for record in same_kind]) for name in COLUMNS]
+        results = [record.result for record in same_kind if record.result]
         for name in HELD_OUT:
             columns.append(low_to_high([result[name] for result in results]) if results else "")
-        is_sweep = sweeps([record.last("coverage") for record in own])
-        rows.append([*kind, str(len(own)), f"{moves:,}", *columns, "yes" if is_sweep else ""])
+        is_sweep = sweeps([record.last("coverage") for record in same_kind])
+        rows.append([*kind, str(len(same_kind)), f"{moves:,}", *columns, "yes" if is_sweep else ""])
     effects = [["factor", "effect on coverage", "verdict"], ["---"] * 3]
     measured = {factor: effect_of(factor, records) for factor in LEVELS}
     for factor, effect in {**measured, "passes": effect_of_passes(records)}.items():

@@ -1,4 +1,4 @@
-"""How often the interval of a difference between two arms holds the truth, in simulated studies.
+"""How often the interval of two arms' difference holds the truth, by simulation.
 
 `python -m research.methods.arm_coverage`
 """
@@ -59,7 +59,7 @@ def lines(studies: int, seed: int) -> Iterator[str]:
 @click.option("--studies", default=2000, show_default=True, help="Simulated, of each kind.")
 @click.option("--seed", default=0, show_default=True)
 def main(studies: int, seed: int) -> None:
-    """Print the percentage of studies whose interval holds the truth, by people in each arm."""
+    """Print how often the interval holds the truth, by people in each arm."""
     for terrain_sd in TERRAIN_SDS:
         click.echo(f"{terrain_sd:g} between instances, of one arm less the other:", nl=False)
         click.echo(f" {', '.join(map(str, PLAYERS))} people in each arm")

@@ -1,8 +1,10 @@
-"""`python -m research.paper.second_reading`: figures of docs/paper.md, derived a second time.
+"""Derives figures of docs/paper.md a second time.
 
-From the page and the stored files alone: nothing of what draws the page is imported, and the
-statistics are written here again. It prints every figure beside what the page has, and fails if one
-differs.
+`python -m research.paper.second_reading` prints every figure beside what the page has, and fails if
+one differs.
+
+It reads the page and the stored files alone: nothing of what draws the page is imported, and the
+statistics are written here again.
 """
 
 from __future__ import annotations
@@ -139,7 +141,7 @@ def clean_shares(policy: str) -> list[float]:
 
 
 def is_clean(course: str) -> bool:
-    """Whether a course enters four quadrants, the third opposite the first, in 3 changes."""
+    """Whether a course enters four quadrants as a U does, in three changes."""
     entered, changes = course.split(":")
     is_u = len(entered) == 4 and int(entered[2]) == (int(entered[0]) + 2) % 4
     return is_u and changes == "3"
@@ -210,7 +212,7 @@ def collided_and_completed(policy: str) -> tuple[str, ...]:
 
 
 def between_levels(levels: Sequence[str]) -> tuple[str, str]:
-    """Mean moves on the levels between the easiest and the hardest of trainings on some."""
+    """Mean moves on the levels in the middle, of trainings on some levels."""
     ends = ("1-1-1", "1-1-2", "3-2-1", "3-2-2")
     by_policy: dict[str, list[float]] = {}
     for line in read(PAPER / "generalisation.jsonl"):

@@ -251,7 +251,7 @@ def test_the_example_in_the_documentation_plays_whatever_is_played_here(serve, c
     server = serve(task=task)
     page = server.client().get("/docs").text
     assert f"Play {title}, watch policies" in page
-    example = html.unescape(re.search(r"<pre[^>]*>(import httpx.*?)</pre>", page, re.S)[1])
+    example = html.unescape(re.search(r"<pre[^>]*>(import random.*?)</pre>", page, re.S)[1])
     exec(compile(example.replace("http://127.0.0.1:8000", server.url), "docs", "exec"), {})
     (episode,) = server.client().get("/api/episodes").json()
     assert capsys.readouterr().out.split()[0] == episode["outcome"]
