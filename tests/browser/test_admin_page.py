@@ -81,7 +81,7 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     page.get_by_test_id("show-outcomes").click()
     page.get_by_test_id("outcomes").get_by_label("Whoever ended the last ranked episode").fill("C1")
     page.get_by_test_id("save-outcomes").click()
-    page.get_by_text("7 endings have no text").wait_for()
+    page.get_by_text("9 endings have no text").wait_for()
     health = page.evaluate("playground.state.overview.health")
     assert page.evaluate(RED, health) == []
     health["disk"]["is_low"] = True

@@ -156,7 +156,7 @@ class Evaluation(ListedEvaluation):
     comparison: Comparison | None = described("null while it is open")
 
 
-class HealthStatus(Answer):
+class CardHealth(Answer):
     """The card can be played."""
 
     status: Literal["healthy"]

@@ -21,7 +21,7 @@ from starlette.requests import HTTPConnection
 from humanplay.agents.answers import Card as CardAnswer
 from humanplay.agents.answers import (
     CardClosure,
-    HealthStatus,
+    CardHealth,
     InstanceCount,
     Instances,
     Metadata,
@@ -145,7 +145,7 @@ def check_split(split: str) -> None:
         raise CardError(404, f"expected the split {SPLIT!r}, got {split[:40]!r}")
 
 
-@router.get("/health", response_model=HealthStatus)
+@router.get("/health", response_model=CardHealth)
 async def card_health(agent: AgentOf) -> dict[str, str]:
     """Say that the card can be played."""
     return {"status": "healthy"}
