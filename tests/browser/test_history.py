@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import pytest
 
+from tests.browser.test_attested import there_and_back
 from tests.support.browser import ANIMATED, AS_A_PERSON, NO_3D
 
 PERSON = [*NO_3D, *AS_A_PERSON]
@@ -59,7 +60,7 @@ def test_back_forward_and_reload_lead_from_mode_to_mode(server, player):
 def test_a_terrain_under_way_is_asked_for_before_it_goes(server, player):
     me = player(server, PERSON).goto()
     practice = session_of(me)
-    me.press("east")
+    me.press(there_and_back(me)[0])
     me.page.get_by_test_id("mode-watch").click()
     dialog = me.page.get_by_test_id("leave-dialog")
     assert "Nothing counts here" in dialog.inner_text()
@@ -78,7 +79,7 @@ def test_back_leaves_no_ranked_terrain_unasked_and_its_address_holds_no_seed(ser
     practice = session_of(me)
     go(me, "ranked")
     ranked = session_of(me)
-    me.press("south")
+    me.press(there_and_back(me)[0])
     address = me.page.url
     assert "seed" not in address
     dialog = me.page.get_by_test_id("leave-dialog")
