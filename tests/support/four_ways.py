@@ -35,6 +35,26 @@ class Field(gymnasium.Env):
         return picture
 
 
+class Walled(Field):
+    """Bring the square into the corner. A step into a wall is forbidden, and raises."""
+
+    def action_masks(self):
+        cells = self.cell + np.array(self.moves)
+        return ((cells >= 0) & (cells <= 5)).all(axis=1)
+
+    def step(self, action):
+        if not self.action_masks()[action]:
+            raise ValueError("there is a wall")
+        return super().step(action)
+
+
+class Faint(Field):
+    """Bring the square into the corner, in numbers from 0 to 1."""
+
+    def render(self):
+        return super().render() / 255
+
+
 class Letters(Field):
     """Move the letter, or stay."""
 

@@ -9,6 +9,7 @@ import pytest
 from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.description import Description, read_description
 from humanplay.tasks.gymnasium.doctor import examine
+from humanplay.tasks.gymnasium.proposals import proposals_of
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.odd_environments import REASONS
@@ -101,6 +102,7 @@ def test_what_is_no_environment_of_gymnasium_is_refused_by_its_name(capsys):
     ("env", "actions", "words"),
     [
         ("tests.support.four_ways:Field", ["down", "left", "right", "up"], "Bring the square"),
+        ("tests.support.four_ways:Walled", ["down", "left", "right", "up"], "Bring the square"),
         ("tests.support.four_ways:Letters", ["up", "1", "down"], "Move the letter"),
         ("tests.support.own_environment:Line", ["left", "right"], "A marker on a line"),
     ],
@@ -117,6 +119,21 @@ def test_a_file_proposes_arrows_for_what_moves_a_marker(capsys, tmp_path, env, a
     path = tmp_path / "env.toml"
     path.write_text(printed)
     assert environment_of(f"gymnasium:{read_description(path).told}").actions == tuple(actions)
+
+
+def test_a_file_is_printed_of_what_cannot_be_drawn(capsys):
+    code, printed, _ = command(capsys, "doctor", "tests.support.four_ways:Faint", "--toml")
+    fields = tomllib.loads(printed)
+    assert (code, fields["actions"]) == (0, ["0", "1", "2", "3"])
+    assert fields["instructions"] == "Bring the square into the corner, in numbers from 0 to 1."
+    assert fields["agents_see"] == "2 whole numbers"
+
+
+def test_no_further_state_is_tried_after_a_time(monkeypatch):
+    field = environment_of("gymnasium:tests.support.four_ways:Field").configuration({})
+    assert "actions" in proposals_of(field.description, field.make)
+    monkeypatch.setattr("humanplay.tasks.gymnasium.proposals.LONGEST_S", -1.0)
+    assert "actions" not in proposals_of(field.description, field.make)
 
 
 @pytest.mark.long

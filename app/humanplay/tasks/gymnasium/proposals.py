@@ -6,7 +6,7 @@ import inspect
 import random
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 
 import gymnasium
@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from humanplay.tasks.gymnasium.codes import ActionCodes
+from humanplay.tasks.gymnasium.codes import ActionCodes, allowed_in
 from humanplay.tasks.gymnasium.description import Description, actions_of
 from humanplay.tasks.gymnasium.pictures import pixels_of
 
@@ -30,7 +30,7 @@ MOST_ACTIONS = 10
 LONGEST_S = 10.0
 """Seconds after which no further state is tried."""
 FEWEST, SHARE = 2, 0.7
-"""States in which an action moves the marker one way, and their share of those in which it moves."""
+"""States in which an action moves the marker one way; their share of all in which it moves."""
 
 
 def proposals_of(description: Description, make: Make) -> Proposals:
@@ -80,9 +80,11 @@ def _directions(description: Description, make: Make, codes: ActionCodes) -> dic
     for state in range(STATES):
         if time.perf_counter() - began > LONGEST_S:
             break
-        dice = random.Random(state)
-        before = [dice.randrange(codes.count) for _ in range(state % (MOST_BEFORE + 1))]
-        for code, way in _moves(description, make, codes, state, before).items():
+        try:
+            moves = _moves(description, make, codes, state)
+        except Exception:  # an environment of somebody's own may raise anything
+            continue
+        for code, way in moves.items():
             votes[code][way] += 1
     ways = {}
     for code, counter in enumerate(votes):
@@ -93,13 +95,11 @@ def _directions(description: Description, make: Make, codes: ActionCodes) -> dic
     return {code: way for code, way in ways.items() if claims[way] == 1}
 
 
-def _moves(
-    description: Description, make: Make, codes: ActionCodes, seed: int, before: list[int]
-) -> dict[int, str]:
+def _moves(description: Description, make: Make, codes: ActionCodes, seed: int) -> dict[int, str]:
     """Action -> the way in which the marker moves from one state, where that is clear."""
     changes: dict[int, NDArray[np.bool_]] = {}
     for code in range(codes.count):
-        pictures = _pictures(description, make, codes, seed, [*before, code])
+        pictures = _pictures(description, make, codes, seed, code)
         if pictures is None:
             continue
         earlier, later = pictures
@@ -125,19 +125,34 @@ def _moves(
 
 
 def _pictures(
-    description: Description, make: Make, codes: ActionCodes, seed: int, moves: list[int]
+    description: Description, make: Make, codes: ActionCodes, seed: int, last: int
 ) -> tuple[Picture, Picture] | None:
-    """The pictures before and after the last move; None if the episode ends before it."""
+    """The pictures before and after a last move, which follows allowed ones.
+
+    None if the episode ends before it, or it is not allowed there.
+    """
+    dice = random.Random(seed)
     with closing(make(seed)) as env:
-        description.begin(env, seed)
-        for code in moves[:-1]:
-            _, _, terminated, truncated, _ = env.step(codes.own(code))
+        observation, info = description.begin(env, seed)
+        for _ in range(seed % (MOST_BEFORE + 1)):
+            code = dice.choice(_allowed(codes, env, observation, info))
+            observation, _, terminated, truncated, info = env.step(codes.own(code))
             if terminated or truncated:
                 return None
+        if last not in _allowed(codes, env, observation, info):
+            return None
         earlier = _drawn(env.render())
-        env.step(codes.own(moves[-1]))
+        env.step(codes.own(last))
         later = _drawn(env.render())
     return (earlier, later) if earlier.shape == later.shape else None
+
+
+def _allowed(
+    codes: ActionCodes, env: Env, observation: object, info: Mapping[str, object]
+) -> Sequence[int]:
+    """The actions that an environment allows."""
+    allowed = allowed_in(codes.mask_of(env, observation, info))
+    return range(codes.count) if allowed is None else allowed
 
 
 def _drawn(picture: object) -> Picture:
