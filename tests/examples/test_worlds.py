@@ -3,6 +3,7 @@
 import json
 import os
 from contextlib import closing
+from dataclasses import replace
 
 import pytest
 
@@ -13,6 +14,7 @@ from humanplay.task.registration import WORLDS, environment_of, register, static
 from humanplay.tasks.base import CodePolicies
 from humanplay.tasks.costs import LOSS
 from humanplay.tasks.text import TextConfig, TextRun
+from humanplay.web.settings import Settings
 from humanplay.web.simulate import NoisyPolicy, Plan, simulate
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
@@ -37,6 +39,23 @@ class PacesRun(TextRun):
     def observation(self):
         """The score."""
         return str(self.score)
+
+
+class LeavingRun(PacesRun):
+    """A world in which giving up costs a point, with scores of its own."""
+
+    def begin(self):
+        """Set up what `observation` shows."""
+        self.scores = {"Ada": 7}
+
+    def abandon(self):
+        """Lose a point."""
+        super().abandon()
+        self.score -= 1
+
+    def observation(self):
+        """The table of scores."""
+        return json.dumps(self.scores)
 
 
 @pytest.fixture
@@ -89,6 +108,18 @@ def test_a_path_has_the_score_after_each_move():
     assert json.loads(run.view().history("any"))["headlines"] == [0.0, 0.5, 1.0, 1.5]
 
 
+def test_the_last_frame_has_the_score_that_is_stored():
+    run = LeavingRun(TextConfig(3), 1)
+    run.step(0)
+    run.step(0)
+    run.abandon()
+    view = run.view()
+    assert run.record().score == 0.0
+    assert json.loads(view.frame("any"))["score"] == 0.0
+    assert json.loads(view.history("any"))["headlines"] == [0.0, 0.5, 0.0]
+    assert json.loads(view.observation()) == {"Ada": 7}
+
+
 def test_its_episodes_follow_from_seed_and_moves(maze):
     environment = environment_of(maze)
     config = environment.configuration({})
@@ -118,6 +149,15 @@ def test_a_folder_that_is_no_world_is_refused(tmp_path, maze, name, files, messa
     with pytest.raises(ValueError, match=message):
         register(folder)
     assert os.environ[WORLDS] == before
+
+
+def test_words_for_no_column_are_refused_at_the_start(tmp_path, maze, monkeypatch):
+    from humanplay.web.server import ServerError, run
+
+    about = replace(environment_of(maze).about, columns={"episodes.retrun": "the score"})
+    monkeypatch.setattr(type(environment_of(maze)), "about", about)
+    with pytest.raises(ServerError, match=r"got 'episodes\.retrun'"):
+        run(Settings(database=tmp_path / "play.db", port=0, task=maze))
 
 
 def test_a_package_registers_its_world(tmp_path, monkeypatch):

@@ -196,6 +196,14 @@ class TableNote(TypedDict):
     columns: list[ColumnNote]
 
 
+def check_words(words: Mapping[str, str]) -> None:
+    """Raise ValueError if a world has words for a column that there is not."""
+    names = {f"{table.name}.{column.name}" for table in TABLES.values() for column in table.all}
+    for name in words:
+        if name not in names:
+            raise ValueError(f"About.columns: expected TABLE.COLUMN of a data set, got {name!r}")
+
+
 def dictionary(words: Mapping[str, str]) -> dict[str, TableNote]:
     """The column dictionary of a bundle, by table."""
     return {

@@ -66,7 +66,7 @@ class TextRun(ABC):
         self.config, self.seed = config, seed
         self.actions, self._rewards = bytearray(), list[float]()
         self.begin()
-        self._counts, self.way, self.scores = [self.discovered], [self.cell], [self.score]
+        self._counts, self.way, self._scores = [self.discovered], [self.cell], [self.score]
 
     @abstractmethod
     def begin(self) -> None:
@@ -97,16 +97,20 @@ class TextRun(ABC):
             self.outcome = "timed_out"
         self._counts.append(self.discovered)
         self.way.append(self.cell)
-        self.scores.append(self.score)
+        self._scores.append(self.score)
         return self._rewards[-1]
 
     def abandon(self) -> None:
-        """Give up."""
+        """Give up; a world may lower its score here."""
         self.outcome = "abandoned"
 
     def rewards(self) -> Sequence[float]:
         """The reward of each move."""
         return self._rewards
+
+    def headlines(self) -> Sequence[float]:
+        """The score after 0, 1, 2, ... moves; the last one as it stands."""
+        return [*self._scores[:-1], self.score]
 
     def counts(self) -> Sequence[int]:
         """What was discovered after 0, 1, 2, ... moves."""
@@ -160,7 +164,7 @@ class TextView:
         self.steps, self.ended, self.outcome = len(run.actions), run.ended, run.outcome
         self.discovered, self.actions = run.discovered, bytes(run.actions)
         self._text, self._way = run.observation(), tuple(run.way)
-        self._rewards, self._scores = tuple(run.rewards()), tuple(run.scores)
+        self._rewards, self._scores = tuple(run.rewards()), tuple(run.headlines())
 
     def observation(self) -> str:
         """The text."""

@@ -37,6 +37,7 @@ from humanplay.board.sources import PlayerTokens, Sources
 from humanplay.board.spectators import Replayer, Spectators
 from humanplay.db.backup import Backups
 from humanplay.db.checks import quick_check
+from humanplay.db.columns import check_words
 from humanplay.db.database import StoreError, damaged
 from humanplay.db.metrics import Metrics
 from humanplay.db.mounts import NETWORK, network_file_system
@@ -500,12 +501,13 @@ def _started(settings: Settings, hidden: Sequence[Path]) -> Task:
     """The task of the settings, whose processes can start.
 
     Raises:
-        ValueError: If they cannot start, or the task is none.
+        ValueError: If they cannot start, or the task or a word of it is none.
         LookupError: If there is no task of this name.
         OSError: If a file of it cannot be read.
     """
     task = _task(settings, hidden=hidden, compiles_beside=True)
     try:
+        check_words(task.about.columns)
         if guards := task.guards():
             print(f"{task.about.title}: {guards}", flush=True)
     except ValueError:
