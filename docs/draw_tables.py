@@ -57,7 +57,7 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def in_each_world() -> Mapping[str, str]:
-    """TABLE.COLUMN -> what it means in any world and in MarsExplorer, where these differ."""
+    """TABLE.COLUMN -> what it means in any world, and in MarsExplorer if that differs."""
     general = {
         f"{table.name}.{column.name}": column.meaning
         for table in TABLES.values()

@@ -194,7 +194,7 @@ class InputEvent(Message):
 class Events(Message):
     """Input events of a person's episode, sent before the move that they cause.
 
-    The answer is `Kept`. A batch that comes twice, by its id, is stored once.
+    The answer is `EventsAnswer`. A batch that comes twice, by its id, is stored once.
     """
 
     kind: Literal["events"]

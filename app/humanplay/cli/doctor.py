@@ -99,7 +99,7 @@ def _row(env: str, seeds: int, steps: int, rule: str | None, minutes: float) -> 
 @option("--rule", metavar="MODULE:FUNCTION", help="Chooses every third seed's actions.")
 @flag("--json", "as_json", "Print everything as JSON.")
 @flag("--table", "Print a row of Markdown for each of several ENV.")
-@flag("--toml", "Play nothing; print what is known of ENV as a file to edit.")
+@flag("--toml", "Print what is known and proposed of ENV as a file to edit.")
 @option(
     "--schema", is_flag=True, is_eager=True, expose_value=False, callback=_print_schema,
     help="Print the JSON schema of that file.",

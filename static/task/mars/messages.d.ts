@@ -34,7 +34,7 @@ declare namespace Mars {
     positions: [number, number][],
     discovered: number[],
   };
-  /** The course of an episode; index k of each list is the board after k moves. */
+  /** The course of an episode. Index k of `positions` and `discovered` is the board after k moves. */
   type Course = {
     /** who drove */
     name: string,

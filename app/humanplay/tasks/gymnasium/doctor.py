@@ -62,7 +62,7 @@ RUNS: Mapping[str, Sequence[Mapping[str, str]]] = {name: [{}] for name in CAUSES
 }
 """Variant -> the variables of each of its runs."""
 PROBED = 20
-"""Moves after which the time of the whole examination is estimated; each seed has at least so many."""
+"""Moves by which the examination's time is estimated; each seed has at least so many."""
 STICKY = 0.75
 TIMEOUT_S = 1800.0
 

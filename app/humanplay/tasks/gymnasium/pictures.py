@@ -1,4 +1,4 @@
-"""What `render` returns, as the picture that is shown: RGB, RGBA, grey, frames in a list, or a figure of matplotlib."""
+"""What `render` returns, as the picture that is shown."""
 
 from __future__ import annotations
 

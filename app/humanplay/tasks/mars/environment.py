@@ -147,7 +147,7 @@ class MarsEnvironment(BaseEnvironment):
         return -0.5 * config.limit / (config.r_invalid + config.r_bonus + cells), 1.0
 
     def given_up_score(self, cause: Cause, outcome: str, total: float, score: float) -> float:
-        """Return the score of an abandoned episode: no bonus, and the penalty of leaving."""
+        """The score by giving up instead: no bonus, and a penalty if there was none."""
         if outcome not in ("explored", "timed_out"):
             return score
         total -= cause.config.r_bonus if outcome == "explored" else 0

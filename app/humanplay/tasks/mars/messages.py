@@ -68,7 +68,7 @@ LevelName = Annotated[str, AfterValidator(_check_level)]
 
 
 class NewEpisode(messages.NewEpisode):
-    """The next episode. Omitted fields stay as they are; a new seed is drawn."""
+    """The next episode. Omitted fields stay; without a seed a new one is drawn."""
 
     level: LevelName | None = Field(
         default=None, description="a name from `GET /api/levels`", examples=["random"]
@@ -135,7 +135,10 @@ class History(messages.ServerMessage):
 
 
 class Course(messages.ServerMessage):
-    """The course of an episode; index k of each list is the board after k moves."""
+    """The course of an episode.
+
+    Index k of `positions` and `discovered` is the board after k moves.
+    """
 
     name: str = Field(description="who drove")
     actions: list[ActionName]

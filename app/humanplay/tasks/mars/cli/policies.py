@@ -214,7 +214,7 @@ def file_of(policy: str) -> Path:
 
 @contextmanager
 def policy_errors(way_out: str = "") -> Iterator[None]:
-    """Turn a missing or unreadable policy into a UsageError, a disk's into another."""
+    """Make a missing or unreadable policy a UsageError, a disk's a ClickException."""
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     try:

@@ -157,7 +157,7 @@ def _train(run: TrainingRun, steps: int, folder: Path, resume: bool, command: st
 
 
 def _measured_configs(run: TrainingRun) -> list[EnvConfig]:
-    """Return the configurations that the policy is measured on: one level, all sizes."""
+    """The configurations that the policy is measured on: the first level, all sizes."""
     return [config for config in run.env_configs if config.level == run.env_configs[0].level]
 
 
@@ -204,7 +204,7 @@ def _check_device(device: str) -> None:
 
 @contextmanager
 def _progress_bar(run: TrainingRun) -> Iterator[Callable[[UpdateMetrics, float], None]]:
-    """Yield an `on_update` that moves a bar on stderr, or prints lines to a file."""
+    """Yield an `on_update`: it moves a bar, or prints lines if stderr is no terminal."""
     with noted_progress("playing", run.num_updates) as advance:
         started, first_step, printed = time.monotonic(), run.global_step, 0.0
 

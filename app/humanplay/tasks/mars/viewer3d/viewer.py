@@ -61,9 +61,10 @@ def camera_for(rows: int, cols: int, aspect: float) -> tuple[float, float]:
 
 
 class BoardCamera:
-    """Points one browser's camera at the board or the rover, and keeps it there.
+    """Points one browser's camera at each new board, or at its rover.
 
-    In between the direction and the distance that the user has chosen by the mouse stay; a followed rover takes them along.
+    So it does when the view gets another shape. In between, the direction and the distance that the
+    user chose by the mouse stay; a followed rover takes them along.
     """
 
     def __init__(self, client: viser.ClientHandle, options: ViewOptions) -> None:
