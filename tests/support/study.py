@@ -1,5 +1,10 @@
 """A frozen study on small boards, and a participant who plays it as a page does."""
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+
+import httpx
 import pytest
 
 from humanplay.study.folder import Folder
@@ -75,3 +80,17 @@ class Person(Participant):
             self.call("next")
             seen[self.where["phase"]].append(self.play(**act))
         return seen
+
+
+def agree_at_once(crowd):
+    """All agree at the same time; what each was answered, None without an answer."""
+    ready = threading.Barrier(len(crowd))
+
+    def agree(person):
+        ready.wait()
+        with suppress(httpx.TransportError):
+            consent = {"version": "1", "agree": True}
+            return person.client.post(f"{person.url}/consent", json=consent).json()
+
+    with ThreadPoolExecutor(len(crowd)) as pool:
+        return list(pool.map(agree, crowd))

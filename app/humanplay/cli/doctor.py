@@ -94,7 +94,7 @@ def _row(env: str, seeds: int, steps: int, rule: str | None, minutes: float) -> 
 )  # fmt: skip
 @option(
     "--minutes", type=click.FloatRange(0.1, 1440), default=2.0, show_default=True,
-    help="From how many on fewer moves are played.",
+    help="About how long it may take: beyond it, fewer moves are played.",
 )  # fmt: skip
 @option("--rule", metavar="MODULE:FUNCTION", help="Chooses every third seed's actions.")
 @flag("--json", "as_json", "Print everything as JSON.")

@@ -439,7 +439,7 @@ def note_erased(
     is_closed: bool,
     asked_by: AskedBy | None,
 ) -> None:
-    """Note that a participant's rows are erased from a study, without anything that leads to the person.
+    """Note that a person's rows are erased from a study, without anything that leads to them.
 
     Call it while their episodes are still there: how many ranked ones they had is noted.
     """
@@ -458,7 +458,7 @@ def note_erased(
         "completed": person.completed_ms is not None,
         "asked_by": asked_by,
         "arm": arm,
-        "arm_number": number if person.kind == "human" else None,
+        "arm_number": number,
     }
     name = f"{ERASED}|{person.study}|{person_hashes(person)[0]}"
     conn.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", (name, json.dumps(tombstone)))

@@ -157,7 +157,8 @@ class ErasedPerson(TypedDict):
         ranked_begun, ranked_ended: Numbers of ranked episodes.
         completed: Whether they had ended the study.
         asked_by: Who asked for it, if that was said.
-        arm, arm_number: To which they were assigned, as the how manieth person; None if to none.
+        arm: To which they were assigned; None if to none.
+        arm_number: Their number among the people assigned to arms, from 0. No release has it.
     """
 
     at_ms: int

@@ -19,7 +19,7 @@ from humanplay.db import chain
 from humanplay.db.columns import TABLES
 from humanplay.db.database import Row, open_database, rows, stream, transaction
 from humanplay.db.erasure import ANSWERS, ARRIVALS, ERASED
-from humanplay.db.rows import NotedArrivals
+from humanplay.db.rows import ErasedPerson, NotedArrivals
 from humanplay.db.series import DRY_RUNS
 from humanplay.db.study_rows import Participant
 from humanplay.release.errors import ReleaseError
@@ -146,7 +146,9 @@ def _rows(
     answers: ReleasedAnswers,
 ) -> Iterator[tuple[str, Row]]:
     for row in rows(source, "SELECT * FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%"):
-        yield "meta", row
+        erased: ErasedPerson = json.loads(row["value"])
+        # their place among people is a trace; the arm alone is counted
+        yield "meta", {**row, "value": json.dumps({**erased, "arm_number": None})}
     row = rows(source, "SELECT * FROM series WHERE name = ?", study)[0]
     yield "series", {**row, "closed_ms": closed[0], "secret": closed[1]}
     people = [Participant(**row) for row in rows(source, _PEOPLE, study)]

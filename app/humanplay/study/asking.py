@@ -104,9 +104,12 @@ def store_answers(
 def skip(
     study_store: StudyStore, participant_id: str, blocks: Sequence[DueBlock], at_ms: int
 ) -> None:
-    """Note that blocks were skipped."""
+    """Note that blocks were skipped, with the attention checks in them as missed."""
     for due in blocks:
-        study_store.note_block(participant_id, at_ms, _detail(due, is_skipped=True))
+        detail = _detail(due, is_skipped=True)
+        if checks := attention_checks([due.block], due.block.at):
+            detail["missed"] = checks
+        study_store.note_block(participant_id, at_ms, detail)
 
 
 def _detail(due: DueBlock, is_skipped: bool) -> dict[str, object]:

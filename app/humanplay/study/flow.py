@@ -123,7 +123,9 @@ BEGAN = (
     Status.LEFT,
     Status.PLAYING,
 )
-"""Began a ranked episode, bots left out: whom the estimate for everybody is of."""
+"""Began a ranked episode, bots left out."""
+IN_EVERYBODY = tuple(status for status in BEGAN if status is not Status.PLAYING)
+"""Whom the estimate for everybody is of: whoever still plays has left nothing undone yet."""
 EARLY = (
     Status.WITHDREW_EARLY,
     Status.INTERRUPTED_EARLY,
@@ -325,7 +327,7 @@ def left_as(events: Iterable[StageEvent]) -> Outcome | None:
 
 
 def missed_checks(events: Iterable[StageEvent]) -> int:
-    """How many attention checks somebody did not answer rightly."""
+    """How many attention checks somebody left out, declined or answered wrongly."""
     missed = (event.detail.get("missed") for event in events if event.kind == BLOCK_EVENT)
     return sum(number for number in missed if isinstance(number, int))
 

@@ -35,6 +35,7 @@ from humanplay.study.kept_out import let_in_again
 from humanplay.study.outcomes import check_complete, check_texts, read_texts
 from humanplay.study.policy_files import FOLDER, PolicyFiles, record_files
 from humanplay.study.protocol import (
+    LONGEST_NAME,
     NAME,
     PLANNED,
     DraftStudyError,
@@ -238,11 +239,12 @@ class Folder:
             raise StudyError(
                 f"{name!r} is a dry run of {template.dry_run_of!r}: begin another one of that"
             )
-        free = (f"{name}-dry-{number}" for number in count(1))
-        dry = next(called for called in free if not self.path(called).exists())
+        marks = (f"-dry-{number}" for number in count(1))
+        names = (name[: LONGEST_NAME - len(mark)] + mark for mark in marks)
+        dry = next(free for free in names if not self.path(free).exists())
         fields = template.model_dump(mode="json", exclude_unset=True)
-        marks = {"name": dry, "dry_run_of": name, "title": f"{template.title} (dry run)"}
-        return self.create(parse_protocol({**fields, **marks}))
+        changed = {"name": dry, "dry_run_of": name, "title": f"{template.title} (dry run)"}
+        return self.create(parse_protocol({**fields, **changed}))
 
     def freeze(
         self,

@@ -152,7 +152,7 @@ class Invitations:
         return [found[ident] for ident in wanted]
 
     def note_used(self, name: str, idents: Iterable[str]) -> None:
-        """Take back that used invitations were revoked, which had no effect."""
+        """Unmark used invitations as revoked: revoking them had no effect."""
         with self._changing(name) as invitations:
             for ident in invitations.keys() & set(idents):
                 invitations[ident] = replace(invitations[ident], revoked_at=None)

@@ -32,16 +32,16 @@ def is_full(reader: Reader, study: Study, now_ms: int) -> bool:
 
 
 def cap_in_words(protocol: Protocol) -> str:
-    """How many people may agree, in a sentence; empty where that has no limit."""
+    """How many people may agree, in sentences; empty without a cap."""
     if protocol.cap is None:
         return ""
     people = counted(protocol.cap, "person", "people")
     if protocol.place_minutes is None:
-        return f"At most {people} can agree to take part; no place is ever free again."
+        return f"At most {people} can agree to take part; each keeps their place."
     minutes = f"{protocol.place_minutes:g} minute{'s' * (protocol.place_minutes != 1)}"
     return (
-        f"At most {people} can agree to take part; the place of somebody who has not finished is free again {minutes} "
-        "after they agreed, and they go on all the same."
+        f"At most {people} can agree to take part. The place of somebody who has not finished is free again {minutes} "
+        "after they agreed; they may still go on."
     )
 
 

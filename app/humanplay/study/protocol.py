@@ -46,7 +46,8 @@ from humanplay.task import Configuration, Environment, counted
 from humanplay.task.registration import DEFAULT_TASK, environment_of
 from marsexplorer.intervals import FEWEST
 
-NAME = r"[a-z0-9][a-z0-9-]{0,39}"
+LONGEST_NAME = 40
+NAME = rf"[a-z0-9][a-z0-9-]{{0,{LONGEST_NAME - 1}}}"
 """What a study may be called."""
 
 ARM = "[a-z][a-z0-9_]{0,39}"
@@ -212,7 +213,7 @@ class Payment(Part):
     unit      what is counted: successes, or steps or score beyond a number in each episode
     beyond    the steps, or the score, of an episode from which on units count
     direction whether more or fewer than that earns
-    rounding  the bonus, and pay by the hour, are multiples of it; it is one of 0.01
+    rounding  the bonus, and pay by the hour, are multiples of it; itself a multiple of 0.01
     most      the bonus is at most this; None: there is no cap. It is never below 0
     hour      by the hour, for whoever we stop
     outcomes  what another outcome gets, as a bonus
@@ -302,7 +303,8 @@ class Protocol(Part):
     warm_up, ranked      episodes a participant plays that do not count, and that do
     players              participants planned
     cap                  people who may agree to take part, at most; None: nobody is turned away
-    place_minutes        after the consent of somebody who has not finished, when their place is free again; None: never
+    place_minutes        after so many minutes from their consent, the place of somebody who has not finished is free again;
+                         None: never
     break_every          ranked episodes after which a break is offered
     pause_after_s        seconds without a key after which the page pauses
     max_pauses           how often an episode on a clock may stand still before it ends as left
@@ -495,7 +497,7 @@ class Protocol(Part):
                 f"attention_limit is {self.attention_limit}, and {counted(early, 'attention check')} can be missed before the "
                 "first ranked episode: ask more there, or allow fewer misses"
             )
-        is_named = any("most_missed_checks" in rules for rules in self._rule_sets())
+        is_named = any("most_missed_checks" in rules for rules in self.rule_sets)
         if is_named and not attention_checks(self.blocks, *POSITIONS):
             raise ValueError(
                 "a rule is most_missed_checks, but no block has an attention check: ask one, or take the rule out"
@@ -539,7 +541,7 @@ class Protocol(Part):
 
     @model_validator(mode="after")
     def _practice_is_of_the_warm_up(self) -> Protocol:
-        is_named = any(rules.get("passed_practice") for rules in self._rule_sets())
+        is_named = any(rules.get("passed_practice") for rules in self.rule_sets)
         if self.practice is None:
             if is_named:
                 raise ValueError(
@@ -566,18 +568,25 @@ class Protocol(Part):
             fields.pop("lock", None)
         return fields
 
-    def _rule_sets(self) -> list[ExclusionRules]:
+    @property
+    def rule_sets(self) -> list[ExclusionRules]:
+        """The rules of the estimates, and those of data-quality flags."""
         return [self.per_protocol, *self.exclusion.values(), self.flags]
 
     @model_validator(mode="after")
     def _rules_have_bounds(self) -> Protocol:
-        for rules in self._rule_sets():
+        for rules in self.rule_sets:
             for rule, bound in rules.items():
                 expected = "a number" if rule in NUMBERS else "true or false"
                 if isinstance(bound, bool) is (rule in NUMBERS):
                     raise ValueError(f"the rule {rule} takes {expected}, got {bound}")
                 if rule in SHARES and not 0 <= bound <= 1:
                     raise ValueError(f"the rule {rule} takes a share, 0 to 1, got {bound:g}")
+            misses = rules.get("most_missed_checks", 0)
+            if misses < 0 or misses % 1:
+                raise ValueError(
+                    f"the rule most_missed_checks takes a whole number from 0, got {misses:g}"
+                )
             least, most = rules.get("least_minutes", 0.0), rules.get("most_minutes", math.inf)
             if not 0 <= least < most:
                 raise ValueError(

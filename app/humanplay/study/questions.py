@@ -428,7 +428,7 @@ class NumberAnswer:
 class Answers:
     """What somebody answered in a block; a text of None: prefer not to say.
 
-    missed  attention checks that were not answered rightly
+    missed  attention checks that were left out, declined or answered wrongly
     """
 
     numbers: tuple[NumberAnswer, ...]
@@ -450,6 +450,7 @@ def check_answers(
         if question.name not in sent:
             if question.needed:
                 raise ValueError(f"{question.name} needs an answer, or prefer not to say")
+            missed += isinstance(question, AttentionCheck)
             continue
         answer = sent[question.name]
         if answer is None and not question.offers_declining:

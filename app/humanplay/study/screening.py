@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from humanplay.study.outcome import BEFORE_CONSENT, OUTCOME_IN_WORDS, Outcome
 from humanplay.study.platforms import PLATFORMS
 from humanplay.study.protocol import Protocol
-from humanplay.study.questions import attention_checks
+from humanplay.study.questions import POSITIONS, Position, attention_checks
+from humanplay.task import counted
 
 BEFORE_PRACTICE_MIN = 5.0
 """Minutes that consent, instructions, tutorial and questions take, roughly."""
@@ -19,6 +20,11 @@ def minutes_until(protocol: Protocol, episodes: int) -> float:
     """The minutes from the first page to the end of so many episodes, roughly."""
     episode_min = protocol.environment.texts(protocol.env_config).minutes
     return BEFORE_PRACTICE_MIN + episode_min * episodes
+
+
+def playing_minutes(protocol: Protocol) -> float:
+    """The minutes that the episodes of whoever finishes take, roughly."""
+    return minutes_in_all(protocol) - BEFORE_PRACTICE_MIN
 
 
 def minutes_in_all(protocol: Protocol) -> float:
@@ -50,6 +56,21 @@ def _latest_min(protocol: Protocol, outcome: Outcome) -> float:
     if outcome in (Outcome.FAILED_PRACTICE, Outcome.FAILED_ATTENTION):
         return minutes_until(protocol, protocol.most_warm_up)
     return minutes_in_all(protocol)
+
+
+def attention_cautions(protocol: Protocol) -> Iterator[str]:
+    """Yield a sentence where attention checks are asked that no rule reads."""
+    if any("most_missed_checks" in rules for rules in protocol.rule_sets):
+        return
+    late: tuple[Position, ...] = ("between_sets", "after")
+    read_by_none = late if protocol.attention_limit is not None else tuple(POSITIONS)
+    unread = attention_checks(protocol.blocks, *read_by_none)
+    if unread:
+        checks = counted(unread, "attention check is", "attention checks are")
+        yield (
+            f"{checks} read by no rule, so that missing one means nothing: give flags or an exclusion set the rule "
+            "most_missed_checks, or take the question out"
+        )
 
 
 def screening_cautions(protocol: Protocol) -> Iterator[str]:

@@ -14,7 +14,7 @@ from string import Formatter
 from humanplay.study.practice import criterion
 from humanplay.study.protocol import Protocol, StudyError, parse_protocol
 from humanplay.study.questions import Block
-from humanplay.study.screening import BEFORE_PRACTICE_MIN, minutes_in_all
+from humanplay.study.screening import playing_minutes
 
 PLACEHOLDERS = {
     "name": "the study's name",
@@ -118,7 +118,6 @@ def filled(text: str, protocol: Protocol) -> str:
 def placeholder_values(protocol: Protocol) -> dict[str, str]:
     """Return what each placeholder becomes in this protocol."""
     config = protocol.env_config
-    minutes = minutes_in_all(protocol) - BEFORE_PRACTICE_MIN
     values: dict[str, object] = {
         "name": protocol.name,
         "warm_up": protocol.warm_up,
@@ -127,7 +126,7 @@ def placeholder_values(protocol: Protocol) -> dict[str, str]:
         "practice": f" {text}" if (text := criterion(protocol)) else "",
         "break_every": protocol.break_every,
         "pause_after": f"{protocol.pause_after_s:g}",
-        "minutes": 5 + 5 * max(1, round(minutes / 5)),
+        "minutes": 5 + 5 * max(1, round(playing_minutes(protocol) / 5)),
         "questions": len(protocol.questions),
         "players": protocol.players,
         "asked": _asked(protocol.blocks),

@@ -1,12 +1,8 @@
 """Arms: each person is assigned once, by the study's secret."""
 
 import json
-import threading
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 
-import httpx
 import numpy as np
 import pytest
 
@@ -19,11 +15,12 @@ from humanplay.study.protocol import StudyError
 from humanplay.study.seeds import drawn_arm
 from humanplay.study.verification import verify_database
 from tests.support.command import command
+from tests.support.dying_server import dying
 from tests.support.golden_study import moves_of
 from tests.support.recorded import alter, ask
 from tests.support.stored_studies import StudyRecorder
 from tests.support.stored_studies import freeze as freeze_stored
-from tests.support.study import Person, freeze
+from tests.support.study import Person, agree_at_once, freeze
 
 YES, NO = ({"version": "1", "agree": agree} for agree in (True, False))
 TOLD = {"name": "told", "instructions": "Walls first.\n\nThen the rest of {ranked} rounds."}
@@ -90,18 +87,17 @@ def test_whoever_leaves_or_is_erased_keeps_their_slot_and_nobody_is_assigned_ane
     assert load(path, study.name).arrivals.erased_by_arm == {study.arm("human", 2): 1}
 
 
-def test_a_crowd_that_agrees_at_once_at_a_server_that_is_killed_is_assigned_once_each(
+def test_a_server_that_dies_between_the_page_and_the_assignment_assigns_everybody_once(
     spawn, tmp_path
 ):
     study = freeze(tmp_path / "playground.db-studies", arms=ARMS)
-    server = spawn()
-    crowd = [Person(server) for _ in range(12)]
-    cookies = [dict(person.client.cookies) for person in crowd]
-    threading.Timer(0.03, server.process.kill).start()
-    agree_at_once(crowd)
-    server.process.wait()
     path = tmp_path / "playground.db"
+    with dying(path, 6) as server:
+        crowd = [Person(server) for _ in range(12)]
+        cookies = [dict(person.client.cookies) for person in crowd]
+        agree_at_once(crowd)
     before = ask(path, ASSIGNED)
+    assert len(before) <= 5, "the sixth was not committed"
     at_the_page = ask(path, "SELECT count(*) FROM participants WHERE stage = 'instructions'")
     assert at_the_page == [(len(before),)], "nobody is at the page that differs without an arm"
     server = spawn()
@@ -112,19 +108,6 @@ def test_a_crowd_that_agrees_at_once_at_a_server_that_is_killed_is_assigned_once
     assert after == [("human", number, study.arm("human", number)) for number in range(12)]
     assert after[: len(before)] == before
     server.close()
-
-
-def agree_at_once(crowd):
-    """All agree at the same time; whoever gets no answer comes again later."""
-    ready = threading.Barrier(len(crowd))
-
-    def agree(person):
-        ready.wait()
-        with suppress(httpx.TransportError):
-            person.client.post(f"{person.url}/consent", json=YES)
-
-    with ThreadPoolExecutor(len(crowd)) as pool:
-        list(pool.map(agree, crowd))
 
 
 @pytest.mark.parametrize(

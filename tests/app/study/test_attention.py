@@ -16,7 +16,7 @@ WHY = "The sentence asked for the second one."
 RIGHT, WRONG = 1, 0
 
 
-def check(name, at):
+def check(name, at, needed=True):
     """A block with an attention check, and a question that has no right answer."""
     asked = {"question": "Choose the second one.", "choices": ["first", "second", "third"]}
     attention = {
@@ -24,7 +24,7 @@ def check(name, at):
         "name": name,
         "answer": RIGHT,
         "why": WHY,
-        "needed": True,
+        "needed": needed,
         **asked,
     }
     number = {"kind": "number", "name": f"{name}_age", "question": "Age?", "most": 99}
@@ -112,6 +112,44 @@ def test_later_misses_take_out_of_the_estimate_or_flag_and_a_release_without_ans
     assert released.flags == group.flags
 
 
+def test_a_check_that_is_left_out_or_skipped_is_missed(serve, tmp_path, capsys):
+    flags = {"most_missed_checks": 0}
+    blocks = [check("early", "before", needed=False), check("last", "after", needed=False)]
+    freeze(tmp_path / "playground.db-studies", blocks=blocks, flags=flags, warm_up=0)
+    server = serve()
+    for leaves_out in ("early", "last", None):
+        person = Person(server)
+        person.call("consent", {"version": "1", "agree": True})
+        early = {} if leaves_out == "early" else {"early": RIGHT}
+        person.call("block", {"block": "early_block", "turn": 0, "answers": early})
+        person.call("advance", {"from": "instructions"})
+        person.call("next")
+        person.call("give-up", {"episode": person.frame["episode"], "step": 0})
+        person.call("advance", {"from": "tutorial"})
+        person.answer_questions()
+        person.play_on()
+        if leaves_out == "last":
+            person.call("skip", {"block": "last_block", "turn": 0})
+        else:
+            answer(person, "last", RIGHT)
+    (group,) = build(close(server, tmp_path, capsys)).groups
+    assert group.flags == {"missed no attention check": 2}
+
+
+def test_check_cautions_against_an_attention_check_that_no_rule_reads(tmp_path, capsys):
+    def cautions(**fields):
+        name = f"study-{len(list(tmp_path.glob('playground.db-studies/*')))}"
+        freeze(tmp_path / "playground.db-studies", name, blocks=BLOCKS, **fields)
+        database = "--database", tmp_path / "playground.db"
+        code, text, error = command(capsys, "study", "check", name, *database)
+        assert code == 0, error
+        return text
+
+    assert "3 attention checks are read by no rule" in cautions()
+    assert "1 attention check is read by no rule" in cautions(attention_limit=1)
+    assert "read by no rule" not in cautions(attention_limit=1, exclusion=LEFT_OUT)
+
+
 def test_a_page_gets_neither_the_right_answer_nor_that_it_is_a_check(serve, tmp_path):
     freeze(tmp_path / "playground.db-studies", **LIMIT)
     person = Person(serve())
@@ -137,6 +175,8 @@ def test_the_preregistration_says_what_checks_do(tmp_path):
         ({"attention_limit": 0}, "attention_limit is 0, and 0 attention checks can be missed"),
         ({"blocks": BLOCKS, "attention_limit": 2}, "limit is 2, and 2 attention checks can be missed"),
         ({"flags": {"most_missed_checks": 0}}, "no block has an attention check"),
+        ({"blocks": BLOCKS, "flags": {"most_missed_checks": 0.5}}, "a whole number from 0, got 0.5"),
+        ({"blocks": BLOCKS, "flags": {"most_missed_checks": -1}}, "a whole number from 0, got -1"),
     ],
 )  # fmt: skip
 def test_a_rule_on_checks_that_nobody_can_miss_is_refused(tmp_path, fields, sentence):

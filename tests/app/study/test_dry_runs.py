@@ -95,6 +95,29 @@ def test_a_dry_run_is_never_released_and_the_study_counts_it(played, tmp_path, c
     assert COUNTED in (bundle / "report.html").read_text()
 
 
+def test_whoever_still_plays_in_a_dry_run_is_in_neither_estimate(played, tmp_path):
+    server, _ = played
+    person = Person(server, "small-dry-1")
+    person.to_warm_up()
+    person.play_on(until=("ranked",))
+    person.call("next")
+    (group,) = build(load(tmp_path / "playground.db", "small-dry-1")).groups
+    rows = {row.status: row for row in group.statuses}
+    assert (rows["playing"].people, rows["playing"].in_everybody) == (1, False)
+    assert (group.figure.players, group.everybody.players) == (2, 2)
+
+
+def test_the_name_of_a_dry_run_fits_whatever_the_length_of_the_studys(tmp_path, capsys):
+    name = "s" * 40
+    freeze(tmp_path / "playground.db-studies", name)
+    database = "--database", tmp_path / "playground.db"
+    code, text, error = command(capsys, "study", "dry-run", name, *database)
+    assert code == 0, error
+    dry = f"{'s' * 34}-dry-1"
+    assert f"`humanplay study freeze {dry}`" in text
+    assert Folder(tmp_path / "playground.db-studies").draft(dry).dry_run_of == name
+
+
 def test_a_dry_run_has_no_dry_run(tmp_path, capsys):
     freeze(tmp_path / "playground.db-studies")
     database = "--database", tmp_path / "playground.db"

@@ -238,11 +238,11 @@ def freeze(
     knows every terrain.
     """
     from humanplay.report.statistics.planning import AT_FREEZING
+    from humanplay.study.cautions import cautions_of
     from humanplay.study.folder import BEGINNINGS, beginnings
     from humanplay.study.kept_out import keep_out
-    from humanplay.study.places import cap_cautions, cap_in_words
+    from humanplay.study.places import cap_in_words
     from humanplay.study.protocol import PLANNED
-    from humanplay.study.screening import screening_cautions
 
     _check_database(database)
     idents = [] if excluded is None else _lines(excluded)
@@ -282,7 +282,7 @@ def freeze(
         )
     if limit := cap_in_words(found.protocol):
         echo(limit)
-    for sentence in (*screening_cautions(found.protocol), *cap_cautions(found.protocol)):
+    for sentence in cautions_of(found.protocol):
         echo(f"Caution: {sentence}")
     echo(f"The study {name!r} is frozen. Publish this line before anybody plays:\n{hashes(found)}")
     echo(f"A running server offers it at once, at /study/{name}")
@@ -456,23 +456,22 @@ def show(name: str, folder: Folder) -> None:
     echo(json.dumps(protocol.model_dump(mode="json"), indent=2, ensure_ascii=False))
 
 
-@study.command(short_help="What a study lacks, and what speaks against it.")
+@study.command(short_help="What a study still lacks, and cautions.")
 @argument("name")
 @STUDIES
 def check(name: str, folder: Folder) -> None:
-    """Print what a draft lacks, its cap, and what speaks against it.
+    """Print what a draft still lacks, whom its cap lets in, and cautions.
 
     \b
     Example:
       humanplay study check pilot
     """
-    from humanplay.study.places import cap_cautions, cap_in_words
-    from humanplay.study.screening import screening_cautions
+    from humanplay.study.cautions import cautions_of
+    from humanplay.study.places import cap_in_words
 
     with study_errors():
         protocol = folder.draft(name)
-    cautions = *screening_cautions(protocol), *cap_cautions(protocol)
-    notes = [f"Caution: {sentence}" for sentence in cautions]
+    notes = [f"Caution: {sentence}" for sentence in cautions_of(protocol)]
     if unanswered := protocol.declarations.unanswered():
         notes.insert(
             0, f"Freezing needs what only you know, as declarations: {', '.join(unanswered)}"

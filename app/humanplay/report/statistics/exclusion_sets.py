@@ -22,7 +22,7 @@ from humanplay.board.attestation import level_reaches, shows_program, shows_prog
 from humanplay.db.trial import LEFT, Required, Trial
 from humanplay.report.statistics.formatting import counted, percent
 from humanplay.study.data import Person, StudyData
-from humanplay.study.flow import BEGAN, INTERRUPTED, STOPPED, Status, left_as, missed_checks
+from humanplay.study.flow import IN_EVERYBODY, INTERRUPTED, STOPPED, Status, left_as, missed_checks
 from humanplay.study.outcome import Outcome
 from humanplay.study.practice import has_passed
 from humanplay.study.protocol import Rule
@@ -318,7 +318,7 @@ class Everybody:
 def everybody_of(data: StudyData, cohort: Cohort) -> Everybody:
     """Everybody who began a ranked episode and is no bot, with all ranked terrains.
 
-    Nobody of an open study's people.
+    Nobody of an open study's people, and nobody who is still playing in a dry run.
     """
     people = {person.id: person for person in cohort.people}
     is_shown = data.shows_people or cohort.kind != "human"
@@ -326,7 +326,7 @@ def everybody_of(data: StudyData, cohort: Cohort) -> Everybody:
     ranked: dict[str, tuple[Trial, ...]] = dict.fromkeys(cohort.ranked, ())
     reasons: dict[str, tuple[Lowest | None, ...]] = {}
     for ident, status in statuses(data, cohort).items():
-        if status not in BEGAN or not is_shown:
+        if status not in IN_EVERYBODY or not is_shown:
             continue
         by_terrain = {trial.terrain_index: trial for trial in episodes[ident]}
         lowest = [

@@ -22,11 +22,12 @@ import scipy
 from humanplay.jobs import Progress
 from humanplay.report.statistics.arm_comparisons import arm_p
 from humanplay.report.statistics.comparisons import holm, policy_p
-from humanplay.report.statistics.exclusion_sets import members, people_of
+from humanplay.report.statistics.exclusion_sets import members, people_of, statuses
 from humanplay.report.statistics.intervals import Interval, interval
 from humanplay.report.statistics.spread import variance_components
 from humanplay.report.statistics.study_figures import metric_bounds, worst_value
 from humanplay.study.data import StudyData
+from humanplay.study.flow import Status
 from humanplay.study.policy_episodes import tested_policies
 from humanplay.study.protocol import Power, Protocol
 from humanplay.task import counted
@@ -427,18 +428,23 @@ def _mean_within(mean: float, sd: float, bounds: Interval) -> float:
 
 
 def assumptions_from(data: StudyData, protocol: Protocol) -> dict[str, float]:
-    """What a closed study shows of a protocol's assumptions, by field.
+    """What a study shows of a protocol's assumptions, by field, in its primary metric.
 
-    In its primary metric.
+    A dry run shows it at once: whoever still plays there has not left.
 
     Raises:
         ValueError: If its people are too few.
     """
     name = data.protocol.name
-    if data.closed_ms is None:
+    if not data.shows_people:
         raise ValueError(f"the study {name!r} shows no figure until it is closed")
     cohort = people_of(data)
-    ranked = {person: trials for person, trials in cohort.ranked.items() if trials}
+    by_person = statuses(data, cohort)
+    ranked = {
+        person: trials
+        for person, trials in cohort.ranked.items()
+        if trials and by_person.get(person) is not Status.PLAYING
+    }
     succeeded = {
         person: tuple(trial for trial in trials if trial.succeeded)
         for person, trials in ranked.items()

@@ -28,7 +28,7 @@ from humanplay.report.statistics.exclusion_sets import (
 from humanplay.report.statistics.formatting import counted
 from humanplay.report.statistics.intervals import Estimate, Interval, estimate, player_means
 from humanplay.study.data import StudyData
-from humanplay.study.flow import BEGAN, Status
+from humanplay.study.flow import IN_EVERYBODY, Status
 from humanplay.study.protocol import PER_PROTOCOL, Protocol
 from humanplay.task import Configuration, Environment
 from marsexplorer.intervals import FEWEST, Floats
@@ -145,7 +145,7 @@ def status_rows(data: StudyData, cohort: Cohort, everybody: Everybody) -> tuple[
                 status=status.value,
                 people=counts[status],
                 in_per_protocol=status is Status.FINISHED,
-                in_everybody=status in BEGAN,
+                in_everybody=status in IN_EVERYBODY,
                 as_played=as_played,
                 lowest={reason.value: n for reason, n in sorted(reasons.items()) if reason},
             )
