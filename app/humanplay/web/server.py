@@ -553,26 +553,26 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
     listening = inherited_socket() or listen(settings.host, settings.port)
     with listening as sock, _metrics_served(settings, metrics):
         bound_connections(sock, settings.limits.answer_s)
-        with _file_errors(), ExitStack() as stack:
-            served = [settings, *(_of_another(settings, task) for task in settings.more)]
-            names = [offer_name(environment_of(site.task)) for site in served]
-            if len(set(names)) < len(names):
-                raise ValueError(
-                    f"two environments are called alike: {', '.join(names)}; "
-                    "give one another title in its file"
-                )
-            hidden = [path for site in served for path in (site.database, site.studies)]
-            tasks = {}
-            for site, name in zip(served, names, strict=True):
-                try:
-                    task = stack.enter_context(closing(_started(site, hidden)))
-                except ValueError as error:
-                    _check_may_be_missing(site, name, site is settings, error)
-                    print(f"{name} is left out: {error}", flush=True)
-                else:
-                    tasks[name] = site, task
-            stack.pop_all()  # each app closes its own
         with ExitStack() as stack:
+            # an app closes its task too; this closes those of a start that fails before it
+            with _file_errors():
+                served = [settings, *(_of_another(settings, task) for task in settings.more)]
+                names = [offer_name(environment_of(site.task)) for site in served]
+                if len(set(names)) < len(names):
+                    raise ValueError(
+                        f"two environments are called alike: {', '.join(names)}; "
+                        "give one another title in its file"
+                    )
+                hidden = [path for site in served for path in (site.database, site.studies)]
+                tasks = {}
+                for site, name in zip(served, names, strict=True):
+                    try:
+                        task = stack.enter_context(closing(_started(site, hidden)))
+                    except ValueError as error:
+                        _check_may_be_missing(site, name, site is settings, error)
+                        print(f"{name} is left out: {error}", flush=True)
+                    else:
+                        tasks[name] = site, task
             shared = Prepared(protection=_protection(settings, metrics), jobs=_jobs())
             apps = []
             for name, (site, task) in tasks.items():

@@ -6,9 +6,11 @@ import sys
 
 import pytest
 
+from humanplay.db.file import StoreError
 from humanplay.web.listening import listen
 from humanplay.web.server import ServerError, run
 from humanplay.web.settings import Settings
+from marsexplorer.compiled import compiling
 from tests.support.policy_files import write_onnx
 from tests.support.servers import PATIENCE_S
 
@@ -29,6 +31,17 @@ def test_a_policy_file_that_is_none_is_reported(tmp_path):
         with pytest.raises(ServerError, match=source.name):
             run(Settings(port=0, database=tmp_path / "new.db", policies=(source,)))
     assert not (tmp_path / "new.db").exists()
+
+
+@pytest.mark.parametrize("fault", ["map", "database"])
+def test_a_process_compiles_for_itself_after_a_failed_start(fault, tmp_path):
+    database = tmp_path / "play.db"
+    maps = (tmp_path / "absent.yaml",) if fault == "map" else ()
+    if fault == "database":
+        database.write_bytes(b"no database at all" * 100)
+    with pytest.raises((ServerError, StoreError)):
+        run(Settings(port=0, database=database, maps=maps))
+    assert compiling.instead is None
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

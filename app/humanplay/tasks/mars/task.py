@@ -134,5 +134,11 @@ def serve(variant: str, start: Start) -> Mars:
     compilation = Compilation() if start.compiles_beside else None
     if compilation is not None:
         compilation.start()
-    policies = start.loaded or PolicyCatalogue(start.policies)
-    return Mars(policies, MapCatalogue.read(start.maps, start.cell_m), compilation)
+    try:
+        policies = start.loaded or PolicyCatalogue(start.policies)
+        return Mars(policies, MapCatalogue.read(start.maps, start.cell_m), compilation)
+    except Exception:
+        # a process that goes on after a failed start compiles for itself again
+        if compilation is not None:
+            compilation.close()
+        raise
