@@ -44,11 +44,12 @@ class Puzzle(NamedTuple):
 
 @lru_cache
 def puzzles_of(task: str) -> dict[str, Puzzle]:
-    """The puzzles of a task by their ids; none where it has no file."""
-    path = FOLDER / f"{task}.json"
-    if not path.exists():
+    """The puzzles of a task by their ids; none if it has no file."""
+    # a name may be a whole description: too long for a path, and with slashes in it
+    paths = {path.stem: path for path in FOLDER.glob("*.json")}
+    if task not in paths:
         return {}
-    rows = json.loads(path.read_text())["puzzles"]
+    rows = json.loads(paths[task].read_text())["puzzles"]
     return {
         row["id"]: Puzzle(row["id"], row["frame"], row["trail"], Answer(**row["answer"]))
         for row in rows

@@ -1,5 +1,6 @@
 """The puzzles of a day: positions without their answers, which whoever asks for gets by themselves."""
 
+import json
 from itertools import pairwise
 
 import pytest
@@ -10,6 +11,8 @@ from humanplay.task.registration import environment_of
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.evaluation import effort, puzzles
 from marsexplorer.training.envs import EVALUATION_SEEDS
+
+DAY = "2027-02-01"
 
 
 def test_today_has_three_positions_and_no_answer(serve):
@@ -35,7 +38,12 @@ def test_each_day_has_others_until_all_have_been_shown():
     ]
     count = min(len(shown), len(puzzles_of("mars")))
     assert len(set(shown[:count])) == count
-    assert puzzles_on("gymnasium", "2027-02-01") == []
+    assert puzzles_on("gymnasium", DAY) == []
+
+
+def test_an_environment_with_a_long_description_has_no_puzzles():
+    assert puzzles_on("gymnasium:" + json.dumps({"instructions": "Go on. " * 40}), DAY) == []
+    assert puzzles_on("../puzzles/mars", DAY) == []
 
 
 def test_every_shipped_puzzle_has_one_clear_answer():
