@@ -52,7 +52,7 @@ class KernelCall(NamedTuple):
 
     module: str
     name: str
-    types: tuple[Any, ...]
+    types: tuple[object, ...]
 
     def compile(self) -> None:
         """Compile the kernel for these types, unless the cache has it."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import product
@@ -196,6 +197,11 @@ class EnvConfig:
         if isinstance(size, (tuple, list)) and len(size) == 2:
             return cls(level, size[0], size[1], *more, **rest)
         raise TypeError(f"size must be a whole number or (rows, cols), got {size!r}")
+
+    @classmethod
+    def of_dict(cls, fields: Mapping[str, Any]) -> EnvConfig:
+        """The configuration of `to_dict`'s fields; ValueError or TypeError for others."""
+        return cls(**fields)
 
     @property
     def size(self) -> tuple[int, int]:

@@ -121,9 +121,9 @@ class EpisodeCosts:
         """The costliest mistakes, the greatest first; of equal ones the earlier first."""
         return sorted(self.mistakes, key=lambda mistake: -mistake.cost)[:count]
 
-    def by_kind(self) -> dict[MistakeKind, int]:
+    def by_kind(self) -> dict[str, int]:
         """The cost of the mistakes of each kind; an end without a move is `ended early`."""
-        costs = dict.fromkeys(MistakeKind, 0)
+        costs: dict[str, int] = dict.fromkeys(MistakeKind, 0)
         for mistake in self.mistakes:
             costs[mistake.kind] += mistake.cost
         costs[MistakeKind.ENDED_EARLY] += self.given_up

@@ -356,5 +356,5 @@ def replay_decisions(task: Task, policy: Policy, row: Trial, actions: bytes) -> 
         return
     run = task.replay(row)
     for action in actions:
-        policy.act(run.observation())
+        task.policies.act(policy, run.observation())
         run.step(action)

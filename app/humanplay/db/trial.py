@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from humanplay.db.columns import TABLES
 from humanplay.db.rows import Attestation, MoveRow, Phase
-from humanplay.task import Configuration, Environment, Record
+from humanplay.task import Configuration, Ending, Environment, Record
 from humanplay.task.registration import environment_of
 
 ParticipantKind = Literal["human", "script"]
@@ -180,11 +180,29 @@ class Trial:
 
         Args:
             steps: Its moves in order.
+
+        Raises:
+            ValueError: If it has not ended, or is not one that can be replayed.
         """
-        names = ["outcome", "total", "score", "steps", "discovered", "trajectory_hash"]
-        names.append("core_version")
-        actions = bytes(step["action"] for step in steps)
-        return self.environment.record(self, actions, {name: getattr(self, name) for name in names})
+        if (
+            self.outcome is None
+            or self.total is None
+            or self.score is None
+            or self.steps is None
+            or self.discovered is None
+            or self.trajectory_hash is None
+        ):
+            raise ValueError(f"the episode {self.id} has not come to its end")
+        ending: Ending = {
+            "outcome": self.outcome,
+            "total": self.total,
+            "score": self.score,
+            "steps": self.steps,
+            "discovered": self.discovered,
+            "trajectory_hash": self.trajectory_hash,
+            "core_version": self.core_version,
+        }
+        return self.environment.record(self, bytes(step["action"] for step in steps), ending)
 
 
 _FIELDS = {column.name for column in fields(Trial)}

@@ -17,7 +17,7 @@ from humanplay.db.trial import Trial
 from humanplay.study.flow import INTERRUPTED
 from humanplay.study.folder import Folder, Study
 from humanplay.study.protocol import StudyError
-from humanplay.task import Allowed, Environment, Record, counted
+from humanplay.task import Allowed, Ending, Environment, Record, counted
 
 _log = logging.getLogger(__name__)
 UNNOTED = (
@@ -127,7 +127,7 @@ def give_up_left(trial: Trial, steps: Sequence[MoveRow], environment: Environmen
     except Exception as error:  # an environment may raise anything
         _log.warning("episode %s cannot be replayed and is closed as stored: %r", trial.id, error)
     total = sum(step["reward"] for step in steps)
-    came_to = {
+    ending: Ending = {
         "outcome": "abandoned",
         "total": total,
         "score": trial.environment.given_up_score(trial, "timed_out", total, total),
@@ -136,7 +136,7 @@ def give_up_left(trial: Trial, steps: Sequence[MoveRow], environment: Environmen
         "trajectory_hash": "",
         "core_version": trial.core_version,
     }
-    return LeftEpisode(trial.environment.record(trial, actions, came_to))
+    return LeftEpisode(trial.environment.record(trial, actions, ending))
 
 
 def _active(reader: Reader, name: str, now_ms: int) -> list[str]:

@@ -14,28 +14,47 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Literal, Protocol, TypedDict, TypeVar, TypeVarTuple
 
 if TYPE_CHECKING:
+    import gymnasium
     import numpy as np
     from numpy.typing import NDArray
     from PIL.Image import Image
+    from pydantic import BaseModel
     from starlette.websockets import WebSocket
 
 T = TypeVar("T")
+Arguments = TypeVarTuple("Arguments")
 
 MAX_SEED = 2**53 - 1
 """The largest seed of an instance: every whole number up to it is one in JSON and in JavaScript."""
 
-Configuration = Any
-"""What fixes an environment but for the instance: frozen, comparable, hashable; the task's own type.
 
-level      its kind in a word or two
-size       (rows, cols) of its grid; None without one
-limit      moves after which an episode times out
-hash       SHA-256 (hex) of its canonical JSON
-to_dict()  the values that `Environment.configuration` takes
-"""
+class Configuration(Protocol):
+    """What fixes an environment but for the instance: frozen, comparable, hashable."""
+
+    # A task's own class has more than this, and the task narrows to it at its door (`own_config`).
+    # With a type parameter instead, everything that holds an episode would need one too.
+
+    @property
+    def level(self) -> str:
+        """Its kind in a word or two."""
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """(rows, cols) of its grid; None without one."""
+
+    @property
+    def limit(self) -> int:
+        """Moves after which an episode times out."""
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 (hex) of its canonical JSON."""
+
+    def to_dict(self) -> dict[str, object]:
+        """The values that `Environment.configuration` takes."""
 
 
 GETTING_READY = "getting ready: this is compiled for this machine once, which takes some seconds"
@@ -178,7 +197,7 @@ class Texts:
     opening: str
     things: str
     questions: tuple[Question, ...] = ()
-    placeholders: Mapping[str, Any] = field(default_factory=dict)
+    placeholders: Mapping[str, object] = field(default_factory=dict)
 
 
 def counted(count: int, one: str, many: str | None = None) -> str:
@@ -244,6 +263,18 @@ class Record(Cause, Protocol):
     def core_version(self) -> str: ...
 
 
+class Ending(TypedDict):
+    """What a finished episode came to, as the columns of these names store it."""
+
+    outcome: str
+    total: float
+    score: float
+    steps: int
+    discovered: int
+    trajectory_hash: str
+    core_version: str
+
+
 class View(Protocol):
     """What may be seen of a run after some of its moves; it stays as it is while the run goes on, and holds no secret."""
 
@@ -271,7 +302,7 @@ class View(Protocol):
     def allowed(self) -> Allowed:
         """What may be chosen next; None once the episode has ended."""
 
-    def observation(self) -> Any:
+    def observation(self) -> object:
         """Return what a policy is given: a copy of its own."""
 
     def frame(self, episode_id: str, hides_scores: bool = False) -> str:
@@ -312,7 +343,7 @@ class Run(Protocol):
     def abandon(self) -> None:
         """Give up: the episode ends as one that was left."""
 
-    def observation(self) -> Any:
+    def observation(self) -> object:
         """Return what a policy is given of the run as it stands: a copy of its own."""
 
     def view(self) -> View:
@@ -333,7 +364,7 @@ class Run(Protocol):
     def allowed(self) -> Sequence[Allowed]:
         """What could be chosen before each move, the first one first; empty if it was always everything."""
 
-    def place(self, step: int) -> Mapping[str, Any]:
+    def place(self, step: int) -> Mapping[str, float]:
         """Return where the run stood after so many moves, by the task's own columns of the exported moves."""
 
 
@@ -359,16 +390,20 @@ class Messages:
     mistake         what is named of moves that cost something; None: moves are not judged
     """
 
-    board: type[Any]
-    episode: type[Any]
-    frame: type[Any]
-    history: type[Any]
-    course: type[Any] | None = None
-    mistake: type[Any] | None = None
+    board: type[WantedBoard]
+    episode: type[WantedEpisode]
+    frame: type[BaseModel]
+    history: type[BaseModel]
+    course: type[BaseModel] | None = None
+    mistake: type[BaseModel] | None = None
 
 
 class WantedEpisode(Protocol):
     """What somebody wants to play next, in the task's own words; what is left out stays as it was."""
+
+    @property
+    def seed(self) -> int | None:
+        """The seed of the instance, None for one that is still to be drawn."""
 
     @property
     def leaves_terrain(self) -> bool:
@@ -411,7 +446,7 @@ class Choice:
 
     config: Configuration
     seed: int | None = None
-    given: Any = None
+    given: object = None
 
     @property
     def is_chosen(self) -> bool:
@@ -432,10 +467,10 @@ class DrawnInstance:
 class Lock(Protocol):
     """Whether an episode is the same elsewhere, and what that needs."""
 
-    def current(self) -> dict[str, Any]:
+    def current(self) -> dict[str, object]:
         """What must be the same where a study is frozen and where it is served, beside the version."""
 
-    def differences(self, recorded: Mapping[str, Any]) -> str:
+    def differences(self, recorded: Mapping[str, object]) -> str:
         """Describe how this machine differs from a recorded lock; empty if it does not."""
 
     def check_exact(self, config: Configuration) -> str:
@@ -499,16 +534,18 @@ class Environment(Protocol):
     def successes(self) -> frozenset[str]:
         """Return the outcomes that are successes."""
 
-    def configuration(self, values: Mapping[str, Any]) -> Configuration:
+    def configuration(self, values: Mapping[str, object]) -> Configuration:
         """Return the configuration of plain values; ValueError or TypeError where they are none."""
 
-    def gymnasium_env(self, config: Configuration) -> Any:
+    def gymnasium_env(self, config: Configuration) -> gymnasium.Env[object, object]:
         """Return the Gymnasium environment of a configuration, newly made."""
 
-    def observations(self, record: Record) -> Sequence[Any]:
+    def observations(self, record: Record) -> Sequence[object]:
         """Return what was seen before each move and after the last."""
 
-    def own_actions(self, config: Configuration, actions: bytes) -> NDArray[np.generic]:
+    def own_actions(
+        self, config: Configuration, actions: bytes
+    ) -> NDArray[np.int64] | NDArray[np.float64]:
         """Return moves as the environment itself takes them: what a policy would have chosen."""
 
     def returns(self, config: Configuration) -> tuple[float, float] | None:
@@ -562,11 +599,8 @@ class Environment(Protocol):
     def cells(self, was: Cause) -> int:
         """Return how many things there are to discover on the instance; 0 where discovering is not what it is about."""
 
-    def record(self, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> Record:
-        """Return the cause of a finished episode, ready to be replayed.
-
-        came_to  outcome, total, score, steps, discovered, trajectory_hash and core_version as they are stored
-        """
+    def record(self, was: Cause, actions: bytes, ending: Ending) -> Record:
+        """Return the cause of a finished episode, ready to be replayed."""
 
     def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
         """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
@@ -577,7 +611,7 @@ class Environment(Protocol):
     def replay_record(self, record: Record) -> Run:
         """Return the run of what `record` returned; ValueError where the version is another one."""
 
-    def frames(self, record: Record, episode_id: str) -> list[dict[str, Any]]:
+    def frames(self, record: Record, episode_id: str) -> list[dict[str, object]]:
         """Return the frames of a finished episode from its start to its end; of large ones only every so many."""
 
 
@@ -586,7 +620,7 @@ def draw_instance(environment: Environment, config: Configuration, seed: int) ->
     return DrawnInstance(config, seed, *environment.instance(config, seed))
 
 
-def describe(environment: Environment) -> dict[str, Any]:
+def describe(environment: Environment) -> dict[str, object]:
     """Return what a page is told of a task: how it is called, drawn, moved and measured."""
     return {
         "name": environment.name.partition(":")[0],
@@ -610,7 +644,7 @@ def place_of(environment: Environment, config: Configuration) -> str:
 
 
 class Policy(Protocol):
-    """Decides from observations alone, and remembers its episode."""
+    """Decides from observations alone, and remembers its episode; `Policies` ask it."""
 
     @property
     def name(self) -> str:
@@ -618,9 +652,6 @@ class Policy(Protocol):
 
     def reset(self, seed: int) -> None:
         """Begin an episode."""
-
-    def act(self, observation: Any) -> int:
-        """Return the action."""
 
 
 @dataclass(frozen=True)
@@ -685,15 +716,18 @@ class Policies(Protocol):
     def reset(self, policy: Policy, config: Configuration, seed: int) -> None:
         """Reset a policy for an episode of a configuration."""
 
+    def act(self, policy: Policy, observation: object) -> int:
+        """A policy's action after what a run showed of itself."""
+
     def act_many(
-        self, policies: Sequence[Any], observations: Sequence[Any]
+        self, policies: Sequence[Policy], observations: Sequence[object]
     ) -> Sequence[int | Exception]:
         """Every board's action, or what its policy raised: the others are decided all the same."""
 
-    def shared_net(self, policy: Any) -> object | None:
+    def shared_net(self, policy: Policy) -> object | None:
         """What decides for the policy, if it can decide for several at once."""
 
-    def observation_in(self, frame: Mapping[str, Any]) -> Any:
+    def observation_in(self, frame: Mapping[str, object]) -> object:
         """What a policy is given of a public frame, if it `sees_frames`."""
 
     def is_rule(self, source: str) -> bool:
@@ -717,7 +751,7 @@ class Policies(Protocol):
     def title(self, name: str) -> str:
         """What reports call a policy."""
 
-    def play(self, policy: Any, config: Configuration, seed: int, policy_seed: int) -> Run:
+    def play(self, policy: Policy, config: Configuration, seed: int, policy_seed: int) -> Run:
         """The ended run of a policy, reset with `policy_seed`, on the instance of a seed."""
 
     def play_all(
@@ -774,13 +808,13 @@ class Course(Protocol):
     def with_name(self, name: str) -> Course:
         """The same course under another name."""
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """The course as the page reads it."""
 
     def preview(self, is_challenge: bool = False) -> bytes:
         """The end as a PNG; of a challenge what is seen before the first move."""
 
-    def animation(self, others: Sequence[Any], is_large: bool) -> Animation:
+    def animation(self, others: Sequence[Course], is_large: bool) -> Animation:
         """What draws the course, and others of the task beside it."""
 
 
@@ -847,7 +881,7 @@ class EpisodeCosts(Protocol):
     def gained(self) -> int:
         """Cost of the moves outside all mistakes, at most 0."""
 
-    def by_kind(self) -> Mapping[Any, int]:
+    def by_kind(self) -> Mapping[str, int]:
         """The cost of the mistakes of each kind; an end without a move counts as `Courses.ended_early`."""
 
     def by_tenth(self) -> NDArray[np.int64]:
@@ -857,7 +891,7 @@ class EpisodeCosts(Protocol):
 class CostEstimator(Protocol):
     """Works out what moves cost."""
 
-    def costs(self, record: Any) -> EpisodeCosts:
+    def costs(self, record: Record) -> EpisodeCosts:
         """The costs of an episode's moves."""
 
 
@@ -877,22 +911,23 @@ class Courses(DrawnReplays, Protocol):
     def estimator(self, source: str, cache: Path | None) -> CostEstimator:
         """What works out costs by a file of the expert, and keeps them in the folder `cache` if there is one."""
 
-    def explain(self, cache: Path, record: Record, source: str) -> dict[str, Any]:
+    def explain(self, cache: Path, record: Record, source: str) -> dict[str, object]:
         """What a page shows of an episode's costs: seconds, so in a job. ValueError if it cannot be replayed."""
 
-    def unjudged(self, record: Record, reason: str) -> dict[str, Any]:
+    def unjudged(self, record: Record, reason: str) -> dict[str, object]:
         """The same where no move is judged."""
 
 
 class Boards(Protocol):
-    """What people come back to: the leaderboard's boards, and what the daily instance is played on.
+    """What people come back to: the leaderboard's boards and the daily instance's."""
 
-    daily    the configuration of the daily instance
-    offered  the configurations of boards that are there even if unplayed
-    """
+    @property
+    def daily(self) -> Configuration:
+        """The configuration of the daily instance."""
 
-    daily: Configuration
-    offered: tuple[Configuration, ...]
+    @property
+    def offered(self) -> tuple[Configuration, ...]:
+        """The configurations of boards that are there even if unplayed."""
 
     def configuration(self, level: str, size: int | tuple[int, int] | None) -> Configuration:
         """The configuration of a level at a size; ValueError if there is none."""
@@ -935,8 +970,8 @@ class View3D(Protocol):
     def page(self) -> ViewPage:
         """What a browser opens."""
 
-    async def serve(self, websocket: WebSocket, session: Any) -> None:
-        """Serve one browser's socket of a board until it leaves."""
+    async def serve(self, websocket: WebSocket, session: object) -> None:
+        """Serve one browser's socket of a board's session until it leaves."""
 
     def close(self) -> None:
         """End what runs for it."""
@@ -949,25 +984,31 @@ class Task(Environment, Protocol):
     def steps_on(self) -> Executor | None:
         """Return the threads on which its runs step; None where a step takes microseconds."""
 
-    def levels(self) -> list[dict[str, Any]]:
+    def levels(self) -> list[dict[str, object]]:
         """Return the levels on offer, as the API lists them."""
 
-    def maps(self) -> list[dict[str, Any]]:
+    def maps(self) -> list[dict[str, object]]:
         """Return the given instances on offer, as the API lists them."""
 
-    def first(self, wanted: Any) -> Choice:
+    def first(self, wanted: WantedBoard) -> Choice:
         """Return what a new board is to begin on; ValueError where it is not on offer."""
 
-    def next(self, was: Cause, wanted: Any) -> Choice:
+    def next(self, was: Cause, wanted: WantedEpisode) -> Choice:
         """Return what a board's next episode is to begin on: what is left out stays as it was."""
 
     def again(self, was: Cause) -> Choice:
         """Return what an episode began on, to be played once more."""
 
-    def wanted_again(self, config: Configuration, wanted: Any, **rest: Any) -> WantedBoard:
-        """Return what begins an episode that is wanted, of a configuration, on a board of its own."""
+    def wanted_again(
+        self,
+        config: Configuration,
+        wanted: WantedEpisode,
+        player: str = "human",
+        rival: str | None = None,
+    ) -> WantedBoard:
+        """The message that begins an episode of a configuration on a new board."""
 
-    def describe(self, was: Cause) -> dict[str, Any]:
+    def describe(self, was: Cause) -> dict[str, object]:
         """Return what a page is told of the configuration."""
 
     def begin(self, choice: Choice) -> Run:
@@ -989,7 +1030,7 @@ class Task(Environment, Protocol):
         """End what runs beside the server for it."""
 
 
-async def on_threads(task: Task, function: Callable[..., T], *arguments: Any) -> T:
+async def on_threads(task: Task, function: Callable[[*Arguments], T], *arguments: *Arguments) -> T:
     """Return what a function comes to on a task's threads, or on those of the event loop where it has none.
 
     It is called again when what it lacked is ready, and no thread waits meanwhile.

@@ -15,7 +15,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from humanplay.task import (
     Choice,
     Configuration,
     Courses,
+    Ending,
     Environment,
     Policy,
     PolicyError,
@@ -35,6 +36,8 @@ from humanplay.task import (
     Run,
     View,
     View3D,
+    WantedBoard,
+    WantedEpisode,
 )
 from humanplay.tasks.courses import FrameCourses
 
@@ -122,7 +125,9 @@ class BaseEnvironment:
         """One board: the default configuration, on new instances every day."""
         return DefaultBoards(self)
 
-    def own_actions(self, config: Configuration, actions: bytes) -> NDArray[np.generic]:
+    def own_actions(
+        self, config: Configuration, actions: bytes
+    ) -> NDArray[np.int64] | NDArray[np.float64]:
         """The codes of the moves."""
         return np.frombuffer(actions, np.uint8).astype(np.int64)
 
@@ -176,7 +181,7 @@ class BaseEnvironment:
         """0: nothing is discovered."""
         return 0
 
-    def observations(self: Environment, record: Record) -> Sequence[Any]:
+    def observations(self: Environment, record: Record) -> Sequence[object]:
         """What was seen before each move and after the last."""
         run = self.run(record.config, seed_of(record))
         seen = [run.observation()]
@@ -185,9 +190,9 @@ class BaseEnvironment:
             seen.append(run.observation())
         return seen
 
-    def record(self: Environment, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> Record:
+    def record(self: Environment, was: Cause, actions: bytes, ending: Ending) -> Record:
         """The cause of a finished episode, ready to be replayed; ValueError for one without a seed."""
-        return EpisodeRecord(was.config, seed_of(was), actions, **came_to)
+        return EpisodeRecord(was.config, seed_of(was), actions, **ending)
 
     def replay(self: Environment, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
         """The run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
@@ -204,7 +209,7 @@ class BaseEnvironment:
             )
         return self.replay(record, record.actions, True)
 
-    def frames(self: Environment, record: Record, episode_id: str) -> list[dict[str, Any]]:
+    def frames(self: Environment, record: Record, episode_id: str) -> list[dict[str, object]]:
         """The frames of a finished episode from its start to its end; of a long one only every so many."""
         run = self.run(record.config, seed_of(record))
         views, every = [run.view()], 1 + len(record.actions) // MOST_FRAMES
@@ -226,19 +231,19 @@ class BaseTask:
 
     steps_on: Executor | None = None
 
-    def levels(self) -> list[dict[str, Any]]:
+    def levels(self) -> list[dict[str, object]]:
         """None: the environment is one."""
         return []
 
-    def maps(self) -> list[dict[str, Any]]:
+    def maps(self) -> list[dict[str, object]]:
         """None: instances are drawn."""
         return []
 
-    def first(self: Environment, wanted: Any) -> Choice:
+    def first(self: Environment, wanted: WantedBoard) -> Choice:
         """What a new board is to begin on."""
         return Choice(self.configuration({}), wanted.seed)
 
-    def next(self, was: Cause, wanted: Any) -> Choice:
+    def next(self, was: Cause, wanted: WantedEpisode) -> Choice:
         """What a board's next episode is to begin on."""
         return Choice(was.config, wanted.seed)
 
@@ -246,11 +251,17 @@ class BaseTask:
         """What an episode began on, to be played once more."""
         return Choice(was.config, was.seed)
 
-    def wanted_again(self, config: Configuration, wanted: Any, **rest: Any) -> NewBoard:
+    def wanted_again(
+        self,
+        config: Configuration,
+        wanted: WantedEpisode,
+        player: str = "human",
+        rival: str | None = None,
+    ) -> NewBoard:
         """What begins an episode that is wanted on a board of its own."""
-        return NewBoard(seed=wanted.seed, **rest)
+        return NewBoard(seed=wanted.seed, player=player, rival=rival)
 
-    def describe(self, was: Cause) -> dict[str, Any]:
+    def describe(self, was: Cause) -> dict[str, object]:
         """Level, map and size as a page knows them of every task: the level alone."""
         return {"level": was.config.level, "map": None, "size": None}
 
@@ -276,11 +287,18 @@ class BaseTask:
         """Do nothing: all runs in the server."""
 
 
-def give_up(was: object, run: Any) -> None:
+@runtime_checkable
+class Outcome(Protocol):
+    """A run, or a record of one, whose outcome can be set."""
+
+    outcome: str
+
+
+def give_up(was: object, run: Run) -> None:
     """End the run of an episode that is over as the episode was, if no move ended it."""
     if not run.ended:
         run.abandon()
-        if getattr(was, "outcome", None) == FAILED:
+        if getattr(was, "outcome", None) == FAILED and isinstance(run, Outcome):
             run.outcome = FAILED
 
 
@@ -297,11 +315,11 @@ class ExactLock:
     def __init__(self, version: str) -> None:
         self._version = version
 
-    def current(self) -> dict[str, Any]:
+    def current(self) -> dict[str, object]:
         """Nothing: the version says it all."""
         return {}
 
-    def differences(self, recorded: Mapping[str, Any]) -> str:
+    def differences(self, recorded: Mapping[str, object]) -> str:
         """None."""
         return ""
 
@@ -347,6 +365,18 @@ class DefaultBoards:
         return tuple(range(FIRST_SEED, FIRST_SEED + INSTANCES))
 
 
+class DecidingPolicy(Policy, Protocol):
+    """A policy that decides by itself, whatever its observations are."""
+
+    def act(self, observation: object) -> int:
+        """The action."""
+
+
+def decides(policy: Policy) -> TypeGuard[DecidingPolicy]:
+    """Whether a policy decides by itself."""
+    return callable(getattr(policy, "act", None))  # isinstance would take longer than many policies
+
+
 class BasePolicies:
     """Policies that decide one by one, on boards of any size; none is shipped (`humanplay.task.Policies`)."""
 
@@ -374,6 +404,12 @@ class BasePolicies:
         """Reset a policy for an episode."""
         policy.reset(seed)
 
+    def act(self, policy: Policy, observation: object) -> int:
+        """A policy's action; TypeError for one that does not decide by itself."""
+        if not decides(policy):
+            raise TypeError(f"expected a policy with a method act, got a {type(policy).__name__}")
+        return policy.act(observation)
+
     def act_many(
         self, policies: Sequence[Policy], observations: Sequence[object]
     ) -> Sequence[int | Exception]:
@@ -381,12 +417,12 @@ class BasePolicies:
         actions: list[int | Exception] = []
         for policy, observation in zip(policies, observations, strict=True):
             try:
-                actions.append(policy.act(observation))
+                actions.append(self.act(policy, observation))
             except PolicyError as error:
                 actions.append(error)
         return actions
 
-    def shared_net(self, policy: object) -> object | None:
+    def shared_net(self, policy: Policy) -> object | None:
         """None: each decides by itself."""
         return None
 
@@ -490,7 +526,7 @@ class CodePolicies(BasePolicies):
         policy.reset(policy_seed)
         run = self._run(config, seed)
         while not run.ended:
-            run.step(policy.act(run.observation()))
+            run.step(self.act(policy, run.observation()))
         return run
 
     def play_all(

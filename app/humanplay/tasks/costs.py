@@ -138,14 +138,15 @@ class MoveJudge:
 
     def _judge(self, record: Record, moves: bytes) -> tuple[int, tuple[int | None, ...]]:
         """What the expert does after some moves, and the length of the episode after each action."""
+        policies = self._environment.policies
         lengths: list[int | None] = []
         chosen = 0
         for action in range(len(self._environment.actions)):
             run, policy = self._watched(record, moves)
-            chosen = policy.act(run.observation())
+            chosen = policies.act(policy, run.observation())
             run.step(action)
             while not run.ended:
-                run.step(policy.act(run.observation()))
+                run.step(policies.act(policy, run.observation()))
             end = run.record()
             lengths.append(end.steps if end.outcome in self._environment.successes else None)
         return chosen, tuple(lengths)
@@ -157,7 +158,7 @@ class MoveJudge:
         policies.reset(policy, record.config, 0)
         run = self._environment.replay(record)
         for action in moves:
-            policy.act(run.observation())
+            policies.act(policy, run.observation())
             run.step(action)
         return run, policy
 

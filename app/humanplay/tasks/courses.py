@@ -40,7 +40,7 @@ class FrameCourses:
         if record.core_version != environment.version:
             raise ValueError(f"the episode was played under {record.core_version}")
         frames = environment.frames(record, "")
-        size = sum(len(frame.get("picture") or frame.get("text") or "") for frame in frames)
+        size = sum(len(str(frame.get("picture") or frame.get("text") or "")) for frame in frames)
         shown = (*frames[: -1 : 1 + size // MOST_BYTES], frames[-1])
         actions = tuple(environment.actions[action] for action in record.actions)
         return FrameCourse(name, environment.name, record.config, actions, shown)

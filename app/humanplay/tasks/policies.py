@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from humanplay.task import Configuration, PolicyError, PolicyOffer, Run
+from humanplay.task import Configuration, Policy, PolicyError, PolicyOffer, Run
 from humanplay.task.registration import environment_of
 from humanplay.tasks.base import BasePolicies
 from humanplay.tasks.processes import LostError, Preparer, Worker
@@ -144,8 +144,10 @@ class ProcessPolicies(BasePolicies):
             return None
         return hashlib.sha256(self.file_of(source).read_bytes()).hexdigest()
 
-    def play(self, policy: ProcessPolicy, config: Configuration, seed: int, policy_seed: int) -> Run:  # fmt: skip
+    def play(self, policy: Policy, config: Configuration, seed: int, policy_seed: int) -> Run:
         """Return the ended run of a policy, reset with `policy_seed`, on the instance of a seed."""
+        if not isinstance(policy, ProcessPolicy):
+            raise TypeError(f"expected a policy in a process, got a {type(policy).__name__}")
         policy.reset(policy_seed)
         return environment_of(self._task).run(config, seed, policy.play(config, seed)[0])
 

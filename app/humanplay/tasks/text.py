@@ -11,12 +11,22 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NoReturn
 
 from pydantic import Field
 
 from humanplay.board.messages import NewBoard, NewEpisode, ServerMessage
-from humanplay.task import About, AgentObservation, Allowed, Lock, Messages, Metric, Policy, Texts
+from humanplay.task import (
+    About,
+    AgentObservation,
+    Allowed,
+    Configuration,
+    Lock,
+    Messages,
+    Metric,
+    Policy,
+    Texts,
+)
 from humanplay.tasks.base import BaseEnvironment, CodePolicies, EpisodeRecord, frame_text
 
 Cell = tuple[int, int]
@@ -120,7 +130,7 @@ class TextRun(ABC):
         """Nothing: every action may always be chosen."""
         return ()
 
-    def place(self, step: int) -> Mapping[str, object]:
+    def place(self, step: int) -> Mapping[str, float]:
         """Nothing: the exported moves have no further columns."""
         return {}
 
@@ -232,7 +242,7 @@ class TextEnvironment(BaseEnvironment, ABC):
         """A configuration of some settings; ValueError for others."""
 
     @abstractmethod
-    def texts(self, config: TextConfig) -> Texts:
+    def texts(self, config: Configuration) -> Texts:
         """What pages, reports and studies say of a configuration."""
 
     @property
@@ -250,13 +260,15 @@ class TextEnvironment(BaseEnvironment, ABC):
         """Its own, and `random`."""
         return CodePolicies(self, self.policy_classes, lambda frame: frame["text"])
 
-    def run(self, config: TextConfig, seed: int, actions: bytes = b"") -> TextRun:
+    def run(self, config: Configuration, seed: int, actions: bytes = b"") -> TextRun:
         """A run after some moves."""
+        if not isinstance(config, TextConfig):
+            raise TypeError(f"expected settings of {self.name}, got a {type(config).__name__}")
         run = self.run_of(config, seed)
         for action in actions:
             run.step(action)
         return run
 
-    def gymnasium_env(self, config: TextConfig) -> object:
+    def gymnasium_env(self, config: Configuration) -> NoReturn:
         """Raise ValueError: it is no environment of Gymnasium."""
         raise ValueError("this is no environment of Gymnasium: leave out the Minari data set")

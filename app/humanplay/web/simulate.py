@@ -234,9 +234,8 @@ class NoisyPolicy:
     def choose(self, frame: Frame) -> str:
         """The action that answers a frame."""
         policy = self._random if self._dice.random() < self._noise else self._policy
-        return self._environment.actions[
-            policy.act(self._environment.policies.observation_in(frame))
-        ]
+        policies = self._environment.policies
+        return self._environment.actions[policies.act(policy, policies.observation_in(frame))]
 
 
 class Participant:

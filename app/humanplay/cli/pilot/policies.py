@@ -11,8 +11,8 @@ import numpy as np
 
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.task import RunEndedError
+from humanplay.tasks.gymnasium.configuration import GymnasiumConfig
 from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
-from humanplay.tasks.gymnasium.run import GymnasiumConfig
 from humanplay.tasks.policies import Choose, Mask, chooser, masked
 
 

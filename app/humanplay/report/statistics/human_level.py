@@ -176,8 +176,9 @@ def _figure(task: str, config_json: str, players: Sequence[Sums]) -> VolunteerFi
         "steps": means["steps"],
         "completed": means["completed"],
     }
-    if "rows" in values and "cols" in values:
-        figure["rows"], figure["cols"] = values["rows"], values["cols"]
+    rows, cols = values.get("rows"), values.get("cols")
+    if isinstance(rows, int) and isinstance(cols, int):
+        figure["rows"], figure["cols"] = rows, cols
     return figure
 
 

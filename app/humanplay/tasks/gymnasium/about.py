@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from humanplay.task import About, Texts, Words, counted
+from humanplay.tasks.gymnasium.configuration import GymnasiumConfig
 from humanplay.tasks.gymnasium.description import Description, canonical
-from humanplay.tasks.gymnasium.run import GymnasiumConfig
 
 
 def about(description: Description, score: str) -> About:

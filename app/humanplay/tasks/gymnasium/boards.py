@@ -19,13 +19,9 @@ from weakref import WeakSet
 from humanplay.task import AgentObservation, Allowed, RunEndedError, TaskFullError
 from humanplay.task.registration import environment_of
 from humanplay.tasks.base import FAILED
+from humanplay.tasks.gymnasium.configuration import GymnasiumConfig, own_config
 from humanplay.tasks.gymnasium.description import described
-from humanplay.tasks.gymnasium.run import (
-    GymnasiumConfig,
-    GymnasiumRun,
-    GymnasiumView,
-    draw_once,
-)
+from humanplay.tasks.gymnasium.run import GymnasiumRun, GymnasiumView, draw_once
 from humanplay.tasks.gymnasium.values import packed, plain, unpacked
 from humanplay.tasks.processes import LostError, Preparer, Work, Worker
 
@@ -279,12 +275,13 @@ def prepare(task: str) -> None:
     """Import the environment and draw it once (`humanplay.tasks.processes`)."""
     environment = environment_of(task)
     _ = environment.actions
-    draw_once(environment.configuration({}))
+    draw_once(own_config(environment.configuration({})))
 
 
 def work(task: str, request: Mapping[str, Any]) -> Work:
     """Play one board: yield what its moves so far came to, then what each action that is sent leads to."""
-    run = GymnasiumRun(environment_of(task).configuration(request["config"]), request["seed"])
+    config = own_config(environment_of(task).configuration(request["config"]))
+    run = GymnasiumRun(config, request["seed"])
     if "observations" in request:
         return _observe(run, request["actions"])
     run.is_live = request["live"]

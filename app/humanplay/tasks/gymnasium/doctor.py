@@ -27,6 +27,7 @@ import numpy as np
 from humanplay.task import counted
 from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.codes import ActionCodes, Mask
+from humanplay.tasks.gymnasium.configuration import own_config
 from humanplay.tasks.gymnasium.description import Description, described
 from humanplay.tasks.gymnasium.pictures import pixels_of
 from humanplay.tasks.gymnasium.proposals import Proposals, proposals_of
@@ -289,7 +290,7 @@ MARK = "doctor: "
 def _child(request: Mapping[str, Any]) -> None:
     """Play a request's seeds and print each episode."""
     environment, variant = environment_of(request["task"]), request["variant"]
-    config = environment.configuration(request.get("config", {}))
+    config = own_config(environment.configuration(request.get("config", {})))
     if variant == PROPOSALS:
         print(MARK + json.dumps(proposals_of(config.description, config.make)), flush=True)
         return

@@ -8,18 +8,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
+import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from humanplay.board.messages import NewBoard, NewEpisode, ServerMessage
-from humanplay.task import About, Messages, Metric, Policies, Record, Texts
+from humanplay.task import About, Configuration, Messages, Metric, Policies, Record, Texts
 from humanplay.tasks.base import BaseEnvironment, seed_of
 from humanplay.tasks.gymnasium.about import about, texts_of
 from humanplay.tasks.gymnasium.boards import BoardRun, Boards, boards_of, observations
 from humanplay.tasks.gymnasium.codes import ActionCodes
+from humanplay.tasks.gymnasium.configuration import GymnasiumConfig, own_config
 from humanplay.tasks.gymnasium.description import (
     DEFAULT_LIMIT,
     MAX_LIMIT,
@@ -31,10 +33,7 @@ from humanplay.tasks.gymnasium.description import (
     spec_of,
 )
 from humanplay.tasks.gymnasium.lock import GymnasiumLock
-from humanplay.tasks.gymnasium.run import (
-    GymnasiumConfig,
-    GymnasiumRun,
-)
+from humanplay.tasks.gymnasium.run import GymnasiumRun
 from humanplay.tasks.policies import ProcessPolicies
 
 POLICIES = "humanplay.tasks.gymnasium.policies"
@@ -143,7 +142,7 @@ class GymnasiumEnvironment(BaseEnvironment):
         """What is played where nothing else is asked for."""
         return GymnasiumConfig(self._told, canonical(self.description.kwargs), self.limit)
 
-    def configuration(self, values: Mapping[str, Any]) -> GymnasiumConfig:
+    def configuration(self, values: Mapping[str, object]) -> GymnasiumConfig:
         """Return the configuration of `level`, `kwargs` and `max_steps`; ValueError or TypeError where they are none."""
         given = {"level": self.level, "kwargs": self.description.kwargs, **values}
         level, kwargs, limit = (given.pop(name, None) for name in ("level", "kwargs", "max_steps"))
@@ -156,9 +155,9 @@ class GymnasiumEnvironment(BaseEnvironment):
             raise ValueError(f"{said}, got {limit!r}")
         return GymnasiumConfig(self._told, canonical(kwargs), limit)
 
-    def gymnasium_env(self, config: GymnasiumConfig) -> Any:
+    def gymnasium_env(self, config: Configuration) -> gymnasium.Env[object, object]:
         """Return a new environment."""
-        return config.make()
+        return own_config(config).make()
 
     @cached_property
     def _codes(self) -> ActionCodes:
@@ -166,7 +165,9 @@ class GymnasiumEnvironment(BaseEnvironment):
         with closing(self.default.make(0)) as env:
             return ActionCodes(self.level, env.action_space)
 
-    def own_actions(self, config: GymnasiumConfig, actions: bytes) -> NDArray[np.generic]:
+    def own_actions(
+        self, config: Configuration, actions: bytes
+    ) -> NDArray[np.int64] | NDArray[np.float64]:
         """The environment's own actions of the moves."""
         return np.array([self._codes.own(code) for code in actions])
 
@@ -174,7 +175,7 @@ class GymnasiumEnvironment(BaseEnvironment):
         """The code of the environment's own action; ValueError for none."""
         return self._codes.of_own(action)
 
-    def returns(self, config: GymnasiumConfig) -> tuple[float, float] | None:
+    def returns(self, config: Configuration) -> tuple[float, float] | None:
         """Return the bounds of the score, where both are known and it is the return; else None."""
         (low, high), score = self.description.bounds, self.description.score
         return None if low is None or high is None or score != "return" else (low, high)
@@ -194,30 +195,31 @@ class GymnasiumEnvironment(BaseEnvironment):
         """What pages, reports and studies say of it."""
         return about(self.description, self.metrics[0].name)
 
-    def texts(self, config: GymnasiumConfig) -> Texts:
+    def texts(self, config: Configuration) -> Texts:
         """What they say of a configuration."""
-        return texts_of(config, self.about)
+        return texts_of(own_config(config), self.about)
 
     @cached_property
     def lock(self) -> GymnasiumLock:
         """What computes it: packages, Python, system, processor."""
         return GymnasiumLock(self.name, self.description)
 
-    def check_study(self, config: GymnasiumConfig) -> None:
+    def check_study(self, config: Configuration) -> None:
         """Raise ValueError where the environment cannot be made."""
-        config.make().close()
+        own_config(config).make().close()
 
     def prepare(self) -> None:
         """Start the process where it steps; ValueError where it cannot be played, or what it needs is not installed."""
         self._boards.preparer.confined()
 
-    def run(self, config: GymnasiumConfig, seed: int, actions: bytes = b"") -> GymnasiumRun:
+    def run(self, config: Configuration, seed: int, actions: bytes = b"") -> GymnasiumRun:
         """Return a run after some actions, in a process of its own."""
-        return BoardRun(self._boards, config, seed, actions, is_live=False)
+        return BoardRun(self._boards, own_config(config), seed, actions, is_live=False)
 
     def observations(self, record: Record) -> Sequence[object]:
         """What was seen before each move and after the last."""
-        return [*observations(self._boards, record.config, seed_of(record), record.actions)]
+        boards, seed = self._boards, seed_of(record)
+        return [*observations(boards, own_config(record.config), seed, record.actions)]
 
 
 def environment(told: str) -> GymnasiumEnvironment:

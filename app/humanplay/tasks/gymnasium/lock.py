@@ -6,12 +6,11 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from humanplay.task import Record, counted
+from humanplay.task import Configuration, Record, counted
 from humanplay.task.registration import environment_of
 from humanplay.tasks.base import give_up, seed_of
 from humanplay.tasks.gymnasium.description import Description, canonical, spec_of
 from humanplay.tasks.gymnasium.doctor import examine
-from humanplay.tasks.gymnasium.run import GymnasiumConfig
 from humanplay.tasks.lock import differences, lock_of
 
 EXAMINED = 200
@@ -37,7 +36,7 @@ class GymnasiumLock:
         """Describe how this machine differs from a recorded lock; empty if it does not."""
         return ", ".join(differences(recorded, self.current()))
 
-    def check_exact(self, config: GymnasiumConfig) -> str:
+    def check_exact(self, config: Configuration) -> str:
         """Compare `EXAMINED` moves on each of five seeds; ValueError if they differ."""
         found = examine(self._task, steps=EXAMINED, config=config.to_dict())
         if found.differences:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from humanplay.task.registration import environment_of
+from humanplay.tasks.gymnasium.configuration import own_config
 from humanplay.tasks.gymnasium.run import GymnasiumRun, draw_once
 from humanplay.tasks.policies import chooser, prepare_source
 from humanplay.tasks.processes import Work
@@ -15,14 +16,15 @@ from humanplay.tasks.processes import Work
 def prepare(argument: str) -> None:
     """Import the environment and what the policy needs (`humanplay.tasks.processes`)."""
     task, source = json.loads(argument)
-    draw_once(environment_of(task).configuration({}))
+    draw_once(own_config(environment_of(task).configuration({})))
     prepare_source(source)
 
 
 def work(argument: str, request: Mapping[str, Any]) -> Work:
     """Play one episode: yield an action for the moves that are sent, or, for "play", the whole episode."""
     task, source = json.loads(argument)
-    run = GymnasiumRun(environment_of(task).configuration(request["config"]), request["seed"])
+    config = own_config(environment_of(task).configuration(request["config"]))
+    run = GymnasiumRun(config, request["seed"])
     choose = chooser(source, request["policy_seed"], run.code_of)
     question, decided = (yield "ready"), -1
     while True:

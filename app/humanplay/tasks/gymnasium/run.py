@@ -7,9 +7,7 @@ import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -18,56 +16,12 @@ from humanplay.board.pictures import jpeg, png
 from humanplay.task import AgentObservation, Allowed
 from humanplay.tasks.base import EpisodeRecord, frame_text
 from humanplay.tasks.gymnasium.codes import ActionCodes, Mask, allowed_in
+from humanplay.tasks.gymnasium.configuration import GymnasiumConfig
 from humanplay.tasks.gymnasium.description import (
-    Description,
     actions_of,
-    canonical,
-    completed,
-    described,
 )
 from humanplay.tasks.gymnasium.pictures import pixels_of
 from humanplay.tasks.gymnasium.values import bytes_of, finite, plain, reward_of
-
-
-@dataclass(frozen=True)
-class GymnasiumConfig:
-    """What `gymnasium.make` is given.
-
-    told       what describes the environment (`Description.told`)
-    arguments  further ones, as canonical JSON
-    limit      moves after which an episode times out
-    """
-
-    told: str
-    arguments: str
-    limit: int
-    size: ClassVar[None] = None
-
-    @property
-    def description(self) -> Description:
-        """What is known of the environment."""
-        return completed(described(self.told))
-
-    @property
-    def level(self) -> str:
-        """The environment's id."""
-        return described(self.told).id
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the values that `GymnasiumEnvironment.configuration` takes."""
-        kwargs = json.loads(self.arguments)
-        return {"level": self.level, "kwargs": kwargs, "max_steps": self.limit}
-
-    @cached_property
-    def hash(self) -> str:
-        """SHA-256 (hex) of the canonical JSON, with what describes the environment."""
-        return hashlib.sha256(canonical([self.told, self.to_dict()]).encode()).hexdigest()
-
-    def make(self, seed: int | None = None) -> gymnasium.Env[Any, Any]:
-        """Return a new environment; ValueError where something it needs is not installed or it refuses its arguments."""
-        given = json.loads(self.arguments)
-        made: gymnasium.Env[Any, Any] = self.description.make(given, self.limit, seed)
-        return made
 
 
 def draw_once(config: GymnasiumConfig) -> None:
@@ -244,7 +198,7 @@ class GymnasiumRun:
         """Return zeros: nothing is discovered."""
         return [0] * (len(self._rewards) + 1)
 
-    def place(self, step: int) -> Mapping[str, Any]:
+    def place(self, step: int) -> Mapping[str, float]:
         """Return nothing: an environment need not be a place."""
         return {}
 

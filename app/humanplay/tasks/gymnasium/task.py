@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from humanplay.task import Choice, Run
+from humanplay.task import Choice, Configuration, Run
 from humanplay.task.registration import Start
 from humanplay.tasks.base import BaseTask
 from humanplay.tasks.gymnasium.boards import BoardRun, Boards
+from humanplay.tasks.gymnasium.configuration import own_config
 from humanplay.tasks.gymnasium.environment import POLICIES, GymnasiumEnvironment
-from humanplay.tasks.gymnasium.run import GymnasiumConfig, GymnasiumRun
+from humanplay.tasks.gymnasium.run import GymnasiumRun
 from humanplay.tasks.policies import ProcessPolicies
 from humanplay.tasks.processes import guards_of
 
@@ -38,9 +39,9 @@ class GymnasiumTask(BaseTask, GymnasiumEnvironment):
         self._boards.check_room()
         return super().begin(choice)
 
-    def run(self, config: GymnasiumConfig, seed: int, actions: bytes = b"") -> GymnasiumRun:
+    def run(self, config: Configuration, seed: int, actions: bytes = b"") -> GymnasiumRun:
         """Return a run after some actions, in a process of its own."""
-        return BoardRun(self._boards, config, seed, actions)
+        return BoardRun(self._boards, own_config(config), seed, actions)
 
     @property
     def _boards(self) -> Boards:

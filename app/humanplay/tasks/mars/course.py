@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from humanplay import task as seam
 from humanplay.task import GhostError
 from humanplay.tasks.mars.drawn import NEVER, DrawnEpisode, sentence
 from humanplay.tasks.mars.pictures import AnimationPicture, Look, challenge_preview, preview
@@ -44,17 +45,18 @@ class Course(DrawnEpisode):
         """Return the end as a PNG, or what is seen before the first move."""
         return challenge_preview(self) if is_challenge else preview(self)
 
-    def animation(self, others: Sequence[Course], is_large: bool) -> Any:
-        """Return what draws the course after each move, with others beside it."""
+    def animation(self, others: Sequence[seam.Course], is_large: bool) -> AnimationPicture:
+        """Return what draws the course after each move, with others of the task beside it."""
         look = Look(board=540, margin=30, text=24) if is_large else Look()
-        return AnimationPicture([self, *others], look)
+        beside = [course for course in others if isinstance(course, Course)]
+        return AnimationPicture([self, *beside], look)
 
     @property
     def is_large(self) -> bool:
         """Whether a move changes much of a picture of the board."""
         return max(self.config.rows, self.config.cols) > LARGE_SIDE
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the course as the page reads it."""
         return {
             "name": self.name,

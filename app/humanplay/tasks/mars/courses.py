@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from humanplay.task import PolicyOffer, Record
+from humanplay.task import Configuration, EpisodeCosts, PolicyOffer, Record
 from humanplay.tasks.mars.course import Course, course_of, play_ghost, preferred
 from humanplay.tasks.mars.explanation import explain, unjudged
-from humanplay.tasks.mars.run import own_record
-from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation.cost import CostEstimator, check_judged
+from humanplay.tasks.mars.narrowing import own_config, own_record
+from marsexplorer.evaluation import cost
 from marsexplorer.evaluation.mistakes import MistakeKind
+
+
+class CostEstimator:
+    """What works out costs by a file of Expert (`humanplay.task.CostEstimator`)."""
+
+    def __init__(self, source: str, cache: Path | None) -> None:
+        self._estimator = cost.CostEstimator(source, cache)
+
+    def costs(self, record: Record) -> EpisodeCosts:
+        """The costs of an episode's moves."""
+        return self._estimator.costs(own_record(record))
 
 
 class MarsCourses:
@@ -25,7 +34,7 @@ class MarsCourses:
         """A finished episode's course; ValueError if these rules cannot replay it."""
         return course_of(name, own_record(record))
 
-    def choices(self, offers: Sequence[PolicyOffer], config: EnvConfig) -> list[str]:
+    def choices(self, offers: Sequence[PolicyOffer], config: Configuration) -> list[str]:
         """The names of the policies that play boards of this size."""
         return [offer.name for offer in offers if offer.plays(config)]
 
@@ -37,18 +46,18 @@ class MarsCourses:
         """A policy's course from the start of a record; GhostError if it has none."""
         return play_ghost(source, own_record(record))
 
-    def check_judged(self, config: EnvConfig) -> None:
+    def check_judged(self, config: Configuration) -> None:
         """Raise ValueError for large boards and maps, of which no move is judged."""
-        check_judged(config)
+        cost.check_judged(own_config(config))
 
     def estimator(self, source: str, cache: Path | None) -> CostEstimator:
         """What works out costs by a file of Expert."""
         return CostEstimator(source, cache)
 
-    def explain(self, cache: Path, record: Record, source: str) -> dict[str, Any]:
+    def explain(self, cache: Path, record: Record, source: str) -> dict[str, object]:
         """What a page shows of an episode's costs; ValueError if it cannot be replayed."""
         return explain(cache, own_record(record), source)
 
-    def unjudged(self, record: Record, reason: str) -> dict[str, Any]:
+    def unjudged(self, record: Record, reason: str) -> dict[str, object]:
         """The same where no move is judged."""
         return unjudged(own_record(record), reason)

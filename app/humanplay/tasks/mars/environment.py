@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import gymnasium
 import numpy as np
@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 
 import marsexplorer  # noqa: F401  # registers the environment
 from humanplay import task
-from humanplay.task import About, Cause, Courses, Messages, Metric, Policies, Texts
+from humanplay.task import (
+    About,
+    Cause,
+    Configuration,
+    Courses,
+    Ending,
+    Messages,
+    Metric,
+    Policies,
+    Texts,
+)
 from humanplay.tasks.base import BaseEnvironment, ExactLock
 from humanplay.tasks.mars.about import ABOUT, texts_of
 from humanplay.tasks.mars.boards import MarsBoards
@@ -27,7 +37,8 @@ from humanplay.tasks.mars.messages import (
     NewEpisode,
     NewSession,
 )
-from humanplay.tasks.mars.run import MarsRun, own_record
+from humanplay.tasks.mars.narrowing import own_config, own_record
+from humanplay.tasks.mars.run import MarsRun
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode, Record, replay, unpack_terrain
 from marsexplorer.episode import score as score_of
@@ -68,15 +79,15 @@ class MarsEnvironment(BaseEnvironment):
     metrics: ClassVar[tuple[Metric, ...]] = METRICS
     successes: ClassVar[frozenset[str]] = frozenset({"explored"})
 
-    def configuration(self, values: Mapping[str, Any]) -> EnvConfig:
+    def configuration(self, values: Mapping[str, object]) -> EnvConfig:
         """Return the configuration of plain values; ValueError or TypeError for others."""
-        return EnvConfig(**values)
+        return EnvConfig.of_dict(values)
 
-    def gymnasium_env(self, config: EnvConfig) -> Any:
+    def gymnasium_env(self, config: Configuration) -> gymnasium.Env[object, object]:
         """Return the environment whose observations are uint8[rows, cols]."""
         names = ("level", "sensor_radius", "beta", "max_steps")
         parameters = {name: getattr(config, name) for name in names}
-        parameters |= {"size": (config.rows, config.cols), "observation": "uint8"}
+        parameters |= {"size": config.size, "observation": "uint8"}
         return gymnasium.make("MarsExplorer-v0", **parameters, disable_env_checker=True)
 
     def observations(self, record: task.Record) -> list[NDArray[np.uint8]]:
@@ -88,9 +99,10 @@ class MarsEnvironment(BaseEnvironment):
             observations.append(again.codes.copy())
         return observations
 
-    def returns(self, config: EnvConfig) -> tuple[float, float]:
+    def returns(self, config: Configuration) -> tuple[float, float]:
         """Return that of an invalid first move, and the theoretical maximum."""
-        return float(-config.r_invalid), float(config.r_bonus + config.n)
+        settings = own_config(config)
+        return float(-settings.r_invalid), float(settings.r_bonus + settings.n)
 
     boards: ClassVar[MarsBoards] = MarsBoards()
     expert: ClassVar[str] = "ppo"
@@ -110,25 +122,26 @@ class MarsEnvironment(BaseEnvironment):
 
         return PolicyCatalogue()
 
-    def texts(self, config: EnvConfig) -> Texts:
+    def texts(self, config: Configuration) -> Texts:
         """What pages, reports and studies say of a configuration."""
-        return texts_of(config)
+        return texts_of(own_config(config))
 
-    def assumed(self, config: EnvConfig, metric: str) -> Mapping[str, float]:
+    def assumed(self, config: Configuration, metric: str) -> Mapping[str, float]:
         """The mean and spread that a new study assumes, by the protocol's fields.
 
         No measurement of people, of whom none has played yet: the synthetic players `mixed` of
         `python -m research.methods.assumed_spread`. Other sizes go by their number of cells.
         """
-        scale = config.n / 441
+        settings = own_config(config)
+        scale = settings.n / 441
         mean = ASSUMED_MEAN * scale
         sds = np.array([ASSUMED_PLAYER_SD, ASSUMED_TERRAIN_SD, ASSUMED_EPISODE_SD]) * scale
         digits = 1
         if (
             metric == "score"
         ):  # half a point a step, and what the first scan shows is not discovered
-            most = config.r_invalid + config.r_bonus + config.n
-            mean = 1 - (mean / 2 + np.pi / 4 * config.sensor_radius**2) / most
+            most = settings.r_invalid + settings.r_bonus + settings.n
+            mean = 1 - (mean / 2 + np.pi / 4 * settings.sensor_radius**2) / most
             sds, digits = sds / (2 * most), 4
         names = "assumed_mean", "assumed_player_sd", "assumed_terrain_sd", "assumed_episode_sd"
         return {
@@ -136,74 +149,90 @@ class MarsEnvironment(BaseEnvironment):
             for name, number in zip(names, (mean, *sds), strict=True)
         }
 
-    def bounds(self, config: EnvConfig) -> tuple[float, float]:
+    def bounds(self, config: Configuration) -> tuple[float, float]:
         """Return the least and the greatest mean score.
 
         The least is a limit of fruitless moves that ends in a collision; the greatest is 1.
 
         Where only what can be discovered counts, that may be a single cell.
         """
-        cells = 1 if config.discoverable_only else config.n
-        return -0.5 * config.limit / (config.r_invalid + config.r_bonus + cells), 1.0
+        settings = own_config(config)
+        cells = 1 if settings.discoverable_only else settings.n
+        return -0.5 * settings.limit / (settings.r_invalid + settings.r_bonus + cells), 1.0
 
     def given_up_score(self, cause: Cause, outcome: str, total: float, score: float) -> float:
         """The score by giving up instead: no bonus, and a penalty if there was none."""
         if outcome not in ("explored", "timed_out"):
             return score
-        total -= cause.config.r_bonus if outcome == "explored" else 0
-        return score_of(cause.config, total - cause.config.r_invalid, self.cells(cause))
+        config = own_config(cause.config)
+        total -= config.r_bonus if outcome == "explored" else 0
+        return score_of(config, total - config.r_invalid, self.cells(cause))
 
     def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
         """Return `no effort` or nothing; counts are the cells known after each move."""
-        return ("no effort",) if makes_no_effort(was.config, counts, self.cells(was)) else ()
+        config, cells = own_config(was.config), self.cells(was)
+        return ("no effort",) if makes_no_effort(config, counts, cells) else ()
 
-    def check_study(self, config: EnvConfig) -> None:
+    def check_study(self, config: Configuration) -> None:
         """Raise ValueError unless all cells count and the board fits the page."""
-        if config.discoverable_only:
+        settings = own_config(config)
+        if settings.discoverable_only:
             raise ValueError(
                 f"a study's terrains are of the levels of the paper, of which all cells count; got {config.level!r}, "
                 "where those count that can be discovered"
             )
-        if max(config.rows, config.cols) > MAX_API_SIDE:
-            got = f"got {config.rows}x{config.cols}"
+        if max(settings.rows, settings.cols) > MAX_API_SIDE:
+            got = f"got {settings.rows}x{settings.cols}"
             raise ValueError(f"a study's boards have at most {MAX_API_SIDE} cells a side, {got}")
 
     def prepare(self) -> None:
         """Compile the rules now: a moment if the cache has them, seconds otherwise."""
         step_once()
 
-    def run(self, config: EnvConfig, seed: int, actions: bytes = b"") -> MarsRun:
+    def run(self, config: Configuration, seed: int, actions: bytes = b"") -> MarsRun:
         """Begin a run on the terrain of a seed, and make some moves."""
-        run = MarsRun(Episode.begin(config, seed=seed))
+        run = MarsRun(Episode.begin(own_config(config), seed=seed))
         for action in actions:
             run.step(action)
         return run
 
-    def instance(self, config: EnvConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
+    def instance(self, config: Configuration, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Return the packed terrain of a seed, and the north-west corner."""
-        return _draw(config, seed), (0, 0)
+        return _draw(own_config(config), seed), (0, 0)
 
     def instance_hash(self, was: Cause) -> str:
         """Return SHA-256 (hex) of shape and packed bits: equal terrains, equal hashes."""
-        shape = f"{was.config.rows}x{was.config.cols}:".encode()
+        rows, cols = own_config(was.config).size
+        shape = f"{rows}x{cols}:".encode()
         return hashlib.sha256(shape + was.terrain).hexdigest()
 
     def cells(self, was: Cause) -> int:
         """Return how many cells coverage refers to: all, or those that can be discovered."""
-        config: EnvConfig = was.config
+        config = own_config(was.config)
         return _cells(config, was.terrain, was.start) if config.discoverable_only else config.n
 
-    def record(self, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> Record:
+    def record(self, was: Cause, actions: bytes, ending: Ending) -> Record:
         """Return the cause of a finished episode, ready to be replayed."""
-        derived = {name: value for name, value in came_to.items() if name != "score"}
-        return Record(was.config, was.seed, was.terrain, was.start, actions=actions, **derived)
+        return Record(
+            own_config(was.config),
+            was.seed,
+            was.terrain,
+            was.start,
+            actions,
+            outcome=ending["outcome"],
+            total=ending["total"],
+            steps=ending["steps"],
+            discovered=ending["discovered"],
+            trajectory_hash=ending["trajectory_hash"],
+            core_version=ending["core_version"],
+        )
 
     def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> MarsRun:
         """Return the run of a stored episode after its actions.
 
         One that ended without an ending move was abandoned.
         """
-        cause = was.config, was.seed, was.terrain, was.start
+        cause = own_config(was.config), was.seed, was.terrain, was.start
         outcome = "abandoned" if ended else "running"
         return self.replay_record(Record(*cause, actions, outcome, 0.0, 0, 0, ""))
 
@@ -211,10 +240,11 @@ class MarsEnvironment(BaseEnvironment):
         """Return the run of a record; ValueError where the core's version is another one."""
         return MarsRun(replay(own_record(record)))
 
-    def frames(self, record: task.Record, episode_id: str) -> list[dict[str, Any]]:
+    def frames(self, record: task.Record, episode_id: str) -> list[dict[str, object]]:
         """Return an episode's frames from start to end, on large boards only some."""
-        stride = max(1, -(-len(record.actions) * record.config.n // MAX_REPLAY_CELLS))
-        run = MarsRun(Episode.again(own_record(record)))
+        episode = own_record(record)
+        stride = max(1, -(-len(episode.actions) * episode.config.n // MAX_REPLAY_CELLS))
+        run = MarsRun(Episode.again(episode))
         texts = [run.view().frame(episode_id)]
         for number, action in enumerate(record.actions, 1):
             run.step(action)

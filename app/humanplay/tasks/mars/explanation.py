@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from humanplay.tasks.mars.run import encode_grid
 from marsexplorer.config import ACTIONS
@@ -24,7 +23,7 @@ def _estimator(expert: str, cache: Path) -> CostEstimator:
     return CostEstimator(expert, cache)
 
 
-def explain(cache: Path, record: Record, expert: str) -> dict[str, Any]:
+def explain(cache: Path, record: Record, expert: str) -> dict[str, object]:
     """Compare an episode with Expert's: moves, their cost, the greatest mistakes.
 
     On boards where no move is judged it says so, beside the lengths of the two episodes.
@@ -55,7 +54,7 @@ def explain(cache: Path, record: Record, expert: str) -> dict[str, Any]:
     }
 
 
-def unjudged(record: Record, reason: str, expert_moves: int | None = None) -> dict[str, Any]:
+def unjudged(record: Record, reason: str, expert_moves: int | None = None) -> dict[str, object]:
     """Return the comparison if no move is judged.
 
     `reason` says why; `expert_moves` is None if Expert's file is missing.
@@ -74,7 +73,7 @@ def unjudged(record: Record, reason: str, expert_moves: int | None = None) -> di
     }
 
 
-def describe_expert(costs: EpisodeCosts, limit: int) -> list[dict[str, Any]]:
+def describe_expert(costs: EpisodeCosts, limit: int) -> list[dict[str, object]]:
     """Return for each move what Expert would have done instead.
 
     shares  of ACTIONS, as the network finds them before the move
@@ -95,7 +94,7 @@ def describe_expert(costs: EpisodeCosts, limit: int) -> list[dict[str, Any]]:
     ]
 
 
-def describe_mistake(record: Record, mistake: Mistake, missed: Missed) -> dict[str, Any]:
+def describe_mistake(record: Record, mistake: Mistake, missed: Missed) -> dict[str, object]:
     """Return a mistake for a page.
 
     `step` is the number of moves before its costliest, `previous` the last of them.

@@ -7,14 +7,16 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
+from humanplay import task
 from humanplay.jobs import Jobs
-from humanplay.task import NotReadyError, PolicyError, PolicyOffer
+from humanplay.task import Configuration, NotReadyError, PolicyError, PolicyOffer
 from humanplay.tasks.base import BasePolicies
+from humanplay.tasks.mars.narrowing import own_config
 from humanplay.tasks.mars.run import MarsRun, occupancy_codes
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
@@ -54,36 +56,37 @@ class PolicyCatalogue(BasePolicies):
         """What may be chosen."""
         return list(self._offers.values())
 
-    def check_size(self, names: Iterable[str], config: EnvConfig) -> None:
+    def check_size(self, names: Iterable[str], config: Configuration) -> None:
         """Raise ValueError, naming the policy, if one cannot play boards of this size."""
         for name in names:
             size = self._offers[name].size if name in self._offers else None
-            if size not in (None, (config.rows, config.cols)):
-                raise ValueError(wrong_size(name, size, (config.rows, config.cols)))
+            if size is not None and size != config.size:
+                raise ValueError(wrong_size(name, size, own_config(config).size))
 
-    def load(self, source: str, config: EnvConfig | None = None) -> Policy:
+    def load(self, source: str, config: Configuration | None = None) -> Policy:
         """A new policy by its name or path; PolicyError if it is absent or cannot play."""
         path = self._offers[source].source if source in self._offers else source
         with _policy_errors():
-            return (
-                policies.load(path) if config is None else policies.load(path, config.sensor_radius)
-            )
+            if config is None:
+                return policies.load(path)
+            return policies.load(path, own_config(config).sensor_radius)
 
-    def reset(self, policy: Any, config: EnvConfig, seed: int) -> None:
+    def reset(self, policy: task.Policy, config: Configuration, seed: int) -> None:
         """Reset a policy for an episode, and tell it the level if it asks."""
-        policies.begin(policy, config.level, seed)
+        policies.begin(own_policy(policy), config.level, seed)
 
     def act_many(
-        self, policies: Sequence[Any], observations: Sequence[Any]
+        self, policies: Sequence[task.Policy], observations: Sequence[object]
     ) -> list[int | Exception]:
         """Every board's action, or what its policy raised."""
-        return batch.act_many(policies, observations)
+        maps = [own_observation(observation) for observation in observations]
+        return batch.act_many([own_policy(policy) for policy in policies], maps)
 
-    def shared_net(self, policy: Any) -> object | None:
+    def shared_net(self, policy: task.Policy) -> object | None:
         """The policy's network, if it can decide for several boards at once."""
-        return batch.shared_net(policy)
+        return batch.shared_net(own_policy(policy))
 
-    def observation_in(self, frame: Mapping[str, Any]) -> NDArray[np.uint8]:
+    def observation_in(self, frame: Mapping[str, object]) -> NDArray[np.uint8]:
         """What a frame shows, as a policy is given it: uint8[rows, cols]."""
         return occupancy_codes(frame)
 
@@ -122,12 +125,15 @@ class PolicyCatalogue(BasePolicies):
         """What reports call a policy."""
         return policies.title(name)
 
-    def play(self, policy: Policy, config: EnvConfig, seed: int, policy_seed: int) -> MarsRun:
+    def play(
+        self, policy: task.Policy, config: Configuration, seed: int, policy_seed: int
+    ) -> MarsRun:
         """The ended run of a policy, reset with `policy_seed`, on the terrain of a seed."""
-        return MarsRun(play_out(policy, Episode.begin(config, seed=seed), policy_seed))
+        episode = Episode.begin(own_config(config), seed=seed)
+        return MarsRun(play_out(own_policy(policy), episode, policy_seed))
 
     def play_all(
-        self, sources: Sequence[str], config: EnvConfig, seeds: Sequence[int]
+        self, sources: Sequence[str], config: Configuration, seeds: Sequence[int]
     ) -> Iterator[tuple[str, int, bytes, str]]:
         """Yield source, seed, actions and trajectory hash of each episode, in any order.
 
@@ -135,12 +141,30 @@ class PolicyCatalogue(BasePolicies):
         """
         for source in sources:
             self.load(source, config)
-        chunks = make_chunks(sources, [config], seeds, traces=True)
+        chunks = make_chunks(sources, [own_config(config)], seeds, traces=True)
         with Jobs() as jobs:
             for rows in play_chunks(chunks, jobs if len(chunks) > FEW_CHUNKS else None):
                 for row in rows:
                     assert row.trace is not None
                     yield row.policy, row.seed, bytes(row.trace.actions), row.trace.trajectory_hash
+
+
+def own_policy(policy: task.Policy) -> Policy:
+    """A policy as one of MarsExplorer's; TypeError for one that does not decide by itself."""
+    if not _decides(policy):
+        raise TypeError(f"expected a policy of MarsExplorer's, got a {type(policy).__name__}")
+    return policy
+
+
+def _decides(policy: task.Policy) -> TypeGuard[Policy]:
+    return callable(getattr(policy, "act", None))
+
+
+def own_observation(observation: object) -> NDArray[np.uint8]:
+    """What a run shows, as its policies are given it; TypeError for another task's."""
+    if not isinstance(observation, np.ndarray):
+        raise TypeError(f"expected a map of cells, got a {type(observation).__name__}")
+    return observation
 
 
 def check_file(path: Path) -> None:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any
+from typing import TypedDict
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from humanplay import task
 from humanplay.task import AgentObservation, Allowed, counted
 from humanplay.tasks.mars.colours import data_url
 from marsexplorer.config import ACTIONS
-from marsexplorer.episode import Episode, Record
+from marsexplorer.episode import Episode
 from marsexplorer.warmup import step_once
 
 CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
@@ -31,9 +29,12 @@ def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
     return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
 
 
-def occupancy_codes(frame: Mapping[str, Any]) -> NDArray[np.uint8]:
+def occupancy_codes(frame: Mapping[str, object]) -> NDArray[np.uint8]:
     """What a frame shows: uint8[rows, cols], 0 unknown, 1 free, 2 rover, 3 obstacle."""
-    return np.array([["?.@#".index(cell) for cell in row] for row in frame["grid"]], np.uint8)
+    grid = frame["grid"]
+    if not isinstance(grid, list):
+        raise TypeError(f"expected a frame whose grid is a list of rows, got {grid!r}")
+    return np.array([["?.@#".index(cell) for cell in row] for row in grid], np.uint8)
 
 
 @cache
@@ -45,11 +46,17 @@ def _load_step() -> None:
     step_once()
 
 
-def own_record(record: task.Record) -> Record:
-    """A record as the core's own; TypeError for another task's."""
-    if not isinstance(record, Record):
-        raise TypeError(f"expected an episode of MarsExplorer's, got a {type(record).__name__}")
-    return record
+class ShownMap(TypedDict):
+    """What a frame shows of a map and a rover; `cells` are those that coverage refers to."""
+
+    rows: int
+    cols: int
+    grid: list[str]
+    position: list[int]
+    discovered: int
+    cells: int
+    coverage: float
+    heading: str
 
 
 class MarsRun:
@@ -67,12 +74,10 @@ class MarsRun:
     def agent_observation(self, picture: bool, observation: bool) -> AgentObservation:
         """Return the known map as a picture and as an observation, without scores."""
         view = self.view()
-        names = ("rows", "cols", "grid", "position", "discovered", "cells", "coverage", "heading")
-        frame = json.loads(view.frame("", hides_scores=True)) if observation else {}
         drawn = data_url(view.codes) if picture else None
-        fields = {name: frame[name] for name in names} if observation else None
-        text = None if fields is None else text_frame(fields)
-        return {"picture": drawn, "text": text, "observation": fields, "allowed": None}
+        shown = view.shown_map() if observation else None
+        text = None if shown is None else text_frame(shown)
+        return {"picture": drawn, "text": text, "observation": shown, "allowed": None}
 
     def rewards(self) -> Sequence[float]:
         """Return the reward of each move."""
@@ -86,7 +91,7 @@ class MarsRun:
         """Nothing: every move may be made, and an invalid one ends the episode."""
         return ()
 
-    def place(self, step: int) -> dict[str, Any]:
+    def place(self, step: int) -> dict[str, float]:
         """Return row, column and coverage after so many moves."""
         row, col = self._episode.place(step)
         discovered = self._episode.discoveries[step]
@@ -168,14 +173,11 @@ class View:
         """Cells discovered after 0, 1, 2, ... moves: a new list."""
         return list(self._episode.discoveries[: self.steps + 1])
 
-    def frame(self, episode_id: str, hides_scores: bool = False) -> str:
-        """Return the frame as JSON text; reward, return and score null if hidden."""
+    def shown_map(self) -> ShownMap:
+        """Return the map and the rover as a frame shows them."""
         rows, cols = self.codes.shape
         row, col = self.position
-        frame = {
-            "kind": "frame",
-            "episode": episode_id,
-            "step": self.steps,
+        return {
             "rows": rows,
             "cols": cols,
             "grid": encode_grid(self.codes),
@@ -184,6 +186,15 @@ class View:
             "cells": int(self.cells),
             "coverage": float(self.coverage),
             "heading": self.heading,
+        }
+
+    def frame(self, episode_id: str, hides_scores: bool = False) -> str:
+        """Return the frame as JSON text; reward, return and score null if hidden."""
+        frame = {
+            "kind": "frame",
+            "episode": episode_id,
+            "step": self.steps,
+            **self.shown_map(),
             "reward": None if hides_scores else float(self.reward),
             "return": None if hides_scores else float(self.total),
             "score": None if hides_scores else float(self.score),
@@ -206,27 +217,25 @@ TEXT_SIDE = 25
 """Rows and columns of a text frame at most, so that it stays below 1 kB."""
 
 
-def text_frame(observation: Mapping[str, Any]) -> str:
-    """Return an observation (`MarsRun.agent_observation`) as a matrix with a legend.
+def text_frame(shown: ShownMap) -> str:
+    """Return a map and the rover as a matrix with a legend.
 
     Of a large board it has the part around the rover.
     """
-    row, col = observation["position"]
+    row, col = shown["position"]
     spans = []
-    for at, cells in ((row, observation["rows"]), (col, observation["cols"])):
+    for at, cells in ((row, shown["rows"]), (col, shown["cols"])):
         first = max(0, min(at - TEXT_SIDE // 2, cells - TEXT_SIDE))
         spans.append(range(first, min(cells, first + TEXT_SIDE)))
     rows, cols = spans
-    matrix = [
-        f"{number:3} {observation['grid'][number][cols[0] : cols[-1] + 1]}" for number in rows
-    ]
+    matrix = [f"{number:3} {shown['grid'][number][cols[0] : cols[-1] + 1]}" for number in rows]
     size = (
-        f"{counted(observation['rows'], 'row')} from north to south, "
-        f"{counted(observation['cols'], 'column')} from west to east"
+        f"{counted(shown['rows'], 'row')} from north to south, "
+        f"{counted(shown['cols'], 'column')} from west to east"
     )
     part = f"here are rows {rows[0]} to {rows[-1]} (each with its number), columns {cols[0]} to {cols[-1]}"
     legend = (
         f"@ the rover, at row {row}, column {col}; ? not seen yet; . free; # rock. "
-        f"{observation['coverage']:.1%} is mapped."
+        f"{shown['coverage']:.1%} is mapped."
     )
     return "\n".join((f"{size}; {part}.", legend, *matrix))

@@ -5,14 +5,22 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from humanplay.task import Cause, Choice, Policies
+from humanplay.task import (
+    Cause,
+    Choice,
+    Configuration,
+    Policies,
+    WantedBoard,
+    WantedEpisode,
+)
 from humanplay.task.registration import Start
 from humanplay.tasks.base import BaseTask
 from humanplay.tasks.mars.compilation import Compilation
 from humanplay.tasks.mars.environment import MarsEnvironment, environment
 from humanplay.tasks.mars.messages import DRAWN_LEVELS, NewEpisode, NewSession
+from humanplay.tasks.mars.narrowing import own_config
 from humanplay.tasks.mars.policies import PolicyCatalogue, check_file
 from humanplay.tasks.mars.run import MarsRun
 from humanplay.tasks.mars.terrains import GivenTerrain, MapCatalogue
@@ -56,7 +64,7 @@ class Mars(BaseTask, MarsEnvironment):
         if self.compilation is not None:
             self.compilation.close()
 
-    def levels(self) -> list[dict[str, Any]]:
+    def levels(self) -> list[dict[str, object]]:
         """Return the levels drawn from seeds; an example has its rocks as bits of rows."""
         examples = _examples()
         return [
@@ -71,52 +79,69 @@ class Mars(BaseTask, MarsEnvironment):
             for level in (ALL_LEVELS[name] for name in DRAWN_LEVELS)
         ]
 
-    def maps(self) -> list[dict[str, Any]]:
+    def maps(self) -> list[dict[str, object]]:
         """Return the maps that the server was started with."""
         return self.catalogue.descriptions()
 
-    def first(self, wanted: NewSession) -> Choice:
+    def first(self, wanted: WantedBoard) -> Choice:
         """Return the terrain that a new session asks for; ValueError for an unknown map."""
-        if wanted.map is not None:
-            return self.catalogue.find(wanted.map)
-        return Choice(EnvConfig.of(wanted.level or "random", wanted.size or SIDE), wanted.seed)
+        message = own_wanted(wanted)
+        if message.map is not None:
+            return self.catalogue.find(message.map)
+        return Choice(EnvConfig.of(message.level or "random", message.size or SIDE), message.seed)
 
-    def next(self, was: Cause, wanted: NewEpisode) -> Choice:
+    def next(self, was: Cause, wanted: WantedEpisode) -> Choice:
         """Return the next terrain: what is omitted stays, and a map is played again."""
-        config: EnvConfig = was.config
-        if wanted.map is not None:
-            return self.catalogue.find(wanted.map)
-        if config.level == MAP and wanted.leaves_terrain:
+        config, message = own_config(was.config), own_wanted(wanted)
+        if message.map is not None:
+            return self.catalogue.find(message.map)
+        if config.level == MAP and message.leaves_terrain:
             return self.again(was)
-        level = wanted.level or ("random" if config.level == MAP else config.level)
-        return Choice(EnvConfig.of(level, wanted.size or (config.rows, config.cols)), wanted.seed)
+        level = message.level or ("random" if config.level == MAP else config.level)
+        return Choice(EnvConfig.of(level, message.size or config.size), message.seed)
 
     def again(self, was: Cause) -> Choice:
         """Return the terrain of an episode, to be played once more."""
         if was.seed is not None:
             return Choice(was.config, was.seed)
-        cells = unpack_terrain(was.terrain, was.config)
+        cells = unpack_terrain(was.terrain, own_config(was.config))
         return Choice(was.config, None, GivenTerrain(cells, was.start))
 
-    def wanted_again(self, config: EnvConfig, wanted: NewEpisode, **rest: Any) -> NewSession:
+    def wanted_again(
+        self,
+        config: Configuration,
+        wanted: WantedEpisode,
+        player: str = "human",
+        rival: str | None = None,
+    ) -> NewSession:
         """Return the message that begins an episode of a configuration on a new board."""
-        if wanted.map is not None:
-            return NewSession(map=wanted.map, **rest)
-        size = (config.rows, config.cols)
-        return NewSession(level=config.level, size=size, seed=wanted.seed, **rest)
+        message = own_wanted(wanted)
+        if message.map is not None:
+            return NewSession(map=message.map, player=player, rival=rival)
+        size = own_config(config).size
+        return NewSession(
+            level=config.level, size=size, seed=message.seed, player=player, rival=rival
+        )
 
-    def describe(self, was: Cause) -> dict[str, Any]:
+    def describe(self, was: Cause) -> dict[str, object]:
         """Return `level`, `map` and `size` of an episode; a square's size is one number."""
-        config: EnvConfig = was.config
+        config = own_config(was.config)
         size = config.rows if config.rows == config.cols else [config.rows, config.cols]
         return {"level": config.level, "map": self.catalogue.name_of(was), "size": size}
 
     def begin(self, choice: Choice) -> MarsRun:
         """Return a run at its start; ValueError before a seed is drawn."""
-        terrain: GivenTerrain | None = choice.given
-        if terrain is None:
-            return MarsRun(Episode.begin(choice.config, choice.seed))
-        return MarsRun(Episode.begin(choice.config, None, terrain.cells, terrain.start))
+        config, terrain = own_config(choice.config), choice.given
+        if not isinstance(terrain, GivenTerrain):
+            return MarsRun(Episode.begin(config, choice.seed))
+        return MarsRun(Episode.begin(config, None, terrain.cells, terrain.start))
+
+
+def own_wanted(wanted: WantedEpisode) -> NewEpisode:
+    """What somebody wants as MarsExplorer's message; TypeError for another task's."""
+    if not isinstance(wanted, NewEpisode):
+        raise TypeError(f"expected what MarsExplorer is asked for, got a {type(wanted).__name__}")
+    return wanted
 
 
 @cache

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from click import echo
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from humanplay.task import Cause, Choice
 from humanplay.tasks.mars.messages import MAX_API_SIDE
+from humanplay.tasks.mars.narrowing import own_config
 from marsexplorer.maps import GridMap, MapFileError, MapWarning, read_map
 
 
@@ -47,9 +47,9 @@ class MapCatalogue:
         """
         return cls(_read_offer(path, cell_m) for path in paths)
 
-    def descriptions(self) -> list[dict[str, Any]]:
+    def descriptions(self) -> list[dict[str, object]]:
         """Return what may be chosen, as the API lists it."""
-        configs = {name: terrain.config for name, terrain in self._maps.items()}
+        configs = {name: own_config(terrain.config) for name, terrain in self._maps.items()}
         return [
             {
                 "name": name,
@@ -79,9 +79,11 @@ class MapCatalogue:
 
 
 def _is_of(row: Cause, terrain: Choice) -> bool:
-    start_terrain: GivenTerrain = terrain.given
-    packed = np.packbits(start_terrain.cells).tobytes()
-    return (row.config, row.start, row.terrain) == (terrain.config, start_terrain.start, packed)
+    terrain_given = terrain.given
+    if not isinstance(terrain_given, GivenTerrain):
+        return False
+    packed = np.packbits(terrain_given.cells).tobytes()
+    return (row.config, row.start, row.terrain) == (terrain.config, terrain_given.start, packed)
 
 
 def open_map(path: Path, cell_m: float | None) -> GridMap:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -30,7 +30,7 @@ def commit() -> str | None:
 
 
 def measure_policy(
-    file: Path, save_policy: Callable[[dict[str, Any]], None], configs: list[EnvConfig]
+    file: Path, save_policy: Callable[[dict[str, object]], None], configs: list[EnvConfig]
 ) -> str:
     """Return a sentence on a policy's moves on each configuration's held-out terrains.
 

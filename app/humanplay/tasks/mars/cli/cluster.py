@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from importlib import import_module
 from importlib.metadata import version
-from typing import Any, TypeVar
+from typing import ParamSpec, TypeVar
 
 from humanplay.jobs import JobError
 
@@ -18,6 +18,7 @@ LOCAL = "local"
 CONNECT_TIMEOUT_S = 10.0
 """Seconds to wait for a cluster's machine to accept a connection."""
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
@@ -39,7 +40,7 @@ class Cluster(Executor):
     def __init__(self, address: str) -> None:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to anyone
         try:
-            self._ray: Any = import_module("ray")
+            self._ray = import_module("ray")
         except ImportError as error:
             raise ClusterError(
                 "ray is not installed; install it with: pip install 'humanplay[ray]'"
@@ -54,10 +55,10 @@ class Cluster(Executor):
             except (ConnectionError, ValueError, RuntimeError) as error:
                 raise _no_cluster(address) from error
         self._call = self._ray.remote(_call_there)
-        self._sent: dict[int, tuple[bytes, Any]] = {}
+        self._sent: dict[int, tuple[bytes, object]] = {}
 
-    def submit(  # type: ignore[override]
-        self, function: Callable[..., T], /, *arguments: Any
+    def submit(
+        self, function: Callable[P, T], /, *arguments: P.args, **named: P.kwargs
     ) -> Future[T]:
         """Call the function on the cluster.
 
@@ -69,7 +70,7 @@ class Cluster(Executor):
             self._send(argument) if isinstance(argument, bytes) else argument
             for argument in arguments
         )
-        reference = self._call.remote(version("humanplay"), function, *references)
+        reference = self._call.remote(version("humanplay"), function, *references, **named)
         future: Future[T] = Future()
         future.set_running_or_notify_cancel()  # it cannot be cancelled any more
         reference.future().add_done_callback(lambda done: self._settle(future, done))
@@ -81,7 +82,7 @@ class Cluster(Executor):
         if self._is_ours:
             self._ray.shutdown()
 
-    def _send(self, content: bytes) -> Any:
+    def _send(self, content: bytes) -> object:
         if id(content) not in self._sent:
             self._sent[id(content)] = content, self._ray.put(content)
         return self._sent[id(content)][1]
@@ -99,13 +100,13 @@ class Cluster(Executor):
             future.set_exception(JobError(f"its process ended early: {line}"))
 
 
-def _call_there(release: str, function: Callable[..., T], *arguments: Any) -> T:
+def _call_there(release: str, function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
     """Call a function on a machine of the cluster; ClusterError on another release."""
     if release != version("humanplay"):
         raise ClusterError(
             f"a machine of the cluster has humanplay {version('humanplay')}, this one has {release}"
         )
-    return function(*arguments)
+    return function(*arguments, **named)
 
 
 def _no_cluster(address: str) -> ClusterError:

@@ -8,7 +8,7 @@ from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING
 
 import click
 from click import ClickException, UsageError, argument, echo, option
@@ -108,8 +108,9 @@ def evaluate(
             executor: Executor | None = None
             if ray or is_long:
                 executor = playing.enter_context(Cluster(ray) if ray else Jobs())
-            how: Any = {"traces": plots is not None, "executor": executor}
-            table = evaluate_policies(names, configs, episodes, seed, advance, **how)
+            table = evaluate_policies(
+                names, configs, episodes, seed, advance, traces=plots is not None, executor=executor
+            )
         if json_file is not None:
             json_file.write(table.to_json().encode() + b"\n")
         if csv_file is not None:

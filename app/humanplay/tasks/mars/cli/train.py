@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from itertools import chain
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from click import UsageError, echo, option
@@ -65,7 +65,7 @@ PRINT_INTERVAL_S = 15
 def train(
     recipe: str,
     levels: tuple[str, ...],
-    sizes: tuple[Any, ...],
+    sizes: tuple[int | tuple[int, int], ...],
     minutes: float | None,
     steps: int | None,
     settings: tuple[str, ...],
@@ -161,7 +161,7 @@ def _measured_configs(run: TrainingRun) -> list[EnvConfig]:
     return [config for config in run.env_configs if config.level == run.env_configs[0].level]
 
 
-def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
+def _card(run: TrainingRun, steps: int, command: str) -> dict[str, object]:
     """Return what the policy's card says besides the numbers of the run."""
     boards = (f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs)
     places = ", ".join(dict.fromkeys(boards))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise, product
-from typing import Any
 
 import numpy as np
 import viser
@@ -99,10 +98,17 @@ def add_rocks(
     places = np.stack([col, -row, still], axis=1).astype(np.float32)
     scales = np.stack([width, width, height], axis=1).astype(np.float32)
     colours = linear(np.array(colour) * (0.8 + 0.24 * grain[:, None]))
-    look: dict[str, Any] = {"cast_shadow": has_shadows, "receive_shadow": has_shadows}
-    look |= {"flat_shading": True, "lod": "off"}
     return scene.add_batched_meshes_simple(
-        name, *ROCKS[shape], turns, places, batched_scales=scales, batched_colors=colours, **look
+        name,
+        *ROCKS[shape],
+        turns,
+        places,
+        batched_scales=scales,
+        batched_colors=colours,
+        cast_shadow=has_shadows,
+        receive_shadow=has_shadows,
+        flat_shading=True,
+        lod="off",
     )
 
 
@@ -111,7 +117,6 @@ def add_rover(
 ) -> viser.FrameHandle:
     """Add the rover, facing east (+x), and return the frame that holds its parts."""
     rover = scene.add_frame("/rover", show_axes=False)
-    common: dict[str, Any] = {"cast_shadow": has_shadows, "receive_shadow": False}
     for name, colour, size, position in (
         ("body", PALE, (0.72, 0.46, 0.2), (0.0, 0.0, 0.36)),
         ("deck", accent, (0.66, 0.5, 0.06), (-0.02, 0.0, 0.49)),
@@ -122,11 +127,26 @@ def add_rover(
         ("eyes", DARK, (0.03, 0.26, 0.08), (0.39, 0.0, 1.0)),
         ("arm", PALE, (0.3, 0.06, 0.06), (0.48, 0.12, 0.34)),
     ):
-        scene.add_box(f"/rover/{name}", color=colour, dimensions=size, position=position, **common)
-    common |= {"color": DARK, "radius": 0.16, "height": 0.14, "radial_segments": 12}
+        scene.add_box(
+            f"/rover/{name}",
+            color=colour,
+            dimensions=size,
+            position=position,
+            cast_shadow=has_shadows,
+            receive_shadow=False,
+        )
     for number, (x, y) in enumerate(product((-0.33, 0.0, 0.33), (-0.36, 0.36))):
-        place, lying = (x, y, 0.16), (0.7071, 0.7071, 0.0, 0.0)
-        scene.add_cylinder(f"/rover/wheel{number}", position=place, wxyz=lying, **common)
+        scene.add_cylinder(
+            f"/rover/wheel{number}",
+            radius=0.16,
+            height=0.14,
+            color=DARK,
+            radial_segments=12,
+            position=(x, y, 0.16),
+            wxyz=(0.7071, 0.7071, 0.0, 0.0),  # lying
+            cast_shadow=has_shadows,
+            receive_shadow=False,
+        )
     return rover
 
 
@@ -204,7 +224,7 @@ def relief(rows: int, cols: int) -> tuple[Corners, Faces]:
     return corners, np.vstack([squares_of[:, [0, 1, 2]], squares_of[:, [0, 2, 3]]])
 
 
-def flat(corners: NDArray[np.floating[Any]], height: float) -> tuple[Corners, Faces]:
+def flat(corners: NDArray[np.float64], height: float) -> tuple[Corners, Faces]:
     """Return corners[4 n, 3], faces[2 n, 3] of level quadrilaterals corners[n, 4, 2]."""
     points = corners.reshape(-1, 2)
     level = np.hstack([points, np.full((len(points), 1), height)]).astype(np.float32)

@@ -13,7 +13,7 @@ import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import viser
@@ -156,10 +156,10 @@ def sky(colours: Colours) -> NDArray[np.uint8]:
     return picture
 
 
-def encode(image: Image.Image, **options: Any) -> bytes:
+def encode(image: Image.Image, format: str, **options: object) -> bytes:
     """Return an image as the bytes of a file."""
     file = io.BytesIO()
-    image.save(file, **options)
+    image.save(file, format, **options)
     return file.getvalue()
 
 
@@ -337,13 +337,27 @@ class Scene:
         self._scene.set_background_image(sky(self._options.colours), format="jpeg", jpeg_quality=90)
 
     def _add_ground(self) -> None:
-        flat: dict[str, Any] = {"wxyz": FACING_UP, "cast_shadow": False, "receive_shadow": False}
         night = np.full((2, 2, 4), (*self._options.colours.beyond, 255), np.uint8)
-        self._soil = self._scene.add_image("/soil", night[..., :3], 1, 1, format="jpeg", **flat)
-        self._fog = self._scene.add_image("/fog", night, 1, 1, format="png", **flat)
+        self._soil = self._add_picture("/soil", night[..., :3], "jpeg")
+        self._fog = self._add_picture("/fog", night, "png")
         edges = np.zeros((4, 2, 3), np.float32)
         self._border = self._scene.add_line_segments(
             "/border", edges, colors=(150, 104, 78), thickness=1.5, thickness_units="screen"
+        )
+
+    def _add_picture(
+        self, name: str, picture: NDArray[np.uint8], format: Literal["jpeg", "png"]
+    ) -> viser.ImageHandle:
+        """Lay a picture on the ground, without shadows."""
+        return self._scene.add_image(
+            name,
+            picture,
+            1,
+            1,
+            format=format,
+            wxyz=FACING_UP,
+            cast_shadow=False,
+            receive_shadow=False,
         )
 
     def _resize_ground(self, rows: int, cols: int) -> None:
@@ -385,11 +399,14 @@ class Scene:
     def _add_lidar_range(self, radius: int) -> None:
         """Draw the lidar's range, dashed, and a ring around the rover on small boards."""
         dashes, ring = models.circle(radius, 72, 0.06)[::2], models.circle(0.66, 24, 0.1)
-        colour = tuple(int(self._options.colours.line * channel) for channel in self._accent)
+        red, green, blue = (int(self._options.colours.line * channel) for channel in self._accent)
         for name, segments, thickness in (("reach", dashes, 2.0), ("ring", ring, 2.0)):
-            look: dict[str, Any] = {"colors": colour, "thickness": thickness}
             self._scene.add_line_segments(
-                f"/rover/{name}", segments, **look, thickness_units="screen"
+                f"/rover/{name}",
+                segments,
+                colors=(red, green, blue),
+                thickness=thickness,
+                thickness_units="screen",
             )
 
     def _add_marks(self, radius: int) -> None:
@@ -412,10 +429,17 @@ class Scene:
         visible: bool = True,
     ) -> viser.MeshHandle:
         """Add a flat, translucent mark on the ground and return its node."""
-        plain: dict[str, Any] = {"side": "double", "flat_shading": True, "opacity": 0.85}
-        plain |= {"cast_shadow": False, "receive_shadow": False}
         return self._scene.add_mesh_simple(
-            name, corners, faces, color=colour, visible=visible, **plain
+            name,
+            corners,
+            faces,
+            color=colour,
+            visible=visible,
+            side="double",
+            flat_shading=True,
+            opacity=0.85,
+            cast_shadow=False,
+            receive_shadow=False,
         )
 
     def _show_rocks(self, codes: NDArray[np.uint8]) -> None:
@@ -473,9 +497,12 @@ class Scene:
             places = [cells[:, 1], -cells[:, 0], np.full(len(cells), 0.08)]
             points = np.stack(places, axis=1).astype(np.float32)
             segments = np.stack([points[:-1], points[1:]], axis=1)
-            look: dict[str, Any] = {"colors": self._accent, "thickness": 0.26}
             trail = self._scene.add_line_segments(
-                f"/trail/{start}", segments, **look, thickness_units="world"
+                f"/trail/{start}",
+                segments,
+                colors=self._accent,
+                thickness=0.26,
+                thickness_units="world",
             )
             self._add_episode_node(trail)
 

@@ -173,8 +173,10 @@ class Viewer:
         """Return how many browsers look."""
         return len(self._transport.boards)
 
-    async def serve(self, websocket: WebSocket, session: Session) -> None:
+    async def serve(self, websocket: WebSocket, session: object) -> None:
         """Serve one browser's 3-D socket until it leaves; its query has `ViewOptions`."""
+        if not isinstance(session, Session):
+            raise TypeError(f"expected a board's session, got a {type(session).__name__}")
         if PROTOCOL not in websocket.scope.get("subprotocols", []):
             await websocket.accept()
             reason = f"expected the subprotocol {PROTOCOL}; reload the page"

@@ -10,14 +10,15 @@ import asyncio
 import inspect
 import itertools
 import threading
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import viser
 import zstandard
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
-from viser.infra import _infra
+from viser.infra import Message, WebsockClientConnection, _infra
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.exceptions import ConnectionClosedOK
 
@@ -100,7 +101,7 @@ class Connection:
 
 
 async def produce(
-    connection: Connection, buffer: AsyncMessageBuffer, client_id: int, last: Any = None
+    connection: Connection, buffer: AsyncMessageBuffer, client_id: int, last: Message | None = None
 ) -> None:
     """Send batches in viser's wire format; ConnectionClosedOK at the buffer's end.
 
@@ -216,7 +217,7 @@ class Transport(_infra.WebsockServer):
         self.boards.pop(client.client_id, None)
 
 
-def _check_numbers(camera: Any) -> None:
+def _check_numbers(camera: object) -> None:
     """Raise ValueError unless a camera's vectors and numbers are well formed."""
     for name, length in _VECTORS.items():
         if len(getattr(camera, name)) != length:
@@ -227,7 +228,10 @@ def _check_numbers(camera: Any) -> None:
             raise ValueError(f"expected a number of at most {LARGEST:g}, got {number}")
 
 
-async def _call(callbacks: list[Any], client: Any) -> None:
+async def _call(
+    callbacks: Sequence[Callable[[WebsockClientConnection], object]],
+    client: WebsockClientConnection,
+) -> None:
     for callback in callbacks:
         result = callback(client)
         if inspect.isawaitable(result):
