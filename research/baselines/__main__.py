@@ -27,20 +27,21 @@ from research.baselines.rules import DistanceAdvantage, USweep
 from research.paper.tables import Estimate, markdown_table
 
 FIRST_SEED = 1795391114
-"""Of the terrains, those of the first table of docs/results.md."""
+"""Of the terrains, those of the second table of docs/results.md."""
 FOLDER = Path(__file__).parent / "data"
 SIDES = (21, 42, 84)
 BEST = "frontier-priced"
 """The best of our rules."""
 OURS = (*RULES, BEST)
+ELSEWHERE = (DistanceAdvantage(1.0), DistanceAdvantage(0.5), USweep())
+NAMES = (*OURS, *(rule.name for rule in ELSEWHERE))
 COLUMNS = ("seed", "policy", "steps", "soon")
 """Moves to 99 %, and the share of the cells known after as many moves as two sides."""
 
 
 def players() -> list[Policy]:
     """The rules, ours first."""
-    others = DistanceAdvantage(1.0), DistanceAdvantage(0.5), USweep()
-    return [*map(policies.load, OURS), *others]
+    return [*map(policies.load, OURS), *ELSEWHERE]
 
 
 def file_of(side: int) -> Path:
@@ -57,24 +58,26 @@ def measure(side: int, terrains: int) -> None:
         if file.tell() == 0:
             writer.writerow(COLUMNS)
         for count, seed in enumerate(range(FIRST_SEED, FIRST_SEED + terrains), 1):
-            rows = []
-            for rule in rules if seed not in done else ():
-                episode = play_episode(rule, config, seed)
-                steps = steps_to_target(config, episode.outcome, episode.steps)
-                soon = episode.discoveries[: 2 * side + 1][-1] / config.n
-                rows.append((seed, rule.name, steps, f"{soon:.4f}"))
-            writer.writerows(rows)
-            file.flush()
+            if seed not in done:
+                writer.writerows([row_of(rule, config, seed) for rule in rules])
+                file.flush()
             advance(count, terrains)
+
+
+def row_of(rule: Policy, config: EnvConfig, seed: int) -> tuple[int, str, int, str]:
+    """What a rule needs on a terrain, by COLUMNS."""
+    episode = play_episode(rule, config, seed)
+    steps = steps_to_target(config, episode.outcome, episode.steps)
+    soon = episode.discoveries[: 2 * config.rows + 1][-1] / config.n
+    return seed, rule.name, steps, f"{soon:.4f}"
 
 
 def steps_by_seed(path: Path) -> tuple[list[int], dict[str, Floats], dict[str, Floats]]:
     """What all rules played: (seeds, policy -> moves, policy -> shares)."""
     with path.open(newline="") as file:
         rows = [*csv.DictReader(file)]
-    names = [rule.name for rule in players()]
     by_policy = {
-        name: {int(row["seed"]): row for row in rows if row["policy"] == name} for name in names
+        name: {int(row["seed"]): row for row in rows if row["policy"] == name} for name in NAMES
     }
     seeds = sorted(set.intersection(*(set(played) for played in by_policy.values())))
     moves, shares = (

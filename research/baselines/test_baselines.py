@@ -1,30 +1,21 @@
 """Rules from elsewhere do what is written of them, all on the same terrains."""
 
+from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from marsexplorer.config import OBSTACLE, UNKNOWN, EnvConfig
+from marsexplorer.config import UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import play_episode
-from marsexplorer.observation import DISPLACEMENTS
 from research.baselines import __main__ as command
 from research.baselines.rules import DistanceAdvantage, USweep, lanes
-
-
-def moves_from(codes, start):
-    """Cell -> moves over known free cells."""
-    moves, ring = {start: 0}, [start]
-    for cell in ring:
-        for dr, dc in DISPLACEMENTS:
-            near = cell[0] + dr, cell[1] + dc
-            inside = 0 <= near[0] < codes.shape[0] and 0 <= near[1] < codes.shape[1]
-            if inside and near not in moves and codes[near] not in (UNKNOWN, OBSTACLE):
-                moves[near] = moves[cell] + 1
-                ring.append(near)
-    return moves
+from research.difference.picture import VIDEOS
+from research.paper.jobs import read_lines
+from tests.support.reference_frontier import distances
 
 
 def is_frontier(codes, cell):
@@ -34,11 +25,11 @@ def is_frontier(codes, cell):
 
 def advantages(codes, visited, rover, weight):
     """Candidate -> advantage, as the module's docstring has it."""
-    from_rover = moves_from(codes, rover)
+    from_rover = distances(codes, rover)
     by_candidate = {}
     for cell, moves in from_rover.items():
         if cell not in visited and is_frontier(codes, cell):
-            by_candidate[cell] = weight * np.mean([*moves_from(codes, cell).values()]) - moves
+            by_candidate[cell] = weight * np.mean([*distances(codes, cell).values()]) - moves
     return by_candidate
 
 
@@ -55,14 +46,26 @@ def test_it_goes_where_the_advantage_is_largest(weight):
             wanted = advantages(codes, visited, rover, weight)
             goals = [cell for cell in wanted if wanted[cell] > max(wanted.values()) - 1e-9]
             episode.step(rule.act(episode.codes))
-            nearer = moves_from(codes, episode.position)
-            before = moves_from(codes, rover)
+            nearer = distances(codes, episode.position)
+            before = distances(codes, rover)
             assert any(nearer[goal] == before[goal] - 1 for goal in goals)
         assert episode.outcome == "explored"
 
 
-def test_the_sweep_has_the_lanes_of_the_videos():
-    assert [*lanes(21, 21, 6)] == [(6, 6), (6, 14), (14, 14), (14, 6)]
+def rows_driven(path):
+    """The rows along which a path goes for more than half of the grid's 21 columns."""
+    moves = Counter(row for (row, _), (next_row, _) in pairwise(path) if row == next_row)
+    return sorted(row for row, count in moves.items() if count > 21 / 2)
+
+
+def test_the_sweep_drives_the_rows_of_the_videos():
+    corners = [*lanes(21, 21, 6)]
+    assert corners == [(6, 6), (6, 14), (14, 14), (14, 6)]
+    for video in read_lines(VIDEOS):
+        assert rows_driven(video["path"]) == sorted({row for row, _ in corners})
+
+
+def test_the_lanes_of_other_grids_are_no_further_apart_than_the_lidar_sees():
     rows = [row for row, _ in lanes(84, 84, 6)][::2]
     assert (rows[0], rows[-1], max(np.diff(rows))) == (6, 77, 12)
     assert [*lanes(5, 5, 6)] == [(2, 2), (2, 2)]
@@ -87,6 +90,14 @@ def test_the_page_of_results_has_the_stored_table():
         "|".join(cell.strip() for cell in line.split("|")) for line in command.table().splitlines()
     ]
     assert "\n".join(rows) in page
+
+
+@pytest.mark.parametrize("name", command.NAMES)
+def test_a_stored_terrain_is_played_again_as_it_is_stored(name):
+    (rule,) = (rule for rule in command.players() if rule.name == name)
+    seeds, moves, shares = command.steps_by_seed(command.file_of(21))
+    row = command.row_of(rule, EnvConfig.of("random", 21), seeds[0])
+    assert row == (seeds[0], name, moves[name][0], f"{shares[name][0]:.4f}")
 
 
 def test_a_run_that_was_stopped_goes_on_and_prints_ratios(tmp_path, monkeypatch):

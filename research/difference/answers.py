@@ -155,7 +155,8 @@ def table(records: Records) -> str:
         columns = [low_to_high([record.last(name) for record in same_kind]) for name in COLUMNS]
         results = [record.result for record in same_kind if record.result]
         for name in HELD_OUT:
-            columns.append(low_to_high([result[name] for result in results]) if results else "")
+            shares = [result[name] for result in results]
+            columns.append(low_to_high(shares, "{:.3f}".format) if results else "")
         is_sweep = sweeps([record.last("coverage") for record in same_kind])
         rows.append([*kind, str(len(same_kind)), f"{moves:,}", *columns, "yes" if is_sweep else ""])
     effects = [["factor", "effect on coverage", "verdict"], ["---"] * 3]
@@ -182,7 +183,7 @@ def in_short(records: Records) -> str:
     full = finished(records, world="code", estimates="code", passes="full")
     if not full or not all(letter.values()):
         return ""
-    covered = {world: low_to_high(coverages(group)) for world, group in letter.items()}
+    covered = {world: low_to_high(results_of(group, "coverage")) for world, group in letter.items()}
     completed = low_to_high(results_of(letter["text"], "explored"), per_cent)
     with_u, explored, left = (
         ", ".join(f"{100 * share:g}" for share in results_of(full, name))
@@ -190,12 +191,13 @@ def in_short(records: Records) -> str:
     )
     makers = sum(share > MAJORITY for share in results_of(full, "clean_u"))
     sentences = (
-        f"On the level of the videos, PPO by the letter covers {covered['text']} of the text's world and "
-        f"completes {completed} of its terrains; of the code's it covers {covered['code']}. With the code's "
-        f"discount and lambda and as many gradient steps as the authors' it covers {low_to_high(coverages(full))} "
-        f"of the code's. A U without going back, as in the videos, is what most episodes of {makers} of these "
-        f"{len(full)} seeds make. By seed, on terrains kept apart, {with_u}\N{NO-BREAK SPACE}% make one, "
-        f"{explored}\N{NO-BREAK SPACE}% complete the terrain and {left}\N{NO-BREAK SPACE}% leave the grid."
+        f"On terrains kept apart, of the level of the videos, PPO by the letter in light passes covers "
+        f"{covered['text']} of the text's world and completes {completed} of its terrains; of the code's it covers "
+        f"{covered['code']}. With the code's discount and lambda and as many gradient steps as the authors' it "
+        f"covers {low_to_high(results_of(full, 'coverage'))} of the code's. A U without going back, as in the "
+        f"videos, is what most episodes of {makers} of these {len(full)} seeds make. By seed, "
+        f"{with_u}\N{NO-BREAK SPACE}% make one, {explored}\N{NO-BREAK SPACE}% complete the terrain and "
+        f"{left}\N{NO-BREAK SPACE}% leave the grid."
     )
     return fill(sentences, 110, break_on_hyphens=False).replace("\N{NO-BREAK SPACE}", " ")
 
@@ -210,11 +212,6 @@ def finished(records: Records, **kind: str) -> list[Record]:
         and all(getattr(training, name) == setting for name, setting in kind.items())
     ]
     return sorted(of_kind, key=lambda record: record.training.seed)
-
-
-def coverages(records: Sequence[Record]) -> list[float]:
-    """The coverage of each training at its end."""
-    return [record.last("coverage") for record in records]
 
 
 def results_of(records: Sequence[Record], name: str) -> list[float]:

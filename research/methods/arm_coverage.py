@@ -5,14 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import click
 
 from humanplay.report.measured_coverage import SCORE_POPULATIONS, ScorePopulation
 from humanplay.report.statistics.arm_comparisons import difference_of
 from marsexplorer.intervals import Floats
 from research.coverage.simulated_studies import TERRAINS, generator, simulate_studies
+from research.paper.tables import markdown_table
 
 PLAYERS = (5, 10, 20)
 """People in each arm."""
@@ -44,27 +43,26 @@ def covered_share(
     return float(((low <= 0) & (high >= 0)).mean())
 
 
-def lines(studies: int, seed: int) -> Iterator[str]:
-    """Yield a line for each population: its coverage by people in each arm and spread."""
+def table(studies: int, seed: int) -> str:
+    """The coverage (%) of each population, by people in each arm and spread."""
+    kinds = [(terrain_sd, players) for terrain_sd in TERRAIN_SDS for players in PLAYERS]
+    columns = ["population", *(f"{players} people, {sd:g} between" for sd, players in kinds)]
+    rows = []
     for population in SCORE_POPULATIONS:
-        shares = [
-            f"{100 * covered_share(population, players, terrain_sd, studies, seed):.1f}"
-            for terrain_sd in TERRAIN_SDS
-            for players in PLAYERS
-        ]
-        yield f"{population.name:<16}  {'  '.join(f'{share:>5}' for share in shares)}"
+        shares = [covered_share(population, players, sd, studies, seed) for sd, players in kinds]
+        rows.append([population.name, *(f"{100 * share:.1f}" for share in shares)])
+    return markdown_table(columns, rows)
 
 
 @click.command()
 @click.option("--studies", default=2000, show_default=True, help="Simulated, of each kind.")
 @click.option("--seed", default=0, show_default=True)
 def main(studies: int, seed: int) -> None:
-    """Print how often the interval holds the truth, by people in each arm."""
-    for terrain_sd in TERRAIN_SDS:
-        click.echo(f"{terrain_sd:g} between instances, of one arm less the other:", nl=False)
-        click.echo(f" {', '.join(map(str, PLAYERS))} people in each arm")
-    for line in lines(studies, seed):
-        click.echo(line)
+    """Print in how many studies of 100 the interval holds the truth.
+
+    By people in each arm, and by how much one arm's advantage differs between terrains.
+    """
+    click.echo(table(studies, seed))
 
 
 if __name__ == "__main__":

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from humanplay.report.measured_coverage import SCORE_POPULATIONS
 from humanplay.report.statistics.crossed import crossed_components
 from humanplay.task.registration import environment_of
 from marsexplorer.config import RUNNING, EnvConfig
 from marsexplorer.world import Worlds, positions
+from research.methods import arm_coverage
 from research.methods.assumed_spread import steps_of_players
 from research.methods.cost_validation import SLIP_RATES, SlipPool, measure_slips
 from research.methods.effort_rates import effort_rate
@@ -75,3 +77,21 @@ def outcomes_of(slip, crash, boards=40):
 def test_who_never_slips_explores_and_who_always_crashes_collides():
     assert (outcomes_of(0.0, 0.0) == 1).all()
     assert np.isin(outcomes_of(0.0, 1.0), (2, 3)).all()
+
+
+def test_the_interval_of_two_arms_holds_the_truth_and_not_a_shifted_one(monkeypatch):
+    population = SCORE_POPULATIONS[0]
+    assert 0.9 < arm_coverage.covered_share(population, 10, 0.02, studies=200, seed=0) <= 1
+    first, second = arm_coverage.simulate_arms(population, 10, 0.0, studies=200, seed=0)
+    monkeypatch.setattr(arm_coverage, "simulate_arms", lambda *_: (first + 0.5, second))
+    assert arm_coverage.covered_share(population, 10, 0.0, studies=200, seed=0) == 0
+
+
+def test_the_table_of_two_arms_has_a_column_for_each_kind_of_study():
+    header, _, *rows = arm_coverage.table(studies=4, seed=0).splitlines()
+    assert "| 5 people, 0 between |" in header
+    assert "| 20 people, 0.02 between |" in header
+    assert [row.split(" | ")[0] for row in rows] == [
+        f"| {population.name}" for population in SCORE_POPULATIONS
+    ]
+    assert {row.count("|") for row in rows} == {header.count("|")}

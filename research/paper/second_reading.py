@@ -22,7 +22,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "paper.md"
 PAPER, DIFFERENCE = ROOT / "research/paper/data", ROOT / "research/difference/data"
-T = {2: 4.302652729911275, 99: 1.9842169515086827}
+T = {2: 4.302652729911275, 5: 2.570581835636314, 99: 1.9842169515086827}
 """Degrees of freedom -> the two-sided 95 % quantile of Student's t."""
 Lines = list[dict[str, Any]]
 
@@ -34,12 +34,14 @@ class Figure:
     row      a regular expression of the line that it stands in
     pattern  of the figure in that line, a group a number
     derive   the numbers as text
+    in_text  whether it stands in a paragraph, after what `row` matches
     """
 
     name: str
     row: str
     pattern: str
     derive: Callable[[], Sequence[str]]
+    in_text: bool = False
 
 
 def read(path: Path) -> Lines:
@@ -79,18 +81,18 @@ def last_scores(algorithm: str, moves: int) -> tuple[str, str]:
     return with_half([line["curve"]["score"][-1] for line in lines])
 
 
-def levels_scores(variant: str) -> dict[str, list[float]]:
-    """Level -> final scores by seed of figure 5."""
+def levels_scores() -> dict[str, list[float]]:
+    """Level -> final scores by seed of figure 5, by the letter."""
     scores: dict[str, list[float]] = {}
-    for line in trials("figure5.jsonl", variant=variant):
+    for line in trials("figure5.jsonl", variant="paper"):
         scores.setdefault(line["trial"]["level"], []).append(line["curve"]["score"][-1])
     return scores
 
 
-def on_one_scale(variant: str) -> dict[str, list[float]]:
-    """Level -> final scores with the bonus counted everywhere, by seed."""
+def on_one_scale() -> dict[str, list[float]]:
+    """Level -> final scores by seed, by the letter; the bonus counts everywhere."""
     scores: dict[str, list[float]] = {}
-    for line in trials("figure5.jsonl", variant=variant):
+    for line in trials("figure5.jsonl", variant="paper"):
         last = {name: column[-1] for name, column in line["curve"].items() if name != "cpu_s"}
         score = last["score"]
         if line["trial"]["level"].endswith("2"):  # 0 to 441 there, -441 to 882 on the others
@@ -101,9 +103,9 @@ def on_one_scale(variant: str) -> dict[str, list[float]]:
     return scores
 
 
-def effect(variant: str, element: int) -> list[float]:
+def effect(element: int) -> list[float]:
     """The spread of a mean score between the settings of an element, by seed."""
-    scores = on_one_scale(variant)
+    scores = on_one_scale()
     settings = sorted({level.split("-")[element] for level in scores})
     spreads = []
     for seed in range(3):
@@ -115,18 +117,18 @@ def effect(variant: str, element: int) -> list[float]:
     return spreads
 
 
-def morphology(variant: str, setting: str) -> list[float]:
+def morphology(setting: str) -> list[float]:
     """The mean score with one d_m, by seed."""
-    scores = on_one_scale(variant)
+    scores = on_one_scale()
     return [
         fmean(scores[level][seed] for level in scores if level.split("-")[1] == setting)
         for seed in range(3)
     ]
 
 
-def moves_less(elements: tuple[int, int]) -> tuple[str, str]:
-    """One effect less another by the letter, by seed."""
-    first, second = (effect("paper", element) for element in elements)
+def effect_difference(elements: tuple[int, int]) -> tuple[str, str]:
+    """One effect less another, over seeds."""
+    first, second = (effect(element) for element in elements)
     return with_half([a - b for a, b in zip(first, second, strict=True)])
 
 
@@ -220,8 +222,7 @@ def between_levels(levels: Sequence[str]) -> tuple[str, str]:
         if trained_on in levels and line["level"] not in ends:
             by_policy.setdefault(line["policy"], []).append(line["steps_to_99"])
     means = [fmean(moves) for moves in by_policy.values()]
-    half = 2.570581835636314 * stdev(means) / len(means) ** 0.5  # t of 5 degrees of freedom
-    return f"{fmean(means):.1f}", f"{half:.1f}"
+    return with_half(means, 1)
 
 
 def last_five(column: str, **wanted: str) -> dict[int, float]:
@@ -300,36 +301,41 @@ FIGURES = (
     Figure("Rainbow's", row("best"), f"rainbow {PAIR}", lambda: last_scores("rainbow", 2_250_000)),
     Figure("A2C's", row("best"), f"a2c {PAIR}", lambda: last_scores("a2c", 9_000_000)),
     Figure("SAC's", row("best"), f"sac {PAIR}", lambda: last_scores("sac", 225_000)),
+    Figure("d_t", row("morphology-first"), f"values: d_t {PAIR}", lambda: with_half(effect(0))),
+    Figure("d_m", row("morphology-first"), f"d_m {PAIR}", lambda: with_half(effect(1))),
+    Figure("d_b", row("morphology-first"), f"d_b {PAIR}", lambda: with_half(effect(2))),
     Figure(
-        "d_t", row("morphology-first"), f"values: d_t {PAIR}", lambda: with_half(effect("paper", 0))
-    ),
-    Figure("d_m", row("morphology-first"), f"d_m {PAIR}", lambda: with_half(effect("paper", 1))),
-    Figure("d_b", row("morphology-first"), f"d_b {PAIR}", lambda: with_half(effect("paper", 2))),
-    Figure(
-        "d_m less d_t", row("morphology-first"), f"d_m less d_t {PAIR}", lambda: moves_less((1, 0))
+        "d_m less d_t",
+        row("morphology-first"),
+        f"d_m less d_t {PAIR}",
+        lambda: effect_difference((1, 0)),
     ),
     Figure(
-        "d_m less d_b", row("morphology-first"), f"d_m less d_b {PAIR}", lambda: moves_less((1, 2))
+        "d_m less d_b",
+        row("morphology-first"),
+        f"d_m less d_b {PAIR}",
+        lambda: effect_difference((1, 2)),
     ),
-    Figure("d_t less d_b", row("bonus-little"), f"d_t less d_b {PAIR}", lambda: moves_less((0, 2))),
+    Figure(
+        "d_t less d_b",
+        row("bonus-little"),
+        f"d_t less d_b {PAIR}",
+        lambda: effect_difference((0, 2)),
+    ),
     Figure(
         "d_m = 1",
         row("morphology-degrades"),
         f"everywhere {PAIR} with d_m = 1",
-        lambda: with_half(morphology("paper", "1")),
+        lambda: with_half(morphology("1")),
     ),
     Figure(
         "d_m = 2",
         row("morphology-degrades"),
         f"{PAIR} with d_m = 2",
-        lambda: with_half(morphology("paper", "2")),
+        lambda: with_half(morphology("2")),
     ),
-    Figure(
-        "3-2-1", row("hardest"), f"3-2-1 {PAIR}", lambda: with_half(levels_scores("paper")["3-2-1"])
-    ),
-    Figure(
-        "3-2-2", row("hardest"), f"3-2-2 {PAIR}", lambda: with_half(levels_scores("paper")["3-2-2"])
-    ),
+    Figure("3-2-1", row("hardest"), f"3-2-1 {PAIR}", lambda: with_half(levels_scores()["3-2-1"])),
+    Figure("3-2-2", row("hardest"), f"3-2-2 {PAIR}", lambda: with_half(levels_scores()["3-2-2"])),
     Figure(
         "easy",
         row("harder-generalises"),
@@ -407,7 +413,7 @@ FIGURES = (
         lambda: (to_rule("ppo-works", "99", 42), to_rule("ppo-works", "99", 84)),
     ),
     Figure("world", r"^\|world\|.*makes.*$", EFFECT, world_effect),
-    Figure("passes", r"^\|passes\|.*$(?!.*seeds)", EFFECT, passes_effect),
+    Figure("passes", r"^\|passes\|.*$", EFFECT, passes_effect),
     Figure(
         "code, full",
         r"^\|videos\|full\|code\|.*$",
@@ -418,25 +424,27 @@ FIGURES = (
     ),
     Figure(
         "a U by seed",
-        r"By seed, on terrains",
-        r"apart,\s+([\d., ]+?) % make",
+        r"By seed,",
+        r"By seed,\s+([\d.,\s]+?)\s%\s+make",
         lambda: (", ".join(held_out("clean_u")),),
+        in_text=True,
     ),
     Figure(
         "completed",
-        r"By seed, on terrains",
-        r"make\s+one,\s+([\d.,\s]+?) % complete",
+        r"By seed,",
+        r"make\s+one,\s+([\d.,\s]+?)\s%\s+complete",
         lambda: (", ".join(held_out("explored")),),
+        in_text=True,
     ),
     Figure("reproduced", r"^\|what is implemented\|.*$", r"implemented\|(\d+)\|", verdicts),
 )
-"""More than thirty, of every kind of stored file."""
+"""More than thirty, of stored trainings, episodes and walks."""
 
 
 def on_the_page(figure: Figure, text: str) -> tuple[str, ...]:
     """The numbers of a figure as they stand on the page; empty if it has none."""
     for start in re.finditer(figure.row, text, re.M):
-        paragraph = text[start.start() :].split("\n\n")[0] if "By seed" in figure.row else start[0]
+        paragraph = text[start.start() :].split("\n\n")[0] if figure.in_text else start[0]
         if numbers := re.search(figure.pattern, paragraph):
             return tuple(" ".join(number.split()) for number in numbers.groups())
     return ()

@@ -73,7 +73,7 @@ async def look(port, session, until):
 
 
 async def play(port, session, until, trips):
-    """Play with the nearest-frontier rule at a steady pace; add each move's ms to trips."""
+    """Play the nearest-frontier rule at a steady pace; add each move's ms to trips."""
     policy = policies.load("frontier-cost")
     url = f"ws://127.0.0.1:{port}/ws/sessions/{session}"
     async with connect(url, proxy=None, compression=None) as socket:

@@ -1,6 +1,6 @@
 """A database of many episodes, in minutes: copies of recorded ones.
 
-They have new ids, players and terrains.
+They have new ids, players and seeds.
 
 Of a hundred episodes some sixty are ranked ones of people, a tenth was left, twenty are a policy's,
 fifteen attempts at daily terrains and the others of two studies, of which one is closed. A copy has
@@ -42,7 +42,7 @@ def make_episodes(
     configs: tuple[EnvConfig, ...],
     players: int = 3000,
 ) -> None:
-    """Make a database with about so many episodes and players, and its studies' folder."""
+    """Make a database with about so many episodes and players, and its studies."""
     for name in ("dunes", "ridge"):
         study = freeze(studies, name, close=name == "dunes")
         play_study(path, study, ("human",) * 6)

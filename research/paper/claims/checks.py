@@ -31,7 +31,7 @@ from research.paper.jobs import Line, write_lines
 EPISODES = 40
 Cell = tuple[int, int]
 MOST_NEW_CELLS = 13
-"""By which a move widens what lies within radius 6: a disc shifted by one cell, 13 cells high."""
+"""At most so many cells come within radius 6 by a move: a disc 13 cells high, moved by one."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,9 @@ def actions() -> Finding:
 
 
 def is_hidden(target: Cell, rover: Cell, obstacles: Sequence[Cell]) -> bool:
-    """Whether the segment between two centres crosses the inside of an obstacle between.
+    """Whether the segment between two centres crosses the inside of an obstacle.
 
-    By clipping it to the square, exactly.
+    By clipping it to the obstacle's square, exactly; the target does not hide itself.
     """
     for obstacle in obstacles:
         if obstacle == target:
@@ -138,7 +138,7 @@ def cost() -> Finding:
 
 
 def moves_to_frontier(codes: Codes, visited: set[Cell], rover: Cell) -> int:
-    """The moves over known free cells to the nearest frontier cell not visited; -1 if none."""
+    """The moves over known free cells to the nearest unvisited frontier; -1 if none."""
     rows, cols = codes.shape
     ring, reached, moves = [rover], {rover}, 0
     while ring:

@@ -16,6 +16,11 @@ from research.paper.tables import Estimate, low_to_high
 MOST = 0.9
 
 
+def share_text(share: float) -> str:
+    """A share in per cent with one digit: that of 200 terrains exactly."""
+    return f"{100 * share:.1f} %"
+
+
 def on_one_level(shares: Sequence[float], least: tuple[float, float], is_full: bool) -> str:
     """Judge a finding by the share of each seed's episodes that reach it.
 
@@ -41,7 +46,7 @@ def judged(results: Results, column: str, least: tuple[float, float], words: str
     records, is_full = trained(results.trainings)
     shares = results_of(records, column)
     verdict = on_one_level(shares, least, is_full)
-    return f"{verdict}: {words} in {low_to_high(shares)}" if shares else verdict
+    return f"{verdict}: {words} in {low_to_high(shares, share_text)}" if shares else verdict
 
 
 def generalises(results: Results) -> str:
@@ -52,14 +57,14 @@ def generalises(results: Results) -> str:
 def hilbert(results: Results) -> str:
     """A U without going back is a majority, and more than either rule makes there."""
     rules = results.code_rules
-    if not rules:
+    if not rules or not trained(results.trainings)[0]:
         return NOT_YET
     intervals = [
         wilson_interval(round(line["clean_u"] * line["terrains"]), line["terrains"])
         for line in rules
     ]
     low, high = (max(MAJORITY, *limits) for limits in zip(*intervals, strict=True))
-    words = ", ".join(f"`{line['policy']}` {line['clean_u']:.2f}" for line in rules)
+    words = ", ".join(f"`{line['policy']}` {share_text(line['clean_u'])}" for line in rules)
     judgement = judged(results, "clean_u", (low, high), "a U without going back")
     return f"{judgement}; {words}"
 

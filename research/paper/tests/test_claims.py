@@ -1,4 +1,4 @@
-"""docs/paper.md says what the shipped results say, and the verdicts follow from the numbers."""
+"""docs/paper.md says what is stored, and its verdicts follow from the numbers."""
 
 import json
 import re
@@ -57,7 +57,9 @@ FIGURE_5 = ("morphology-first", "morphology-degrades", "bonus-little", "hardest"
 def trained(
     algorithm, seed, scores, level="random", variant="paper", explored=None, completion=0.0
 ):
-    """A long finished trial; the points of its curve, these scores, are 1,000 moves and 10 CPU seconds apart.
+    """A long finished trial with a curve of these scores.
+
+    Its points are 1,000 moves and 10 CPU seconds apart.
 
     explored  the share of completed episodes; None: the one with which a score is the same with a bonus and without
     """
@@ -65,7 +67,7 @@ def trained(
     curve = {"moves": [1000 * k for k in points], "cpu_s": [10.0 * k for k in points]}
     curve |= {name: [0.0 for _ in points] for name in ENDINGS}
     curve |= {"score": scores, "coverage": scores}
-    curve["explored"] = [2 * each - 1 if explored is None else explored for each in scores]
+    curve["explored"] = [2 * score - 1 if explored is None else explored for score in scores]
     result = MEASURED | {"moves": LONG, "cpu_s": 60.0, "completion": completion}
     trial = Trial(algorithm, variant, level, 21, seed, LONG)
     return Record(trial, SETTINGS, {"hardware": HARDWARE}, curve, result)
@@ -88,7 +90,7 @@ def figure_4(finals=FINALS, seeds=3):
 
 
 def of_moves(records, moves):
-    return [replace(each, trial=replace(each.trial, moves=moves)) for each in records]
+    return [replace(record, trial=replace(record.trial, moves=moves)) for record in records]
 
 
 def test_every_claim_has_its_row_and_every_row_its_claim():
@@ -181,11 +183,12 @@ def test_a_finding_is_judged_in_the_codes_world_by_all_seeds(passes, shares, of_
 def test_the_codes_world_is_judged_with_its_shares_and_those_of_the_rules():
     words = by_the_code("hilbert", in_the_codes_world([0.1, 0.99, 0.1]))
     assert words == (
-        "undecided: a U without going back in 0.10 to 0.99; "
-        "`frontier-cost` 0.30, `frontier-utility` 0.60"
+        "undecided: a U without going back in 10.0 % to 99.0 %; "
+        "`frontier-cost` 30.0 %, `frontier-utility` 60.0 %"
     )
     without_rules = Results(trainings=in_the_codes_world(ALWAYS))
     assert by_code("hilbert", without_rules) == NOT_YET
+    assert by_the_code("hilbert", {}) == NOT_YET
     assert by_code("best", without_rules) == ""
 
 
@@ -393,8 +396,8 @@ def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out():
     }
     results = Results(
         records=[
-            trained("sac", seed, [0.5], variant=name, completion=each)
-            for name, each in shares.items()
+            trained("sac", seed, [0.5], variant=name, completion=share)
+            for name, share in shares.items()
             for seed in range(3)
         ]
     )
@@ -467,17 +470,17 @@ def test_a_statement_holds_where_all_its_parts_do_and_fails_where_one_does_not()
 
 def test_a_ratio_of_means_has_fiellers_interval():
     # 4 degrees of freedom, t 2.7764: (10 - 5 r)^2 = t^2 (4/3 + r^2 / 3)
-    found = ratio_of_means(np.array([8.0, 10.0, 12.0]), np.array([4.0, 5.0, 6.0]))
-    assert (found.mean, found.low, found.high) == pytest.approx((2.0, 1.2447, 3.2134), abs=2e-4)
+    ratio = ratio_of_means(np.array([8.0, 10.0, 12.0]), np.array([4.0, 5.0, 6.0]))
+    assert (ratio.mean, ratio.low, ratio.high) == pytest.approx((2.0, 1.2447, 3.2134), abs=2e-4)
     # over a constant, and of one, it is the t interval of the other
     two, values = np.array([2.0, 2.0, 2.0]), np.array([4.0, 5.0, 6.0])
     low, high = t_interval(values)
-    found = ratio_of_means(values, two)
-    assert (found.low, found.high) == pytest.approx((low / 2, high / 2))
-    found = ratio_of_means(two, values)
-    assert (found.low, found.high) == pytest.approx((2 / high, 2 / low))
-    found = ratio_of_means(values, np.array([-1.0, 1.0, 2.0]))  # which may be 0
-    assert (found.mean, found.low, found.high) == (7.5, -np.inf, np.inf)
+    ratio = ratio_of_means(values, two)
+    assert (ratio.low, ratio.high) == pytest.approx((low / 2, high / 2))
+    ratio = ratio_of_means(two, values)
+    assert (ratio.low, ratio.high) == pytest.approx((2 / high, 2 / low))
+    ratio = ratio_of_means(values, np.array([-1.0, 1.0, 2.0]))  # which may be 0
+    assert (ratio.mean, ratio.low, ratio.high) == (7.5, -np.inf, np.inf)
     assert ratio_of_means(values, np.array([-1.0, 0.0, 1.0])).high == np.inf
     assert ratio_of_means(two, two).high == 1.0
 
@@ -494,28 +497,30 @@ def test_a_ratio_whose_interval_is_not_bounded_decides_nothing_and_says_so():
         for name, scores in finals.items()
         for seed, score in enumerate(scores)
     ]
-    found = CLAIMS["half"].decide(Results(records=records))
-    assert found.verdict == UNDECIDED
+    judgement = CLAIMS["half"].decide(Results(records=records))
+    assert judgement.verdict == UNDECIDED
     assert (
         "ratio of the means of these scores at the end 0.465, and no bounded interval"
-        in found.measured
+        in judgement.measured
     )
     bounded = CLAIMS["half"].decide(Results(records=figure_4()))
     assert re.search(r"scores at the end 0\.506 \(0\.\d+ to 0\.\d+\)\.", bounded.measured)
 
 
 def converging(finals, moves=LONG, works=0.95):
-    """Results of four algorithms: after 1,000 moves all have completed `works` as they work; by the letter see `finals`.
+    """Results of four algorithms by the letter, and as they work.
+
+    After 1,000 moves all have completed `works` as they work; by the letter see `finals`.
 
     finals  algorithm -> moves after which each seed has completed enough, None: never
     """
     records = [trained(name, 0, [0.9], variant="works", explored=works) for name in ALGORITHMS]
     for name, at in finals.items():
-        for seed, each in enumerate(at):
+        for seed, reached in enumerate(at):
             record = trained(name, seed, [0.1, 0.9])
             curve = record.curve | {
-                "moves": [1000, each or LONG],
-                "explored": [0.0, 0.95 if each else 0.1],
+                "moves": [1000, reached or LONG],
+                "explored": [0.0, 0.95 if reached else 0.1],
             }
             result = record.result | {"moves": moves}
             records.append(replace(record, curve=curve, result=result))
@@ -555,8 +560,8 @@ def test_too_few_seeds_or_algorithms_decide_nothing():
 
 def test_only_the_longest_trainings_count_of_which_there_are_three():
     short = [
-        replace(each, curve={**each.curve, "score": [0.5, 0.5]})
-        for each in of_moves(figure_4(), 10)
+        replace(record, curve={**record.curve, "score": [0.5, 0.5]})
+        for record in of_moves(figure_4(), 10)
     ]
     longer = of_moves([trained("ppo", 0, [0.0, 0.0])], 2 * LONG)
     assert verdict_of("best", Results(records=[*short, *figure_4(), *longer])) == REPRODUCED
@@ -565,33 +570,34 @@ def test_only_the_longest_trainings_count_of_which_there_are_three():
 def test_short_trainings_are_shown_and_decide_nothing():
     results = Results(records=of_moves(figure_4(), BUDGETS["full"].moves["sac"] - 1))
     for name in FIGURE_4:
-        found = CLAIMS[name].decide(results)
-        assert found.verdict == NOT_YET
-        assert found.measured.startswith("after short trainings, which decide nothing: ")
+        judgement = CLAIMS[name].decide(results)
+        assert judgement.verdict == NOT_YET
+        assert judgement.measured.startswith("after short trainings, which decide nothing: ")
 
 
 def test_trainings_that_are_shorter_than_the_papers_decide_nothing_and_say_how_long_they_are():
     records = [
         replace(
-            each,
-            result=each.result | {"moves": 8_999_999 if each.trial.algorithm == "ppo" else LONG},
+            record,
+            result=record.result
+            | {"moves": 8_999_999 if record.trial.algorithm == "ppo" else LONG},
         )
-        for each in figure_4()
+        for record in figure_4()
     ]
     for name in FIGURE_4:
-        found = CLAIMS[name].decide(Results(records=records))
-        assert found.verdict == UNDECIDED
-        assert "PPO 9 M and 2.16 M" in found.measured
-        assert "moves of the paper's: PPO 9 M" in found.measured
-        assert found.measured.endswith("its PPO made 2.16 M gradient steps")
-    whole = [each for each in figure_4() if each.trial.algorithm != "ppo"]
+        judgement = CLAIMS[name].decide(Results(records=records))
+        assert judgement.verdict == UNDECIDED
+        assert "PPO 9 M and 2.16 M" in judgement.measured
+        assert "moves of the paper's: PPO 9 M" in judgement.measured
+        assert judgement.measured.endswith("its PPO made 2.16 M gradient steps")
+    whole = [record for record in figure_4() if record.trial.algorithm != "ppo"]
     exact = [
-        replace(each, settings=LIGHT, result=each.result | {"moves": 9_000_000})
-        for each in figure_4()
+        replace(record, settings=LIGHT, result=record.result | {"moves": 9_000_000})
+        for record in figure_4()
     ]
-    found = CLAIMS["best"].decide(Results(records=[*whole, *exact[:3]]))
-    assert found.verdict == REPRODUCED
-    assert "PPO 9 M and 108 k" in found.measured  # of as many moves, but not of as many steps
+    judgement = CLAIMS["best"].decide(Results(records=[*whole, *exact[:3]]))
+    assert judgement.verdict == REPRODUCED
+    assert "PPO 9 M and 108 k" in judgement.measured  # of as many moves, but not of as many steps
 
 
 def test_that_a_statement_does_not_hold_takes_the_gradient_steps_of_the_paper_too():
@@ -600,8 +606,8 @@ def test_that_a_statement_does_not_hold_takes_the_gradient_steps_of_the_paper_to
         records = figure_4(finals)
         assert verdict_of("best", Results(records=records)) == with_steps
         light = [
-            replace(each, settings=LIGHT, result=each.result | {"moves": 9_000_000})
-            for each in records
+            replace(record, settings=LIGHT, result=record.result | {"moves": 9_000_000})
+            for record in records
         ]
         without = REPRODUCED if with_steps == REPRODUCED else UNDECIDED
         assert verdict_of("best", Results(records=light)) == without
@@ -622,16 +628,16 @@ def test_no_order_at_equal_cpu_time_is_said_where_times_or_processors_are_not_kn
         assert "at equal moves" in measured
         assert "at equal CPU time" not in measured
     for unknown in ({"hardware": "x86_64, one thread"}, {"hardware": None}, {}):
-        records = [replace(each, versions=unknown) for each in (first, *others)]
+        records = [replace(record, versions=unknown) for record in (first, *others)]
         assert "at equal CPU time" not in CLAIMS["best"].decide(Results(records=records)).measured
 
 
 def test_a_curve_that_has_not_begun_has_no_score():
     late = [
-        replace(each, curve={**each.curve, "moves": [5000, 6000]})
-        if each.trial.algorithm == "a2c"
-        else each
-        for each in figure_4()
+        replace(record, curve={**record.curve, "moves": [5000, 6000]})
+        if record.trial.algorithm == "a2c"
+        else record
+        for record in figure_4()
     ]
     measured = CLAIMS["best"].decide(Results(records=late)).measured
     assert "a2c too early to say; at equal CPU time" in measured
@@ -663,7 +669,10 @@ def test_figure_5_is_judged_by_the_effects_of_the_three_elements():
 
 
 def shaken(results, shifts):
-    """The same with a shift of the score for each seed, on the levels where an element of the difficulty has its last value."""
+    """The same with a shift of the score for each seed, on some levels.
+
+    Those on which an element of the difficulty has its last value.
+    """
 
     def score(record):
         element, shift = shifts[0], shifts[1][record.trial.seed]
@@ -672,8 +681,8 @@ def shaken(results, shifts):
 
     return Results(
         records=[
-            trained("ppo", each.trial.seed, [score(each)], each.trial.level)
-            for each in results.records
+            trained("ppo", record.trial.seed, [score(record)], record.trial.level)
+            for record in results.records
         ]
     )
 
@@ -709,11 +718,11 @@ def test_a_loss_is_of_scores_on_one_scale():
         for level in DIFFICULTIES
         for seed in range(3)
     ]
-    found = CLAIMS["morphology-degrades"].decide(Results(records=records))
-    assert found.verdict == NOT_REPRODUCED
+    judgement = CLAIMS["morphology-degrades"].decide(Results(records=records))
+    assert judgement.verdict == NOT_REPRODUCED
     assert (
         "a certain loss of 0.080 ± 0.000, less than the 0.1 that counts as serious"
-        in found.measured
+        in judgement.measured
     )
 
 
@@ -743,14 +752,14 @@ def test_the_bonus_is_counted_by_how_the_episodes_end():
 
 
 def test_what_happens_on_the_levels_as_it_works_alone_decides_nothing():
-    for effects, said in (
+    for effects, words in (
         (LIKE_THE_PAPER, ", as the paper says."),
         (UNLIKE, ", not as the paper says."),
     ):
         works = CLAIMS["hardest"].decide(figure_5(*effects, ["works"]))
         assert works.verdict == UNDECIDED
         assert works.measured.startswith("as it works: final score: 3-2-1 0.")
-        assert said in works.measured
+        assert words in works.measured
     assert verdict_of("hardest", figure_5(*LIKE_THE_PAPER, ["paper", "works"])) == REPRODUCED
 
 
@@ -774,11 +783,11 @@ def test_what_was_trained_on_one_level_is_judged_on_the_others():
         )
 
     moves = {"1-1-1": 95.0, "1-1-2": 94.0, "3-2-1": 90.0, "3-2-2": 91.0}
-    found = CLAIMS["harder-generalises"].decide(played(moves))
-    assert found.verdict == PARTLY
+    judgement = CLAIMS["harder-generalises"].decide(played(moves))
+    assert judgement.verdict == PARTLY
     assert (
         "trained on 1-1-1 or 1-1-2 94.6 ± 0.6 (6 trainings), trained on 3-2-1 or 3-2-2 90.6"
-        in found.measured
+        in judgement.measured
     )
     # one pair of levels is not the paper's statement: both levels of a kind count
     picked = moves | {"1-1-2": 90.0, "3-2-2": 94.0}
@@ -794,11 +803,11 @@ def test_few_terrains_to_train_on_are_compared_with_new_ones_in_every_episode():
         for variant, share in shares.items()
         for seed in range(3)
     ]
-    found = CLAIMS["generalises"].decide(Results(records=records))
-    assert found.verdict == PARTLY
-    said = "10 39 ± 2 % and 100 ± 0, 100 79 ± 2 % and 100 ± 0, 1,000 89 ± 2 % and 100 ± 0, unlimited 99 ± 2 %"
-    assert said in found.measured
-    as_many = [replace(each, result=each.result | {"completion": 1.0}) for each in records]
+    judgement = CLAIMS["generalises"].decide(Results(records=records))
+    assert judgement.verdict == PARTLY
+    words = "10 39 ± 2 % and 100 ± 0, 100 79 ± 2 % and 100 ± 0, 1,000 89 ± 2 % and 100 ± 0, unlimited 99 ± 2 %"
+    assert words in judgement.measured
+    as_many = [replace(record, result=record.result | {"completion": 1.0}) for record in records]
     assert verdict_of("generalises", Results(records=as_many)) == UNDECIDED
 
 

@@ -1,4 +1,4 @@
-"""A database that is moved while a server runs: nothing is acknowledged unread."""
+"""A database file that goes while a server runs takes no write till it is back."""
 
 import shutil
 

@@ -306,7 +306,7 @@ def test_a_press_of_long_ago_a_frame_of_long_ago_and_a_move_before_its_press_are
 @pytest.mark.parametrize("speed", [0.1, 0.5, 2, 10, 100])
 def test_a_clock_that_runs_faster_or_slower_than_the_servers_is_a_lie(speed):
     attestation = played(60, Page(speed=speed)).level()
-    assert attestation == AttestationResult("spoilt", attestation.reason, attestation.step)
+    assert attestation.level == "spoilt"
     assert "clock" in attestation.reason or "presses in" in attestation.reason
 
 

@@ -1,4 +1,4 @@
-"""Forgers with a valid cookie, Origin and invitation enter no human figure."""
+"""What a program counts as that has a valid cookie, Origin and invitation."""
 
 import random
 import time

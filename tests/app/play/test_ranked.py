@@ -118,7 +118,7 @@ PATIENCE = 17
 
 
 def test_leaving_what_goes_badly_costs_what_an_abandoned_episode_costs(serve):
-    """Leaving boards at 75 moves once gave 70.9 steps instead of 87.5."""
+    """A board that is left counts as LIMIT moves, more than playing it on takes."""
     seeds = itertools.count(1)
     server, policy = serve(), load("frontier-cost")
     lobby = server.services.lobby

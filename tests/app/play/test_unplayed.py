@@ -1,4 +1,4 @@
-"""Boards without a move leave the database after a day, except a study's."""
+"""Boards left for a day are deleted if unplayed, else closed; a study's stay."""
 
 import asyncio
 import secrets
