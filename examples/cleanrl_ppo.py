@@ -6,8 +6,10 @@ It uses the same-step autoreset.
     python examples/cleanrl_ppo.py --out mine.onnx
     marsexplorer evaluate --policy mine.onnx --policy random
 
-Its 300,000 moves take 75 seconds of one core; the policy then scores 0.431 on 20 terrains on which
-`random` scores 0.373.
+Its 300,000 moves take 75 seconds of one core, 112 beside other work. In two such runs the policy then
+scored 0.431 and 0.436 on 20 terrains on which `random` scores 0.373. `--curve FILE` writes the curve:
+in the second run the mean score of the last 100 episodes was 0.399 after 28,672 moves and 0.434 at the
+end.
 
 When an episode ends, the vector environment begins the next in the same step: `observations` holds
 the first observation of the new episode, and `info["final_obs"]` the last one of the old episode. A
@@ -109,6 +111,7 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=300_000, help="moves of all environments")
     parser.add_argument("--out", type=Path, default=Path("mine.onnx"), help="file to write")
+    parser.add_argument("--curve", type=Path, help="CSV file to write: moves, mean score")
     parser.add_argument("--level", default="random")
     parser.add_argument("--size", type=int, default=21)
     parser.add_argument("--num-envs", type=int, default=64)
@@ -150,7 +153,7 @@ def main() -> None:
     log_probs, rewards, dones, values = (torch.zeros((span, num)) for _ in range(4))
 
     observations, _ = envs.reset(seed=options.seed)
-    began, played, scores = time.time(), 0, []
+    began, played, scores, curve = time.time(), 0, [], []
     while played < options.steps:
         for t in range(span):
             codes[t] = torch.from_numpy(
@@ -207,12 +210,16 @@ def main() -> None:
                 nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
                 optimizer.step()
         recent = f"{np.mean(scores[-100:]):.3f}" if scores else "no episode ended yet"
+        if scores:
+            curve.append(f"{played},{recent}")
         print(
             f"{played:,} moves, {played / (time.time() - began):,.0f} a second, mean score "
             f"{recent}",
             flush=True,
         )
 
+    if options.curve:
+        options.curve.write_text("\n".join(["moves,score", *curve, ""]))
     save(agent, rows, cols, options.out)
     config = EnvConfig.of(options.level, options.size)
     for row in evaluate([str(options.out), "random"], config, 20, 10**9).rows:

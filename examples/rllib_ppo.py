@@ -25,9 +25,9 @@ NETWORK = DefaultModelConfig(
 """The sizes of the authors' `trainners/runners/PPO.py`: of 21x21 cells the last layer leaves one."""
 
 
-def make_env(given: dict) -> gymnasium.Env:
+def make_env(config: dict) -> gymnasium.Env:
     """One environment whose observation has an axis of channels."""
-    env = gymnasium.make("marsexplorer:MarsExplorer-v0", **given)
+    env = gymnasium.make("marsexplorer:MarsExplorer-v0", **config)
     planes = gymnasium.spaces.Box(0.0, 1.0, (*env.observation_space.shape, 1), np.float32)
     return gymnasium.wrappers.TransformObservation(env, lambda state: state[..., None], planes)
 
@@ -42,21 +42,21 @@ def main() -> None:
         "--workers", type=int, default=0, help="processes that play; 0 plays in this one"
     )
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
+    options = parser.parse_args()
 
-    ray.init(num_cpus=given.workers + 1, include_dashboard=False, log_to_driver=False)
+    ray.init(num_cpus=options.workers + 1, include_dashboard=False, log_to_driver=False)
     register_env("MarsExplorer", make_env)
     config = (
         PPOConfig()
-        .environment("MarsExplorer", env_config={"level": given.level, "size": given.size})
-        .env_runners(num_env_runners=given.workers, num_envs_per_env_runner=8)
+        .environment("MarsExplorer", env_config={"level": options.level, "size": options.size})
+        .env_runners(num_env_runners=options.workers, num_envs_per_env_runner=8)
         .rl_module(model_config=NETWORK)
         .training(train_batch_size_per_learner=1000, minibatch_size=250, num_epochs=3, lr=3e-4)
-        .debugging(seed=given.seed, log_level="ERROR")
+        .debugging(seed=options.seed, log_level="ERROR")
     )
     algorithm = config.build_algo()
     played = 0
-    while played < given.steps:
+    while played < options.steps:
         result = algorithm.train()
         runners = result["env_runners"]
         played = int(runners["num_env_steps_sampled_lifetime"])

@@ -153,8 +153,13 @@ def test_the_example_trains_and_writes_what_evaluate_scores(tmp_path):
 
 
 def test_the_cleanrl_loop_learns_and_saves_what_beats_chance(tmp_path):
-    options = ["--steps", 100_000, "--size", 12, "--out", tmp_path / "mine.onnx"]
+    curve = tmp_path / "curve.csv"
+    options = ["--steps", 100_000, "--size", 12, "--out", tmp_path / "mine.onnx", "--curve", curve]
     output = run(sys.executable, "examples/cleanrl_ppo.py", *options, cwd=ROOT)
+    header, *points = curve.read_text().splitlines()
+    assert header == "moves,score"
+    printed = re.findall(r"^([\d,]+) moves, .* mean score (0\.\d+)$", output, re.M)
+    assert points == [f"{moves.replace(',', '')},{score}" for moves, score in printed]
     scores = [float(one) for one in re.findall(r"mean score ([\d.]+)", output)]
     *scores, mine, chance = scores
     assert mine > chance
