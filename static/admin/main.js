@@ -82,7 +82,8 @@ function paint() {
   live.sync(boards);
   by("live-count").textContent = boards.length === 0 ? "nobody plays at this moment" : boards.length > MAX_BOARDS ? `${MAX_BOARDS} of ${boards.length}` : String(boards.length);
   tables.paintHealth(by("health"), overview.health, overview.now_ms);
-  tables.unfold(by("health-part"), by("health").querySelector("[data-tone=warn]") !== null);
+  const warnings = [...by("health").querySelectorAll("[data-tone=warn]")].map((warning) => warning.previousElementSibling?.textContent);
+  tables.unfold(by("health-part"), warnings.join(", "));
   tables.paintFailures(by("failures"), overview);
   tables.paintNames(by("names", HTMLTableElement), overview, (name, hidden) => run(() => request("admin/names", { name, hidden })));
   if (study) paintStudy(study, state.task, overview);

@@ -9,7 +9,7 @@ export function paintOutcomes({ name, outcomes, outcomes_problem: problem }) {
   put(by("outcomes-problem"), problem);
   by("outcomes-problem").hidden = problem === "";
   by("save-outcomes").hidden = problem !== "";
-  unfold(by("outcomes-part"), problem !== "");
+  unfold(by("outcomes-part"), problem);
   const key = JSON.stringify([name, outcomes]);
   if (place.dataset.shown === key) return; // what is being typed stays
   place.dataset.shown = key;

@@ -3,11 +3,11 @@ import { create } from "../common/page.js";
 import { many, score } from "../common/words.js";
 import { ago, endings, flags, place, size, stageName } from "./words.js";
 
-/** Unfold a part once something in it is wrong: who folds it again is left alone until something new is.
- * @param {HTMLElement} part @param {boolean} isWrong */
-export function unfold(part, isWrong) {
-  if (isWrong && part.dataset.wrong !== "true") part.setAttribute("open", "");
-  part.dataset.wrong = String(isWrong);
+/** Unfold a part once something in it is wrong: who folds it again is left alone until something else is.
+ * @param {HTMLElement} part @param {string} faults that stand in it, in words; empty without any */
+export function unfold(part, faults) {
+  if (faults && part.dataset.faults !== faults) part.setAttribute("open", "");
+  part.dataset.faults = faults;
 }
 
 /** @param {HTMLTableElement} table @param {Admin.ConsoleStudy["stages"]} stages */
@@ -116,7 +116,7 @@ export function paintFailures(list, { failures, now_ms }) {
   list.dataset.shown = key;
   list.replaceChildren(...failures.map(({ episode, ended_ms: at_ms, seed, report }) => {
     const [line, ...trace] = report.split("\n");
-    const place = at_ms === null ? "seed, step and time are secret while its study is open" : `seed ${seed}, ${ago(now_ms - at_ms)}`;
+    const place = at_ms === null ? "seed, step and time are hidden while its study's secret is kept" : `seed ${seed}, ${ago(now_ms - at_ms)}`;
     return create("details", [create("summary", line), create("p", `Episode ${episode}: ${place}`, { class: "fine" }), create("pre", trace.join("\n"), { tabindex: "0" })]);
   }));
 }

@@ -65,7 +65,7 @@ declare namespace Admin {
     planned: number,
     /** people who may agree at most; null: no limit */
     cap: number | null,
-    /** of these; whoever agreed goes on also where theirs is free again */
+    /** of the cap; whoever agreed goes on, even if their place is free again */
     places_taken: number,
     /** practice episodes of each */
     warm_up: number,
@@ -130,11 +130,11 @@ declare namespace Admin {
   /** What an environment raised at the move that ended an episode. */
   type Failure = {
     episode: string,
-    /** ms since 1970; null while its study is open */
+    /** ms since 1970; null while its study's secret is kept */
     ended_ms: number | null,
-    /** of the instance; null while its study is open */
+    /** of the instance; null while its study's secret is kept */
     seed: number | null,
-    /** step (not while its study is open), action, error and traceback */
+    /** step (not while its study's secret is kept), action, error and traceback */
     report: string,
   };
   /** A study in the server's folder, drafts and broken ones too. */
@@ -297,7 +297,7 @@ declare namespace Admin {
     bulk: string | null,
     /** what an hour was worth, a sentence; empty if unknown */
     effective_pay: string,
-    /** people who did not agree */
+    /** people who ended before the consent */
     without_consent: number,
   };
   /** Invitations that were taken back. */

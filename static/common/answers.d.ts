@@ -535,7 +535,7 @@ declare namespace Answers {
     stage: "consent" | "instructions" | "tutorial" | "questions" | "warm_up" | "ranked" | "debrief" | "complete" | "withdrawn",
     consent: Consent,
     questions: Question[],
-    /** what stands below them, paragraphs split by blank lines */
+    /** the study's own, below the task's; paragraphs split by blank lines */
     instructions: string,
     /** what stands beside the board; empty without one */
     hint: string,

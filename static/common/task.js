@@ -46,14 +46,14 @@ export function paintNumbers(part, task, frame) {
 
 const DIRECTIONS = { ArrowUp: "M4 13l6-6 6 6", ArrowLeft: "M13 4l-6 6 6 6", ArrowDown: "M4 7l6 6 6-6", ArrowRight: "M7 4l6 6-6 6" };
 
-/** @param {Keys} own the task's @returns whether a swipe makes a move: it stands for the arrow key of its direction */
-const isSwiped = (own) => Object.values(own).flat().some((code) => code in DIRECTIONS);
+/** @param {Keys} taskKeys @returns whether a swipe makes a move: it stands for the arrow key of its direction */
+const hasSwipes = (taskKeys) => Object.values(taskKeys).flat().some((code) => code in DIRECTIONS);
 
 /** Leave out of a page what it says of other tasks, and put the task's actions on the pad.
  * @param {Task} task */
 export function showTask({ order, keys, chart, parts, round, has_boards: hasBoards }) {
   for (const link of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-of-boards]"))) link.hidden = !hasBoards;
-  for (const part of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-swipe]"))) part.hidden = !isSwiped(keys);
+  for (const part of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-swipe]"))) part.hidden = !hasSwipes(keys);
   if (round !== "terrain") renameTerrain(round);
   if (!parts) document.body.dataset.view = "matrix";
   for (const name of document.querySelectorAll("[data-part=chart-title]")) name.textContent = chart.title;
@@ -91,14 +91,14 @@ const NAMES = { ArrowUp: "\u2191", ArrowRight: "\u2192", ArrowDown: "\u2193", Ar
 
 /** @param {string} code @param {Study.Layout} [layout] of navigator.keyboard @returns what stands on a key */
 export function keyName(code, layout) {
-  const own = /** @type {Record<string, string>} */ (NAMES)[code];
-  const printed = code.startsWith("Arrow") ? own : layout?.get(code) ?? own;
+  const usual = /** @type {Record<string, string>} */ (NAMES)[code];
+  const printed = code.startsWith("Arrow") ? usual : layout?.get(code) ?? usual;
   return (printed ?? code.replace(/^(Key|Digit)/, "").replace(/^Numpad/, "Num ")).toUpperCase().replace("NUM ", "Num ");
 }
 
-/** @param {boolean} isTouch @param {Keys} own the task's @param {Keys} keys those that were chosen @returns what asks for the first move */
-export function promptText(isTouch, own, keys) {
-  const areArrows = (/** @type {Keys} */ of) => Object.values(of).every(([code]) => code in DIRECTIONS);
-  if (isTouch) return `${isSwiped(own) ? "Swipe or tap" : "Tap"} ${areArrows(own) ? "an arrow" : "a button"}`;
+/** @param {boolean} isTouch @param {Keys} taskKeys @param {Keys} keys those that were chosen @returns what asks for the first move */
+export function promptText(isTouch, taskKeys, keys) {
+  const areArrows = (/** @type {Keys} */ codes) => Object.values(codes).every(([code]) => code in DIRECTIONS);
+  if (isTouch) return `${hasSwipes(taskKeys) ? "Swipe or tap" : "Tap"} ${areArrows(taskKeys) ? "an arrow" : "a button"}`;
   return areArrows(keys) ? "Press an arrow key" : "Press one of your keys";
 }

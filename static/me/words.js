@@ -5,7 +5,7 @@ import { choicesOn, streak } from "../puzzles/words.js";
 
 /** @param {Task} task @param {Answers.OwnHistory} history @returns the sentence below the heading */
 export function summary({ target, round }, { total, bests }) {
-  if (!total) return "Here stand your bests, your place among people and every episode, once you have played.";
+  if (!total) return "Your bests, your place among people and every episode stand here once one has ended.";
   const successes = bests.reduce((sum, { successes: count }) => sum + count, 0);
   return `You have played ${many(total, "episode")} in this browser, and came to ${target} in ${many(successes, round)}.`;
 }
@@ -94,7 +94,7 @@ export function puzzlesText({ day, puzzles }, answered) {
   return withStreak(state, streak(answered, day, puzzles.length));
 }
 
-/** Return the most moves in a row without anything new until a move that had it: the last moves are left out.
+/** Find the longest stretch without anything new that a move with something new ended.
  * @param {number[]} progress 0..1 before the first move and after each @returns {Me.Idle} after how many moves it begins */
 export function idleIn(progress) {
   let longest = { after: 0, moves: 0 }, after = 0;

@@ -104,7 +104,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
     },
     onLetGo: (holder) => (holder === null ? heldKey.stop() : heldKey.up(holder)),
   });
-  const isSwiped = () => !clock.isOn() && driven()?.outcome === null;
+  const takesSwipes = () => !clock.isOn() && driven()?.outcome === null;
   /** Follow the swipes on an element or in a window, before any other listener.
    * @param {HTMLElement | View} target @param {View} view it stands in */
   function followSwipes(target, view) {
@@ -115,7 +115,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
       return at_ms;
     }
     const take = createSwipe({
-      isOn: isSwiped, actionOf: actionOfKey,
+      isOn: takesSwipes, actionOf: actionOfKey,
       onSwipe: (action, event) => controls.press("touch", action, event, note("touchdown", action, event), "swipe"),
       onEnd: (action, event) => controls.release("swipe", note("touchup", action, event)),
     });
@@ -127,7 +127,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
       }, true);
     }
     // a finger that stays down must not bring up a menu
-    target.addEventListener("contextmenu", (event) => { if (isSwiped() && /** @type {PointerEvent} */ (event).pointerType !== "mouse") event.preventDefault(); }, true);
+    target.addEventListener("contextmenu", (event) => { if (takesSwipes() && /** @type {PointerEvent} */ (event).pointerType !== "mouse") event.preventDefault(); }, true);
   }
   for (const surface of /** @type {NodeListOf<HTMLElement>} */ (board.querySelectorAll(".stage, .matrix"))) followSwipes(surface, window);
   frames[0].addEventListener("load", () => {

@@ -105,7 +105,6 @@ const parts = {
  * @type {About | null} */
 let begun = null;
 const firstWish = task.firstWish(policies);
-by("modes").hidden = !firstWish;
 const wish = () => parts.terrains?.wish() ?? firstWish;
 const sessions = createSessions({
   api, dispatch, wish, storage: tabStore,

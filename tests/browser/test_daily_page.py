@@ -52,7 +52,9 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     check_screen(page, "daily-start", wrong)
     policy = load("frontier-cost")
     me.explore(policy, lambda frame: frame["step"] >= 2)
-    page.reload()
+    page.goto(f"{server.url}/me")
+    page.get_by_text("No episode has ended").wait_for()  # two moves were played
+    page.go_back()
     me.wait(
         "window.playground && window.playground.state.link === 'open' && window.playground.state.player?.frame.step >= 2"
     )

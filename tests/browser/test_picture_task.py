@@ -84,7 +84,7 @@ def test_no_page_speaks_of_another_environment(lake, player):
     page = me.page
     me.hand.press(page.keyboard, "ArrowDown")
     me.wait("window.playground.state.player.frame.step === 1")
-    watched = f"watch/{me.state('player.session')}"
+    watched = f"watch/{me.state('player.frame.episode')}"
     spoken = {}
     for path in ("", "me", "study", "about", "play", "admin", watched):
         page.goto(f"{lake.url}/{path}")

@@ -162,12 +162,18 @@ WORLD = re.compile(
 """Words of MarsExplorer's world, the share of its cells that completes a terrain, its folder and its policies."""
 
 
+STRING = re.compile(r"""(?P<string>"(?:[^"\\\n]|\\.)*"|'(?:[^'\\\n]|\\.)*'|`(?:[^`\\]|\\.)*`)""")
+
+
 def shown_by(path):
     """A page without its notes, a module without its comments and its names."""
     text = re.sub(r"{#.*?#}|/\*.*?\*/", "", path.read_text(), flags=re.S)
     if path.suffix == ".html":
         return text
-    return re.sub(r"\bdata-\w+|\w+(?=[(:,)])", "", re.sub(r"(?m)(^|\s)//.*$", "", text))
+    code = re.sub(r"(?m)(^|\s)//.*$", "", text)
+    # names stand between the strings; of a string only the names of attributes are none of its words
+    code = re.sub(STRING.pattern + r"|\w+(?=[(:,)])", lambda part: part["string"] or "", code)
+    return re.sub(r"\bdata-\w+", "", code)
 
 
 def shared(paths):

@@ -286,10 +286,10 @@ def verify(
     if not findings:
         echo(receipts.description(content))
         echo(signing.SignerCheck(signer, "key" if wanted else None).sentence())
-    simulate_episode = (
+    simulated = (
         "every episode simulated again" if opening else "no episode simulated without --opening"
     )
-    echo(f"{len(findings) or 'nothing'} wrong; {simulate_episode}")
+    echo(f"{len(findings) or 'nothing'} wrong; {simulated}")
     return 1 if findings else 0
 
 

@@ -198,7 +198,7 @@ def attest(
         else:
             _check_moves(moves, events, conditions)
     except _MismatchError as mismatch:
-        # whoever could drop a bad episode by one forged move would: a spoilt one still counts
+        # a spoilt episode still counts, so no forged move drops a bad one
         is_persons = len(moves) > 1 and attest(moves[:1], events, conditions).reason is None
         return AttestationResult(
             "spoilt" if is_persons else "unattested", str(mismatch), mismatch.step

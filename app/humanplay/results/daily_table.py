@@ -141,9 +141,9 @@ def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, 
 
 
 def streak(attempts: Sequence[Trial], today: str) -> int:
-    """Return on how many days in a row a player finished the daily terrain.
+    """How many days in a row a player ended the daily terrain, up to today or yesterday.
 
-    The last of them is today or yesterday.
+    An abandoned episode ends a streak.
     """
     ended = (attempt for attempt in attempts if attempt.ended_ms is not None)
     played = {attempt.day for attempt in ended if attempt.outcome != "abandoned"}

@@ -133,11 +133,10 @@ class ClosedStudies:
         self._known: dict[tuple[str, int | None, int], tuple[StudyData, StudyPeople | None]] = {}
 
     def read(self, reader: Reader) -> list[tuple[StudyData, StudyPeople | None]]:
-        """Return each closed study with its people's figure and pictures.
+        """Every closed study with its people's figure and pictures.
 
-        None stands for a study that nobody completed. The first call takes seconds.
-
-        One of a task without boards is left out: there is nothing to compare by.
+        None: no figure of it can be shown. A study of a task without boards is left out: there is
+        nothing to compare by. The first call takes seconds.
         """
         studies = []
         for study in closed_studies(reader):
@@ -189,11 +188,11 @@ def list_entries(
     volunteers: VolunteerFigures,
     task: str = DEFAULT_TASK,
 ) -> list[LeaderboardEntry]:
-    """Return every entry of the leaderboard, in the order in which it is shown.
+    """Every entry of the leaderboard, in the order in which it is shown.
 
-    Closed studies come first, then configurations by the number of completed games.
-
-    So nobody puts a board first by leaving it. Of a `task` without boards there are studies alone.
+    Closed studies come first, then configurations by the number of episodes that ended. Abandoned
+    ones do not count, so nobody puts a board first by leaving it. A `task` without boards has
+    studies alone.
     """
     of_studies = [_of_study(data, people) for data, people in studies.read(reader)]
     environment = environment_of(task)

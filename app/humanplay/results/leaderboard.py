@@ -139,7 +139,7 @@ Replays = dict[Course, EpisodeSummary | None]
 
 
 class VolunteerPeople(Counts, BoardPictures):
-    """The people of the playground's boards: their figures and their pictures."""
+    """The people of a board on offer: their figures and their pictures."""
 
     score: MeanInterval | None
     steps: MeanInterval | None

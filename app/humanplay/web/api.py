@@ -337,7 +337,7 @@ def board_router(messages: Messages) -> APIRouter:
     ) -> dict[str, object]:
         """Begin the next episode, the rival's too.
 
-        One still running is abandoned, and counts as one that was left.
+        A running episode is abandoned, and counts so.
 
         On a board of the page, a ranked terrain that waits for its first move is not exchanged: the
         answer is then the board on which it waits, or a new board, with a `session` of its own.

@@ -343,7 +343,7 @@ def _jobs() -> Jobs:
     return Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
 
 
-class Offered:
+class EnvironmentApps:
     """Apps of several environments behind one address.
 
     The first stands there, and each of the others below /play/NAME.
@@ -594,7 +594,7 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
                     f"{password.drawn}",
                     flush=True,
                 )
-            app = Offered(apps[0], dict(zip([*tasks][1:], apps[1:], strict=True)))
+            app = EnvironmentApps(apps[0], dict(zip([*tasks][1:], apps[1:], strict=True)))
             # a policy that decides in a thread lets a move through within a millisecond
             sys.setswitchinterval(0.001)
             try:

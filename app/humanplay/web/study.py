@@ -73,10 +73,7 @@ UNFIT = (
     "This study is for a computer with a keyboard and a mouse or the like, and this browser has none. Nothing was recorded but "
     "that this page was opened."
 )
-OVER_QUOTA = (
-    "Everybody whom this study has room for is taking part already, so that you cannot. Nothing was recorded but that this "
-    "page was opened."
-)
+OVER_QUOTA = "Every place of this study is taken, so you cannot take part. Nothing was recorded but that this page was opened."
 AGAIN_ON_A_COMPUTER = " You can open the link that you were sent again on a computer."
 
 
@@ -490,7 +487,10 @@ async def skip_blocks(asks: AskingOf, asked: AskedBlock) -> State:
 
 @router.post("/{name}/next", response_model=Participation, summary="Begin the next episode")
 async def begin_next(asks: AskingOf) -> State:
-    """Begin the next episode of the stage. While one runs nothing changes, so no terrain can be drawn again."""
+    """Begin the next episode of the stage.
+
+    While one runs nothing changes, so no terrain can be drawn again.
+    """
     return await asks.after(asks.progress.begin_next(asks.name, asks.player))
 
 

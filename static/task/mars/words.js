@@ -126,7 +126,7 @@ export const words = {
   round: "terrain", target: TARGET,
   chart: { title: "Mapped", goal: { at: 0.99, text: TARGET }, axis: axisOfShares, say: (share) => `${Math.floor(100 * share + 1e-9)} percent` },
   shareText: (share) => `${percent(share)} % mapped`,
-  tries: { title: "Would you drive another way?", note: "Each is where your longest way without anything new began, if something new came after it. It is practice: nothing counts." },
+  tries: { title: "Would you drive another way?", note: "Each board stands where your longest stretch without anything new began. To try is practice: nothing counts." },
   standing: "Your lidar uncovers what is in sight. Rocks and the edge of the map end the episode.",
   outcome: (found) => (found ? ENDINGS[found]?.word ?? found : ""),
   status: (found) => (found ? ENDINGS[found]?.status ?? found : "exploring"),

@@ -139,6 +139,20 @@ def test_a_ghost_that_takes_too_long_is_ended_and_not_tried_again(serve, tmp_pat
     assert (again.status_code, again.headers["Retry-After"]) == (503, "600")
 
 
+def test_a_file_that_is_kept_asks_for_no_ghost_again(serve, tmp_path, monkeypatch):
+    monkeypatch.setattr(service, "MAX_COURSES", 1)
+    ended, _ = recorded(tmp_path / "playground.db")
+    server = serve()
+    client = server.client()
+    page = f"/replay/{ended}.html?ghost=frontier-cost"
+    kept = client.get(page)
+    assert kept.status_code == 200, kept.text
+    other = client.get(f"/api/episodes/{ended}/ghost?policy=ppo")
+    assert other.status_code == 200, other.text  # its course takes the only place
+    monkeypatch.setattr(service.Replays, "_ghost", None)
+    assert client.get(page).content == kept.content
+
+
 def test_a_player_finds_themselves_in_their_replay_and_nobody_else_does(serve):
     server = serve()
     me, stranger = server.client(), server.client()

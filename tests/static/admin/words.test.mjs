@@ -4,6 +4,7 @@ import { test } from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
 import { MARS } from "../task/mars/about.mjs";
 import { boardAfter, caption } from "../../../static/admin/live.js";
+import { unfold } from "../../../static/admin/tables.js";
 import { ago, attention, endings, exportText, flags, glance, invitationCounts, place, size, summary } from "../../../static/admin/words.js";
 
 const person = (label, rest = {}) => ({ id: label, label, kind: "human", script: null, stage: "ranked", joined_ms: 0, minutes: 0, is_quiet: false, left_at: null, asks_erasure: false, deviations: 0,
@@ -83,4 +84,10 @@ test("a watched board keeps its path, begins anew with an episode, and heals by 
   assert.deepEqual(boardAfter(task, board, frame("b", 0, [0, 0])).trail, [[0, 0]]);
   assert.deepEqual(caption({ label: "AB12", kind: "script", phase: "ranked", trial: 4 }), ["AB12 (script)", "Ranked 5"]);
   assert.deepEqual(caption({ label: null, kind: "human", phase: null, trial: null }), ["a player", "playground"]);
+});
+
+test("a part unfolds for a fault, and once folded only for another one", () => {
+  const opened = [], part = { dataset: {}, setAttribute: (name) => opened.push(name) };
+  for (const faults of ["", "Disk", "Disk", "Disk, Chain", "", "Disk"]) unfold(part, faults);
+  assert.equal(opened.length, 3, "Disk, then Chain beside it, then Disk again");
 });

@@ -36,7 +36,7 @@ test("a spoilt episode is not finished, and one that merely does not count is", 
 });
 
 test("the page says in a sentence what was driven", () => {
-  assert.match(summary(task, { total: 0, episodes: [], bests: [] }), /once you have played/);
+  assert.match(summary(task, { total: 0, episodes: [], bests: [] }), /once one has ended/);
   assert.equal(summary(task, { total: 5, episodes: [], bests: [best] }), "You have played 5 episodes in this browser, and came to 99 % in 3 terrains.");
   assert.equal(bestText(task, { ...best, best: {} }), "75 % of 4 episodes came to 99 %.");
   assert.match(bestText(task, { ...best, successes: 0 }), /None came to 99 %/);

@@ -733,11 +733,12 @@ def payments(
 ) -> None:
     """List everybody who agreed: identifier, label, outcome, code, minutes from consent to end, amount.
 
-    Whoever did not agree is a number. Amounts are those of the protocol's `payment`; one that follows from how somebody played
-    is listed once the study is closed. With bonus_at_once in the protocol it is listed earlier: then an entry of the chain says
-    so each time, and the report says how often. --bulk writes the bonuses that the platform does not pay by itself, without
-    zeros; --against names who claims to have finished and has not, who finished without a code, and who timed out. Files are
-    readable by their owner alone.
+    Whoever ended before the consent is a number. Amounts are those of the protocol's `payment`; one that follows
+    from how somebody played is listed once the study is closed. With bonus_at_once in the protocol it is listed
+    earlier: then an entry of the chain says so each time, and the report says how often. --bulk writes the bonuses
+    that the platform does not pay by itself, without zeros; --against names who claims to have finished and has
+    not, who finished without a code, and who timed out. Files are readable by their
+    owner alone.
 
     \b
     Examples:
@@ -768,7 +769,7 @@ def payments(
         write_file(bulk, lines.encode(), "--bulk", private=True)
     for words, idents in against.in_words() if against else ():
         echo(f"{words}: {', '.join(idents) or 'nobody'}")
-    echo(f"{counted(listed.without_consent, 'person', 'people')} did not agree")
+    echo(f"{counted(listed.without_consent, 'person', 'people')} ended before the consent")
     if pay := listed.effective_pay():
         echo(pay)
 

@@ -123,9 +123,11 @@ class Failure(Answer):
     """What an environment raised at the move that ended an episode."""
 
     episode: str
-    ended_ms: int | None = described("ms since 1970; null while its study is open")
-    seed: int | None = described("of the instance; null while its study is open")
-    report: str = described("step (not while its study is open), action, error and traceback")
+    ended_ms: int | None = described("ms since 1970; null while its study's secret is kept")
+    seed: int | None = described("of the instance; null while its study's secret is kept")
+    report: str = described(
+        "step (not while its study's secret is kept), action, error and traceback"
+    )
 
 
 class Overview(Answer):
@@ -276,7 +278,7 @@ class ConsoleStudy(Recruiting, LiveFigures, OutcomeTexts):
     planned: int = described("people that the protocol wants")
     cap: int | None = described("people who may agree at most; null: no limit")
     places_taken: int = described(
-        "of these; whoever agreed goes on also where theirs is free again"
+        "of the cap; whoever agreed goes on, even if their place is free again"
     )
     warm_up: int = described("practice episodes of each")
     ranked: int = described("ranked episodes of each")
@@ -325,4 +327,4 @@ class Payments(Answer):
     csv: str = described("the same as a file")
     bulk: str | None = described("Prolific's lines of bonuses; null if they do not apply")
     effective_pay: str = described("what an hour was worth, a sentence; empty if unknown")
-    without_consent: int = described("people who did not agree")
+    without_consent: int = described("people who ended before the consent")

@@ -174,7 +174,9 @@ class Participation(Answer):
     stage: Stage
     consent: Consent
     questions: list[Question]
-    instructions: str = described("what stands below them, paragraphs split by blank lines")
+    instructions: str = described(
+        "the study's own, below the task's; paragraphs split by blank lines"
+    )
     hint: str = described("what stands beside the board; empty without one")
     tries_left: int | None = described("at the questions; null: as many as are wanted")
     device: str = described("any or computer: with which people may take part")

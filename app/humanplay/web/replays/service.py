@@ -112,10 +112,12 @@ class Replays:
         """
         shown = await self.replay(episode_id, asker, owner)
         key = ("replay", episode_id, shown.episode.trial.trajectory_hash, form, ghost)
+        if (cached := self._files.get(key)) is not None:
+            return cached  # also if the ghost's course is gone
         courses = [shown.course.with_name(shown.episode.name)]  # a file is for everybody
         if ghost is not None:
             courses.append(await self._ghost(shown.episode, ghost, owner))
-        return await self._written(key, owner, file_of, form, episode_id, courses)
+        return await self._write_once(key, owner, file_of, form, episode_id, courses)
 
     async def challenge(self, episode_id: str, asker: Asker, owner: str) -> bytes:
         """The picture of a challenge to an episode.
@@ -125,9 +127,9 @@ class Replays:
         """
         shown = await self.replay(episode_id, asker, owner)
         key = ("challenge", episode_id, shown.episode.trial.trajectory_hash)
-        return await self._written(key, owner, shown.course.preview, True)
+        return await self._write_once(key, owner, shown.course.preview, True)
 
-    async def _written(
+    async def _write_once(
         self, key: Hashable, owner: str, write: Callable[..., bytes], *arguments: object
     ) -> bytes:
         """A file that is kept, or is written and kept."""
