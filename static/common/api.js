@@ -70,6 +70,9 @@ const BEGIN_MS = 300_000;
 /** @param {string} id */
 const session = (id) => `sessions/${encodeURIComponent(id)}`;
 
+/** Where one's own board is asked for. The page of a new browser comes with the answer that there is none, until it begins one. */
+const MINE = "me/session";
+
 /** The playground's API.
  * @type {Api} */
 export const api = {
@@ -83,9 +86,12 @@ export const api = {
   episode: (id) => request(`episodes/${encodeURIComponent(id)}`),
   costs: (id) => request(`episodes/${encodeURIComponent(id)}/costs`, undefined, 600_000),
   act: (id, move) => request(`${session(id)}/act`, move),
-  createSession: (wish) => withTask(request("sessions", wish, BEGIN_MS)),
+  createSession(wish) {
+    delete ANSWERS[MINE];
+    return withTask(request("sessions", wish, BEGIN_MS));
+  },
   about: (id) => withTask(request(`${session(id)}/about`, undefined, 4000)),
-  mySession: (question = {}) => withTask(request(`me/session?${new URLSearchParams(question)}`)),
+  mySession: async (question = {}) => (MINE in ANSWERS ? null : withTask(request(`${MINE}?${new URLSearchParams(question)}`))),
   watched: (id) => withTask(request(`watch/${encodeURIComponent(id)}`)),
   nextEpisode: (id, wish) => withTask(request(`${session(id)}/episodes`, wish, BEGIN_MS)),
   setPace: (id, pace) => request(`${session(id)}/pace`, pace),

@@ -106,8 +106,8 @@ export function paintDebrief(before, look) {
 
 /** Fill a place with what the moves of an episode cost, the greatest mistake first, each with a button.
  * @param {HTMLElement} place @param {Answers.Costs} costs @param {(mistake: Mars.Mistake) => void} onChoose */
-function paintCosts(place, costs, onChoose) {
-  const costsInWords = task.costsInWords?.(costs);
+async function paintCosts(place, costs, onChoose) {
+  const costsInWords = await task.costsInWords?.(costs);
   if (!costsInWords) return;
   const list = costsInWords.mistakes.map((sentence, index) => {
     const mistake = costs.mistakes[index];

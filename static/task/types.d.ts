@@ -13,6 +13,7 @@ type Look = {
 type Ground = "free" | "unknown" | {stop: string};
 type Sound = {kind: "gain", count: number} | {kind: "blocked" | "crash" | "finish" | "over"};
 type Hint = {id: string, gain: string, line: string};
+type CostWords = {summary: string, mistakes: string[], rest: string[]};
 /** What a folder exports: `taskOf` makes it of what the server says, for its own frames, marks, courses and histories. */
 type Task = TaskOf<Frame, Mark, Course, MoveHistory>;
 interface TaskOf<F, M, C, H> extends Answers.Task {
@@ -83,7 +84,7 @@ interface TaskOf<F, M, C, H> extends Answers.Task {
   /** What Expert would do after some moves of a finished episode, in words. */
   adviceText?(advice: Answers.Advice, course: C, step: number): string;
   /** What the moves of a finished episode cost: above the list of mistakes, the list, and below it. */
-  costsInWords?(costs: Answers.Costs): {summary: string, mistakes: string[], rest: string[]};
+  costsInWords?(costs: Answers.Costs): CostWords | Promise<CostWords>;
   /** The headline of an end beside another board, null where its own ending says more; `watched`
    * names who has driven, null for the player. */
   verdict?(mine: F, theirs: F | null, rival: string, watched: string | null): {title: string, line: string} | null;

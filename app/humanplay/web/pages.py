@@ -108,12 +108,14 @@ async def play_page(request: Request, invitation: str = "") -> Response:
 
 async def _playground(request: Request) -> Response:
     """Return the playground, with the answers that it would ask for first."""
-    answers = {
+    answers: dict[str, object] = {
         "task": await api.task(request),
         "levels": await api.levels(request),
         "policies": await api.policies(request),
         "maps": await api.maps(request),
     }
+    if player_of(request) is None:
+        answers["me/session"] = None
     return _html(request, "play/index.html", answers=answers)
 
 

@@ -1,7 +1,7 @@
 // The state matrix on a canvas (figure 2b of the paper): here, and only here, a (row, col) becomes pixels.
 import { boardColours, reader } from "../../common/page.js";
 import { paintMistakeMarks } from "./mistake_marks.js";
-import { paintShares } from "./expert.js";
+import { paintShares } from "./course.js";
 import { describe, runs } from "./words.js";
 import { follow, LARGE_SIDE, release, smallMap } from "./zoom.js";
 

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { adviceText, wedges } from "../../../../static/task/mars/expert.js";
+import { adviceText, wedges } from "../../../../static/task/mars/course.js";
 
 test("a wedge points where Expert would go, and is as long as it is sure", () => {
   const [east, south] = wedges([0, 0.7, 0.3, 0], 10);
