@@ -7,7 +7,7 @@ import { choicesOn, streak } from "../puzzles/words.js";
 export function summary({ target, round }, { total, bests }) {
   if (!total) return "Your bests, your place among people and every episode stand here once one has ended.";
   const successes = bests.reduce((sum, { successes: count }) => sum + count, 0);
-  return `You have played ${many(total, "episode")} in this browser, and came to ${target} in ${many(successes, round)}.`;
+  return `You have played ${many(total, "episode")} in this browser, and came to ${target} in ${successes ? many(successes, round) : `no ${round}`}.`;
 }
 
 /** Episodes that the newest one is measured by. */

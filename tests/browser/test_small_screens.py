@@ -19,11 +19,13 @@ def small(serve, player, tmp_path):
     """Somebody with a small phone, at a server with a study and an episode."""
     freeze(tmp_path / "playground.db-studies", "tiny", recruitment="open")
     store = Store(tmp_path / "playground.db")
-    play(store, 4, config=EnvConfig.of("random", 21), explore=True)
+    ended = play(store, 4, config=EnvConfig.of("random", 21), explore=True)
     store.close()
-    return player(
+    me = player(
         serve(admin_password=PASSWORD), [*NO_3D, *AS_A_PERSON], *SMALL, is_new=True, has_touch=True
     )
+    me.ended = ended.id
+    return me
 
 
 def bottom(part):
@@ -62,6 +64,36 @@ def test_on_a_small_phone_a_watched_board_is_as_wide_as_the_screen(small):
         page.get_by_test_id(name).bounding_box() for name in ("board-player", "pick-player")
     )
     assert pick["x"] - board["x"] >= 3
+
+
+def test_on_a_phone_a_replay_has_a_bar_of_one_row_and_its_buttons_in_sight(small):
+    page = small.page
+    page.goto(f"{small.url}/replay/{small.ended}")
+    page.get_by_test_id("play").wait_for()
+    tops = [button.bounding_box()["y"] for button in page.locator(".playback button").all()]
+    assert max(tops) - min(tops) < 10, "one row"
+    for width, height in (SMALL, (390, 844)):
+        page.set_viewport_size({"width": width, "height": height})
+        assert page.locator(".bar .brand").bounding_box()["y"] == 0
+        assert page.locator(".actions").bounding_box()["height"] <= 40
+    assert bottom(page.get_by_test_id("play")) <= page.locator(".site").bounding_box()["y"]
+
+
+def test_the_page_of_ones_own_episodes_is_whole_on_a_small_phone_and_fills_a_wide_screen(small):
+    page = small.page
+    small.goto()
+    small.hand.press(page.keyboard, "ArrowUp")  # over the edge
+    small.wait("window.playground.state.player.frame.outcome")
+    page.goto(f"{small.url}/me")
+    page.locator("#rows tr").first.wait_for()
+    assert page.locator("#history").evaluate("(part) => part.scrollWidth <= part.clientWidth")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.locator("#streaks li").first.wait_for()
+    name, streaks, history = (
+        page.locator(part).bounding_box() for part in ("#name-part", "#streaks-part", "#history")
+    )
+    assert name["y"] == streaks["y"]
+    assert abs(streaks["x"] + streaks["width"] - history["x"] - history["width"]) < 1
 
 
 def test_on_a_small_phone_the_coach_of_a_study_is_read_whole(small):

@@ -31,7 +31,7 @@ def test_of_a_crowd_that_agrees_at_once_nobody_is_over_the_cap(serve, tmp_path):
     assert sorted(answer["stage"] for answer in answers) == ["instructions"] * 5 + ["withdrawn"] * 7
     refused = [answer for answer in answers if answer["stage"] == "withdrawn"]
     assert {answer["ending"]["outcome"] for answer in refused} == {"over_quota"}
-    assert all("has room for is taking part already" in answer["note"] for answer in refused)
+    assert all("Every place of this study is taken" in answer["note"] for answer in refused)
     assert Person(server).where["ending"]["outcome"] == "over_quota", "they are asked for nothing"
     assert ask(server.services.store.path, AGREED) == [(5,)]
     arrivals = load(server.services.store.path, study.name).arrivals

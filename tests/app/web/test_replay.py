@@ -145,12 +145,12 @@ def test_a_file_that_is_kept_asks_for_no_ghost_again(serve, tmp_path, monkeypatc
     server = serve()
     client = server.client()
     page = f"/replay/{ended}.html?ghost=frontier-cost"
-    kept = client.get(page)
-    assert kept.status_code == 200, kept.text
+    file = client.get(page)
+    assert file.status_code == 200, file.text
     other = client.get(f"/api/episodes/{ended}/ghost?policy=ppo")
     assert other.status_code == 200, other.text  # its course takes the only place
     monkeypatch.setattr(service.Replays, "_ghost", None)
-    assert client.get(page).content == kept.content
+    assert client.get(page).content == file.content
 
 
 def test_a_player_finds_themselves_in_their_replay_and_nobody_else_does(serve):
