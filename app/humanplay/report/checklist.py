@@ -30,6 +30,7 @@ from humanplay.report.statistics.study_figures import (
 from humanplay.study.data import StudyData
 from humanplay.study.flow import Status
 from humanplay.study.policy_episodes import tested_policies
+from humanplay.study.protocol import Protocol
 from humanplay.study.questions import Item as AskedItem
 from humanplay.task import Environment
 
@@ -42,6 +43,10 @@ RECRUITMENT = {
 """How participants came, by the protocol's `recruitment`."""
 UNSAID = "What people and agents see is not said in the environment's description."
 TEST = "Test of the paired differences for {whom}, the inverse of the interval, adjusted by Holm's method."
+TEST_OF_ARMS = (
+    "Test of the differences between arms for {whom}, the inverse of the interval (Welch, Satterthwaite), adjusted by "
+    "Holm's method over all pairs of arms."
+)
 
 
 def checklist(data: StudyData, people: GroupReport, policies: Sequence[str]) -> tuple[Item, ...]:
@@ -134,9 +139,7 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "labelled": counted(labelled, "carries a label", "carry a label"),
         "compared": "Yes" if is_compared else "No",
         "policies": ", ".join(policies) or "none played",
-        "test": TEST.format(whom=interval_for(protocol))
-        if is_compared and tested_policies(protocol)
-        else "None.",
+        "test": _test(protocol, is_compared, people),
         "equal": "Yes" if is_compared else "N/A",
         "metrics": f"{words.score[0].upper()}{words.score[1:]} and {words.steps} for both."
         if is_compared
@@ -259,7 +262,23 @@ def _power(data: StudyData) -> dict[str, str]:
         "power_source": "protocol",
         "power_details": f"{counted(protocol.players, 'player')}. {power_in_words(protocol)} {assumptions_in_words(protocol)}",
         "effect": "None" if planned.lower is None else "Named",
-        "effect_details": "No policy is tested."
-        if protocol.policy_difference is None
-        else f"{protocol.policy_difference:g} {metric_in_words(protocol)}, named before the study.",
+        "effect_details": _effect(protocol),
     }
+
+
+def _effect(protocol: Protocol) -> str:
+    """The difference that the study was planned to see."""
+    if protocol.primary_family == "arms":
+        return f"{protocol.arm_difference:g} {metric_in_words(protocol)} between two arms, named before the study."
+    if protocol.policy_difference is None:
+        return "No policy is tested."
+    return f"{protocol.policy_difference:g} {metric_in_words(protocol)}, named before the study."
+
+
+def _test(protocol: Protocol, is_compared: bool, people: GroupReport) -> str:
+    """How the family of tests was tested, if it was."""
+    if any(row.p_value is not None for row in people.arm_comparisons):
+        return TEST_OF_ARMS.format(whom=interval_for(protocol))
+    if is_compared and tested_policies(protocol):
+        return TEST.format(whom=interval_for(protocol))
+    return "None."

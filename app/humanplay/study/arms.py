@@ -44,5 +44,10 @@ def reach_stage(
 
 def arm_of(study_store: StudyStore, study: Study, participant: Participant) -> Arm | None:
     """The arm of a participant; None before they are assigned, and without arms."""
-    name = study_store.arm(participant.id) if study.protocol.arms else None
+    name = arm_name(study_store, study, participant)
     return next((arm for arm in study.protocol.arms if arm.name == name), None)
+
+
+def arm_name(study_store: StudyStore, study: Study, participant: Participant) -> str | None:
+    """The name of a participant's arm; without arms the database is not asked."""
+    return study_store.arm(participant.id) if study.protocol.arms else None

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from humanplay.db.series import StudyStore
 from humanplay.db.study_rows import AnswerRow, FreeTextRow, Participant
 from humanplay.db.trial import Trial
+from humanplay.study.arms import arm_name
 from humanplay.study.folder import Study
 from humanplay.study.protocol import Protocol
 from humanplay.study.questions import (
@@ -52,7 +53,7 @@ def due_blocks(
     if place is None:
         return []
     position, turn = place
-    done, arm = study_store.blocks_done(participant.id), study_store.arm(participant.id)
+    done, arm = study_store.blocks_done(participant.id), arm_name(study_store, study, participant)
     return [
         DueBlock(block, turn)
         for block in blocks

@@ -22,7 +22,7 @@ from humanplay.db.rows import Phase
 from humanplay.db.series import StudyStore, add_series
 from humanplay.db.study_rows import BLOCK_EVENT, Participant, Stage, is_same_study
 from humanplay.db.trial import Trial
-from humanplay.study.arms import arm_of, reach_stage
+from humanplay.study.arms import arm_name, arm_of, reach_stage
 from humanplay.study.asking import DueBlock, break_due, due_blocks, skip, store_answers
 from humanplay.study.closing import give_up_left, left_open, note_closed
 from humanplay.study.flow import ENDING_EVENTS, missed_checks, outcome_of
@@ -520,7 +520,8 @@ class ParticipantProgress:
         if phase == "warm_up":
             return trial, study.seed("warm-up", trial)
         number = self.study_store.order_number(participant, self._now())
-        group = order_group(participant.kind, self.study_store.arm(participant.id))
+        arm = arm_name(self.study_store, study, participant)
+        group = order_group(participant.kind, arm)
         terrain = study.balanced_order(group, number)[trial]
         return terrain, study.seed("ranked", terrain)
 

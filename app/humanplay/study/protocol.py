@@ -35,10 +35,12 @@ from humanplay.study.questions import (
     POSITIONS,
     Block,
     Line,
+    Name,
     Part,
     Question,
     attention_checks,
     check_blocks,
+    in_order,
 )
 from humanplay.study.shipped_questions import with_shipped
 from humanplay.study.texts import consent
@@ -49,9 +51,6 @@ from marsexplorer.intervals import FEWEST
 LONGEST_NAME = 40
 NAME = rf"[a-z0-9][a-z0-9-]{{0,{LONGEST_NAME - 1}}}"
 """What a study may be called."""
-
-ARM = "[a-z][a-z0-9_]{0,39}"
-"""What an arm may be called."""
 
 Rule = Literal[
     "completed",
@@ -286,7 +285,7 @@ class Arm(Part):
     hint          what stands beside the board in each episode; empty: nothing
     """
 
-    name: str = Field(pattern=ARM)
+    name: Name
     instructions: str = Field(default="", max_length=5_000)
     hint: str = Field(default="", max_length=500)
 
@@ -517,26 +516,48 @@ class Protocol(Part):
                     f"the block {block.name!r} is for the arm {unknown[0]!r}, which there is not: there are "
                     f"{', '.join(names) or 'none'}"
                 )
-            if block.arms and attention_checks([block], *POSITIONS):
-                raise ValueError(
-                    f"the block {block.name!r} has an attention check for some arms alone, so that checks would leave out "
-                    "more of one arm: ask everybody"
-                )
-        if self.primary_family == "arms" and (not self.arms or self.arm_difference is None):
-            raise ValueError(
-                "primary_family arms needs arms, and arm_difference: the difference between two of them, in the primary "
-                "metric, that the study is to see"
-            )
         reads: dict[object, str] = {}
         for arm in self.arms:
-            asked_of_all = {block.name for block in self.blocks if arm.name in block.arms}
-            content = arm.instructions, arm.hint, frozenset(asked_of_all)
+            own_blocks = {block.name for block in self.blocks if arm.name in block.arms}
+            content = arm.instructions, arm.hint, frozenset(own_blocks)
             if other := reads.get(content):
                 raise ValueError(
                     f"the arms {other!r} and {arm.name!r} differ in nothing: give one of them instructions or a hint, or "
                     "name one in the arms of a block"
                 )
             reads[content] = arm.name
+        return self
+
+    @model_validator(mode="after")
+    def _checks_are_of_every_arm(self) -> Protocol:
+        of_some: set[str] = set()
+        for block in in_order(self.blocks):
+            is_of_some = block.shown_if is not None and block.shown_if.question in of_some
+            if not block.arms and not is_of_some:
+                continue
+            of_some |= {question.name for question in block.questions}
+            if attention_checks([block], *POSITIONS):
+                raise ValueError(
+                    f"the block {block.name!r} has an attention check for some arms alone, so that checks would leave out "
+                    "more of one arm: ask everybody"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _arms_can_be_tested(self) -> Protocol:
+        if self.primary_family == "policies":
+            return self
+        if not self.arms or self.arm_difference is None:
+            raise ValueError(
+                "primary_family arms needs arms, and arm_difference: the difference between two of them, in the primary "
+                "metric, that the study is to see"
+            )
+        lowest, _ = self.environment.bounds(self.env_config)
+        if self.primary_metric == "score" and not math.isfinite(lowest):
+            raise ValueError(
+                "primary_family arms tests both estimates, and everybody who began has no mean score without a lowest one: "
+                "give the environment's file bounds, or make steps the primary_metric"
+            )
         return self
 
     @model_validator(mode="after")

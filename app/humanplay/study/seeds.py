@@ -48,7 +48,7 @@ def balanced_order(
 
 
 IN_A_BLOCK = 2
-"""How often each arm comes in a block: in blocks of one each, who sees the others knows the last."""
+"""How often each arm comes in a block. With once, whoever knows the other arms would know the last."""
 
 
 def drawn_arm(secret: bytes, protocol_hash: str, group: str, number: int, arms: int) -> int:

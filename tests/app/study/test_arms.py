@@ -39,6 +39,7 @@ CHECK = {
     "choices": ["red", "blue"],
     "answer": 0,
 }
+CHOICE = {"kind": "choice", "name": "liked", "question": "Liked it?", "choices": ["yes", "no"]}
 NOTICED = {"kind": "statement", "name": "noticed", "question": "I looked for walls."}
 
 
@@ -257,6 +258,14 @@ def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
             {"arms": ARMS, "blocks": [{**ABOUT, "name": "w", "at": "before", "arms": ["told"], "questions": [CHECK]}]},
             "an attention check for some arms alone",
         ),
+        (
+            {"arms": ARMS, "blocks": [
+                {**ABOUT, "name": "w", "at": "before", "arms": ["told"], "questions": [CHOICE]},
+                {**ABOUT, "name": "v", "at": "before", "shown_if": {"question": "liked", "answers": [0]}, "questions": [CHECK]},
+            ]},
+            "the block 'v' has an attention check for some arms alone",
+        ),
+        ({"arms": [{"name": "a b"}, {"name": "b"}]}, "name: String should match pattern"),
         ({"primary_family": "arms"}, "primary_family arms needs arms, and arm_difference"),
         ({"arms": [{"name": "a", "hint": "{rows_}"}, {"name": "b"}]}, "unknown placeholder"),
         ({"arms": [{"name": "a", "hint": "Play 30 rounds."}, {"name": "b"}]}, "counts by hand"),
@@ -275,6 +284,23 @@ def test_arms_of_a_block_are_as_many_of_each_in_an_order_that_changes(tmp_path):
     assert draws[:6] != [drawn_arm(b"s" * 32, "h", "script", number, 3) for number in range(6)]
 
 
+def test_a_dry_run_compares_its_arms_while_it_is_open(tmp_path):
+    run = freeze_stored(
+        tmp_path / "studies", name="dry", arms=ARMS, dry_run_of="small", ranked=2, close=False
+    )
+    recorder = StudyRecorder(tmp_path / "play.db", run)
+    for number in range(4):
+        person = recorder.join(number)
+        for trial in range(2):
+            recorder.play(person, "ranked", trial, moves_of(0.1, number, trial))
+    recorder.close()
+    data = load(tmp_path / "play.db", "dry")
+    assert data.closed_ms is None
+    group = build(data).groups[0]
+    assert sorted((row.arm, row.ended) for row in group.arms) == [("control", 2), ("told", 2)]
+    assert {row.metric for row in group.arm_comparisons} == {"score", "steps"}
+
+
 def test_a_study_of_arms_tests_them_and_no_policy(tmp_path):
     study = freeze_stored(
         tmp_path / "studies",
@@ -284,6 +310,11 @@ def test_a_study_of_arms_tests_them_and_no_policy(tmp_path):
         arm_difference=5,
         ranked=5,
         players=12,
+        assumed_mean=20,
+        assumed_player_sd=4,
+        assumed_terrain_sd=4,
+        assumed_episode_sd=4,
+        power={"arms_differ": 0.9, "studies": 100},
     )
     recorder = StudyRecorder(tmp_path / "play.db", study)
     for number in range(12):
@@ -306,3 +337,6 @@ def test_a_study_of_arms_tests_them_and_no_policy(tmp_path):
     assert group.comparisons
     assert all(row.p_value is None for row in group.comparisons)
     assert "For each two arms" in preregistration(study.protocol, study)
+    items = {item.number: item for item in report.checklist}
+    assert items["4.1.1"].answer.startswith("Test of the differences between arms")
+    assert items["1.8.1"].detail == "5 steps to 99 % between two arms, named before the study."

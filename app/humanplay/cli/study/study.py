@@ -581,7 +581,8 @@ def _with_power(protocol: Protocol, studies: int | None = None) -> Protocol:
     from humanplay.report.statistics.planning import WHILE_TYPING, power_of
     from humanplay.study.policy_episodes import tested_policies
 
-    if protocol.assumed_mean is None and not tested_policies(protocol):
+    tests_something = tested_policies(protocol) or protocol.primary_family == "arms"
+    if protocol.assumed_mean is None and not tests_something:
         return protocol
     with progress("simulating studies") as advance:
         _design(protocol)
@@ -954,7 +955,7 @@ def _echo_power(protocol: Protocol) -> None:
     from humanplay.report.statistics.planning import assumptions_in_words, power_in_words
 
     if protocol.power is None:
-        echo("Power: nothing is assumed of people, and no policy is tested")
+        echo("Power: nothing is assumed of people, and nothing is tested")
         return
     echo(f"Power: {power_in_words(protocol)}")
     echo(

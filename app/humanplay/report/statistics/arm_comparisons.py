@@ -11,13 +11,13 @@ Satterthwaite's (1946, Biometrics Bull. 2(6)).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 import scipy
 
-from humanplay.report.statistics.comparisons import FEWEST_TO_TEST, holm
+from humanplay.report.statistics.comparisons import FEWEST_TO_TEST, finite_ends, holm
 from humanplay.report.statistics.intervals import Interval, player_means
 from marsexplorer.intervals import CONFIDENCE, Floats
 
@@ -144,7 +144,8 @@ def compare_arms(
         terrains_drawn: Whether the claim is about other terrains too.
 
     Returns:
-        Without an interval and a p below five people in an arm.
+        A comparison of each pair. It has no interval if one of its arms has fewer than five people,
+        and none has a p if any arm has: Holm's method needs the whole family.
     """
     pairs = list(combinations(finished, 2))
     rows = []
@@ -161,8 +162,7 @@ def compare_arms(
         return tuple(rows)
     tested = zip(rows, p_values, holm(p_values), strict=True)
     return tuple(
-        ArmComparison(**{**vars(row), "p_value": float(p), "p_adjusted": float(adjusted)})
-        for row, p, adjusted in tested
+        replace(row, p_value=float(p), p_adjusted=float(adjusted)) for row, p, adjusted in tested
     )
 
 
@@ -174,6 +174,4 @@ def _row(tables: Sequence[Floats], terrains_drawn: bool) -> tuple[float | None, 
     difference = float(player_means(one).mean() - player_means(other).mean())
     if min(len(one), len(other)) < FEWEST_TO_TEST:
         return difference, None
-    low, high = difference_of(one, other, terrains_drawn).interval
-    is_known = bool(np.isfinite([low, high]).all())
-    return difference, (float(low), float(high)) if is_known else None
+    return difference, finite_ends(difference_of(one, other, terrains_drawn).interval)

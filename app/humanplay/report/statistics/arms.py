@@ -59,7 +59,7 @@ def arm_comparisons(
         return ()
     ids = members(cohort, protocol.per_protocol), members(everybody.cohort, {})
     finished, began = (
-        {arm.name: of_arm(cohort, some, arm.name) for arm in protocol.arms} for some in ids
+        {arm.name: _of_arm(cohort, some, arm.name) for arm in protocol.arms} for some in ids
     )
     rows: list[ArmComparison] = []
     for metric in METRICS:
@@ -74,10 +74,10 @@ def arm_comparisons(
 
 
 def _is_shown(data: StudyData, cohort: Cohort) -> bool:
-    return data.closed_ms is not None or cohort.kind != "human"
+    return data.shows_people or cohort.kind != "human"
 
 
-def of_arm(cohort: Cohort, ids: Sequence[str], arm: str) -> list[str]:
+def _of_arm(cohort: Cohort, ids: Sequence[str], arm: str) -> list[str]:
     """Those of some participants who were assigned to an arm."""
     assigned = {person.id for person in cohort.people if person.arm == arm}
     return [ident for ident in ids if ident in assigned]
@@ -85,11 +85,11 @@ def of_arm(cohort: Cohort, ids: Sequence[str], arm: str) -> list[str]:
 
 def _row(data: StudyData, cohort: Cohort, everybody: Everybody, arm: str) -> ArmRow:
     by_person = statuses(data, cohort)
-    people = Counter(by_person[ident] for ident in of_arm(cohort, list(by_person), arm))
+    people = Counter(by_person[ident] for ident in _of_arm(cohort, list(by_person), arm))
     if cohort.kind == "human":
         people[Status.ERASED] = data.arrivals.erased_by_arm.get(arm, 0)
-    finished = of_arm(cohort, members(cohort, data.protocol.per_protocol), arm)
-    began = of_arm(cohort, members(everybody.cohort, {}), arm)
+    finished = _of_arm(cohort, members(cohort, data.protocol.per_protocol), arm)
+    began = _of_arm(cohort, members(everybody.cohort, {}), arm)
     both = estimates_of(data, cohort, everybody, finished, began)
     return ArmRow(
         arm,

@@ -22,7 +22,8 @@ FEWEST_TO_TEST = 5
 """Players below whom no p value is given: their spread is too poorly known."""
 
 
-def _ends(ends: tuple[Floats, Floats]) -> Interval | None:
+def finite_ends(ends: tuple[Floats, Floats]) -> Interval | None:
+    """Both ends of an interval; None if one is not finite."""
     low, high = float(ends[0]), float(ends[1])
     return (low, high) if np.isfinite([low, high]).all() else None
 
@@ -101,7 +102,7 @@ def compare_policy(
         mean=float(values.mean()),
         terrains=len(values),
         difference=float(player_means(differences).mean()),
-        interval=_ends(interval(differences, lowest, terrains_drawn)),
+        interval=finite_ends(interval(differences, lowest, terrains_drawn)),
         ratio=ratio,
         ratio_interval=ratio_interval,
         normalized=None if normalized_interval is None else normalized,

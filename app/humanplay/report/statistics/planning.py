@@ -261,7 +261,7 @@ def simulate_arm_power(
     of the people finishes, and people leave as in any study.
     """
     people = design.participants // arms
-    if not replace(design, participants=people).is_tested:
+    if not _of_one_arm(design, arms).is_tested:
         return 0.0
     behind = design.mean + (-difference if design.higher_is_better else difference)
     designs = design, replace(design, mean=behind)
@@ -286,6 +286,15 @@ def simulate_arm_power(
             is_seen = p_values * (arms * (arms - 1) // 2) < 1 - CONFIDENCE
             seen += int((is_seen & (np.sign(ahead) == np.sign(design.mean - behind))).sum())
     return seen / studies
+
+
+def _of_one_arm(design: StudyDesign, arms: int) -> StudyDesign:
+    return replace(design, participants=design.participants // arms)
+
+
+def arms_are_tested(protocol: Protocol) -> bool:
+    """Whether people of an arm, and terrains, are enough for an interval and a p."""
+    return _of_one_arm(design_of(protocol), len(protocol.arms)).is_tested
 
 
 def power_of(
@@ -350,7 +359,11 @@ def power_in_words(protocol: Protocol) -> str:
     power, metric = protocol.power, metric_in_words(protocol)
     assert power is not None
     sentences = []
-    if power.arms_differ is not None:
+    if power.arms_differ is not None and not arms_are_tested(protocol):
+        sentences.append(
+            "No interval and no p is given below five people in an arm or five instances, so no difference is seen."
+        )
+    elif power.arms_differ is not None:
         people = counted(protocol.players // len(protocol.arms), "person", "people")
         sentences.append(
             f"Two arms of {people} each that differ by {protocol.arm_difference:g} in {metric} are told apart in "
@@ -382,11 +395,14 @@ def power_in_words(protocol: Protocol) -> str:
 def assumptions_in_words(protocol: Protocol) -> str:
     """What the power rests on, a sentence."""
     failed, left = protocol.assumed_failed_share, protocol.assumed_leaver_share
+    instances, alike = "of policy minus people", ""
+    if protocol.primary_family == "arms":
+        instances, alike = "for the interval of the mean alone", " No instance favours an arm."
     return (
         f"Assumed in {metric_in_words(protocol)}: mean {protocol.assumed_mean:g}; standard deviation "
         f"{protocol.assumed_player_sd:g} between people, {protocol.assumed_terrain_sd:g} between instances "
-        f"(of policy minus people), {protocol.assumed_episode_sd:g} of the rest; {100 * failed:.3g} % of episodes fail, "
-        f"{100 * left:.3g} % of the people who begin leave."
+        f"({instances}), {protocol.assumed_episode_sd:g} of the rest; {100 * failed:.3g} % of episodes fail, "
+        f"{100 * left:.3g} % of the people who begin leave.{alike}"
     )
 
 

@@ -71,6 +71,45 @@ def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_p
     assert power_sentence in study("preregister", "mine")[1]
 
 
+def test_a_study_of_arms_freezes_with_the_power_of_its_arms(study, tmp_path):
+    study("new", "mine", *SHORT)
+    arms = [{"name": "told", "hint": "Walls first."}, {"name": "control"}]
+    tested = {"arms": arms, "primary_family": "arms", "policy_difference": None}
+    edit(tmp_path, **tested, arm_difference=1)
+    code, _, refusal = study("freeze", "mine")
+    assert (code, "plan more players, or a larger arm_difference" in refusal) == (2, True), refusal
+    edit(tmp_path, arm_difference=30, players=8)
+    code, _, refusal = study("freeze", "mine")
+    assert (code, "below five people in an arm" in refusal) == (2, True), refusal
+    edit(tmp_path, players=12)
+    code, out, err = study("freeze", "mine")
+    assert (code, err) == (0, "")
+    frozen = Folder(tmp_path / "playground.db-studies").study("mine").protocol
+    assert (frozen.power.policy_better, frozen.policy_difference) == (None, None)
+    sentence = (
+        "Two arms of 6 people each that differ by 30 in steps to 99 % are told apart in "
+        f"{100 * frozen.power.arms_differ:.0f} % of studies: that is the power."
+    )
+    assert sentence in out
+    assert "No instance favours an arm." in out
+    assert "of policy minus people" not in out
+    text = study("preregister", "mine")[1]
+    for words in (sentence, "of each arm too", "every policy plays them too", "For each two arms"):
+        assert words in text
+
+
+def test_arms_without_an_assumption_of_people_are_not_frozen_without_power(study, tmp_path):
+    task = 'gymnasium:{"id": "FrozenLake-v1", "bounds": [null, null]}'
+    env = task.removeprefix("gymnasium:")
+    sizes = SHORT[2:-4]
+    assert study("new", "mine", "--env", env, *sizes, *SHORT[-2:])[0] == 0
+    arms = [{"name": "told", "hint": "Walls first."}, {"name": "control"}]
+    tested = {"arms": arms, "primary_family": "arms", "arm_difference": 0.5}
+    edit(tmp_path, **tested, primary_metric="score")
+    code, _, refusal = study("freeze", "mine")
+    assert (code, "no mean score without a lowest one" in refusal) == (2, True), refusal
+
+
 def test_the_terrains_spread_is_that_of_the_policies_on_200_other_terrains(study, tmp_path):
     study("new", "mine", *SHORT)
     config = EnvConfig.of("random", (7, 9))
