@@ -49,6 +49,7 @@ function measure(name, value, text, low, high) {
 export function paintPeople(table, task, study) {
   const rows = study.participants.map((person) => {
     const kind = person.kind === "script" ? [create("span", `script: ${person.script ?? ""}`, { class: "kind" })] : [];
+    if (person.arm !== null) kind.push(create("span", `arm ${person.arm}`, { class: "kind" }));
     const { ranked, warm_up: warmUp } = person;
     /** @type {Node[]} */
     const bar = ranked === null ? [] : [create("progress", [], { max: String(study.ranked), value: String(ranked), "aria-label": `Ranked episodes of ${person.label}` })];

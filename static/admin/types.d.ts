@@ -271,6 +271,8 @@ declare namespace Admin {
     repeated: string[],
     /** episodes that are not attested, and why */
     not_attested: string[],
+    /** to which they are assigned */
+    arm: string | null,
     /** id of the invitation that brought them */
     invitation: string | null,
     /** when the operator's code was typed last, ms since 1970 */

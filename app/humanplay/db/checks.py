@@ -370,6 +370,14 @@ def _check_salts(conn: sqlite3.Connection, live: dict[int, str]) -> Iterator[Fin
         )
 
 
+def answers_of(
+    conn: sqlite3.Connection, participant: str
+) -> dict[tuple[str, int, str], float | None]:
+    """A participant's answers, without texts, by block, turn and question."""
+    sql = "SELECT block, turn, question, answer FROM answers WHERE participant_id = ? AND part = 0"
+    return {tuple(key): answer for *key, answer in select(conn, sql, [participant])}
+
+
 def check_marks(conn: sqlite3.Connection) -> Iterator[Finding]:
     """Yield where the chain and the tables disagree on what fixed the studies.
 

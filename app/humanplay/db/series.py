@@ -530,6 +530,12 @@ def move_inputs(reader: Reader, episode_id: str) -> list[MoveTime]:
     return reader.query(sql, [episode_id])
 
 
+def arms_by_person(reader: Reader, study: str) -> dict[str, str]:
+    """The arm of each participant of a study who is assigned to one."""
+    assigned = stage_events(reader, study, (ARM_EVENT,))
+    return {noted.participant_id: str(noted.event().detail["arm"]) for noted in assigned}
+
+
 def identities_by_person(reader: Reader, study: str) -> dict[str, dict[str, str]]:
     """The outside ids of everybody in a study, by name, by participant: for the list of payments alone."""
     sql = """SELECT i.* FROM identities i JOIN participants p ON p.id = i.participant_id

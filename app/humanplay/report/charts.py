@@ -6,7 +6,7 @@ import io
 import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from html import escape
 from itertools import zip_longest
@@ -20,6 +20,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from humanplay.report.model import GroupReport, Report
+from humanplay.report.statistics.arms import ArmRow
 from humanplay.report.statistics.intervals import Interval
 from humanplay.report.statistics.summaries import Curve
 from humanplay.study.flow import BEGAN, EARLY, ENDED, STATUS_IN_WORDS, ParticipantFlow, Status
@@ -100,10 +101,14 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
     """The group's charts as SVG by name; a chart with nothing to show is left out."""
     drawings: dict[str, tuple[float, Callable[[Canvas], None], str]] = {}
     if group.flow is not None and group.joined:
-        steps = flow_steps(group.flow)
+        steps = flow_steps(group.flow, group.arms)
         alt = "; ".join(
             " ".join(
-                [f"{step.label}: {step.count}", *(f"({reason}: {n})" for reason, n in step.lost)]
+                [
+                    f"{step.label}: {step.count}",
+                    *([f"({step.detail})"] if step.detail else []),
+                    *(f"({reason}: {n})" for reason, n in step.lost),
+                ]
             )
             for step in steps
         )
@@ -337,6 +342,8 @@ def _rows(
 
 BOX, INK, ARROW = "#f4ede6", "#1b2733", "#5a6672"
 MAIN_X, MAIN_WIDTH, ASIDE_X, ASIDE_WIDTH = 0.0, 4.6, 5.4, 4.6
+WIDEST = 48
+"""Characters of a line in a box of the main column."""
 LINE, PADDING, GAP = 0.34, 0.26, 0.5
 """Heights in the chart's units, of which ten are its width."""
 
@@ -355,8 +362,9 @@ class FlowStep:
     lost: tuple[tuple[str, int], ...] = ()
 
 
-def flow_steps(flow: ParticipantFlow) -> list[FlowStep]:
-    """The stages of a study's flow."""
+def flow_steps(flow: ParticipantFlow, arms: Sequence[ArmRow] = ()) -> list[FlowStep]:
+    """The stages of a study's flow, by arm from the assignment on."""
+    began = {row.arm: row.began + row.statuses.get(Status.BOT, 0) for row in arms}
     arrivals = flow.arrivals
     steps = []
     if arrivals.issued is not None:
@@ -371,12 +379,30 @@ def flow_steps(flow: ParticipantFlow) -> list[FlowStep]:
         Status.ERASED,
     )
     steps.append(_step("Opened the study", flow.joined, without))
-    steps.append(_step("Agreed to take part", flow.agreed, _lost(flow, *EARLY)))
+    early = {status: sum(row.statuses.get(status, 0) for row in arms) for status in EARLY}
+    if arms:
+        never = [(STATUS_IN_WORDS[status], flow.count(status) - early[status]) for status in EARLY]
+        steps.append(_step("Agreed to take part", flow.agreed, never))
+        assigned = {row.arm: row.assigned - row.statuses.get(Status.ERASED, 0) for row in arms}
+        lost = [(STATUS_IN_WORDS[status], people) for status, people in early.items()]
+        steps.append(_by_arm("Assigned to an arm", sum(assigned.values()), assigned, lost))
+    else:
+        steps.append(_step("Agreed to take part", flow.agreed, _lost(flow, *EARLY)))
     left = (status for status in (Status.BOT, *BEGAN) if status not in ENDED)
-    steps.append(_step("Began the ranked episodes", flow.began, _lost(flow, *left)))
+    steps.append(_by_arm("Began the ranked episodes", flow.began, began, _lost(flow, *left)))
+    ended = {row.arm: row.ended for row in arms}
     not_counted = _lost(flow, *ENDED[1:])
-    steps.append(_step("Ended all ranked episodes", flow.count(*ENDED), not_counted))
-    return [*steps, FlowStep("Per protocol", flow.count(Status.FINISHED))]
+    steps.append(_by_arm("Ended all ranked episodes", flow.count(*ENDED), ended, not_counted))
+    finished = {row.arm: row.statuses.get(Status.FINISHED, 0) for row in arms}
+    return [*steps, _by_arm("Per protocol", flow.count(Status.FINISHED), finished)]
+
+
+def _by_arm(
+    label: str, count: int, arms: Mapping[str, int], lost: Sequence[tuple[str, int]] = ()
+) -> FlowStep:
+    detail = ", ".join(f"{arm} {people}" for arm, people in arms.items())
+    # what is longer than a box stands in the table below
+    return replace(_step(label, count, lost), detail=detail if len(detail) <= WIDEST else "")
 
 
 def _lost(flow: ParticipantFlow, *statuses: Status) -> list[tuple[str, int]]:

@@ -128,7 +128,7 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "frozen_at": utc(data.frozen_ms),
         "hash": data.protocol_hash[:16],
         "recruitment": RECRUITMENT[protocol.recruitment],
-        "questions": counted(len(protocol.questions), "question"),
+        "questions": counted(protocol.question_count, "question"),
         "exposure": people.exposure,
         **_turned_away(data, people),
         **_answers(data, people),

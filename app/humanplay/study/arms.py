@@ -8,6 +8,7 @@ from humanplay.db.series import StudyStore
 from humanplay.db.study_rows import Participant, Stage
 from humanplay.study.folder import Study
 from humanplay.study.protocol import Arm, Protocol
+from humanplay.study.questions import Question
 
 
 def stage_of_assignment(protocol: Protocol) -> Stage | None:
@@ -20,7 +21,9 @@ def stage_of_assignment(protocol: Protocol) -> Stage | None:
     differs_before = any(block.arms and block.at == "before" for block in protocol.blocks)
     if differs_before or any(arm.instructions for arm in protocol.arms):
         return "instructions"
-    return "tutorial" if any(arm.hint for arm in protocol.arms) else "ranked"
+    if any(arm.hint for arm in protocol.arms):
+        return "tutorial"
+    return "questions" if any(arm.questions for arm in protocol.arms) else "ranked"
 
 
 def reach_stage(
@@ -46,6 +49,11 @@ def arm_of(study_store: StudyStore, study: Study, participant: Participant) -> A
     """The arm of a participant; None before they are assigned, and without arms."""
     name = arm_name(study_store, study, participant)
     return next((arm for arm in study.protocol.arms if arm.name == name), None)
+
+
+def questions_of(protocol: Protocol, arm: Arm | None) -> tuple[Question, ...]:
+    """The questions on the instructions of somebody, those of their arm last."""
+    return (*protocol.questions, *(() if arm is None else arm.questions))
 
 
 def arm_name(study_store: StudyStore, study: Study, participant: Participant) -> str | None:

@@ -22,6 +22,7 @@ from humanplay.study.questions import (
     attention_checks,
     check_answers,
     in_order,
+    missed_in,
 )
 
 
@@ -108,8 +109,8 @@ def skip(
     """Note that blocks were skipped, with the attention checks in them as missed."""
     for due in blocks:
         detail = _detail(due, is_skipped=True)
-        if checks := attention_checks([due.block], due.block.at):
-            detail["missed"] = checks
+        if attention_checks([due.block], due.block.at):
+            detail["missed"] = missed_in(due.block, {})
         study_store.note_block(participant_id, at_ms, detail)
 
 

@@ -28,7 +28,17 @@ from humanplay.study.protocol import Payment, StudyError
 from humanplay.task import counted
 from marsexplorer.files import to_cell
 
-COLUMNS = ("identifier", "label", "outcome", "code", "minutes", "amount", "currency", "share_ended")
+COLUMNS = (
+    "identifier",
+    "label",
+    "outcome",
+    "code",
+    "minutes",
+    "amount",
+    "currency",
+    "share_ended",
+    "arm",
+)
 WAITS = "after the study is closed"
 
 
@@ -43,6 +53,7 @@ class Payee:
     amount       None where none is fixed, or not yet
     bonus        the part of it that the platform does not pay by itself
     share_ended  of the ranked episodes, 0..1; None while the study is open
+    arm          to which they are assigned; empty before, and in a study without arms
     """
 
     identifier: str
@@ -53,6 +64,7 @@ class Payee:
     amount: Decimal | None = None
     bonus: Decimal | None = None
     share_ended: float | None = None
+    arm: str = ""
 
 
 @dataclass(frozen=True)
@@ -88,6 +100,7 @@ class Payments:
                 WAITS if self.waits and payee.outcome else in_words(payee.amount),
                 currency,
                 "" if payee.share_ended is None else f"{payee.share_ended:.3f}",
+                payee.arm,
             )
             for payee in self.payees
         ]
@@ -160,6 +173,7 @@ def payments_of(reader: Reader, study: Study, texts: Mapping[Outcome, str]) -> P
         if noted.kind != INTERRUPTED:  # the closing is no sign of theirs
             stages[noted.participant_id].append(noted.at_ms)
     ids = series.identities_by_person(reader, study.name)
+    arms = series.arms_by_person(reader, study.name)
     payment = study.protocol.payment
     shows_play = study.is_open and payment is not None and payment.follows_from_play
     waits = shows_play and not (payment and payment.bonus_at_once)
@@ -187,6 +201,7 @@ def payments_of(reader: Reader, study: Study, texts: Mapping[Outcome, str]) -> P
                 amount=amount,
                 bonus=bonus,
                 share_ended=None if study.is_open else _share_ended(study, played),
+                arm=arms.get(person.id, ""),
             )
         )
     without = len(people) - len(payees)

@@ -22,7 +22,7 @@ from humanplay.db.rows import Phase
 from humanplay.db.series import StudyStore, add_series
 from humanplay.db.study_rows import BLOCK_EVENT, Participant, Stage, is_same_study
 from humanplay.db.trial import Trial
-from humanplay.study.arms import arm_name, arm_of, reach_stage
+from humanplay.study.arms import arm_name, arm_of, questions_of, reach_stage
 from humanplay.study.asking import DueBlock, break_due, due_blocks, skip, store_answers
 from humanplay.study.closing import give_up_left, left_open, note_closed
 from humanplay.study.flow import ENDING_EVENTS, missed_checks, outcome_of
@@ -249,10 +249,12 @@ class ParticipantProgress:
             raise StageError("play the tutorial to its end first, or give it up")
         self._reach(study, participant, _AFTER[stage])
 
-    def answer(self, name: str, player_id: str | None, answers: Sequence[int]) -> list[bool]:
-        """Return which answers were right; all of them: on to the warm-up."""
+    def answer(
+        self, name: str, player_id: str | None, answers: Sequence[int]
+    ) -> tuple[list[bool], list[str]]:
+        """Which answers were right, and why others are not; on with all right."""
         study, participant = self._at(name, player_id, "questions")
-        questions = study.protocol.questions
+        questions = questions_of(study.protocol, self.arm(study, participant))
         if len(answers) != len(questions):
             expected = f"one choice for each of {counted(len(questions), 'question')}"
             raise ValueError(f"answers must hold {expected}, got {len(answers)}")
@@ -272,7 +274,8 @@ class ParticipantProgress:
             elif self.tries_left(study, participant) == 0:
                 failed = Outcome.FAILED_QUESTIONS
                 self.study_store.withdraw(participant, self._now(), outcome=failed)
-        return right
+        marks = zip(right, questions, strict=True)
+        return right, ["" if is_right else question.why for is_right, question in marks]
 
     def answer_block(
         self, name: str, player_id: str | None, block: str, turn: int, answers: Mapping[str, Sent]

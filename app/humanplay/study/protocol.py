@@ -283,11 +283,13 @@ class Arm(Part):
     name          that no participant reads
     instructions  paragraphs below the instructions, split by blank lines; empty: none
     hint          what stands beside the board in each episode; empty: nothing
+    questions     on the instructions, asked after the protocol's; every arm has as many
     """
 
     name: Name
     instructions: str = Field(default="", max_length=5_000)
     hint: str = Field(default="", max_length=500)
+    questions: tuple[Question, ...] = Field(default=(), max_length=10)
 
 
 class Protocol(Part):
@@ -516,14 +518,16 @@ class Protocol(Part):
                     f"the block {block.name!r} is for the arm {unknown[0]!r}, which there is not: there are "
                     f"{', '.join(names) or 'none'}"
                 )
+        if len({len(arm.questions) for arm in self.arms}) > 1:
+            raise ValueError("every arm asks as many questions: more of them keep more people out")
         reads: dict[object, str] = {}
         for arm in self.arms:
             own_blocks = {block.name for block in self.blocks if arm.name in block.arms}
-            content = arm.instructions, arm.hint, frozenset(own_blocks)
+            content = arm.instructions, arm.hint, arm.questions, frozenset(own_blocks)
             if other := reads.get(content):
                 raise ValueError(
-                    f"the arms {other!r} and {arm.name!r} differ in nothing: give one of them instructions or a hint, or "
-                    "name one in the arms of a block"
+                    f"the arms {other!r} and {arm.name!r} differ in nothing: give one of them instructions, a hint or "
+                    "questions, or name one in the arms of a block"
                 )
             reads[content] = arm.name
         return self
@@ -619,6 +623,11 @@ class Protocol(Part):
     def per_protocol(self) -> ExclusionRules:
         """Who enters the per-protocol estimate."""
         return self.exclusion.get(PER_PROTOCOL, EXCLUSION[PER_PROTOCOL])
+
+    @property
+    def question_count(self) -> int:
+        """The questions on the instructions that everybody is asked, of their arm too."""
+        return len(self.questions) + sum(len(arm.questions) for arm in self.arms[:1])
 
     @property
     def most_warm_up(self) -> int:

@@ -436,6 +436,16 @@ class Answers:
     missed: int = 0
 
 
+def missed_in(block: Block, answers: Mapping[str, float | None]) -> int:
+    """How many attention checks of a block were not answered rightly.
+
+    Args:
+        answers: By question; a skipped block has none.
+    """
+    checks = [question for question in block.questions if isinstance(question, AttentionCheck)]
+    return sum(answers.get(check.name) != check.answer for check in checks)
+
+
 def check_answers(
     block: Block, sent: Mapping[str, Sent], participant_id: str, turn: int
 ) -> Answers:
@@ -445,12 +455,10 @@ def check_answers(
         raise ValueError(f"the block {block.name!r} has no question {unknown[0]!r}")
     numbers: list[NumberAnswer] = []
     texts: dict[str, str | None] = {}
-    missed = 0
     for question in block.questions:
         if question.name not in sent:
             if question.needed:
                 raise ValueError(f"{question.name} needs an answer, or prefer not to say")
-            missed += isinstance(question, AttentionCheck)
             continue
         answer = sent[question.name]
         if answer is None and not question.offers_declining:
@@ -460,10 +468,9 @@ def check_answers(
                 texts[question.name] = None if answer is None else question.text(answer)
             else:
                 numbers += _numbers(question, answer, drawn_order(question, participant_id, turn))
-            if isinstance(question, AttentionCheck):
-                missed += answer is None or not question.is_right(answer)
         except ValueError as error:
             raise ValueError(f"{question.name} {error}") from error
+    missed = missed_in(block, {number.question: number.answer for number in numbers})
     return Answers(tuple(numbers), texts, missed)
 
 

@@ -13,7 +13,7 @@ from string import Formatter
 
 from humanplay.study.practice import criterion
 from humanplay.study.protocol import Protocol, StudyError, parse_protocol
-from humanplay.study.questions import Block
+from humanplay.study.questions import Block, Question
 from humanplay.study.screening import playing_minutes
 
 PLACEHOLDERS = {
@@ -78,17 +78,26 @@ def fill(protocol: Protocol) -> Protocol:
     data = protocol.model_dump(mode="json")
     data["title"] = _filled("title", protocol.title, values)
     data["consent"]["text"] = _filled("consent.text", protocol.consent.text, values)
-    for number, question in enumerate(data["questions"]):
-        where = f"questions[{number}]"
-        question["question"] = _filled(f"{where}.question", question["question"], values)
-        question["why"] = _filled(f"{where}.why", question["why"], values)
-        where, choices = f"{where}.choices", question["choices"]
-        question["choices"] = [_filled(where, choice, values) for choice in choices]
+    _fill_questions("questions", data["questions"], values)
     for number, arm in enumerate(data["arms"]):
         for part in ("instructions", "hint"):
             arm[part] = _filled(f"arms[{number}].{part}", arm[part], values)
+        _fill_questions(f"arms[{number}].questions", arm["questions"], values)
     data["blocks"] = _filled_block("blocks", data["blocks"], values)
     return parse_protocol(data)
+
+
+def _fill_questions(
+    prefix: str, questions: list[dict[str, object]], values: dict[str, str]
+) -> None:
+    """Fill the texts of questions on the instructions in."""
+    for number, question in enumerate(questions):
+        for part, text in question.items():
+            at = f"{prefix}[{number}].{part}"
+            if isinstance(text, list):
+                question[part] = [_filled(at, choice, values) for choice in text]
+            elif isinstance(text, str):
+                question[part] = _filled(at, text, values)
 
 
 def _filled_block(where: str, content: object, values: dict[str, str]) -> object:
@@ -127,7 +136,7 @@ def placeholder_values(protocol: Protocol) -> dict[str, str]:
         "break_every": protocol.break_every,
         "pause_after": f"{protocol.pause_after_s:g}",
         "minutes": 5 + 5 * max(1, round(playing_minutes(protocol) / 5)),
-        "questions": len(protocol.questions),
+        "questions": protocol.question_count,
         "players": protocol.players,
         "asked": _asked(protocol.blocks),
         "licence": protocol.data_licence,
@@ -153,14 +162,19 @@ def _texts(protocol: Protocol) -> Iterator[tuple[str, str]]:
     """Yield the place and the text of everything that participants read."""
     yield "title", protocol.title
     yield "consent.text", protocol.consent.text
-    for number, question in enumerate(protocol.questions):
-        yield f"questions[{number}].question", question.question
-        yield f"questions[{number}].why", question.why
-        for choice in question.choices:
-            yield f"questions[{number}].choices", choice
+    yield from _question_texts("questions", protocol.questions)
     for number, arm in enumerate(protocol.arms):
         yield f"arms[{number}].instructions", arm.instructions
         yield f"arms[{number}].hint", arm.hint
+        yield from _question_texts(f"arms[{number}].questions", arm.questions)
+
+
+def _question_texts(prefix: str, questions: Sequence[Question]) -> Iterator[tuple[str, str]]:
+    for number, question in enumerate(questions):
+        yield f"{prefix}[{number}].question", question.question
+        yield f"{prefix}[{number}].why", question.why
+        for choice in question.choices:
+            yield f"{prefix}[{number}].choices", choice
 
 
 def _filled(where: str, text: str, values: dict[str, str]) -> str:

@@ -26,6 +26,7 @@ from humanplay.db.checks import (
     CheckedEpisode,
     EarlierHead,
     InputOf,
+    answers_of,
     attempts_at,
     chain_state,
     check_chain,
@@ -41,13 +42,14 @@ from humanplay.db.checks import (
 from humanplay.db.database import reading
 from humanplay.db.resimulation import Finding
 from humanplay.db.rows import PlacedEpisode
-from humanplay.db.study_rows import ARM_EVENT, ORDER_EVENT, SeriesRow
+from humanplay.db.study_rows import ARM_EVENT, BLOCK_EVENT, ORDER_EVENT, SeriesRow
 from humanplay.jobs import Jobs, cores
 from humanplay.study import seeds
 from humanplay.study.arms import stage_of_assignment
 from humanplay.study.days import START_SLACK_MS, DailyTerrain
 from humanplay.study.folder import Advance, Folder
 from humanplay.study.protocol import Protocol, StudyError, canonical_json, parse_protocol
+from humanplay.study.questions import attention_checks, missed_in
 from humanplay.task.registration import environment_of
 
 PARALLEL_FROM = 4_000
@@ -253,8 +255,37 @@ def _check_participants(
         order = yield from _ranked_order(conn, participant, episodes, protocol, expected, arm)
         yield from _check_order(participant, episodes, protocol, order)
         yield from _check_stage(conn, participant, episodes, protocol)
+        yield from _check_missed(conn, participant, protocol)
         for row in episodes:
             yield from _check_cause(row, expected)
+
+
+def _check_missed(
+    conn: sqlite3.Connection, participant: str, protocol: Protocol
+) -> Iterator[Finding]:
+    """Yield that somebody missed other attention checks than was noted.
+
+    Nothing is known of a participant without any answer: theirs were erased, or a release left them out.
+    """
+    answers = answers_of(conn, participant)
+    if not answers:
+        return
+    blocks = {block.name: block for block in protocol.blocks}
+    for text in drawing_events(conn, participant, BLOCK_EVENT):
+        detail = json.loads(text)
+        name, turn, noted = detail.get("block"), detail.get("turn"), detail.get("missed")
+        person = f"participant {participant}"
+        if name not in blocks:
+            yield Finding(person, "block of questions", name, f"one of {', '.join(blocks)}")
+            continue
+        block = blocks[name]
+        if not attention_checks([block], block.at):
+            continue
+        its = {
+            asked: answer for (of, at, asked), answer in answers.items() if (of, at) == (name, turn)
+        }
+        if noted != (missed := missed_in(block, its)):
+            yield Finding(person, f"missed attention checks in {name}", noted, missed)
 
 
 def _check_attempts(

@@ -16,6 +16,7 @@ from humanplay.board.messages import PRINTABLE, Message
 from humanplay.board.participation import RefusedError
 from humanplay.db.study_rows import Participant, participant_label
 from humanplay.db.trial import Trial
+from humanplay.study.arms import questions_of
 from humanplay.study.asking import DueBlock, break_due
 from humanplay.study.debrief import NoTerrainError, Shown, own_trial
 from humanplay.study.folder import Study
@@ -281,7 +282,7 @@ async def participant_state(request: Request, study: Study, participant: Partici
     session, debrief = await progress.session(participant), None
     if participant.stage in ("debrief", "complete") and not due:
         debrief = await services_of(request).debriefs.summary(study, participant, trials)
-    values, questions = placeholder_values(protocol), protocol.questions
+    values, questions = placeholder_values(protocol), questions_of(protocol, arm)
     chosen = {"modality": None, "palette": "standard", "keys": None}
     return {
         "study": study.name,
@@ -466,9 +467,7 @@ async def answers(asks: AskingOf, given: Answers) -> State:
     Every attempt is recorded.
     """
     with answering_study_errors():
-        right = await asks.write(asks.progress.answer, given.answers)
-    questions = asks.progress.study(asks.name).protocol.questions
-    why = ["" if each else question.why for each, question in zip(right, questions, strict=True)]
+        right, why = await asks.write(asks.progress.answer, given.answers)
     return {**await asks.state(), "right": right, "why": why}
 
 

@@ -1,5 +1,6 @@
 """Arms: each person is assigned once, by the study's secret."""
 
+import csv
 import json
 from collections import Counter
 
@@ -8,6 +9,7 @@ import pytest
 
 from humanplay.db.erasure import forget
 from humanplay.report.build import build
+from humanplay.report.charts import flow_steps
 from humanplay.report.model import PolicyRun
 from humanplay.report.preregistration import preregistration
 from humanplay.study.data import load
@@ -25,6 +27,7 @@ from tests.support.study import Person, agree_at_once, freeze
 YES, NO = ({"version": "1", "agree": agree} for agree in (True, False))
 TOLD = {"name": "told", "instructions": "Walls first.\n\nThen the rest of {ranked} rounds."}
 ARMS = (TOLD, {"name": "control"})
+PASSWORD = "a password of the operator"
 ASSIGNED = """SELECT p.kind, json_extract(v.detail, '$.number'), json_extract(v.detail, '$.arm')
     FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE v.kind = 'arm' ORDER BY 1, 2"""
 ORDERS = """SELECT json_extract(a.detail, '$.arm'), json_extract(v.detail, '$.number'), x.terrain FROM participants p
@@ -165,6 +168,33 @@ def test_an_assignment_waits_for_what_differs_and_blocks_ask_their_arms_alone(
     assert asked == wanted
 
 
+def test_each_arm_is_asked_its_own_questions_on_the_instructions(serve, tmp_path):
+    def asks(answer):
+        question = {"question": "Is {ranked} many?", "choices": ["yes", "no"], "answer": answer}
+        return [{**question, "why": f"It is {answer}."}]
+
+    arms = [{"name": "a", "questions": asks(0)}, {"name": "b", "questions": asks(1)}]
+    study = freeze(tmp_path / "playground.db-studies", arms=arms)
+    server = serve()
+    everybody = len(study.protocol.questions)
+    assert f"{everybody + 1} questions" in study.protocol.consent.text
+    for number in range(4):
+        person = Person(server)
+        person.to_tutorial()
+        assert len(person.where["questions"]) == everybody, "nobody is assigned yet"
+        person.call("next")
+        person.call("give-up", {"episode": person.frame["episode"], "step": 0})
+        person.call("advance", {"from": "tutorial"})
+        assert person.where["questions"][-1] == {"question": "Is 3 many?", "choices": ["yes", "no"]}
+        right = {"a": 0, "b": 1}[study.arm("human", number)]
+        shared = [question.answer for question in study.protocol.questions]
+        person.call("answers", {"answers": [*shared, 1 - right]})
+        assert person.where["why"][-1] == f"It is {right}."
+        person.call("answers", {"answers": [*shared, right]})
+        assert person.where["stage"] == "warm_up"
+    assert "the question “Is 3 many?”" in preregistration(study.protocol, study)
+
+
 def test_orders_are_rows_of_a_square_of_each_arm(serve, tmp_path):
     study = freeze(tmp_path / "playground.db-studies", arms=ARMS, warm_up=0)
     server = serve()
@@ -209,7 +239,7 @@ def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
     serve, tmp_path, capsys
 ):
     study = freeze(tmp_path / "playground.db-studies", arms=ARMS, warm_up=0, ranked=1, players=4)
-    server = serve()
+    server = serve(admin_password=PASSWORD)
     people = [Person(server) for _ in range(6)]
     for person in people[:5]:
         person.to_warm_up()
@@ -217,6 +247,11 @@ def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
     people[5].to_tutorial()
     people[5].call("withdraw")
     path = server.services.store.path
+    arms = [study.arm("human", number) for number in range(6)]
+    client = server.client(headers={"Origin": server.url})
+    assert client.post("/api/admin/login", json={"password": PASSWORD}).status_code == 200
+    listed = client.get("/api/admin/studies/small").json()["participants"]
+    assert [person["arm"] for person in listed] == arms
     server.stop()
     assert build(load(path, study.name)).groups[0].arms == (), "an open study says nothing by arm"
     database = "--yes", "--now", "--database", path
@@ -224,7 +259,14 @@ def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
     serve().stop()  # it takes note
     report = build(load(path, study.name))
     rows = {row.arm: row for row in report.groups[0].arms}
-    arms = [study.arm("human", number) for number in range(6)]
+    flow = flow_steps(report.groups[0].flow, report.groups[0].arms)
+    by_arm = {step.label: step.detail for step in flow}
+    for label, people in (("Assigned to an arm", arms), ("Per protocol", arms[:5])):
+        counts = Counter(people)
+        assert by_arm[label] == f"told {counts['told']}, control {counts['control']}"
+    pay = tmp_path / "pay.csv"
+    assert command(capsys, "study", "payments", "small", "--csv", pay, *database[2:])[0] == 0
+    assert [row["arm"] for row in csv.DictReader(pay.read_text().splitlines())] == arms
     assert {arm: row.assigned for arm, row in rows.items()} == Counter(arms)
     for arm, row in rows.items():
         through = arms[:5].count(arm)
@@ -267,6 +309,10 @@ def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
         ),
         ({"arms": [{"name": "a b"}, {"name": "b"}]}, "name: String should match pattern"),
         ({"primary_family": "arms"}, "primary_family arms needs arms, and arm_difference"),
+        (
+            {"arms": [{"name": "a", "questions": [{"question": "?", "choices": ["a", "b"], "answer": 0}]}, {"name": "b"}]},
+            "every arm asks as many questions",
+        ),
         ({"arms": [{"name": "a", "hint": "{rows_}"}, {"name": "b"}]}, "unknown placeholder"),
         ({"arms": [{"name": "a", "hint": "Play 30 rounds."}, {"name": "b"}]}, "counts by hand"),
     ],

@@ -8,8 +8,10 @@ from humanplay.report.build import build
 from humanplay.report.preregistration import preregistration
 from humanplay.study.data import load
 from humanplay.study.protocol import EXCLUSION, PER_PROTOCOL, StudyError
+from humanplay.study.verification import verify_database
 from tests.app.study.test_questions import block
 from tests.support.command import command
+from tests.support.recorded import alter
 from tests.support.study import Person, freeze
 
 WHY = "The sentence asked for the second one."
@@ -82,6 +84,8 @@ def test_who_misses_too_many_checks_before_the_ranked_episodes_is_screened_out(
     assert once.where["stage"] == "debrief"
     report = build(close(server, tmp_path, capsys))
     (group,) = report.groups
+    who = "of people who missed at most 1 attention check before the ranked episodes (1 of 3)."
+    assert who in report.sentence
     statuses = {row.status: row.people for row in group.statuses}
     assert statuses == {"finished": 1, "failed_attention": 2}
     items = {item.number: item for item in report.checklist}
@@ -148,6 +152,19 @@ def test_check_cautions_against_an_attention_check_that_no_rule_reads(tmp_path, 
     assert "3 attention checks are read by no rule" in cautions()
     assert "1 attention check is read by no rule" in cautions(attention_limit=1)
     assert "read by no rule" not in cautions(attention_limit=1, exclusion=LEFT_OUT)
+
+
+def test_verify_counts_missed_checks_again_from_the_answers(serve, tmp_path):
+    study = freeze(tmp_path / "playground.db-studies", **LIMIT)
+    server = serve()
+    for early, later in ((0, 1), (1, 1)):
+        plays(server, early, later)
+    server.stop()
+    path, secrets = tmp_path / "playground.db", {study.name: study.secret}
+    assert verify_database(path, secrets=secrets).findings == ()
+    alter(path, "UPDATE answers SET answer = 2 WHERE question = 'early' AND answer = 1")
+    whats = [finding.what for finding in verify_database(path, secrets=secrets).findings]
+    assert whats.count("missed attention checks in early_block") == 1
 
 
 def test_a_page_gets_neither_the_right_answer_nor_that_it_is_a_check(serve, tmp_path):

@@ -28,7 +28,7 @@ from humanplay.report.statistics.exclusion_sets import (
 from humanplay.report.statistics.formatting import counted
 from humanplay.report.statistics.intervals import Estimate, Interval, estimate, player_means
 from humanplay.study.data import StudyData
-from humanplay.study.flow import IN_EVERYBODY, Status
+from humanplay.study.flow import BEGAN, IN_EVERYBODY, Status
 from humanplay.study.protocol import PER_PROTOCOL, Protocol
 from humanplay.task import Configuration, Environment
 from marsexplorer.intervals import FEWEST, Floats
@@ -246,17 +246,29 @@ def _headline(data: StudyData, per_protocol: StudyFigure, everybody: StudyFigure
             return NO_HUMAN_FIGURE
         people = counted(len(verdicts), "person", "people")
         return f"{passed} of {people} passed the practice, and nobody began a ranked episode: there is no figure of people."
-    of_both = of_one = ""
-    who = f", of people who passed the practice ({passed} of {len(verdicts)})"
+    screens, of_one = [], ""
+    who = f"passed the practice ({passed} of {len(verdicts)})"
     if protocol.practice is not None and protocol.practice.then == "screen_out":
-        of_both = who
+        screens.append(who)
     elif protocol.per_protocol.get("passed_practice"):
-        of_one = who
+        of_one = f", of people who {who}"
+    if protocol.attention_limit is not None:
+        screens.append(_attentive(data, protocol.attention_limit))
+    of_both = f", of people who {' and '.join(screens)}" if screens else ""
     finished = "Nobody finished as the protocol asks."
     if per_protocol.players:
         finished = f"Per protocol{of_one}: {figure_sentence(per_protocol, protocol)}"
     began = f"Everybody who began: {figure_sentence(everybody, protocol)}"
     return f"{claim_of(data)}{of_both}. {finished} {began}"
+
+
+def _attentive(data: StudyData, limit: int) -> str:
+    """What holds of whoever was not screened out by attention checks, and of how many."""
+    counts = Counter(statuses(data, people_of(data)).values())
+    began = sum(counts[status] for status in BEGAN)
+    checks = counted(limit, "attention check") if limit else "no attention check"
+    misses = f"missed at most {checks}" if limit else f"missed {checks}"
+    return f"{misses} before the ranked episodes ({began} of {began + counts[Status.FAILED_ATTENTION]})"
 
 
 def interval_for(protocol: Protocol) -> str:

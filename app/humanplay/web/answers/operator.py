@@ -168,6 +168,7 @@ class Participant(Answer):
     deviations: int | None = described("null while they are hidden")
     repeated: list[str] = described("signs of taking part twice")
     not_attested: list[str] = described("episodes that are not attested, and why")
+    arm: str | None = described("to which they are assigned")
     invitation: str | None = described("id of the invitation that brought them")
     supervised_ms: int | None = described("when the operator's code was typed last, ms since 1970")
     warm_up: int = described("practice episodes that ended")

@@ -48,7 +48,7 @@ def list_participants(
     for trial in series.trial_activity(reader, study):
         trials[trial.participant].append(trial)
     events, loads = series.event_summaries(reader, study), series.page_loads(reader, study)
-    gone = series.withdrawals(reader, study)
+    gone, arms = series.withdrawals(reader, study), series.arms_by_person(reader, study)
     left = {event.participant_id: event.event().detail for event in gone}
     signs = defaultdict[str, list[StageEvent]](list)
     for event in series.stage_events(reader, study, ("joined", REPEATED_JOIN)):
@@ -83,6 +83,7 @@ def list_participants(
                     for trial in played
                     if trial.attestation_reason and not (hides and trial.phase == "ranked")
                 ],
+                arm=arms.get(person.id),
                 invitation=person.invitation,
                 supervised_ms=person.supervised_ms,
                 warm_up=sum(trial.phase == "warm_up" for trial in ended),
