@@ -51,6 +51,7 @@ Act = Literal["outcomes changed", "amounts listed", "unlinked"]
 DAY_MS = 86_400_000
 _SALT_BYTES = 32
 _BEYOND = 2**62
+"""Above every number of an input event."""
 
 
 class Thing(NamedTuple):
@@ -86,13 +87,13 @@ class BegunHash(NamedTuple):
     Attributes:
         salt: Of the entry to come.
         until: Number of the first event that is not in it.
-        found: SHA-256 of those that are.
+        events: SHA-256 of those that are.
         moves: How many moves are in it, and their SHA-256.
     """
 
     salt: bytes
     until: int
-    found: hashlib._Hash
+    events: hashlib._Hash
     moves: tuple[int, hashlib._Hash]
 
 
@@ -183,7 +184,8 @@ def compute(
     parts = {}
     for part in _PARTS[thing.kind]:
         if begun is not None and part is _EVENTS and until == _BEYOND:
-            digest, first = begun.found.copy(), begun.until
+            # it has all events: it fits only if no later batch takes some of them away
+            digest, first = begun.events.copy(), begun.until
         elif begun is not None and part is _STEPS:
             digest, first = begun.moves[1].copy(), thing.first
         else:
@@ -257,8 +259,9 @@ def append(
     thing = Thing(kind, ident, first)
     sql = """SELECT hash FROM chain_salts s JOIN chain c USING (number)
         WHERE s.kind = ? AND s.id = ? AND s.first = ? AND NOT c.is_sound"""
-    for (stored,) in select(conn, sql, thing).fetchall():
-        return append_unsound(conn, kind, ident, stored)
+    unsound = select(conn, sql, thing).fetchone()
+    if unsound is not None:
+        return append_unsound(conn, kind, ident, unsound[0])
     salt = secrets.token_bytes(_SALT_BYTES) if begun is None else begun.salt
     parts = compute(conn, thing, salt, begun=begun)
     return _append(conn, thing, True, combine(parts), salt, parts)
@@ -402,7 +405,7 @@ def append_marks(conn: sqlite3.Connection, more: Iterable[tuple[Mark, str]] = ()
 
 
 def said_alone(conn: sqlite3.Connection, study: str = "%") -> list[tuple[Mark, str]]:
-    """Every freezing, export and operator's act, which stand in the chain alone.
+    """Freezings, exports and operators' acts, which no table states for certain.
 
     Of one study: its own, and the freezings of others of its configuration.
 
@@ -547,15 +550,15 @@ def _lines(rows: Iterable[Iterable[object]]) -> bytes:
 
     A quick encoder writes them wherever it writes exactly what `canonical` does.
     """
-    columns = [tuple(row) for row in rows]
-    text = to_json(columns, bytes_mode="hex", inf_nan_mode="constants")[1:-1]
+    tuples = [tuple(row) for row in rows]
+    text = to_json(tuples, bytes_mode="hex", inf_nan_mode="constants")[1:-1]
     is_same = (
         text.isascii()
         and b"\x7f" not in text
         and b"0.0000" not in text  # numbers near 0 and large ones are written in another way
         and _EXPONENT.search(text) is None
-        and text.count(b"],[") == len(columns) - 1  # between two rows alone, and inside no text
+        and text.count(b"],[") == len(tuples) - 1  # between two rows alone, and inside no text
     )
     if is_same:
         return text.replace(b"],[", b"]\n[") + b"\n"
-    return b"".join(map(canonical, columns))
+    return b"".join(map(canonical, tuples))

@@ -44,8 +44,9 @@ class Bundle:
     """A released folder, opened once; use it in a `with` block.
 
     Attributes:
-        manifest, manifest_hash: With its SHA-256 (hex).
-        reader: Of its database.
+        manifest: The parsed manifest.
+        manifest_hash: SHA-256 (hex) of its file.
+        reader: Reads the folder's database.
         data: The study, with the files of the policies that are in the bundle.
 
     Raises:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from humanplay.report.build import ESTIMAND
 from humanplay.report.checklist import time_in_words
-from humanplay.report.statistics.exclusion_sets import rule_in_words, rules_in_words
+from humanplay.report.statistics.exclusion_sets import entry_condition, join_rule_texts
 from humanplay.report.statistics.formatting import templates, utc
 from humanplay.report.statistics.intervals import INTERVAL_IN_WORDS
 from humanplay.report.statistics.planning import assumptions_in_words, power_in_words
@@ -60,15 +60,15 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
         estimand=ESTIMAND,
         recruitment=RECRUITMENT[protocol.recruitment],
         attestation=ATTESTATION[protocol.required_attestation],
-        per_protocol=rule_in_words(protocol.per_protocol),
+        per_protocol=entry_condition(protocol.per_protocol),
         everybody=EVERYBODY_RULE,
         sets={
-            name: rule_in_words(rules)
+            name: entry_condition(rules)
             for name, rules in protocol.exclusion.items()
             if name != PER_PROTOCOL
         },
         practice=f' Participants are told: "{text}"' if (text := criterion(protocol)) else "",
-        flags=rules_in_words(protocol.flags),
+        flags=join_rule_texts(protocol.flags),
         labels={**labels_of(protocol), **protocol.environment.about.labels},
         rule=INTERVAL_IN_WORDS,
         policies=tested_policies(protocol),

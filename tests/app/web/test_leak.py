@@ -201,7 +201,7 @@ def sources(seed):
 
 @pytest.fixture
 def recorded(serve, tmp_path, monkeypatch):
-    """`recorded(seed, body, moves)` -> the tape of a server of its own, and its recorder."""
+    """`recorded(seed, body, moves, recorder)` -> the recorder, which holds its server's tape."""
     monkeypatch.setattr(Store, "secret", lambda self: "the same for all")
 
     def run(seed, body, moves, recorder=Recorder):
@@ -249,7 +249,7 @@ def test_what_nobody_has_seen_leaves_no_trace_in_any_stream(recorded, size, riva
 
 @pytest.fixture
 def studied(recorded, tmp_path, monkeypatch):
-    """`studied(seed, phase, moves)` -> the tape of a participant whose terrain in that phase is the seed's."""
+    """`studied(seed, phase, moves, size)` -> the recorder of a participant on the seed's terrain."""
     frozen = []
 
     def run(seed, phase, moves, size):

@@ -68,7 +68,7 @@ class Cohort:
     ranked: Mapping[str, tuple[Trial, ...]]
     warm_up: Mapping[str, tuple[Trial, ...]]
     terrains: int
-    practice: int
+    warm_up_trials: int
     lowest: float
     passed: frozenset[str] = frozenset()
 
@@ -93,7 +93,7 @@ class Cohort:
         """float64[players, warm-up trials] of a metric, NaN if not finished."""
         episodes = [self.warm_up[person] for person in ids]
         metric_of = partial(metric_value, metric=metric)
-        return _filled(episodes, self.practice, attrgetter("trial"), metric_of)
+        return _filled(episodes, self.warm_up_trials, attrgetter("trial"), metric_of)
 
 
 def _filled(
@@ -175,7 +175,7 @@ def practice_verdicts(data: StudyData, people: Iterable[Person]) -> dict[str, bo
 def _finished(
     data: StudyData, people: list[Person], kind: str, phase: str
 ) -> dict[str, tuple[Trial, ...]]:
-    """Everybody's finished episodes of a phase that they drove themselves.
+    """Each participant's finished episodes of a phase that they drove themselves.
 
     A person's are at the required level, or spoilt.
     """
@@ -348,7 +348,7 @@ def _at_lowest(trial: Trial, terrain: int, cohort: Cohort) -> Trial:
     return replace(
         trial,
         terrain_index=terrain,
-        trial=cohort.terrains + terrain,
+        trial=cohort.terrains + terrain,  # never played: its cell of the table by trial stays NaN
         outcome="abandoned",
         steps=0,
         total=0.0,
@@ -379,7 +379,7 @@ def members(cohort: Cohort, rules: Mapping[Rule, bool | float]) -> list[str]:
 
 
 def _played(trials: Sequence[Trial]) -> list[tuple[int, int, float, float, str]]:
-    """What some trials came to, terrain by terrain, to order people by."""
+    """Terrain, trial, score, moves and trajectory of some trials, to order people by."""
     return sorted(
         (
             trial.terrain_index,
@@ -463,13 +463,10 @@ def _of_no_episode(rules: Mapping[Rule, bool | float]) -> dict[Rule, bool | floa
 
 
 def is_flagged_throughout(cohort: Cohort, participant: str) -> bool:
-    """Whether all ranked episodes that a person ended are flagged or spoilt.
-
-    Flagged means: with a data-quality flag.
-    """
+    """Whether every ranked episode that a person ended has a label or is spoilt."""
     trials = cohort.ranked[participant]
-    flagged = [bool(trial.labels) or trial.attestation == "spoilt" for trial in trials]
-    return cohort.kind == "human" and bool(flagged) and all(flagged)
+    has_fault = [bool(trial.labels) or trial.attestation == "spoilt" for trial in trials]
+    return cohort.kind == "human" and bool(has_fault) and all(has_fault)
 
 
 def given_up(cohort: Cohort, participant: str) -> float:
@@ -488,15 +485,15 @@ def _lacks_score(cohort: Cohort, participant: str) -> bool:
     )
 
 
-def rule_in_words(rules: Mapping[Rule, bool | float]) -> str:
+def entry_condition(rules: Mapping[Rule, bool | float]) -> str:
     """Who enters under a set's rules."""
-    words = rules_in_words(rules)
+    words = join_rule_texts(rules)
     if words:
         return f"{words}; not every ranked episode carries a data-quality flag"
     return "everybody who finished a ranked episode"
 
 
-def rules_in_words(rules: Mapping[Rule, bool | float]) -> str:
+def join_rule_texts(rules: Mapping[Rule, bool | float]) -> str:
     """What holds of whoever keeps to some rules; empty without any."""
     return "; ".join(
         _rule_text(rule, rules[rule]) for rule in get_args(Rule) if is_set(rules.get(rule))

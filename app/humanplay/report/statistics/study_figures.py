@@ -18,11 +18,11 @@ from humanplay.report.statistics.exclusion_sets import (
     Cohort,
     Everybody,
     MetricName,
+    entry_condition,
     everybody_of,
     members,
     people_of,
     practice_verdicts,
-    rule_in_words,
     statuses,
 )
 from humanplay.report.statistics.formatting import counted
@@ -91,7 +91,7 @@ def study_figures(data: StudyData, cohort: Cohort, everybody: Everybody) -> tupl
     protocol, arrivals = data.protocol, data.arrivals
     is_human = cohort.kind == "human"
     erased = (arrivals.erased_finishers, arrivals.erased_began) if is_human else (0, 0)
-    rule = rule_in_words(protocol.per_protocol)
+    rule = entry_condition(protocol.per_protocol)
     ids = members(cohort, protocol.per_protocol)
     began = members(everybody.cohort, {})
     figures = [
@@ -101,7 +101,7 @@ def study_figures(data: StudyData, cohort: Cohort, everybody: Everybody) -> tupl
     for name, rules in protocol.exclusion.items():
         if name != PER_PROTOCOL:
             ids = members(cohort, rules)
-            figures.append(_figure(data, cohort, name, rule_in_words(rules), ids))
+            figures.append(_figure(data, cohort, name, entry_condition(rules), ids))
     return tuple(figures)
 
 
@@ -113,7 +113,7 @@ def estimates_of(
     began: Sequence[str],
 ) -> tuple[StudyFigure, StudyFigure]:
     """Both estimates of some people alone: of who finished, and of who began."""
-    rule = rule_in_words(data.protocol.per_protocol)
+    rule = entry_condition(data.protocol.per_protocol)
     return (
         _figure(data, cohort, PER_PROTOCOL_NAME, rule, finished),
         _figure(data, everybody.cohort, EVERYBODY, EVERYBODY_RULE, began),
