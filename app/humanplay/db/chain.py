@@ -161,7 +161,9 @@ def read_episode_rows(conn: sqlite3.Connection, episode_id: str) -> EpisodeRows:
     every: Row = {"id": episode_id, "first": 0, "until": _BEYOND, "first_move": 0}
     cursor = conn.cursor()
     cursor.row_factory = sqlite3.Row  # has names as a dictionary has, and takes a tenth of its time
-    steps, events = (cursor.execute(_rows_of(part), every).fetchall() for part in (_STEPS, _EVENTS))
+    steps, events = (
+        cursor.execute(_select_rows(part), every).fetchall() for part in (_STEPS, _EVENTS)
+    )
     return EpisodeRows(steps, events)
 
 
@@ -179,7 +181,7 @@ def compute(
             not read again.
         played: An episode's rows where they have been read.
     """
-    until = _next_batch(conn, thing)
+    until = _next_batch_start(conn, thing)
     first_move = 0 if begun is None else begun.moves[0]
     parts = {}
     for part in _PARTS[thing.kind]:
@@ -189,7 +191,7 @@ def compute(
         elif begun is not None and part is _STEPS:
             digest, first = begun.moves[1].copy(), thing.first
         else:
-            digest, first = _empty_hash(part, salt), thing.first
+            digest, first = _salted_hash(part, salt), thing.first
         rows: Sequence[Iterable[object]]
         if played is not None and part is _STEPS:
             rows = played.steps
@@ -197,7 +199,7 @@ def compute(
             rows = [row for row in played.events if first <= row["number"] < until]
         else:
             bounds: Row = {"id": thing.id, "first": first, "until": until, "first_move": first_move}
-            rows = select(conn, _rows_of(part), bounds).fetchall()
+            rows = select(conn, _select_rows(part), bounds).fetchall()
         digest.update(_lines(rows))
         parts[part.table] = digest.hexdigest()
     return parts
@@ -209,18 +211,18 @@ def begin_hash(conn: sqlite3.Connection, episode_id: str) -> BegunHash:
     Every connection can compute it before the episode's end.
     """
     salt, played = secrets.token_bytes(_SALT_BYTES), read_episode_rows(conn, episode_id)
-    events, moves = _empty_hash(_EVENTS, salt), _empty_hash(_STEPS, salt)
+    events, moves = _salted_hash(_EVENTS, salt), _salted_hash(_STEPS, salt)
     events.update(_lines(played.events))
     moves.update(_lines(played.steps))
     until = played.events[-1]["number"] + 1 if played.events else 0
     return BegunHash(salt, until, events, (len(played.steps), moves))
 
 
-def _empty_hash(part: _Part, salt: bytes) -> hashlib._Hash:
+def _salted_hash(part: _Part, salt: bytes) -> hashlib._Hash:
     return hashlib.sha256(salt + canonical([part.table, part.columns]))
 
 
-def _rows_of(part: _Part) -> str:
+def _select_rows(part: _Part) -> str:
     return f"SELECT {part.columns} FROM {part.table} WHERE {part.condition}"
 
 
@@ -264,7 +266,7 @@ def append(
         return append_unsound(conn, kind, ident, unsound[0])
     salt = secrets.token_bytes(_SALT_BYTES) if begun is None else begun.salt
     parts = compute(conn, thing, salt, begun=begun)
-    return _append(conn, thing, True, combine(parts), salt, parts)
+    return _append_entry(conn, thing, True, combine(parts), salt, parts)
 
 
 def append_unsound(conn: sqlite3.Connection, kind: Kind, ident: str, stored: str) -> None:
@@ -273,7 +275,7 @@ def append_unsound(conn: sqlite3.Connection, kind: Kind, ident: str, stored: str
     Args:
         stored: The hash of that entry.
     """
-    _append(conn, Thing(kind, ident), False, stored, secrets.token_bytes(_SALT_BYTES), {})
+    _append_entry(conn, Thing(kind, ident), False, stored, secrets.token_bytes(_SALT_BYTES), {})
 
 
 @contextmanager
@@ -325,7 +327,7 @@ def append_note(
         content: JSON-ready, and for anybody to read.
     """
     note = _note(content)
-    _link(conn, kind, True, None, hashlib.sha256(note.encode()).hexdigest(), note)
+    _insert_entry(conn, kind, True, None, hashlib.sha256(note.encode()).hexdigest(), note)
 
 
 def freezing_of(study: SeriesRow) -> tuple[Mark, str]:
@@ -366,7 +368,7 @@ def act_of(study: SeriesRow, act: Act, **details: int) -> tuple[Mark, str]:
     return "acted", _note({**named, **details, "at_ms": time.time_ns() // 1_000_000})
 
 
-def marks(conn: sqlite3.Connection) -> list[tuple[Mark, str]]:
+def table_marks(conn: sqlite3.Connection) -> list[tuple[Mark, str]]:
     """(kind, note) of everything in the tables that fixed a study.
 
     That is the studies' rows, who was erased from them, and their releases.
@@ -396,15 +398,15 @@ def append_marks(conn: sqlite3.Connection, more: Iterable[tuple[Mark, str]] = ()
 
     Args:
         more: (kind, note) of what the tables do not have: freezings of studies that nobody has
-            joined, and exports.
+            joined, exports, and operators' acts.
     """
     entries = set(select(conn, "SELECT kind, note FROM chain WHERE note IS NOT NULL"))
-    for kind, note in dict.fromkeys((*more, *marks(conn))):
+    for kind, note in dict.fromkeys((*more, *table_marks(conn))):
         if (kind, note) not in entries:
             append_note(conn, kind, json.loads(note))
 
 
-def said_alone(conn: sqlite3.Connection, study: str = "%") -> list[tuple[Mark, str]]:
+def stored_marks(conn: sqlite3.Connection, study: str = "%") -> list[tuple[Mark, str]]:
     """Freezings, exports and operators' acts, which no table states for certain.
 
     Of one study: its own, and the freezings of others of its configuration.
@@ -453,7 +455,7 @@ def unsound_hash(conn: sqlite3.Connection, kind: Kind, ident: str) -> str | None
     """
     sql = """SELECT s.first, s.salt, c.kind, c.hash FROM chain_salts s LEFT JOIN chain c USING (number)
         WHERE s.id = ? AND s.kind IN (?, ?) ORDER BY s.kind, s.first"""
-    entries = select(conn, sql, (ident, kind, _also(kind))).fetchall()
+    entries = select(conn, sql, (ident, kind, _late_kind(kind))).fetchall()
     for first, salt, of, stored in entries:
         if of not in _PARTS or combine(compute(conn, Thing(of, ident, first), salt)) != stored:
             return str(stored or "missing")
@@ -468,19 +470,19 @@ def forget(conn: sqlite3.Connection, erased: Iterable[Thing]) -> None:
     # without its salt a hash that stays in the chain can be tied to nobody, not even by trying
     sql = "DELETE FROM chain_salts WHERE id = ? AND kind IN (?, ?) RETURNING number"
     deleted = [
-        select(conn, sql, (ident, kind, _also(kind))).fetchall() for kind, ident, _ in erased
+        select(conn, sql, (ident, kind, _late_kind(kind))).fetchall() for kind, ident, _ in erased
     ]
     numbers = sorted(number for rows in deleted for (number,) in rows)
     if numbers:
         append_note(conn, "forgotten", {"forgotten": numbers})
 
 
-def _also(kind: Kind) -> Kind:
+def _late_kind(kind: Kind) -> Kind:
     """The kind of entries that belong to a thing besides its own."""
     return "events" if kind == "episode" else kind
 
 
-def _append(
+def _append_entry(
     conn: sqlite3.Connection,
     thing: Thing,
     is_sound: bool,
@@ -490,12 +492,12 @@ def _append(
 ) -> None:
     sql = "SELECT number FROM chain_salts WHERE kind = ? AND id = ? AND first = ?"
     replaces = select(conn, sql, thing).fetchone()
-    number = _link(conn, thing.kind, is_sound, replaces and replaces[0], hash_, None)
+    number = _insert_entry(conn, thing.kind, is_sound, replaces and replaces[0], hash_, None)
     values = (*thing, number, salt, canonical(parts).decode().rstrip())
     conn.execute("INSERT OR REPLACE INTO chain_salts VALUES (?, ?, ?, ?, ?, ?)", values)
 
 
-def _link(
+def _insert_entry(
     conn: sqlite3.Connection,
     kind: str,
     is_sound: bool,
@@ -515,7 +517,7 @@ def _link(
     return entry[0]
 
 
-def _next_batch(conn: sqlite3.Connection, thing: Thing) -> int:
+def _next_batch_start(conn: sqlite3.Connection, thing: Thing) -> int:
     """Number of the input event with which the next entry of an episode begins."""
     if thing.kind not in ("episode", "events"):
         return _BEYOND

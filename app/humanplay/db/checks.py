@@ -26,9 +26,9 @@ from humanplay.db.chain import (
     compute,
     head,
     link,
-    marks,
     read_episode_rows,
     select,
+    table_marks,
 )
 from humanplay.db.database import StoreError, reading, rows, writing
 from humanplay.db.reader import now_ms
@@ -386,7 +386,7 @@ def check_marks(conn: sqlite3.Connection) -> Iterator[Finding]:
     sql = "SELECT kind, note FROM chain WHERE kind IN ('frozen', 'closed', 'erased', 'released') AND json_valid(note)"
     in_chain = set(select(conn, sql))
     try:
-        in_tables = set(marks(conn))
+        in_tables = set(table_marks(conn))
     except (ValueError, KeyError, TypeError) as error:
         yield Finding("table meta", "who was erased", "something unreadable", str(error))
         return

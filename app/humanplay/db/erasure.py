@@ -422,7 +422,7 @@ def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None
     for name in (ERASED, ARRIVALS, ANSWERS):
         found = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [name]).fetchall()
         target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", found)
-    chain.append_marks(target, chain.said_alone(source))
+    chain.append_marks(target, chain.stored_marks(source))
 
 
 def asks_erasure(conn: sqlite3.Connection, participant_id: str) -> bool:

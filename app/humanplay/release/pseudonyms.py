@@ -130,7 +130,7 @@ def write_pseudonymized(
                 table = TABLES[name]
                 conn.execute(table.insert(), [row[column] for column in table.names()])
             chain.append_all(conn, chain.things(conn))
-            chain.append_marks(conn, chain.said_alone(source, study))
+            chain.append_marks(conn, chain.stored_marks(source, study))
         conn.execute("PRAGMA journal_mode = DELETE")
         conn.execute("VACUUM")
     finally:
