@@ -34,8 +34,10 @@ from humanplay.db.file import (
     log_path,
     note_commit,
     note_of,
+    recordings_beside,
 )
 from humanplay.task import counted
+from humanplay.task.recordings import look_in
 
 
 @contextmanager
@@ -114,6 +116,7 @@ def writing(path: Path, timeout_s: float = BUSY_MS / 1000) -> Iterator[sqlite3.C
     """
     check_writable(path)
     check_commits(path)
+    _look_beside(path)
     # mode=rw: a file that was just deleted must not come back as an empty one
     uri = path.resolve().as_uri() + "?mode=rw"
     try:
@@ -357,6 +360,7 @@ def open_read_only(path: Path) -> Database:
         raise StoreError(f"no database at {path}: play first, or give the path with --database")
     recognise(path)
     check_commits(path)
+    _look_beside(path)
     still = "" if log_path(path).exists() or os.access(path.parent, os.W_OK) else "&immutable=1"
     uri = path.resolve().as_uri() + "?mode=ro" + still
     try:
@@ -371,6 +375,12 @@ def open_read_only(path: Path) -> Database:
         if isinstance(error, sqlite3.Error):
             raise StoreError(_explain(path, error)) from error
         raise
+
+
+def _look_beside(path: Path) -> None:
+    """Let recordings be found that are beside a database, if there are any."""
+    if (folder := recordings_beside(path)).is_dir():
+        look_in(folder)
 
 
 def damaged(path: Path, damage: str) -> str:

@@ -31,11 +31,11 @@ from humanplay.db.database import (
     rows,
     transaction,
 )
-from humanplay.db.file import DatabaseLock, log_path, note_commit
+from humanplay.db.file import DatabaseLock, log_path, note_commit, recordings_beside
 from humanplay.db.releases import mark_outdated_releases
 from humanplay.db.rows import AskedBy, ErasedPerson
 from humanplay.db.study_rows import ARM_EVENT, Participant, SeriesRow, participant_label
-from humanplay.task import counted
+from humanplay.task import counted, recordings
 
 FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
 ERASED = "erased"
@@ -354,6 +354,7 @@ def _sessions_of(
 
 def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int) -> None:
     for ident in episodes:
+        _delete_recording(conn, ident)
         sql = f"SELECT {TRAJECTORY} FROM episodes e WHERE e.id = ? AND e.ended_ms IS NOT NULL"
         for driven in conn.execute(sql, [ident]).fetchall():
             values = (trajectory_hash(*driven), now)
@@ -367,6 +368,16 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
         ):
             conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
         conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
+
+
+def _delete_recording(conn: sqlite3.Connection, ident: str) -> None:
+    """Delete the recording of an episode, unless somebody else met its seed too."""
+    ((seed,),) = conn.execute("SELECT seed FROM episodes WHERE id = ?", [ident]).fetchall()
+    others = "SELECT 1 FROM episodes WHERE seed = ? AND id <> ?"
+    if seed is None or conn.execute(others, [seed, ident]).fetchone():
+        return
+    (file,) = [row[2] for row in conn.execute("PRAGMA database_list") if row[1] == "main"]
+    recordings.forget(recordings_beside(Path(file)), seed)
 
 
 def _forget_challenges(conn: sqlite3.Connection) -> None:

@@ -150,7 +150,8 @@ Exported on {day} by version {version} of the playground: {episodes}, {moves}.
   enter. Episodes of open studies and of days that are not over are left out.
 - **Who**: volunteers of a playground, who chose to play and how often. They stand for nobody but themselves, and their mean is
   no human level, which is a closed study's figure. Nothing is known of them; a pseudonym is drawn anew for each export.
-- **How it was checked**: each episode was replayed; `verified` is false where the replay does not come to what is stored.
+- **How it was checked**: each episode was replayed; `verified` is false where the replay does not come to what is stored,
+  or nothing steps the environment again.
 - **A figure**: the mean over players of each player's mean `steps_to_target` or `score`, with an interval over players.
 - **Licence**: that of the server's operator; ask them where none is stated.
 
@@ -195,7 +196,7 @@ def export_to(
     count, moves = (n - 1 for n in lines)
     warning = ""
     if unverified:
-        warning = f"; {unverified} of them did not replay as recorded: see the column verified"
+        warning = f"; {unverified} of them did not replay as recorded, or cannot be played again: see the column verified"
     if secret:
         warning += f"; left out, since their secrets are kept: {', '.join(secret)}"
     names = ", ".join(study.name for study in running)

@@ -56,8 +56,17 @@ _locked: set[Identity] = set()
 
 def studies_beside(path: Path) -> Path:
     """The folder of a database's studies: of `lab.db` it is `lab.db-studies`."""
+    return _beside(path, "studies")
+
+
+def recordings_beside(path: Path) -> Path:
+    """The folder of a database's recordings: of `lab.db` it is `lab.db-recordings`."""
+    return _beside(path, "recordings")
+
+
+def _beside(path: Path, name: str) -> Path:
     # like SQLite's own companions: beside the file that a link leads to
-    return Path(f"{os.path.realpath(path) if path.is_symlink() else path}-studies")
+    return Path(f"{os.path.realpath(path) if path.is_symlink() else path}-{name}")
 
 
 class StoreError(Exception):

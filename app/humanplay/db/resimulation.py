@@ -29,8 +29,17 @@ class Finding:
     stored: object
     found: object
 
+    @property
+    def is_not_stepped(self) -> bool:
+        """Whether it only says that nothing steps the episode again."""
+        return (self.what, self.stored, self.found) == NOT_STEPPED
+
     def __str__(self) -> str:
         return f"{self.where}: {self.what} is {_short(self.stored)}, found {_short(self.found)}"
+
+
+NOT_STEPPED = ("cause", "stepped in place", "nothing that steps it again: it is not verified")
+"""What is said of an episode whose replay is what was recorded when it was played."""
 
 
 def _short(content: object) -> str:
@@ -84,6 +93,8 @@ def _simulated(row: EpisodeRow, steps: list[MoveRow], differences: list[Differen
     except (ValueError, TypeError, RuntimeError) as error:
         differences.append(("cause", "something that cannot be played", str(error)))
         return None
+    if trial.environment.is_recorded:
+        differences.append(NOT_STEPPED)
     differences += _of_totals(row, episode)
     differences += _of_steps(steps, episode)
     if row["driver"] == "human" and any(step["driver"] != "human" for step in steps):

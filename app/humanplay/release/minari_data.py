@@ -157,6 +157,7 @@ def _created(
     with warnings.catch_warnings():
         # it misses an address to write to and a link to the code, which there need not be
         warnings.filterwarnings("ignore", message=".* is set to None")
+        warnings.filterwarnings("ignore", message="env_spec is None")  # of one that is recorded
         return minari.create_dataset_from_buffers(
             dataset_id=name,
             buffer=buffers,

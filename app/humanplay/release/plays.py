@@ -88,7 +88,7 @@ def minari_of(database: Path, name: str, task: str | None = None) -> str:
         for row in reader.finished("human"):
             if row["task"] == task:
                 run, findings = simulate(row, reader.steps(row["id"]))
-                if run is None or findings:
+                if run is None or not all(finding.is_not_stepped for finding in findings):
                     different += 1
                 else:
                     yield Trial.of(row), run

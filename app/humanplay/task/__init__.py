@@ -492,6 +492,10 @@ class Environment(Protocol):
         """Return the version that a recorded episode replays with."""
 
     @property
+    def is_recorded(self) -> bool:
+        """Whether replays are recordings, since nothing steps it again to verify them."""
+
+    @property
     def about(self) -> About:
         """What pages, reports and studies say of it."""
 

@@ -101,6 +101,11 @@ class BaseEnvironment:
     """Rules of an environment whose episodes follow from their seed and their actions (`humanplay.task.Environment`)."""
 
     @property
+    def is_recorded(self) -> bool:
+        """False: an episode is played again from its seed."""
+        return False
+
+    @property
     def clock(self) -> int | None:
         """None: boards wait for each move."""
         return None

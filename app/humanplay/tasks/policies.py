@@ -166,6 +166,23 @@ class ProcessPolicies(BasePolicies):
             preparer.close()
 
 
+class NoPolicies(ProcessPolicies):
+    """None at all: no other process has the environment."""
+
+    compared: tuple[str, ...] = ()
+    slow: tuple[str, ...] = ()
+
+    def offers(self) -> list[PolicyOffer]:
+        """Nothing may be chosen."""
+        return []
+
+    def load(self, name: str, config: Configuration | None = None) -> ProcessPolicy:
+        """Raise PolicyError."""
+        raise PolicyError(
+            "the environment is stepped by the program that holds it, and a policy needs one of its own"
+        )
+
+
 def _summary(source: str) -> str:
     return "a valid action at random" if source == "random" else f"by {source}"
 

@@ -216,11 +216,12 @@ def _end(process: subprocess.Popen[bytes], connection: Connection, folder: Path)
 class Worker:
     """The server's end of a worker's process.
 
+    pid      None: a program answers that is not ours to measure or to end
     shared   bytes of resident memory that its preparer has, which are counted once
     allowed  bytes that it may take beyond them
     """
 
-    def __init__(self, connection: Connection, pid: int, shared: int, allowed: int) -> None:
+    def __init__(self, connection: Connection, pid: int | None, shared: int, allowed: int) -> None:
         self.connection, self.pid, self._shared, self._allowed = connection, pid, shared, allowed
         self._bytes, self._pieces = bytearray(), bytearray()
         self._told = dict[str, Any]()
@@ -229,7 +230,9 @@ class Worker:
 
     def resident(self) -> int:
         """Return the resident memory that it takes by itself, in bytes."""
-        return 0 if self.connection.closed else max(0, _resident(self.pid) - self._shared)
+        if self.pid is None or self.connection.closed:
+            return 0
+        return max(0, _resident(self.pid) - self._shared)
 
     def ask(self, question: Any) -> Any:
         """Return the answer to a question; `LostError` where there is none."""
@@ -345,7 +348,7 @@ class Worker:
     def close(self, kills: bool = False) -> None:
         """Let the process end; it reads that nobody listens any more."""
         self.connection.close()
-        if kills and _resident(self.pid):
+        if kills and self.pid is not None and _resident(self.pid):
             with suppress(ProcessLookupError):
                 os.kill(self.pid, signal.SIGKILL)
 
@@ -407,7 +410,7 @@ def _work(
                     told = time.monotonic()
                 question = None
             else:
-                _send_answer(connection, answer)
+                send_answer(connection, answer)
                 signal.setitimer(signal.ITIMER_PROF, 0)
                 question = json.loads(connection.recv_bytes(MESSAGE_BYTES))
             _timed()
@@ -415,13 +418,19 @@ def _work(
     except (EOFError, BrokenPipeError, ConnectionResetError):
         os._exit(0)
     except BaseException as error:
-        trace = traceback.format_exc()[-MOST_OF_TRACEBACK:]
-        failure = {"error": _said(error), "traceback": trace}
-        connection.send_bytes(json.dumps(failure).encode())
+        send_failure(connection, error)
         os._exit(1)
 
 
-def _send_answer(connection: Connection, answer: Any) -> None:
+def send_failure(connection: Connection, error: BaseException) -> None:
+    """Send what was raised instead of an answer, with its traceback."""
+    trace = "".join(traceback.format_exception(error))[-MOST_OF_TRACEBACK:]
+    failure = {"error": _said(error), "traceback": trace}
+    connection.send_bytes(json.dumps(failure).encode())
+
+
+def send_answer(connection: Connection, answer: Any) -> None:
+    """Send an answer: as JSON, or what is `Binary` in pieces."""
     if not isinstance(answer, tuple):
         connection.send_bytes(json.dumps({"answer": answer}).encode())
         return

@@ -29,6 +29,19 @@ COMPARED = 20
 """Steps on which both must agree."""
 
 
+class NotRecreatedError(PilotError):
+    """An environment that a program holds cannot be made again.
+
+    env     the one that it holds
+    reason  why
+    line    the call that plays what makes one
+    """
+
+    def __init__(self, env: Env, reason: str) -> None:
+        self.env, self.reason, self.line = env, reason, line_of(env)
+        super().__init__(f"{reason}: {self.line}")
+
+
 @dataclass(frozen=True)
 class Recreation:
     """Makes an environment again.
@@ -93,8 +106,8 @@ def _name_of(spec: EnvSpec) -> str:
 
 
 def recreated(env: Env) -> str:
-    """Describe an environment that can be recreated with a picture; PilotError if it cannot, or differs."""
-    layers = _layers(env)
+    """Describe an environment that can be recreated; NotRecreatedError if it cannot."""
+    layers = layers_of(env)
     specs = [layer.spec for layer in layers]
     made = next(
         (at for at, spec in enumerate(specs) if spec and not spec.additional_wrappers),
@@ -102,8 +115,9 @@ def recreated(env: Env) -> str:
     )
     spec = specs[made]
     if spec is None:
-        raise PilotError(
-            f"{type(env).__name__} was not made by gymnasium.make, so that nothing says how to make it again: {_line(env)}"
+        raise NotRecreatedError(
+            env,
+            f"{type(env).__name__} was not made by gymnasium.make, so that nothing says how to make it again",
         )
     wrappers = tuple(
         (type(layer), getattr(layer, "_saved_kwargs", {}))
@@ -114,16 +128,16 @@ def recreated(env: Env) -> str:
     try:
         other = recreation()
     except (gymnasium.error.Error, ImportError, TypeError, ValueError) as error:
-        raise PilotError(f"{spec.id} cannot be made again: {error}; {_line(env)}") from error
+        raise NotRecreatedError(env, f"{spec.id} cannot be made again: {error}") from error
     try:
         with closing(other):
             difference = _difference(env, other)
     except Exception as error:  # whatever the environment raises
-        raise PilotError(
-            f"{spec.id} was made again, and the two cannot be compared: {error}; {_line(env)}"
+        raise NotRecreatedError(
+            env, f"{spec.id} was made again, and the two cannot be compared: {error}"
         ) from error
     if difference:
-        raise PilotError(f"{spec.id} was made again from its spec, and {difference}: {_line(env)}")
+        raise NotRecreatedError(env, f"{spec.id} was made again from its spec, and {difference}")
     return recreation.told or _held(recreation, env)
 
 
@@ -143,19 +157,19 @@ def _held(recreation: Recreation, env: Env) -> str:
     return Description.model_validate(fields).told
 
 
-def _line(env: Env) -> str:
+def line_of(env: Env) -> str:
     """The call that plays what makes an environment, as far as its classes say how."""
     inner, spec = env.unwrapped, env.unwrapped.spec
     line = f"{type(inner).__name__}(render_mode='rgb_array')"
     if spec is not None:
         line = f"gymnasium.make({spec.id!r}, render_mode='rgb_array')"
-    for layer in reversed(_layers(env)[:-1]):
+    for layer in reversed(layers_of(env)[:-1]):
         if not type(layer).__module__.startswith("gymnasium.wrappers.common"):
             line = f"{type(layer).__name__}({line}, ...)"
     return f"play(lambda: {line})"
 
 
-def _layers(env: Env) -> list[Env]:
+def layers_of(env: Env) -> list[Env]:
     """The wrappers of an environment from the outside, and then itself."""
     layers = [env]
     while isinstance(layers[-1], gymnasium.Wrapper):

@@ -28,11 +28,13 @@ class Request(TypedDict):
     settings  of the server
     held      functions that the program holds
     people    who are invited
+    board     descriptor of what asks the program to step its environment; None if the server's processes step it
     """
 
     settings: dict[str, object]
     held: dict[str, str]
     people: int
+    board: int | None
 
 
 class Answer(TypedDict, total=False):
@@ -44,19 +46,29 @@ class Answer(TypedDict, total=False):
 
 
 class RunningServer:
-    """A server in a process of its own. What it logs is printed here."""
+    """A server in a process of its own. What it logs is printed here.
 
-    def __init__(self, request: Request) -> None:
+    boards  what it asks a program that steps the environment itself
+    """
+
+    boards: Connection
+
+    def __init__(self, request: Request, steps: bool = False) -> None:
+        """Start it; `steps` says whether this program steps the environment itself."""
         mine, theirs = socket.socketpair()
+        asked, asks = socket.socketpair()
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
-        with mine, theirs:
+        with mine, theirs, asked, asks:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "humanplay.cli.pilot.server", str(theirs.fileno())],
-                env=os.environ | {"PYTHONPATH": paths}, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL,
+                env=os.environ | {"PYTHONPATH": paths}, pass_fds=[theirs.fileno(), asks.fileno()], stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace",
                 start_new_session=True,  # Ctrl-C is this program's
             )  # fmt: skip
             self._connection = Connection(mine.detach())
+            self.boards = Connection(asked.detach())
+            if steps:
+                request["board"] = asks.fileno()
         self._printer = Thread(target=self._print_log, daemon=True)
         self._printer.start()
         atexit.register(self.close)
@@ -96,6 +108,7 @@ class RunningServer:
     def close(self) -> None:
         """End the server once all that was played is written."""
         atexit.unregister(self.close)
+        self.boards.close()  # first: no move of an episode is asked for that goes on
         self._connection.close()
         try:
             self._process.wait(END_S)

@@ -23,6 +23,7 @@ from humanplay.report.statistics.formatting import number, percent
 from humanplay.report.statistics.intervals import Interval, estimate
 from humanplay.task import counted
 from humanplay.task.registration import environment_of
+from humanplay.tasks.gymnasium.description import IN_PLACE
 from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from marsexplorer.intervals import FEWEST, Floats
 
@@ -59,6 +60,7 @@ class Score:
     without     the mean of people without those; None if none of theirs ended
     has_bound   whether the lowest possible score is known
     left_out    ended episodes that do not count
+    is_recorded  whether nothing steps the environment again, so that nothing is verified
     """
 
     task: str
@@ -73,6 +75,7 @@ class Score:
     without: float | None
     has_bound: bool
     left_out: ExclusionCounts
+    is_recorded: bool = False
 
     def to_dict(self) -> dict[str, object]:
         """The figures by their names, as JSON holds them."""
@@ -139,6 +142,10 @@ class Score:
             notes.append(
                 "no lowest score is known, so that leaving an episode can raise the figure: name `bounds` in a description"
             )
+        if self.is_recorded:
+            notes.append(
+                "not verified, and nothing beside it: the program that held the environment stepped it itself"
+            )
         if words := _left_out(self.left_out):
             notes.append(f"not counted: {words}")
         notes.append(
@@ -199,7 +206,7 @@ def _cells(line: Line) -> list[str]:
 def _study(task: str) -> str:
     """The command that plans a study of a task."""
     name = task.partition(":")[2] or task
-    if f"{held.SCHEME}:" in name:
+    if f"{held.SCHEME}:" in name or f"{IN_PLACE}:" in name:
         return "move what makes the environment into a module, and `humanplay study new NAME --env MODULE:NAME`"
     if name.startswith("{"):
         return "`humanplay study new NAME --env FILE.toml`, with these fields in the file: " + name
@@ -260,7 +267,13 @@ def _scored(task: str, pilot: Pilot, policies: Mapping[str, object]) -> Score:
     played = Counter(episode.person for episode in pilot.episodes)
     alone = [episode for episode in pilot.episodes if episode.score is not None]
     states = Counter(episode.state for episode in pilot.episodes)
-    lines = _policies(task, table, instances, metric.lowest, {RANDOM: RANDOM, **policies})
+    if environment.is_recorded and policies:
+        raise PilotError(
+            "policies need an environment of their own, and the program that held this one stepped it itself: play "
+            "what makes it, a class or a function"
+        )
+    beside = {} if environment.is_recorded else {RANDOM: RANDOM, **policies}
+    lines = _policies(task, table, instances, metric.lowest, beside)
     return Score(
         task=task,
         metric=metric.name,
@@ -274,6 +287,7 @@ def _scored(task: str, pilot: Pilot, policies: Mapping[str, object]) -> Score:
         without=_mean(_table(alone, worst)[0]) if alone else None,
         has_bound=metric.lowest is not None,
         left_out=pilot.left_out,
+        is_recorded=environment.is_recorded,
     )
 
 

@@ -20,6 +20,7 @@ from humanplay.db import names
 from humanplay.db.database import StoreError
 from humanplay.db.store import Store
 from humanplay.jobs import held
+from humanplay.tasks.gymnasium.in_place import connect
 from humanplay.web.people import likeness
 from humanplay.web.server import ServerError, run
 from humanplay.web.settings import Settings
@@ -60,6 +61,8 @@ def serve(connection: Connection) -> None:
 
     try:
         held.take(request["held"])
+        if request["board"] is not None:
+            connect(request["board"])
         settings = Settings.model_validate(request["settings"])
         answer["invitations"] = invitations(settings, request["people"])
         run(settings, tell)

@@ -17,6 +17,7 @@ from typing import Any
 from weakref import WeakSet
 
 from humanplay.task import AgentObservation, Allowed, RunEndedError, TaskFullError
+from humanplay.task.recordings import Figures
 from humanplay.task.registration import environment_of
 from humanplay.tasks.base import FAILED
 from humanplay.tasks.gymnasium.configuration import GymnasiumConfig, own_config
@@ -294,7 +295,7 @@ def _play(run: GymnasiumRun, actions: Sequence[int]) -> Work:
         yield step
     since = -1
     while True:
-        question = yield _told(run, since)
+        question = yield told_of(run, since)
         while question in (OBSERVATION, PICTURE):
             if question == OBSERVATION:
                 question = yield None, packed(run.newest_observation)
@@ -320,12 +321,12 @@ def _observe(run: GymnasiumRun, actions: Sequence[int]) -> Work:
     yield None, b""
 
 
-def _told(run: GymnasiumRun, since: int) -> object:
+def told_of(run: GymnasiumRun, since: int) -> Figures | tuple[Figures, bytes]:
     """Return what is told of a run: its figures, those since so many moves (-1: all), and its picture.
 
     Of a live run that has ended also what was seen last: nobody can ask for it any more.
     """
-    told = {
+    told: Figures = {
         "rewards": list(run.rewards()[max(since, 0) :]),
         "scores": list(run.scores()[since + 1 :]),
         "allowed": list(run.allowed()[since + 1 :]),

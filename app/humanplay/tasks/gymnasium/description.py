@@ -37,6 +37,10 @@ PACKAGES = {
     "gymnasium.envs.box2d": "Box2D", "gymnasium.envs.mujoco": "mujoco", "humanplay.tasks.gymnasium.adapters:Crafter": "crafter",
 }  # fmt: skip
 """Beginnings of entry points -> the package whose code an environment is, where another one brings it."""
+IN_PLACE = "inplace"
+"""What stands before the colon in the id of an environment that the program which holds it steps itself."""
+RECORDED = "recorded 1"
+"""What the episodes of such an environment replay with: their recordings."""
 PRINTED = "printed in preregistration, report and datasheet"
 
 
@@ -110,6 +114,11 @@ class Description(BaseModel):
         said = self.model_dump(mode="json", exclude_unset=True)
         return self.id if said == {"id": self.id} else canonical(said)
 
+    @property
+    def is_in_place(self) -> bool:
+        """Whether the program that holds it steps it, so that nothing makes it again."""
+        return self.id.startswith(f"{IN_PLACE}:")
+
     def begin(self, env: Any, seed: int) -> tuple[Any, dict[str, Any]]:
         """Reset an environment; return its observation and its info."""
         options = {"options": self.options} if self.options else {}
@@ -152,6 +161,8 @@ class Description(BaseModel):
     @property
     def versions(self) -> str:
         """What an episode replays with: the versions of its packages, the hashes of modules of one's own."""
+        if self.is_in_place:
+            return RECORDED
         sources = [f"{name} {hash[:12]}" for name, hash in self.sources.items()]
         return ", ".join([*(f"{name} {version_of(name)}" for name in self.packages), *sources])
 
@@ -196,6 +207,11 @@ def spec_of(env_id: str) -> EnvSpec:
     module_name, _, name = env_id.rpartition(":")
     if module_name == held.SCHEME:
         return EnvSpec(name, held.function_of(name))
+    if module_name == IN_PLACE:
+        raise ValueError(
+            f"{name} was stepped in place by the program that held it, and nothing makes it again: move what makes it "
+            "into a module, which is found by its name"
+        )
     if not module_name:
         try:
             return _named(gymnasium.spec(name))

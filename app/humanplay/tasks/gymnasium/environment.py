@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from functools import cached_property
+from importlib.metadata import version as version_of
 from typing import ClassVar, Literal
 
 import gymnasium
@@ -32,9 +33,10 @@ from humanplay.tasks.gymnasium.description import (
     keys_of,
     spec_of,
 )
+from humanplay.tasks.gymnasium.in_place import GoneEnvironment, RecordedRun
 from humanplay.tasks.gymnasium.lock import GymnasiumLock
 from humanplay.tasks.gymnasium.run import GymnasiumRun
-from humanplay.tasks.policies import ProcessPolicies
+from humanplay.tasks.policies import NoPolicies, ProcessPolicies
 
 POLICIES = "humanplay.tasks.gymnasium.policies"
 """The module that plays them."""
@@ -222,6 +224,70 @@ class GymnasiumEnvironment(BaseEnvironment):
         return [*observations(boards, own_config(record.config), seed, record.actions)]
 
 
+class InPlaceEnvironment(GymnasiumEnvironment):
+    """An environment that a program stepped itself: its episodes are recordings."""
+
+    def __init__(self, text: str) -> None:
+        self.description = described(text)
+        self.level, self._told = self.description.id, self.description.told
+        self.name = f"gymnasium:{self._told}"
+
+    @property
+    def is_recorded(self) -> bool:
+        """True."""
+        return True
+
+    @cached_property
+    def keys(self) -> Mapping[str, tuple[str, ...]]:
+        """The keys of its description, which names all of them."""
+        return keys_of(self.description, None, self.description.actions)
+
+    @property
+    def limit(self) -> int:
+        """Moves after which an episode times out."""
+        return self.description.max_steps or DEFAULT_LIMIT
+
+    def gymnasium_env(self, config: Configuration) -> gymnasium.Env[object, object]:
+        """Return its spaces."""
+        return GoneEnvironment(self.level)
+
+    @cached_property
+    def _codes(self) -> ActionCodes:
+        return ActionCodes(self.level, GoneEnvironment(self.level).action_space)
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """Gymnasium and NumPy: the environment itself is gone."""
+        return tuple(f"{package}=={version_of(package)}" for package in ("gymnasium", "numpy"))
+
+    @cached_property
+    def policies(self) -> Policies:
+        """None: no other process has the environment."""
+        return NoPolicies(self.name, POLICIES)
+
+    def check_study(self, config: Configuration) -> None:
+        """Raise ValueError: nobody else could play it."""
+        spec_of(self.level)
+
+    def prepare(self) -> None:
+        """Do nothing: it does not step."""
+
+    def run(self, config: Configuration, seed: int, actions: bytes = b"") -> GymnasiumRun:
+        """Return an episode as it was recorded; ValueError if it was not."""
+        return RecordedRun(own_config(config), seed, actions)
+
+    def observations(self, record: Record) -> Sequence[object]:
+        """What was seen before each move and after the last."""
+        run = self.run(record.config, seed_of(record))
+        observed = [run.newest_observation]
+        for action in record.actions:
+            run.step(action)
+            observed.append(run.newest_observation)
+        return observed
+
+
 def environment(told: str) -> GymnasiumEnvironment:
     """Return the rules of an environment by what describes it; ValueError where there is none."""
+    if described(told).is_in_place:
+        return InPlaceEnvironment(told)
     return GymnasiumEnvironment(told)

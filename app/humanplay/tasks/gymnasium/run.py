@@ -36,7 +36,7 @@ def draw_once(config: GymnasiumConfig) -> None:
 
 
 class GymnasiumRun:
-    """One running episode (`humanplay.task.Run`) of an environment that is made for it and reset once.
+    """One running episode (`humanplay.task.Run`) of an environment, reset once.
 
     It has succeeded when it ends by the rule of its description; where there is none, one that ends by itself has `ended`.
     """
@@ -44,10 +44,13 @@ class GymnasiumRun:
     is_live = False
     """Whether somebody waits for its pictures: then they are packed quickly, and larger."""
 
-    def __init__(self, config: GymnasiumConfig, seed: int) -> None:
+    def __init__(
+        self, config: GymnasiumConfig, seed: int, env: gymnasium.Env[object, object] | None = None
+    ) -> None:
+        """Reset a new environment, or one that somebody holds."""
         self.config, self.seed = config, seed
         self._described = config.description
-        self._env = config.make(seed)
+        self._env = config.make(seed) if env is None else env
         self._names = actions_of(self._described, self._env)
         self._codes = ActionCodes(self._described.id, self._env.action_space)
         self._observation, self._info = self._described.begin(self._env, seed)

@@ -5,12 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from humanplay.task import Choice, Configuration, Run
+from humanplay.task import Cause, Choice, Configuration, Run
 from humanplay.task.registration import Start
-from humanplay.tasks.base import BaseTask
+from humanplay.tasks.base import BaseTask, seed_of
 from humanplay.tasks.gymnasium.boards import BoardRun, Boards
 from humanplay.tasks.gymnasium.configuration import own_config
-from humanplay.tasks.gymnasium.environment import POLICIES, GymnasiumEnvironment
+from humanplay.tasks.gymnasium.description import described
+from humanplay.tasks.gymnasium.environment import (
+    POLICIES,
+    GymnasiumEnvironment,
+    InPlaceEnvironment,
+)
+from humanplay.tasks.gymnasium.in_place import ProgramBoard
 from humanplay.tasks.gymnasium.run import GymnasiumRun
 from humanplay.tasks.policies import ProcessPolicies
 from humanplay.tasks.processes import guards_of
@@ -60,8 +66,40 @@ class GymnasiumTask(BaseTask, GymnasiumEnvironment):
         self._process_policies.close()
 
 
-def serve(variant: str, start: Start) -> GymnasiumTask:
+class InPlaceTask(BaseTask, InPlaceEnvironment):
+    """An environment that the program steps which started the server."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._board = ProgramBoard(self.name)
+        self.steps_on = self._board.steps_on
+
+    def begin(self, choice: Choice) -> Run:
+        """Return a run at its start, in the program; ValueError before a seed is drawn."""
+        if choice.seed is None:
+            raise ValueError("an episode begins on a seed")
+        return BoardRun(self._board, self.configuration(choice.config.to_dict()), choice.seed, b"")
+
+    def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
+        """An episode that goes on, in the program, or one that ended, as recorded."""
+        if ended:
+            return super().replay(was, actions, ended)
+        config = self.configuration(was.config.to_dict())
+        return BoardRun(self._board, config, seed_of(was), actions)
+
+    def guards(self) -> str:
+        """Where it steps."""
+        return "the board is stepped by the program that called play, which nothing guards"
+
+    def close(self) -> None:
+        """Ask for no further step."""
+        self._board.close()
+
+
+def serve(variant: str, start: Start) -> GymnasiumTask | InPlaceTask:
     """The task of a server; ValueError if it cannot be played here."""
+    if described(variant).is_in_place:
+        return InPlaceTask(variant)
     policies = [str(path) for path in start.policies]
     task = GymnasiumTask(variant, policies, start.hidden, start.confined)
     try:

@@ -1,0 +1,134 @@
+"""What was told of episodes that nothing can step again, beside the database.
+
+A folder holds one of each task, named after it, with a file an episode. Such a file is read as far as it was written: a
+program may be killed at any byte.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, NotRequired, TypedDict
+
+if TYPE_CHECKING:
+    from humanplay.task import AgentObservation
+
+FOLDERS = "HUMANPLAY_RECORDINGS"
+"""The variable that holds the folders that are looked in, which processes beside this one read as well."""
+_SIZES = struct.Struct(">II")
+"""What a moment begins with: how many bytes of JSON it has, and how many others."""
+
+
+class Figures(TypedDict):
+    """What was told of a moment, ready for JSON.
+
+    rewards, scores, allowed  those since the moment before
+    action                    that led to it; None at the start
+    """
+
+    rewards: Sequence[float]
+    scores: Sequence[float]
+    allowed: Sequence[Sequence[int] | None]
+    outcome: str
+    total: float
+    digest: str
+    shown: AgentObservation | None
+    action: NotRequired[int | None]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What was told of an episode at its start, or after a move.
+
+    content  the observation, packed; empty if it was not recorded
+    """
+
+    figures: Figures
+    content: bytes
+
+
+class Recording:
+    """The file of an episode that is being played."""
+
+    def __init__(self, path: Path) -> None:
+        self._file: BinaryIO = path.open("xb")
+
+    def add(self, moment: Moment) -> int:
+        """Write a moment, and return how many bytes that took."""
+        figures = json.dumps(moment.figures, separators=(",", ":")).encode()
+        written = _SIZES.pack(len(figures), len(moment.content)) + figures + moment.content
+        self._file.write(written)
+        self._file.flush()  # before anybody sees it: a kill loses nothing that was shown
+        return len(written)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def look_in(folder: Path) -> None:
+    """Look for recordings in a folder too, in this process and those that it starts."""
+    os.environ[FOLDERS] = os.pathsep.join(dict.fromkeys([*map(str, _folders()), str(folder)]))
+
+
+def folder_of(folder: Path, task: str) -> Path:
+    """The folder of one task's recordings."""
+    return folder / task.rpartition(":")[2]
+
+
+def new(folder: Path, seed: int) -> Recording:
+    """Begin the file of an episode on a seed."""
+    number = len(list(folder.glob(f"{seed}-*.bin")))
+    return Recording(folder / f"{seed}-{number}.bin")
+
+
+def of_seed(task: str, seed: int) -> list[list[Moment]]:
+    """The episodes of a task that were recorded on a seed, the newest first."""
+    paths = [
+        path for folder in _folders() for path in folder_of(folder, task).glob(f"{seed}-*.bin")
+    ]
+    paths.sort(key=lambda path: int(path.stem.rpartition("-")[2]), reverse=True)
+    return [episode for path in paths if (episode := list(_moments(path)))]
+
+
+def actions_of(moments: Sequence[Moment]) -> bytes:
+    """The actions of an episode."""
+    actions = [moment.figures.get("action") for moment in moments]
+    return bytes(action for action in actions if action is not None)
+
+
+def find(task: str, name: str) -> Path | None:
+    """A file of this name beside the recordings of a task; None if there is none."""
+    paths = [folder_of(folder, task) / name for folder in _folders()]
+    return next((path for path in paths if path.is_file()), None)
+
+
+def forget(folder: Path, seed: int) -> None:
+    """Delete what was recorded on a seed."""
+    for path in folder.glob(f"*/{seed}-*.bin"):
+        path.unlink(missing_ok=True)
+
+
+def size_of(folder: Path) -> int:
+    """The bytes of all recordings in a folder."""
+    return sum(path.stat().st_size for path in folder.glob("*/*.bin"))
+
+
+def _folders() -> list[Path]:
+    return [Path(folder) for folder in os.environ.get(FOLDERS, "").split(os.pathsep) if folder]
+
+
+def _moments(path: Path) -> Iterator[Moment]:
+    written, start = path.read_bytes(), 0
+    while start + _SIZES.size <= len(written):
+        figures, content = _SIZES.unpack_from(written, start)
+        start += _SIZES.size
+        end = start + figures + content
+        if end > len(written):
+            return
+        yield Moment(json.loads(written[start : start + figures]), written[start + figures : end])
+        start = end

@@ -1,0 +1,246 @@
+"""An environment that cannot be made again is stepped by its program."""
+
+import time
+
+import pytest
+
+from humanplay import play
+from humanplay.cli.pilot.errors import PilotError
+from humanplay.cli.pilot.plays import Plays
+from humanplay.task.registration import environment_of
+from tests.app.tasks.test_gymnasium import begin
+from tests.app.tasks.test_gymnasium import play as play_out
+from tests.support.command import command
+from tests.support.recorded import ask
+from tests.support.stepped_in_place import Program, Walk
+
+RIGHT = ("right",)
+
+
+@pytest.fixture
+def program(tmp_path):
+    """`program(...)` starts one in the test's folder."""
+    programs = []
+
+    def start(then="", options=None, **arguments):
+        programs.append(Program(tmp_path, then, options, **arguments))
+        return programs[-1]
+
+    yield start
+    for one in programs:
+        one.close()
+        one.forget_page()
+
+
+def visitor(server):
+    """A person with a name."""
+    client = server.page()
+    client.put("/api/me/name", json={"name": "Ada"}).raise_for_status()
+    return client
+
+
+def move(server, client, session, action="right"):
+    """Make one move of a board, and return the frame after it."""
+    with server.socket(session, client) as socket:
+        frame = socket.receive("frame")
+        socket.act(frame, action, input="key")
+        return socket.frame_after(frame["step"])
+
+
+def plays_in(folder):
+    ((task,),) = ask(folder / "plays.db", "SELECT DISTINCT task FROM episodes")
+    return Plays(folder / "plays.db", task)
+
+
+def test_it_is_played_in_the_calling_thread_until_ctrl_c(program, tmp_path):
+    running = program(then="print(score(plays)); print(plays)")
+    server = running.opened()
+    client = visitor(server)
+    frames = play_out(server, client, begin(server, client, player="human"), RIGHT)
+    assert [frame["score"] for frame in frames] == [0, -0.25, -0.5]
+    assert frames[-1]["outcome"] == "ended"
+    again = client.get(f"/api/watch/{frames[-1]['episode']}").json()
+    assert [frame["picture"] for frame in again["frames"]] == [frame["picture"] for frame in frames]
+    assert "random" not in client.get("/").text
+    running.interrupt()
+    printed = running.ended()
+    assert "Walk was not made by gymnasium.make" in printed
+    assert "So this program steps it itself, on one board." in printed
+    assert "people −0.50, 1 person" in printed
+    assert "not verified, and nothing beside it" in printed
+    assert "plays of Walk" in printed
+
+
+def test_its_plays_are_shown_and_exported_and_never_verified(
+    program, tmp_path, monkeypatch, capsys
+):
+    minari = pytest.importorskip("minari")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    running = program()
+    server = running.opened()
+    client = visitor(server)
+    play_out(server, client, begin(server, client, player="human"), RIGHT)
+    running.interrupt()
+    running.ended()
+    plays = plays_in(tmp_path)
+    (finding,) = plays.verify()
+    assert "nothing that steps it again: it is not verified" in finding
+    assert "1 of them" in plays.to_parquet(tmp_path / "tables")
+    rows = parquet.read_table(tmp_path / "tables" / "episodes.parquet").to_pylist()
+    assert [row["verified"] for row in rows] == [False]
+    assert plays.to_minari("walk/people-v0") == "1 episode in the dataset walk/people-v0"
+    (episode,) = minari.load_dataset("walk/people-v0").iterate_episodes()
+    assert episode.actions.tolist() == [4, 4], "the environment's own"
+    assert episode.observations[:, 0].tolist() == [0, 1, 2]
+    page = plays.replay(out=tmp_path / "replay.html").read_text()
+    assert page.startswith("<!doctype html>")
+    code, text, _ = command(capsys, "verify", "--database", plays.database)
+    assert code != 0
+    assert "it is not verified" in text
+    code, _, error = command(
+        capsys, "study", "new", "walk", "--env", plays.task.partition(":")[2],
+        "--database", tmp_path / "studies.db",
+    )  # fmt: skip
+    assert code != 0
+    assert "move what makes it into a module" in error
+    assert len(list(tmp_path.glob("plays.db-recordings/*/*.bin"))) == 1
+    forget = ("forget", "Ada", "--player", "--yes", "--database", plays.database)
+    assert command(capsys, *forget)[0] == 0
+    assert not list(tmp_path.glob("plays.db-recordings/*/*.bin"))
+
+
+def test_a_killed_program_goes_on_with_the_same_episode(program, tmp_path):
+    running = program(goal=3)
+    server = running.opened()
+    client = visitor(server)
+    begun = begin(server, client, player="human")
+    assert move(server, client, begun["session"])["step"] == 1
+    running.close()
+    running = program(goal=3, options={"port": server.port})
+    running.opened()
+    frames = play_out(server, client, begun, RIGHT)
+    assert [frame["step"] for frame in frames] == [1, 2, 3]
+    assert frames[-1]["outcome"] == "ended"
+
+
+def test_an_episode_that_would_be_another_one_does_not_go_on(program, tmp_path):
+    running = program(goal=3, wanders=True)
+    server = running.opened()
+    client = visitor(server)
+    begun = begin(server, client, player="human")
+    move(server, client, begun["session"])
+    running.close()
+    running = program(goal=3, wanders=True, options={"port": server.port})
+    running.opened()
+    answer = client.get(f"/api/sessions/{begun['session']}")
+    assert answer.status_code == 404
+    assert "it is another one after 1 moves" in answer.text
+    other = begin(server, client, player="human")
+    assert play_out(server, client, other, RIGHT)[-1]["outcome"] == "ended"
+
+
+def test_who_begins_has_the_board_and_a_taken_one_is_made_again(program):
+    running = program(goal=3)
+    server = running.opened()
+    client = visitor(server)
+    first = begin(server, client, player="human")
+    move(server, client, first["session"])
+    stranger = server.page()
+    stranger.put("/api/me/name", json={"name": "Bob"}).raise_for_status()
+    second = begin(server, stranger, player="human")
+    move(server, stranger, second["session"])
+    assert play_out(server, client, first, RIGHT)[-1]["step"] == 3
+
+
+def test_ctrl_c_waits_for_a_step_and_a_second_one_does_not(program, tmp_path):
+    running = program(step_s=1000)
+    server = running.opened()
+    client = visitor(server)
+    begun = begin(server, client, player="human")
+    with server.socket(begun["session"], client) as socket:
+        socket.act(socket.receive("frame"), "right", input="key")
+        time.sleep(1)
+        running.interrupt()
+        running.until("Ending after this step; Ctrl-C again ends it at once.")
+        assert running.process.poll() is None
+        began = time.monotonic()
+        running.interrupt()
+        running.ended()
+    assert time.monotonic() - began < 15
+    assert ask(tmp_path / "plays.db", "SELECT outcome, steps FROM episodes") == [(None, None)]
+
+
+def test_ctrl_c_ends_after_a_short_step(program, tmp_path):
+    running = program(step_s=3)
+    server = running.opened()
+    client = visitor(server)
+    begun = begin(server, client, player="human")
+    with server.socket(begun["session"], client) as socket:
+        socket.act(socket.receive("frame"), "right", input="key")
+        time.sleep(1)
+        running.interrupt()
+        assert "the call has returned" in running.ended()
+    assert ask(tmp_path / "plays.db", "SELECT outcome FROM episodes") == [(None,)]
+
+
+def test_what_it_raises_reaches_the_author(program):
+    running = program(fails_at=1)
+    server = running.opened()
+    client = visitor(server)
+    begun = begin(server, client, player="human")
+    with server.socket(begun["session"], client) as socket:
+        socket.act(socket.receive("frame"), "right", input="key")
+        running.until("the cell burns")
+        assert socket.receive("frame")["outcome"] == "environment_failed"
+    running.interrupt()
+    assert "Traceback" in running.ended()
+
+
+def test_without_room_the_figures_alone_are_recorded(program, tmp_path):
+    running = program(options={"keep_mb": 0})
+    server = running.opened()
+    client = visitor(server)
+    for _ in range(2):
+        play_out(server, client, begin(server, client, player="human"), RIGHT)
+    running.interrupt()
+    assert running.ended().count("The recordings have reached keep_mb") == 1
+    plays = plays_in(tmp_path)
+    assert len(plays.verify()) == 2
+    with pytest.raises(ValueError, match="its pictures were not recorded"):
+        plays.replay(out=tmp_path / "replay.html")
+
+
+class Blind(Walk):
+    """Draws nothing."""
+
+    def render(self):
+        return None
+
+
+@pytest.mark.parametrize(
+    ("env", "options", "text"),
+    [
+        (Walk(), {"wait": False}, r"`people` and `wait` out, or write play\(lambda: Walk\("),
+        (Walk(), {"people": 2}, r"one board, while the call lasts.*play\(lambda: Walk\("),
+        (
+            Blind(),
+            {},
+            r"in place it cannot be played: render returned nothing.*play\(lambda: Blind",
+        ),
+    ],
+)
+def test_what_cannot_be_stepped_in_place_is_refused_with_the_line_to_write(
+    tmp_path, env, options, text
+):
+    with pytest.raises(PilotError, match=text):
+        play(env, database=tmp_path / "plays.db", browser=False, **options)
+
+
+def test_a_task_in_place_has_the_same_name_in_each_program():
+    from humanplay.cli.pilot.in_place import in_place_task
+
+    task = in_place_task(Walk())
+    assert in_place_task(Walk(goal=9)) == task
+    assert environment_of(task).actions == ("left", "right")
+    assert environment_of(task).policies.offers() == []
