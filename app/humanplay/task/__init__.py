@@ -242,7 +242,11 @@ class Cause(Protocol):
 class Record(Cause, Protocol):
     """The cause of an episode with what it came to, as `Run.record` returns it; replaying compares it.
 
-    actions  the moves, one byte each; the others as the columns of their names
+    actions     the moves, one byte each
+    total       the return, the sum of the rewards
+    discovered  the count that is stored with the last move
+
+    The others are what the columns of their names hold.
     """
 
     @property
@@ -300,7 +304,7 @@ class View(Protocol):
 
     @property
     def allowed(self) -> Allowed:
-        """What may be chosen next; None once the episode has ended."""
+        """The codes of the actions that may be chosen next; None: all, or the episode has ended."""
 
     def observation(self) -> object:
         """Return what a policy is given: a copy of its own."""
@@ -359,25 +363,25 @@ class Run(Protocol):
         """Return the reward of each move."""
 
     def counts(self) -> Sequence[int]:
-        """Return the count that is stored with each move, that of the start first."""
+        """Return the running count (discovered cells, in MarsExplorer) at the start and after each move."""
 
     def allowed(self) -> Sequence[Allowed]:
         """What could be chosen before each move, the first one first; empty if it was always everything."""
 
     def place(self, step: int) -> Mapping[str, float]:
-        """Return where the run stood after so many moves, by the task's own columns of the exported moves."""
+        """Return what the task's own columns of the exported moves hold after so many moves."""
 
 
 class RunElsewhere(Run, Protocol):
     """A run of a task that has `steps_on`: its moves are made in another process.
 
-    tell  called on the thread of a step, where that process was lost: how many of the moves before were made again, of how many
+    tell  called on the step's thread with (moves replayed, moves to replay) while a lost process is restored
     """
 
     tell: Callable[[int, int], object]
 
     async def ask(self, action: int) -> bool:
-        """Begin a move, and return whether `step` then makes it at once; else it goes `on_threads`."""
+        """Send a move to that process; return whether `step` has its answer at once. Else call `step` `on_threads`."""
 
 
 @dataclass(frozen=True)
@@ -407,7 +411,7 @@ class WantedEpisode(Protocol):
 
     @property
     def leaves_terrain(self) -> bool:
-        """Return whether nothing is said of configuration and instance."""
+        """Whether it names neither a configuration nor an instance."""
 
 
 class WantedBoard(WantedEpisode, Protocol):
@@ -474,7 +478,7 @@ class Lock(Protocol):
         """Describe how this machine differs from a recorded lock; empty if it does not."""
 
     def check_exact(self, config: Configuration) -> str:
-        """Say what was compared, if anything; ValueError if episodes are not exact."""
+        """Play episodes again and return what was compared, "" if nothing; ValueError if they differ."""
 
     def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
         """Say why an episode of another version cannot be simulated here, and what differs."""
@@ -585,7 +589,7 @@ class Environment(Protocol):
     def bounds(self, config: Configuration) -> tuple[float, float]:
         """Return the lowest and the highest mean of the headline metric that a player can have."""
 
-    def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
+    def labels(self, cause: Cause, counts: Sequence[int]) -> tuple[str, ...]:
         """Return the labels that a finished episode's course gives it, by the counts stored with its moves."""
 
     def check_study(self, config: Configuration) -> None:
@@ -597,16 +601,16 @@ class Environment(Protocol):
     def instance(self, config: Configuration, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Draw the packed instance of a seed, and where an episode starts on it."""
 
-    def instance_hash(self, was: Cause) -> str:
+    def instance_hash(self, cause: Cause) -> str:
         """Return SHA-256 (hex) of the instance: the same for two seeds that draw the same one."""
 
-    def cells(self, was: Cause) -> int:
+    def cells(self, cause: Cause) -> int:
         """Return how many things there are to discover on the instance; 0 where discovering is not what it is about."""
 
-    def record(self, was: Cause, actions: bytes, ending: Ending) -> Record:
+    def record(self, cause: Cause, actions: bytes, ending: Ending) -> Record:
         """Return the cause of a finished episode, ready to be replayed."""
 
-    def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
+    def replay(self, cause: Cause, actions: bytes = b"", ended: bool = False) -> Run:
         """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
 
     def prepare(self) -> None:
@@ -997,10 +1001,10 @@ class Task(Environment, Protocol):
     def first(self, wanted: WantedBoard) -> Choice:
         """Return what a new board is to begin on; ValueError where it is not on offer."""
 
-    def next(self, was: Cause, wanted: WantedEpisode) -> Choice:
+    def next(self, cause: Cause, wanted: WantedEpisode) -> Choice:
         """Return what a board's next episode is to begin on: what is left out stays as it was."""
 
-    def again(self, was: Cause) -> Choice:
+    def again(self, cause: Cause) -> Choice:
         """Return what an episode began on, to be played once more."""
 
     def wanted_again(
@@ -1012,7 +1016,7 @@ class Task(Environment, Protocol):
     ) -> WantedBoard:
         """The message that begins an episode of a configuration on a new board."""
 
-    def describe(self, was: Cause) -> dict[str, object]:
+    def describe(self, cause: Cause) -> dict[str, object]:
         """Return what a page is told of the configuration."""
 
     def begin(self, choice: Choice) -> Run:

@@ -164,7 +164,7 @@ class BaseEnvironment:
         lowest, _ = self.bounds(cause.config)
         return min(score, lowest) if math.isfinite(lowest) else score
 
-    def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
+    def labels(self, cause: Cause, counts: Sequence[int]) -> tuple[str, ...]:
         """None: what no effort looks like is not known."""
         return ()
 
@@ -178,11 +178,11 @@ class BaseEnvironment:
         """No bytes: the instance is whatever a run makes of the seed."""
         return b"", (0, 0)
 
-    def instance_hash(self, was: Cause) -> str:
+    def instance_hash(self, cause: Cause) -> str:
         """SHA-256 (hex) of configuration and seed."""
-        return hashlib.sha256(f"{was.config.hash}:{was.seed}".encode()).hexdigest()
+        return hashlib.sha256(f"{cause.config.hash}:{cause.seed}".encode()).hexdigest()
 
-    def cells(self, was: Cause) -> int:
+    def cells(self, cause: Cause) -> int:
         """0: nothing is discovered."""
         return 0
 
@@ -195,15 +195,15 @@ class BaseEnvironment:
             seen.append(run.observation())
         return seen
 
-    def record(self: Environment, was: Cause, actions: bytes, ending: Ending) -> Record:
+    def record(self: Environment, cause: Cause, actions: bytes, ending: Ending) -> Record:
         """The cause of a finished episode, ready to be replayed; ValueError for one without a seed."""
-        return EpisodeRecord(was.config, seed_of(was), actions, **ending)
+        return EpisodeRecord(cause.config, seed_of(cause), actions, **ending)
 
-    def replay(self: Environment, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
+    def replay(self: Environment, cause: Cause, actions: bytes = b"", ended: bool = False) -> Run:
         """The run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
-        run = self.run(was.config, seed_of(was), actions)
+        run = self.run(cause.config, seed_of(cause), actions)
         if ended:
-            give_up(was, run)
+            give_up(cause, run)
         return run
 
     def replay_record(self: Environment, record: Record) -> Run:
@@ -248,13 +248,13 @@ class BaseTask:
         """What a new board is to begin on."""
         return Choice(self.configuration({}), wanted.seed)
 
-    def next(self, was: Cause, wanted: WantedEpisode) -> Choice:
+    def next(self, cause: Cause, wanted: WantedEpisode) -> Choice:
         """What a board's next episode is to begin on."""
-        return Choice(was.config, wanted.seed)
+        return Choice(cause.config, wanted.seed)
 
-    def again(self, was: Cause) -> Choice:
+    def again(self, cause: Cause) -> Choice:
         """What an episode began on, to be played once more."""
-        return Choice(was.config, was.seed)
+        return Choice(cause.config, cause.seed)
 
     def wanted_again(
         self,
@@ -266,9 +266,9 @@ class BaseTask:
         """What begins an episode that is wanted on a board of its own."""
         return NewBoard(seed=wanted.seed, player=player, rival=rival)
 
-    def describe(self, was: Cause) -> dict[str, object]:
+    def describe(self, cause: Cause) -> dict[str, object]:
         """Level, map and size as a page knows them of every task: the level alone."""
-        return {"level": was.config.level, "map": None, "size": None}
+        return {"level": cause.config.level, "map": None, "size": None}
 
     def begin(self: Environment, choice: Choice) -> Run:
         """A run at its start; ValueError before a seed is drawn."""
@@ -299,19 +299,19 @@ class Outcome(Protocol):
     outcome: str
 
 
-def give_up(was: object, run: Run) -> None:
+def give_up(cause: object, run: Run) -> None:
     """End the run of an episode that is over as the episode was, if no move ended it."""
     if not run.ended:
         run.abandon()
-        if getattr(was, "outcome", None) == FAILED and isinstance(run, Outcome):
+        if getattr(cause, "outcome", None) == FAILED and isinstance(run, Outcome):
             run.outcome = FAILED
 
 
-def seed_of(was: Cause) -> int:
+def seed_of(cause: Cause) -> int:
     """The seed of an episode; ValueError if its instance was given."""
-    if was.seed is None:
+    if cause.seed is None:
         raise ValueError("the episode follows from its seed, and has none")
-    return was.seed
+    return cause.seed
 
 
 class ExactLock:

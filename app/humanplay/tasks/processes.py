@@ -73,9 +73,9 @@ SHARED = ("shm", "mqueue")
 OTHER_USER, NO_NETWORK, NO_OTHER_FILES = "another user", "no network", "no other files"
 
 PIECE_BYTES = 2**20
-"""Of bytes that leave a worker in one message."""
+"""Most bytes of one piece of an answer."""
 MOST_BYTES = 512 * 2**20
-"""Of one answer in pieces."""
+"""Most bytes of one answer."""
 MORE, LAST = b"\x00", b"\x01"
 """What a piece begins with; a message of JSON begins with a brace."""
 
@@ -132,13 +132,13 @@ class Preparer:
         self._connection: Connection
         self._ended: weakref.finalize[..., Preparer]
         self.folder: Path
-        self._confined: dict[str, str] = {}
+        self._guards: dict[str, str] = {}
 
-    def confined(self) -> Mapping[str, str]:
+    def guards(self) -> Mapping[str, str]:
         """Return what guards its workers, each with "" or why it is not on; ValueError where the process does not start."""
         with self._changing:
-            self._started()
-        return self._confined
+            self._running_process()
+        return self._guards
 
     def begin(self, request: Mapping[str, object]) -> Worker:
         """Return a new worker, whose first answer is still to come; ValueError, saying why, where there is none."""
@@ -146,10 +146,10 @@ class Preparer:
         with mine, self._changing, theirs:
             for attempt in (0, 1):
                 try:
-                    process = self._started()
+                    process = self._running_process()
                     self._connection.send_bytes(json.dumps(request).encode())
                     send_handle(self._connection, theirs.fileno(), process.pid)
-                    told = self._heard()
+                    message = self._receive()
                     break
                 except (OSError, EOFError) as error:
                     self.close()
@@ -158,15 +158,15 @@ class Preparer:
                             f"the process of {self.argument} has ended and does not start again"
                         ) from error
             connection = Connection(mine.detach())
-        return Worker(connection, told["pid"], told["resident"], self._allowed)
+        return Worker(connection, message["pid"], message["resident"], self._allowed)
 
-    def _heard(self) -> dict[str, Any]:
+    def _receive(self) -> dict[str, Any]:
         if not self._connection.poll(START_S):
             raise OSError(f"no answer in {START_S:g} s")
-        told: dict[str, Any] = json.loads(self._connection.recv_bytes(MESSAGE_BYTES))
-        return told
+        message: dict[str, Any] = json.loads(self._connection.recv_bytes(MESSAGE_BYTES))
+        return message
 
-    def _started(self) -> subprocess.Popen[bytes]:
+    def _running_process(self) -> subprocess.Popen[bytes]:
         if self._process is not None:
             return self._process
         mine, theirs = socket.socketpair()
@@ -189,14 +189,14 @@ class Preparer:
         self._ended = weakref.finalize(self, _end, self._process, self._connection, self.folder)
         try:
             self._connection.send_bytes(json.dumps(held.payloads()).encode())
-            told = self._heard()
+            message = self._receive()
         except (OSError, EOFError):
             self.close()
             raise
-        if "error" in told:
+        if "error" in message:
             self.close()
-            raise ValueError(told["error"])
-        self._confined = told["confined"]
+            raise ValueError(message["error"])
+        self._guards = message["guards"]
         return self._process
 
     def close(self) -> None:
@@ -224,7 +224,7 @@ class Worker:
     def __init__(self, connection: Connection, pid: int | None, shared: int, allowed: int) -> None:
         self.connection, self.pid, self._shared, self._allowed = connection, pid, shared, allowed
         self._bytes, self._pieces = bytearray(), bytearray()
-        self._told = dict[str, Any]()
+        self._message_read = dict[str, Any]()
         self._ready = select.poll()
         self._ready.register(connection.fileno(), select.POLLIN)
 
@@ -239,7 +239,7 @@ class Worker:
         self._send(question)
         return self.answer()
 
-    async def asked(self, question: Any) -> bool:
+    async def ask_without_thread(self, question: Any) -> bool:
         """Send a question and return whether `answer` has its answer at once; else it is to be called on a thread.
 
         No thread waits for it in the first LOOK_S, which are enough for most: that is a third of what a move costs a server.
@@ -256,10 +256,10 @@ class Worker:
         def read() -> None:
             try:
                 self._read()
-                self._told = self._message()
+                self._message_read = self._message()
             except (EOFError, OSError, ValueError):
-                self._told = {"lost": True}
-            if self._told:
+                self._message_read = {"lost": True}
+            if self._message_read:
                 end()
 
         loop.add_reader(number, read)
@@ -269,7 +269,7 @@ class Worker:
         finally:
             late.cancel()
             loop.remove_reader(number)
-        return "answer" in self._told
+        return "answer" in self._message_read
 
     def _send(self, question: Any) -> None:
         try:
@@ -312,28 +312,28 @@ class Worker:
         progress  called with how much is done, now and then
         """
         try:
-            told = self._waited_for(progress)
+            message = self._wait_for_answer(progress)
         except LostError:
             self.close(kills=True)
             raise
-        if "error" in told:
+        if "error" in message:
             self.close(kills=True)
-            raise LostError(told["error"]) from RaisedError(told["traceback"])
-        return told["answer"]
+            raise LostError(message["error"]) from RaisedError(message["traceback"])
+        return message["answer"]
 
-    def _waited_for(self, progress: Callable[[int], object]) -> dict[str, Any]:
+    def _wait_for_answer(self, progress: Callable[[int], object]) -> dict[str, Any]:
         due = time.monotonic() + WAIT_S
         while True:
             try:
-                told, self._told = self._told, {}
-                if not told and self._ready.poll(1000 * LOOK_S):
+                message, self._message_read = self._message_read, {}
+                if not message and self._ready.poll(1000 * LOOK_S):
                     self._read()
-                told = told or self._message()
-                if "done" in told:
-                    progress(told["done"])
+                message = message or self._message()
+                if "done" in message:
+                    progress(message["done"])
                     due = time.monotonic() + WAIT_S
-                elif told and "lost" not in told:
-                    return told
+                elif message and "lost" not in message:
+                    return message
             except (EOFError, OSError) as error:
                 raise LostError(
                     f"its process ended by itself, by a crash or after {STEP_CPU_S:g} s of processor"
@@ -369,15 +369,15 @@ def _serve(name: str, argument: str, settings: Mapping[str, Any], descriptor: in
     give_way(5)  # a worker that takes all it can get gives way to the server
     try:
         held.take(json.loads(connection.recv_bytes()))
-        confined = {}
+        guards = {}
         if settings["confined"]:
-            confined = confine(settings["readable"], settings["hidden"], Path.cwd())
+            guards = confine(settings["readable"], settings["hidden"], Path.cwd())
         module = import_module(name)
         module.prepare(argument)
     except Exception as error:
         connection.send_bytes(json.dumps({"error": _said(error)}).encode())
         return
-    connection.send_bytes(json.dumps({"confined": confined}).encode())
+    connection.send_bytes(json.dumps({"guards": guards}).encode())
     while True:
         try:
             request = json.loads(connection.recv_bytes(MESSAGE_BYTES))
@@ -388,8 +388,8 @@ def _serve(name: str, argument: str, settings: Mapping[str, Any], descriptor: in
             connection.close()
             _work(module.work, argument, request, Connection(worker))
         os.close(worker)
-        told = {"pid": pid, "resident": _resident(os.getpid())}
-        connection.send_bytes(json.dumps(told).encode())
+        message = {"pid": pid, "resident": _resident(os.getpid())}
+        connection.send_bytes(json.dumps(message).encode())
 
 
 def _work(
@@ -398,16 +398,16 @@ def _work(
     """Answer in a process forked for one request, until nobody asks any more."""
     with suppress(AttributeError):  # of Linux alone; elsewhere it ends when nobody listens any more
         _libc().prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: it ends with what forked it
-    told = time.monotonic()
+    reported_at = time.monotonic()
     try:
         _timed()
         doing = work(argument, request)
         answer = next(doing)
         while True:
             if isinstance(answer, int):
-                if time.monotonic() - told > PROGRESS_S:
+                if time.monotonic() - reported_at > PROGRESS_S:
                     connection.send_bytes(json.dumps({"done": answer}).encode())
-                    told = time.monotonic()
+                    reported_at = time.monotonic()
                 question = None
             else:
                 send_answer(connection, answer)
@@ -481,15 +481,15 @@ def confine(readable: Iterable[str], hidden: Iterable[str], folder: Path) -> dic
     return found
 
 
-def guards_of(confined: Mapping[str, str]) -> str:
+def guards_of(guards: Mapping[str, str]) -> str:
     """Return what `confine` returned as a sentence that says what is on, what is not and why, and what that is worth."""
-    if not confined:
+    if not guards:
         return "boards run in processes of their own, which may do what you may"
-    on = [name for name, why in confined.items() if not why]
+    on = [name for name, why in guards.items() if not why]
     said = f"boards run in processes of their own, with {', '.join(on) or 'no further guard'}"
-    if off := [f"{name} ({why})" for name, why in confined.items() if why]:
+    if off := [f"{name} ({why})" for name, why in guards.items() if why]:
         said += f"; not with {', '.join(off)}"
-    if confined[OTHER_USER]:
+    if guards[OTHER_USER]:
         said += ". Without another user this guards against faults, not against malice"
     return said
 
@@ -555,11 +555,18 @@ def _may_read(path: str) -> bool:
 
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446
 """Landlock's system calls, by the same numbers everywhere (linux/landlock.h)."""
-EXECUTE, WRITE_FILE, READ_FILE, READ_DIR = 1, 2, 4, 8
-OF_A_FILE = EXECUTE | WRITE_FILE | READ_FILE | 1 << 14 | 1 << 15
-"""What a rule for a file may say; the last two are TRUNCATE and IOCTL_DEV."""
+EXECUTE, WRITE_FILE, READ_FILE, READ_DIR, TRUNCATE, IOCTL_DEV = 1, 2, 4, 8, 1 << 14, 1 << 15
+OF_A_FILE = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL_DEV
+"""What a rule for a file may say."""
 HANDLED = (0, 13, 14, 15, 15, 16)
-"""By the version of Landlock, how many kinds of access it knows; later ones know no more."""
+"""By the version of Landlock, how many kinds of access to files it knows; later ones know no more."""
+RULE_OF_A_PATH = 1
+BIND_AND_CONNECT, SOCKETS_AND_SIGNALS = 0b11, 0b11
+"""TCP, of version 4; abstract sockets and signals of other processes, of version 6."""
+ATTRIBUTES_BYTES = (8, 8, 8, 8, 16, 16, 24)
+"""By the version, how much of the attributes it takes: files, then TCP, then sockets and signals."""
+NO_NEW_PRIVILEGES = 38
+"""Of prctl: without it nobody may restrict a process."""
 
 
 def _keep_to(may_read: Iterable[str], hidden: Sequence[str], folder: Path) -> None:
@@ -569,10 +576,8 @@ def _keep_to(may_read: Iterable[str], hidden: Sequence[str], folder: Path) -> No
     libc = _libc()
     version = _checked(libc.syscall(CREATE_RULESET, None, 0, 1))
     every = (1 << HANDLED[min(version, len(HANDLED) - 1)]) - 1
-    attributes = struct.pack(
-        "QQQ", every, 3 if version >= 4 else 0, 3 if version >= 6 else 0
-    )  # binding and connecting; abstract sockets and signals
-    size = 8 if version < 4 else 16 if version < 6 else 24
+    attributes = struct.pack("QQQ", every, BIND_AND_CONNECT, SOCKETS_AND_SIGNALS)
+    size = ATTRIBUTES_BYTES[min(version, len(ATTRIBUTES_BYTES) - 1)]
     ruleset = _checked(libc.syscall(CREATE_RULESET, attributes, size, 0))
     rules = dict.fromkeys(_readable(may_read, hidden), EXECUTE | READ_FILE | READ_DIR)
     rules |= dict.fromkeys(_parted(may_read, hidden), READ_DIR)
@@ -581,16 +586,16 @@ def _keep_to(may_read: Iterable[str], hidden: Sequence[str], folder: Path) -> No
         for each in Path("/dev").iterdir()
         if each.name not in SHARED and not each.is_symlink()
     ]
-    rules |= dict.fromkeys(devices, READ_FILE | READ_DIR | WRITE_FILE | 1 << 15)
+    rules |= dict.fromkeys(devices, READ_FILE | READ_DIR | WRITE_FILE | IOCTL_DEV)
     rules[str(folder)] = every
     for path, access in rules.items():
         with suppress(FileNotFoundError, PermissionError):
             opened = os.open(path, os.O_PATH | os.O_CLOEXEC)
             allowed = access & every & (-1 if Path(path).is_dir() else OF_A_FILE)
             rule = struct.pack("=Qi", allowed, opened)
-            _checked(libc.syscall(ADD_RULE, ruleset, 1, rule, 0))
+            _checked(libc.syscall(ADD_RULE, ruleset, RULE_OF_A_PATH, rule, 0))
             os.close(opened)
-    _checked(libc.prctl(38, 1, 0, 0, 0))  # PR_SET_NO_NEW_PRIVS, without which nobody may restrict
+    _checked(libc.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0))
     _checked(libc.syscall(RESTRICT_SELF, ruleset, 0))
     os.close(ruleset)
 
@@ -609,8 +614,8 @@ def _readable(paths: Iterable[str], hidden: Sequence[str]) -> Iterator[str]:
 def _parted(paths: Iterable[str], hidden: Sequence[str]) -> Iterator[str]:
     """Yield the folders of which not everything may be read: their names may be listed."""
     for path in map(os.path.realpath, paths):
-        inside = [each for each in hidden if each.startswith(path.rstrip("/") + "/")]
-        yield from (path for _ in inside)
+        if any(secret.startswith(path.rstrip("/") + "/") for secret in hidden):
+            yield path
 
 
 if __name__ == "__main__":

@@ -158,7 +158,7 @@ def test_a_board_reads_no_database_and_reaches_no_port(serve, tmp_path):
         told = Description(id="tests.support.environments:Nosy-v0", kwargs=kwargs).told
         here = GymnasiumEnvironment(told)
         task = serve(task=f"gymnasium:{told}").app.state.services.lobby.task
-        confined = task._boards.preparer.confined()
+        confined = task._boards.preparer.guards()
         if confined[NO_NETWORK] or confined[NO_OTHER_FILES]:
             pytest.skip(task.guards())
         assert here.run(here.default, 1).view().text == "done, done", "without a guard it does"

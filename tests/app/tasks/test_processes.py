@@ -31,7 +31,7 @@ def begun(tmp_path):
 
     def begin(argument="ready", **further):
         preparers.append(Preparer(CONFINED, argument, **further))
-        guards = preparers[-1].confined()
+        guards = preparers[-1].guards()
         worker = preparers[-1].begin({"steps": 3})
         assert worker.answer() == argument
         return guards, worker, preparers[-1]
@@ -125,7 +125,7 @@ def test_it_is_another_user_s_where_that_one_can_read_its_packages(tmp_path):
 def test_a_program_that_ends_without_closing_it_leaves_nothing_behind(tmp_path):
     code = (
         "import sys; from humanplay.tasks.processes import Preparer; "
-        f"sys.last = Preparer({CONFINED!r}, 'ready'); sys.last.confined()"
+        f"sys.last = Preparer({CONFINED!r}, 'ready'); sys.last.guards()"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(tmp_path)},
@@ -136,7 +136,7 @@ def test_a_program_that_ends_without_closing_it_leaves_nothing_behind(tmp_path):
 
 def test_what_cannot_be_prepared_says_why():
     preparer = Preparer(CONFINED, "cannot")
-    for ask in (preparer.confined, lambda: preparer.begin({})):
+    for ask in (preparer.guards, lambda: preparer.begin({})):
         with pytest.raises(ValueError, match="there is nothing to prepare"):
             ask()
 

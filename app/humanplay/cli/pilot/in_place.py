@@ -16,7 +16,7 @@ from typing import TypedDict
 
 from humanplay.cli.pilot.recreation import Env, layers_of
 from humanplay.db.file import recordings_beside
-from humanplay.task import recordings
+from humanplay.task import counted, recordings
 from humanplay.task.recordings import Figures, Moment, Recording
 from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.boards import OBSERVATION, PICTURE, told_of
@@ -228,7 +228,7 @@ class Stepper:
         """Raise ValueError if an episode that goes on does not lead where it led."""
         if self._run.digest not in {moments[step].figures["digest"] for moments in earlier}:
             raise ValueError(
-                f"the episode cannot go on: played again, it is another one after {step} moves"
+                f"the episode cannot go on: played again, it is another one after {counted(step, 'move')}"
             )
 
     def _answer(self, board: Connection) -> None:

@@ -148,7 +148,7 @@ class BoardRun(GymnasiumRun):
             return True  # `step` says so
         self._asked = action
         try:
-            return await self._board.asked(action)
+            return await self._board.ask_without_thread(action)
         except LostError:
             self._asked = None
             return False

@@ -212,7 +212,7 @@ class GymnasiumEnvironment(BaseEnvironment):
 
     def prepare(self) -> None:
         """Start the process where it steps; ValueError where it cannot be played, or what it needs is not installed."""
-        self._boards.preparer.confined()
+        self._boards.preparer.guards()
 
     def run(self, config: Configuration, seed: int, actions: bytes = b"") -> GymnasiumRun:
         """Return a run after some actions, in a process of its own."""

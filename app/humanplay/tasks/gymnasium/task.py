@@ -58,7 +58,7 @@ class GymnasiumTask(BaseTask, GymnasiumEnvironment):
         """Return what guards the server; ValueError where a process does not start, PolicyError where a policy cannot play."""
         for source in self._checked:  # `random` starts when somebody wants it
             self.policies.load(source, self.default).reset(0)
-        return guards_of(self._boards.preparer.confined())
+        return guards_of(self._boards.preparer.guards())
 
     def close(self) -> None:
         """End the processes of the boards."""
@@ -80,12 +80,12 @@ class InPlaceTask(BaseTask, InPlaceEnvironment):
             raise ValueError("an episode begins on a seed")
         return BoardRun(self._board, self.configuration(choice.config.to_dict()), choice.seed, b"")
 
-    def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
+    def replay(self, cause: Cause, actions: bytes = b"", ended: bool = False) -> Run:
         """An episode that goes on, in the program, or one that ended, as recorded."""
         if ended:
-            return super().replay(was, actions, ended)
-        config = self.configuration(was.config.to_dict())
-        return BoardRun(self._board, config, seed_of(was), actions)
+            return super().replay(cause, actions, ended)
+        config = self.configuration(cause.config.to_dict())
+        return BoardRun(self._board, config, seed_of(cause), actions)
 
     def guards(self) -> str:
         """Where it steps."""

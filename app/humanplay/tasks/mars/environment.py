@@ -168,9 +168,9 @@ class MarsEnvironment(BaseEnvironment):
         total -= config.r_bonus if outcome == "explored" else 0
         return score_of(config, total - config.r_invalid, self.cells(cause))
 
-    def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
+    def labels(self, cause: Cause, counts: Sequence[int]) -> tuple[str, ...]:
         """Return `no effort` or nothing; counts are the cells known after each move."""
-        config, cells = own_config(was.config), self.cells(was)
+        config, cells = own_config(cause.config), self.cells(cause)
         return ("no effort",) if makes_no_effort(config, counts, cells) else ()
 
     def check_study(self, config: Configuration) -> None:
@@ -200,24 +200,24 @@ class MarsEnvironment(BaseEnvironment):
         """Return the packed terrain of a seed, and the north-west corner."""
         return _draw(own_config(config), seed), (0, 0)
 
-    def instance_hash(self, was: Cause) -> str:
+    def instance_hash(self, cause: Cause) -> str:
         """Return SHA-256 (hex) of shape and packed bits: equal terrains, equal hashes."""
-        rows, cols = own_config(was.config).size
+        rows, cols = own_config(cause.config).size
         shape = f"{rows}x{cols}:".encode()
-        return hashlib.sha256(shape + was.terrain).hexdigest()
+        return hashlib.sha256(shape + cause.terrain).hexdigest()
 
-    def cells(self, was: Cause) -> int:
+    def cells(self, cause: Cause) -> int:
         """Return how many cells coverage refers to: all, or those that can be discovered."""
-        config = own_config(was.config)
-        return _cells(config, was.terrain, was.start) if config.discoverable_only else config.n
+        config = own_config(cause.config)
+        return _cells(config, cause.terrain, cause.start) if config.discoverable_only else config.n
 
-    def record(self, was: Cause, actions: bytes, ending: Ending) -> Record:
+    def record(self, cause: Cause, actions: bytes, ending: Ending) -> Record:
         """Return the cause of a finished episode, ready to be replayed."""
         return Record(
-            own_config(was.config),
-            was.seed,
-            was.terrain,
-            was.start,
+            own_config(cause.config),
+            cause.seed,
+            cause.terrain,
+            cause.start,
             actions,
             outcome=ending["outcome"],
             total=ending["total"],
@@ -227,14 +227,14 @@ class MarsEnvironment(BaseEnvironment):
             core_version=ending["core_version"],
         )
 
-    def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> MarsRun:
+    def replay(self, cause: Cause, actions: bytes = b"", ended: bool = False) -> MarsRun:
         """Return the run of a stored episode after its actions.
 
         One that ended without an ending move was abandoned.
         """
-        cause = own_config(was.config), was.seed, was.terrain, was.start
+        fields = own_config(cause.config), cause.seed, cause.terrain, cause.start
         outcome = "abandoned" if ended else "running"
-        return self.replay_record(Record(*cause, actions, outcome, 0.0, 0, 0, ""))
+        return self.replay_record(Record(*fields, actions, outcome, 0.0, 0, 0, ""))
 
     def replay_record(self, record: task.Record) -> MarsRun:
         """Return the run of a record; ValueError where the core's version is another one."""

@@ -90,22 +90,22 @@ class Mars(BaseTask, MarsEnvironment):
             return self.catalogue.find(message.map)
         return Choice(EnvConfig.of(message.level or "random", message.size or SIDE), message.seed)
 
-    def next(self, was: Cause, wanted: WantedEpisode) -> Choice:
+    def next(self, cause: Cause, wanted: WantedEpisode) -> Choice:
         """Return the next terrain: what is omitted stays, and a map is played again."""
-        config, message = own_config(was.config), own_wanted(wanted)
+        config, message = own_config(cause.config), own_wanted(wanted)
         if message.map is not None:
             return self.catalogue.find(message.map)
         if config.level == MAP and message.leaves_terrain:
-            return self.again(was)
+            return self.again(cause)
         level = message.level or ("random" if config.level == MAP else config.level)
         return Choice(EnvConfig.of(level, message.size or config.size), message.seed)
 
-    def again(self, was: Cause) -> Choice:
+    def again(self, cause: Cause) -> Choice:
         """Return the terrain of an episode, to be played once more."""
-        if was.seed is not None:
-            return Choice(was.config, was.seed)
-        cells = unpack_terrain(was.terrain, own_config(was.config))
-        return Choice(was.config, None, GivenTerrain(cells, was.start))
+        if cause.seed is not None:
+            return Choice(cause.config, cause.seed)
+        cells = unpack_terrain(cause.terrain, own_config(cause.config))
+        return Choice(cause.config, None, GivenTerrain(cells, cause.start))
 
     def wanted_again(
         self,
@@ -123,11 +123,11 @@ class Mars(BaseTask, MarsEnvironment):
             level=config.level, size=size, seed=message.seed, player=player, rival=rival
         )
 
-    def describe(self, was: Cause) -> dict[str, object]:
+    def describe(self, cause: Cause) -> dict[str, object]:
         """Return `level`, `map` and `size` of an episode; a square's size is one number."""
-        config = own_config(was.config)
+        config = own_config(cause.config)
         size = config.rows if config.rows == config.cols else [config.rows, config.cols]
-        return {"level": config.level, "map": self.catalogue.name_of(was), "size": size}
+        return {"level": config.level, "map": self.catalogue.name_of(cause), "size": size}
 
     def begin(self, choice: Choice) -> MarsRun:
         """Return a run at its start; ValueError before a seed is drawn."""
