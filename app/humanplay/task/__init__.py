@@ -304,7 +304,7 @@ class View(Protocol):
 
     @property
     def allowed(self) -> Allowed:
-        """The codes of the actions that may be chosen next; None: all, or the episode has ended."""
+        """The codes that may be chosen next; None: all, or the episode has ended."""
 
     def observation(self) -> object:
         """Return what a policy is given: a copy of its own."""
@@ -363,13 +363,13 @@ class Run(Protocol):
         """Return the reward of each move."""
 
     def counts(self) -> Sequence[int]:
-        """Return the running count (discovered cells, in MarsExplorer) at the start and after each move."""
+        """The count at the start and after each move: discovered cells in MarsExplorer."""
 
     def allowed(self) -> Sequence[Allowed]:
         """What could be chosen before each move, the first one first; empty if it was always everything."""
 
     def place(self, step: int) -> Mapping[str, float]:
-        """Return what the task's own columns of the exported moves hold after so many moves."""
+        """What the exported moves' columns of this task hold after so many moves."""
 
 
 class RunElsewhere(Run, Protocol):
@@ -381,7 +381,10 @@ class RunElsewhere(Run, Protocol):
     tell: Callable[[int, int], object]
 
     async def ask(self, action: int) -> bool:
-        """Send a move to that process; return whether `step` has its answer at once. Else call `step` `on_threads`."""
+        """Send a move; return whether `step` has its answer at once.
+
+        Else `step` waits, and is called `on_threads`.
+        """
 
 
 @dataclass(frozen=True)
@@ -478,7 +481,7 @@ class Lock(Protocol):
         """Describe how this machine differs from a recorded lock; empty if it does not."""
 
     def check_exact(self, config: Configuration) -> str:
-        """Play episodes again and return what was compared, "" if nothing; ValueError if they differ."""
+        """Play episodes again, and return what was compared; ValueError if they differ."""
 
     def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
         """Say why an episode of another version cannot be simulated here, and what differs."""

@@ -135,7 +135,7 @@ def test_an_episode_that_would_be_another_one_does_not_go_on(program, tmp_path):
     running.opened()
     answer = client.get(f"/api/sessions/{begun['session']}")
     assert answer.status_code == 404
-    assert "it is another one after 1 moves" in answer.text
+    assert "it is another one after 1 move" in answer.text
     other = begin(server, client, player="human")
     assert play_out(server, client, other, RIGHT)[-1]["outcome"] == "ended"
 
