@@ -157,18 +157,27 @@ FOUND = "what was found"
 
 
 def summary(text: str, results: Results) -> str:
-    """How many definitions and findings of the paper have which verdict, as Markdown."""
+    """How many definitions and findings of the paper have which verdict, as Markdown.
+
+    Under the table the findings are named, by verdict.
+    """
     counts = {IMPLEMENTED: Counter[str](), FOUND: Counter[str]()}
+    findings: dict[str, list[str]] = {verdict: [] for verdict in VERDICTS}
     for name in names_of(text):
         kind = FOUND if name in FINDINGS else IMPLEMENTED
-        counts[kind][CLAIMS[name].decide(results).verdict] += 1
-    return markdown_table(
+        verdict = CLAIMS[name].decide(results).verdict
+        counts[kind][verdict] += 1
+        if kind == FOUND:
+            findings[verdict].append(f"`{name}`")
+    table = markdown_table(
         ("", *VERDICTS),
         [
             [kind, *(str(count[verdict] or "") for verdict in VERDICTS)]
             for kind, count in counts.items()
         ],
     )
+    names = [f"- {verdict}: {', '.join(names)}" for verdict, names in findings.items() if names]
+    return "\n".join([table, "", "Of the findings, in the text's world:", "", *names])
 
 
 def main() -> None:
