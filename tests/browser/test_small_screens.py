@@ -70,8 +70,11 @@ def test_on_a_phone_a_replay_has_a_bar_of_one_row_and_its_buttons_in_sight(small
     page = small.page
     page.goto(f"{small.url}/replay/{small.ended}")
     page.get_by_test_id("play").wait_for()
-    tops = [button.bounding_box()["y"] for button in page.locator(".playback button").all()]
-    assert max(tops) - min(tops) < 10, "one row"
+    one_row = """() => {
+        const tops = [...document.querySelectorAll(".playback button")].map((button) => button.getBoundingClientRect().top);
+        return Math.max(...tops) - Math.min(...tops) < 10;
+    }"""
+    page.wait_for_function(one_row)  # once its words have come
     for width, height in (SMALL, (390, 844)):
         page.set_viewport_size({"width": width, "height": height})
         assert page.locator(".bar .brand").bounding_box()["y"] == 0

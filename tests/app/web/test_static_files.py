@@ -122,6 +122,6 @@ def test_a_page_names_files_that_last_and_comes_with_what_it_would_ask_for_first
     for file in files:
         assert client.get(f"/{file}").headers["cache-control"] == LASTING, file
     answers = json.loads(re.search(r'id="answers">(.*?)</script>', page)[1])
-    assert sorted(answers) == ["levels", "maps", "policies", "task"]
+    assert sorted(answers) == ["levels", "maps", "me/session", "policies", "task"]
     for name, answer in answers.items():
         assert client.get(f"/api/{name}").json() == answer
