@@ -27,7 +27,7 @@ def test_documents_name_the_wheel_as_it_is_built():
 
 @pytest.mark.parametrize(
     ("pattern", "most"),
-    [(r"\bAny\b", 239), (r"\bcast\(", 6), ("type: ignore", 18), ("noqa", 6)],
+    [(r"\bAny\b", 231), (r"\bcast\(", 6), ("type: ignore", 18), ("noqa", 6)],
 )
 def test_what_hides_a_type_or_a_fault_does_not_become_more(pattern, most):
     """A type in its place makes the number smaller: write the new one here."""

@@ -57,6 +57,7 @@ def test_it_is_played_and_goes_on_with_all_that_was_shown_after_its_server_was_k
                 page.wait_for_timeout(100)
                 page.keyboard.up(keys[at % 2])
             else:
+                me.wait("window.playground.state.link === 'open'")  # a starved page may call it lost
                 me.hand.press(page.keyboard, keys[at % 2])
                 me.wait(f"window.playground.state.player.frame.step > {at}")
 
@@ -64,6 +65,7 @@ def test_it_is_played_and_goes_on_with_all_that_was_shown_after_its_server_was_k
     keep_picture(page, f"{name}-played")
     episode = me.state()["episode"]
     server.kill()
+    me.wait("window.playground.state.link === 'lost'")
     shown = me.state()["step"]
     server = spawn(**settings)
     me.wait("window.playground.state.link === 'open'")

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from typing import Literal
 
+from pydantic import Field
+
 from humanplay.agents.evaluation import PlayedStudy, Protocol
-from humanplay.web.answers.base import Answer, Configuration, absent, described
+from humanplay.web.answers.base import Answer, Configuration
 from humanplay.web.answers.leaderboard import StudyFigure
 
 JsonSchema = dict[str, object]
@@ -21,16 +23,20 @@ class ListedEvaluation(Answer):
 
     name: str
     status: Literal["open", "closed"]
-    task: str = described("what is played, by its title")
-    where: str = described("its configuration in words")
+    task: str = Field(description="what is played, by its title")
+    where: str = Field(description="its configuration in words")
     instances: int
     protocol_hash: str
-    commitment: str = described("SHA-256 of the secret")
+    commitment: str = Field(description="SHA-256 of the secret")
     sees: Sees
-    hours: float = described("from a card's first attempt until the card is closed")
-    minutes: float | None = described("that an attempt may take; null: no limit but its moves")
-    calls: int = described("that a card may make, times the number of instances")
-    study: PlayedStudy | None = described("whose terrains are played; null: its own instances")
+    hours: float = Field(description="from a card's first attempt until the card is closed")
+    minutes: float | None = Field(
+        description="that an attempt may take; null: no limit but its moves"
+    )
+    calls: int = Field(description="that a card may make, times the number of instances")
+    study: PlayedStudy | None = Field(
+        description="whose terrains are played; null: its own instances"
+    )
 
 
 class Words(Answer):
@@ -44,9 +50,9 @@ class Words(Answer):
 class PeopleRow(StudyFigure):
     """The people of the study whose terrains were played."""
 
-    claim: str = described("what their figure may be called")
-    set: str = described("whom it is of")
-    everybody: StudyFigure = described("everybody who began")
+    claim: str = Field(description="what their figure may be called")
+    set: str = Field(description="whom it is of")
+    everybody: StudyFigure = Field(description="everybody who began")
     sentence: str
     sees: str
 
@@ -57,10 +63,10 @@ class InstanceOfPeople(Answer):
     index: int
     players: int
     completed: int
-    upper_median: int | None = described("moves; null where fewer than half completed it")
-    best: int | None = described("moves")
-    score: float | None = described("their mean")
-    steps: float | None = described("their mean; moves")
+    upper_median: int | None = Field(description="moves; null where fewer than half completed it")
+    best: int | None = Field(description="moves")
+    score: float | None = Field(description="their mean")
+    steps: float | None = Field(description="their mean; moves")
 
 
 class MetricComparison(Answer):
@@ -70,20 +76,24 @@ class MetricComparison(Answer):
     """
 
     mean: float
-    values: list[float] = described("of each instance")
-    difference: float | None = described("to people's mean; null without people")
-    terrains: int | None = absent("that people played too")
-    interval: tuple[float, float] | None = absent("95 %, of the difference")
-    normalized: float | None = absent("(own - random) / (people - random)")
+    values: list[float] = Field(description="of each instance")
+    difference: float | None = Field(description="to people's mean; null without people")
+    terrains: int | None = Field(default=None, description="that people played too")
+    interval: tuple[float, float] | None = Field(
+        default=None, description="95 %, of the difference"
+    )
+    normalized: float | None = Field(default=None, description="(own - random) / (people - random)")
 
 
 class Row(Answer):
     """What somebody came to on the instances."""
 
     name: str
-    outcomes: list[str] = described("of each instance")
+    outcomes: list[str] = Field(description="of each instance")
     score: MetricComparison
-    steps: MetricComparison = described("moves of a success, the limit for any other ending")
+    steps: MetricComparison = Field(
+        description="moves of a success, the limit for any other ending"
+    )
 
 
 class PolicyRow(Row):
@@ -98,15 +108,15 @@ class ReceiptCard(Answer):
 
     id: str
     author: str
-    number: int = described("among the author's cards")
-    ranks: bool = described("whether it is the author's first")
+    number: int = Field(description="among the author's cards")
+    ranks: bool = Field(description="whether it is the author's first")
     note: str | None
 
 
 class AgentDescription(Answer):
     """What an author says of their agent; nobody has checked it."""
 
-    agent: str | None = absent("its name")
+    agent: str | None = Field(default=None, description="its name")
     version: str | None = None
     model: str | None = None
     prompts_sha256: str | None = None
@@ -117,9 +127,9 @@ class Exposure(Answer):
     """Who could have seen the instances before the agent."""
 
     participants: int
-    participants_since: str | None = described("a date and time, UTC")
+    participants_since: str | None = Field(description="a date and time, UTC")
     operators: str
-    operators_since: str = described("a date and time, UTC")
+    operators_since: str = Field(description="a date and time, UTC")
     other_cards_before: int
 
 
@@ -127,7 +137,7 @@ class AgentRow(Row):
     """An agent."""
 
     kind: Literal["agent"]
-    rank: int | None = described("among cards that rank")
+    rank: int | None = Field(description="among cards that rank")
     attempts: int
     card: ReceiptCard
     agent: AgentDescription
@@ -139,9 +149,9 @@ class Comparison(Answer):
     """People, policies and agents on one scale."""
 
     words: Words
-    terrains_drawn: bool = described("whether intervals are for other terrains too")
+    terrains_drawn: bool = Field(description="whether intervals are for other terrains too")
     better: Literal["higher", "lower"]
-    limit: int = described("moves")
+    limit: int = Field(description="moves")
     people: PeopleRow | None
     instances: list[InstanceOfPeople]
     rows: list[PolicyRow | AgentRow]
@@ -150,10 +160,10 @@ class Comparison(Answer):
 class Evaluation(ListedEvaluation):
     """What an evaluation has published."""
 
-    cards: int = described("that were issued")
+    cards: int = Field(description="that were issued")
     protocol: Protocol
-    secret: str | None = described("null while it is open")
-    comparison: Comparison | None = described("null while it is open")
+    secret: str | None = Field(description="null while it is open")
+    comparison: Comparison | None = Field(description="null while it is open")
 
 
 class CardHealth(Answer):
@@ -220,27 +230,27 @@ class CardState(Answer):
     instances: int
     begun: list[int]
     finished: list[int]
-    calls: int = described("made so far")
+    calls: int = Field(description="made so far")
 
 
 class Card(Answer):
     """What is played with a card, and how far it is."""
 
     author: str
-    number: int = described("among the author's cards")
+    number: int = Field(description="among the author's cards")
     agent: AgentDescription
     evaluation: str
     title: str
     instructions: str
-    actions: list[str] = described("names, by their codes")
+    actions: list[str] = Field(description="names, by their codes")
     sees: Sees
-    seen: str = described("what is seen, in words")
-    config: Configuration = described("the environment's own configuration")
-    limit: int = described("moves of an attempt, at most")
+    seen: str = Field(description="what is seen, in words")
+    config: Configuration = Field(description="the environment's own configuration")
+    limit: int = Field(description="moves of an attempt, at most")
     instances: int
-    hours: float = described("from the first attempt until the card is closed")
-    minutes: float | None = described("that an attempt may take")
-    calls: int = described("in all")
+    hours: float = Field(description="from the first attempt until the card is closed")
+    minutes: float | None = Field(description="that an attempt may take")
+    calls: int = Field(description="in all")
     state: CardState
 
 
@@ -268,5 +278,7 @@ class RpcAnswer(Answer):
 
     jsonrpc: Literal["2.0"]
     id: str | int | None
-    result: dict[str, object] | None = absent("as the Model Context Protocol has it")
-    error: RpcError | None = absent("instead of a result")
+    result: dict[str, object] | None = Field(
+        default=None, description="as the Model Context Protocol has it"
+    )
+    error: RpcError | None = Field(default=None, description="instead of a result")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler
 from pydantic_core import CoreSchema
@@ -33,7 +33,7 @@ class OfEnvironment:
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
+    ) -> dict[str, object]:
         """A mark, for which `openapi.PlaygroundApp` sets the environment's model."""
         return {OWN: self.name}
 
@@ -50,34 +50,24 @@ Configuration = dict[str, object]
 """The configuration of an environment, whose settings are its own."""
 
 
-def described(meaning: str, **bounds: Any) -> Any:
-    """A required field with its description."""
-    return Field(description=meaning, **bounds)
-
-
-def absent(meaning: str) -> Any:
-    """A field that some answers lack, with its description."""
-    return Field(default=None, description=meaning)
-
-
 class Problem(Answer):
     """Why a request was refused or failed."""
 
-    detail: str = described("what was expected and what came")
+    detail: str = Field(description="what was expected and what came")
 
 
 class Interval(Answer):
     """A mean with its 95 % interval."""
 
     mean: float
-    low: float | None = described("null without an interval, as for a single player")
+    low: float | None = Field(description="null without an interval, as for a single player")
     high: float | None
 
 
 FILE = {"schema": {"type": "string", "format": "binary"}}
 
 
-def file_of(*media_types: str, meaning: str = "the file") -> dict[int | str, dict[str, Any]]:
+def file_of(*media_types: str, meaning: str = "the file") -> dict[int | str, dict[str, object]]:
     """Declare an answer that is a file of one of some media types."""
     kinds = [media_type.partition(";")[0] for media_type in media_types]
     return {200: {"content": dict.fromkeys(kinds, FILE), "description": meaning}}

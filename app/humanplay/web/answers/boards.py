@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from pydantic import Field
 
 from humanplay.board.messages import Pace
 from humanplay.board.session import SessionKind
 from humanplay.db.rows import Attestation
-from humanplay.web.answers.base import Answer, Frame, Problem, described
+from humanplay.web.answers.base import Answer, Frame, Problem
 from humanplay.web.answers.server import Task
 
 
@@ -23,32 +23,34 @@ class Rival(Answer):
 class NotCurrent(Problem):
     """An act that does not answer the current frame: nothing has changed."""
 
-    frame: Frame = described("the current one")
+    frame: Frame = Field(description="the current one")
 
 
 class Board(Answer):
     """A board with its running episode."""
 
-    session: str = described("cannot be guessed: whoever knows it can watch and drive")
+    session: str = Field(description="cannot be guessed: whoever knows it can watch and drive")
     kind: SessionKind
-    challenges: str | None = described("the finished episode that is played against")
-    player: str = described('"human", or a policy')
+    challenges: str | None = Field(description="the finished episode that is played against")
+    player: str = Field(description='"human", or a policy')
     task: Task
     level: str
     map: str | None
-    size: int | tuple[int, int] | None = described(
-        "cells: one number for a square, or rows and columns"
+    size: int | tuple[int, int] | None = Field(
+        description="cells: one number for a square, or rows and columns"
     )
-    daily: str | None = described("the day whose terrain it is")
-    counts: bool = described("whether the episode counts for the volunteers' figure so far")
-    attestation: Attestation | None = described("once the episode has ended; null in a study")
-    not_attested: str | None = described("why it is not attested")
-    watch: str | None = described("id of /watch/{watch}, where anybody may look on")
+    daily: str | None = Field(description="the day whose terrain it is")
+    counts: bool = Field(description="whether the episode counts for the volunteers' figure so far")
+    attestation: Attestation | None = Field(
+        description="once the episode has ended; null in a study"
+    )
+    not_attested: str | None = Field(description="why it is not attested")
+    watch: str | None = Field(description="id of /watch/{watch}, where anybody may look on")
     frame: Frame
     rival: Rival | None
 
 
-GONE_ON_WITH: dict[int | str, dict[str, Any]] = {
+GONE_ON_WITH: dict[int | str, dict[str, object]] = {
     200: {"model": Board, "description": "the board that was begun before"}
 }
 """Instead of a new board."""

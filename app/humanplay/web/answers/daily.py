@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from typing import Literal
 
-from humanplay.web.answers.base import Answer, absent, described
+from pydantic import Field
+
+from humanplay.web.answers.base import Answer
 
 
 class Day(Answer):
     """The terrain of a day (UTC)."""
 
-    day: str = described("like 2026-11-22")
+    day: str = Field(description="like 2026-11-22")
     level: str
-    size: tuple[int, int] | None = described("rows and columns, cells; null without a grid")
-    protocol: str = described("canonical JSON for which the seed is drawn")
-    commitment: str = described("SHA-256 of the day's key")
-    key: str | None = described("null until the day is over")
-    seed: int | None = described("null until the day is over")
+    size: tuple[int, int] | None = Field(description="rows and columns, cells; null without a grid")
+    protocol: str = Field(description="canonical JSON for which the seed is drawn")
+    commitment: str = Field(description="SHA-256 of the day's key")
+    key: str | None = Field(description="null until the day is over")
+    seed: int | None = Field(description="null until the day is over")
 
 
 class Attempt(Answer):
@@ -25,10 +27,10 @@ class Attempt(Answer):
     state: Literal["open", "ended"]
     episode: str
     outcome: str | None
-    moves: int = described("made so far")
-    coverage: float | None = described("share of the cells, 0..1")
+    moves: int = Field(description="made so far")
+    coverage: float | None = Field(description="share of the cells, 0..1")
     score: float | None
-    unranked: str | None = described("why an ended attempt has no rank")
+    unranked: str | None = Field(description="why an ended attempt has no rank")
 
 
 class CalendarDay(Answer):
@@ -36,30 +38,32 @@ class CalendarDay(Answer):
 
     day: str
     outcome: str
-    moves: int | None = described("null without a success")
+    moves: int | None = Field(description="null without a success")
 
 
 class Today(Day):
     """Today's terrain and your attempt at it."""
 
-    now_ms: int = described("server time, milliseconds since 1970")
-    next_ms: int = described("when the next day begins")
+    now_ms: int = Field(description="server time, milliseconds since 1970")
+    next_ms: int = Field(description="when the next day begins")
     max_steps: int
     attempt: Attempt | None
-    players: int = described("people whose attempt of today is over and has a rank")
-    streak: int = described("days in a row on which you came to the end")
-    played: int = described("attempts that are over")
-    calendar: list[CalendarDay] = described("your newest attempts, the oldest first")
+    players: int = Field(description="people whose attempt of today is over and has a rank")
+    streak: int = Field(description="days in a row on which you came to the end")
+    played: int = Field(description="attempts that are over")
+    calendar: list[CalendarDay] = Field(description="your newest attempts, the oldest first")
     yesterday: Day | None
 
 
 class Result(Answer):
     """A person's row of a day's table."""
 
-    episode: str | None = absent("absent until the day is over")
+    episode: str | None = Field(default=None, description="absent until the day is over")
     outcome: str
-    moves: int | None = described("null without a success")
-    coverage: float | None = described("share of the cells, 0..1; null where nothing is discovered")
+    moves: int | None = Field(description="null without a success")
+    coverage: float | None = Field(
+        description="share of the cells, 0..1; null where nothing is discovered"
+    )
     you: bool
     rank: int
 
@@ -68,8 +72,8 @@ class PeopleOfDay(Answer):
     """What people came to on a day's terrain."""
 
     players: int
-    unfinished: int = described("without a success")
-    moves: list[tuple[int, int]] = described("moves, and how many people needed as many")
+    unfinished: int = Field(description="without a success")
+    moves: list[tuple[int, int]] = Field(description="moves, and how many people needed as many")
     table: list[Result]
     you: Result | None
 
@@ -89,4 +93,4 @@ class Results(Answer):
     day: str
     attempt: Attempt | None
     people: PeopleOfDay
-    policies: list[PolicyOfDay] = described("the best first")
+    policies: list[PolicyOfDay] = Field(description="the best first")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from humanplay.web.answers.base import Answer, absent, described
+from pydantic import Field
+
+from humanplay.web.answers.base import Answer
 
 
 class Alive(Answer):
@@ -17,11 +19,11 @@ class Health(Answer):
     """How the server is."""
 
     status: Literal["ok", "failing"]
-    detail: str | None = absent("why it is failing")
-    getting_ready: str | None = described("why a board takes longer than a moment at first")
-    core_version: str = described("what a recorded episode replays with")
-    sessions: int = described("in memory")
-    database: str = described("name of its file")
+    detail: str | None = Field(default=None, description="why it is failing")
+    getting_ready: str | None = Field(description="why a board takes longer than a moment at first")
+    core_version: str = Field(description="what a recorded episode replays with")
+    sessions: int = Field(description="in memory")
+    database: str = Field(description="name of its file")
 
 
 class Metric(Answer):
@@ -29,8 +31,8 @@ class Metric(Answer):
 
     name: str
     unit: str
-    lowest: float | None = described("null without a bound")
-    highest: float | None = described("null without a bound")
+    lowest: float | None = Field(description="null without a bound")
+    highest: float | None = Field(description="null without a bound")
     is_better: Literal["higher", "lower"]
 
 
@@ -39,17 +41,17 @@ class Task(Answer):
 
     name: str
     title: str
-    instructions: str = described('what players are told; "" if the page says it')
-    assets: str = described("folder of `static/task` that draws it")
-    actions: list[str] = described("names, by their codes")
-    keys: dict[str, list[str]] = described("default keys of each action (`event.code`)")
-    clock: int | None = described(
-        "frames a second where time runs; null where each move is waited for"
+    instructions: str = Field(description='what players are told; "" if the page says it')
+    assets: str = Field(description="folder of `static/task` that draws it")
+    actions: list[str] = Field(description="names, by their codes")
+    keys: dict[str, list[str]] = Field(description="default keys of each action (`event.code`)")
+    clock: int | None = Field(
+        description="frames a second where time runs; null where each move is waited for"
     )
-    metrics: list[Metric] = described("the headline first")
-    successes: list[str] = described("outcomes that are successes")
-    expert: str | None = described("policy that moves are compared with; null without one")
-    has_boards: bool = described("whether it has a daily instance and a leaderboard")
+    metrics: list[Metric] = Field(description="the headline first")
+    successes: list[str] = Field(description="outcomes that are successes")
+    expert: str | None = Field(description="policy that moves are compared with; null without one")
+    has_boards: bool = Field(description="whether it has a daily instance and a leaderboard")
 
 
 class Level(Answer):
@@ -60,8 +62,8 @@ class Level(Answer):
     topology: int | None
     morphology: int | None
     pays_bonus: bool
-    example: list[int] = described(
-        "a terrain of 21x21: a number a row, whose bit 0 is what blocks column 0"
+    example: list[int] = Field(
+        description="a terrain of 21x21: a number a row, whose bit 0 is what blocks column 0"
     )
 
 
@@ -70,7 +72,7 @@ class Map(Answer):
 
     name: str
     summary: str
-    size: tuple[int, int] = described("rows and columns, cells")
+    size: tuple[int, int] = Field(description="rows and columns, cells")
 
 
 class Offer(Answer):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Literal
 
+from pydantic import Field
+
 from humanplay.db.rows import Phase
 from humanplay.db.study_rows import Stage
 from humanplay.study.outcome import Outcome
-from humanplay.web.answers.base import Answer, Configuration, absent, described
+from humanplay.web.answers.base import Answer, Configuration
 from humanplay.web.answers.boards import Board
 from humanplay.web.answers.server import Task
 
@@ -20,9 +22,9 @@ class ListedStudy(Answer):
     name: str
     title: str
     status: Status
-    recruitment: str = described("invitation, panel or open")
-    warm_up: int = described("practice episodes")
-    ranked: int = described("ranked episodes")
+    recruitment: str = Field(description="invitation, panel or open")
+    warm_up: int = Field(description="practice episodes")
+    ranked: int = Field(description="ranked episodes")
 
 
 class Study(Answer):
@@ -32,13 +34,13 @@ class Study(Answer):
     title: str
     status: Status
     protocol_hash: str
-    commitment: str = described("SHA-256 of the secret")
-    secret: str | None = described("null until the study is closed")
+    commitment: str = Field(description="SHA-256 of the secret")
+    secret: str | None = Field(description="null until the study is closed")
     task: Task
     level: str
-    rows: int | None = absent("cells; absent without a grid of given size")
-    cols: int | None = absent("cells; absent without a grid of given size")
-    config: Configuration = described("the environment's own configuration")
+    rows: int | None = Field(default=None, description="cells; absent without a grid of given size")
+    cols: int | None = Field(default=None, description="cells; absent without a grid of given size")
+    config: Configuration = Field(description="the environment's own configuration")
     warm_up: int
     ranked: int
     players: int
@@ -49,7 +51,7 @@ class Consent(Answer):
     """What a participant agrees to."""
 
     version: str
-    text: str = described("paragraphs, split by blank lines")
+    text: str = Field(description="paragraphs, split by blank lines")
 
 
 class Question(Answer):
@@ -62,7 +64,7 @@ class Question(Answer):
 class ShownChoice(Answer):
     """A choice, at the place where it is shown."""
 
-    value: int = described("what is sent for it")
+    value: int = Field(description="what is sent for it")
     text: str
 
 
@@ -72,26 +74,28 @@ class ShownQuestion(Answer):
     kind: Literal["choice", "several", "likert", "scale", "number", "text", "statement"]
     name: str
     question: str
-    needed: bool = described("it cannot be left out")
-    declinable: bool = described("prefer not to say is offered: null is sent for it")
-    choices: list[ShownChoice] | None = absent("of choice and several")
-    rows: list[str] | None = absent("of likert: the statements")
-    points: list[str] | None = absent("of likert: from one end to the other")
-    steps: int | None = absent("of scale: 0 to one less is sent")
-    low: str | None = absent("of scale: its low end")
-    high: str | None = absent("of scale: its high end")
-    least: float | None = absent("of number")
-    most: float | None = absent("of number, and of text the characters")
-    whole: bool | None = absent("of number")
-    unit: str | None = absent("of number")
-    long: bool | None = absent("of text: several lines")
+    needed: bool = Field(description="it cannot be left out")
+    declinable: bool = Field(description="prefer not to say is offered: null is sent for it")
+    choices: list[ShownChoice] | None = Field(default=None, description="of choice and several")
+    rows: list[str] | None = Field(default=None, description="of likert: the statements")
+    points: list[str] | None = Field(
+        default=None, description="of likert: from one end to the other"
+    )
+    steps: int | None = Field(default=None, description="of scale: 0 to one less is sent")
+    low: str | None = Field(default=None, description="of scale: its low end")
+    high: str | None = Field(default=None, description="of scale: its high end")
+    least: float | None = Field(default=None, description="of number")
+    most: float | None = Field(default=None, description="of number, and of text the characters")
+    whole: bool | None = Field(default=None, description="of number")
+    unit: str | None = Field(default=None, description="of number")
+    long: bool | None = Field(default=None, description="of text: several lines")
 
 
 class ShownBlock(Answer):
     """Questions on one screen."""
 
     name: str
-    turn: int = described("ranked episodes done, between sets; else 0")
+    turn: int = Field(description="ranked episodes done, between sets; else 0")
     title: str
     intro: str
     can_be_skipped: bool
@@ -108,8 +112,8 @@ class Count(Answer):
 class Practice(Answer):
     """What the warm-up must come to before the first ranked episode."""
 
-    text: str = described("for the participant")
-    number: int = described("of the try, from 1")
+    text: str = Field(description="for the participant")
+    number: int = Field(description="of the try, from 1")
     tries: int
 
 
@@ -122,7 +126,7 @@ class Tutorial(Answer):
 class RankedResult(Answer):
     """A ranked episode of the participant's."""
 
-    trial: int = described("from 0")
+    trial: int = Field(description="from 0")
     outcome: str
     steps: int
     score: float
@@ -133,7 +137,7 @@ class DebriefPolicy(Answer):
 
     name: str
     mean_steps_warm_up: float
-    own_mean_steps_warm_up: float = described("the participant's")
+    own_mean_steps_warm_up: float = Field(description="the participant's")
 
 
 class Debrief(Answer):
@@ -143,16 +147,16 @@ class Debrief(Answer):
     mean_steps: float | None
     episodes: list[RankedResult]
     policy: DebriefPolicy | None
-    warm_up_terrains: int = described("that can be shown again")
-    ranked_terrains: int = described("that can be shown again")
+    warm_up_terrains: int = Field(description="that can be shown again")
+    ranked_terrains: int = Field(description="that can be shown again")
 
 
 class Ending(Answer):
     """What somebody reads who has come to an end."""
 
-    outcome: str = described(", ".join(Outcome))
-    code: str | None = described("for the place that sent them")
-    address: str | None = described("that leads back there")
+    outcome: str = Field(description=", ".join(Outcome))
+    code: str | None = Field(description="for the place that sent them")
+    address: str | None = Field(description="that leads back there")
     sentence: str | None
 
 
@@ -170,35 +174,35 @@ class Participation(Answer):
     study: str
     title: str
     task: Task
-    participant: str = described("what the participant can quote")
+    participant: str = Field(description="what the participant can quote")
     stage: Stage
     consent: Consent
     questions: list[Question]
-    instructions: str = described(
-        "the study's own, below the task's; paragraphs split by blank lines"
+    instructions: str = Field(
+        description="the study's own, below the task's; paragraphs split by blank lines"
     )
-    hint: str = described("what stands beside the board; empty without one")
-    tries_left: int | None = described("at the questions; null: as many as are wanted")
-    device: str = described("any or computer: with which people may take part")
-    right: list[bool] | None = described("which of the answers just given were right")
-    why: list[str] | None = described("what explains the wrong ones")
-    block: ShownBlock | None = described("questions that come before anything else")
-    warm_up: Count = described("of this try at the practice")
-    practice: Practice | None = described("null if the warm-up need not come to anything")
+    hint: str = Field(description="what stands beside the board; empty without one")
+    tries_left: int | None = Field(description="at the questions; null: as many as are wanted")
+    device: str = Field(description="any or computer: with which people may take part")
+    right: list[bool] | None = Field(description="which of the answers just given were right")
+    why: list[str] | None = Field(description="what explains the wrong ones")
+    block: ShownBlock | None = Field(description="questions that come before anything else")
+    warm_up: Count = Field(description="of this try at the practice")
+    practice: Practice | None = Field(description="null if the warm-up need not come to anything")
     ranked: Count
     tutorial: Tutorial
     break_due: bool
-    can_be_erased: bool = described("whether leaving may ask for erasure")
+    can_be_erased: bool = Field(description="whether leaving may ask for erasure")
     pause_after_s: float
-    rules: dict[str, str] = described("figures that the texts name")
+    rules: dict[str, str] = Field(description="figures that the texts name")
     session: str | None
     about: Board | None
-    phase: Phase | None = described("of the newest episode")
+    phase: Phase | None = Field(description="of the newest episode")
     settings: Settings
     debrief: Debrief | None
-    note: str | None = described(
-        "why the participant cannot go on, or what becomes of what was played"
+    note: str | None = Field(
+        description="why the participant cannot go on, or what becomes of what was played"
     )
-    ending: Ending | None = described("null while the participant can go on")
+    ending: Ending | None = Field(description="null while the participant can go on")
     invited: bool
     supervised_until_ms: int | None
