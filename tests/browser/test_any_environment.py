@@ -57,7 +57,8 @@ def test_it_is_played_and_goes_on_with_all_that_was_shown_after_its_server_was_k
                 page.wait_for_timeout(100)
                 page.keyboard.up(keys[at % 2])
             else:
-                me.wait("window.playground.state.link === 'open'")  # a starved page may call it lost
+                # a page that is starved of time may call its server lost
+                me.wait("window.playground.state.link === 'open'")
                 me.hand.press(page.keyboard, keys[at % 2])
                 me.wait(f"window.playground.state.player.frame.step > {at}")
 
