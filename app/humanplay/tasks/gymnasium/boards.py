@@ -23,7 +23,7 @@ from humanplay.tasks.base import FAILED
 from humanplay.tasks.gymnasium.configuration import GymnasiumConfig, own_config
 from humanplay.tasks.gymnasium.description import described
 from humanplay.tasks.gymnasium.run import GymnasiumRun, GymnasiumView, draw_once
-from humanplay.tasks.gymnasium.values import packed, plain, unpacked
+from humanplay.tasks.gymnasium.values import packed, unpacked
 from humanplay.tasks.processes import LostError, Preparer, Work, Worker
 
 _log = logging.getLogger(__name__)
@@ -218,16 +218,6 @@ class BoardRun(GymnasiumRun):
         if self._shown is None:
             self._shown = self._asked_for(PICTURE)
         return GymnasiumView(self, self._shown["picture"], self._shown["text"])
-
-    def agent_observation(self, picture: bool, observation: bool) -> AgentObservation:
-        """Return picture or text, and the observation, which is asked of the process; ValueError where it is lost twice."""
-        view = self.view() if picture else None
-        return {
-            "picture": None if view is None else view.picture,
-            "text": None if view is None else view.text,
-            "observation": plain(self.newest_observation) if observation else None,
-            "allowed": self.allowed_names,
-        }
 
     @property
     def newest_observation(self) -> object:

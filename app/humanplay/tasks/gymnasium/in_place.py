@@ -17,13 +17,13 @@ from threading import Lock
 import gymnasium
 
 from humanplay.board.participation import RefusedError
-from humanplay.task import AgentObservation, recordings
+from humanplay.task import recordings
 from humanplay.task.recordings import Moment
 from humanplay.tasks.gymnasium.boards import Boards
 from humanplay.tasks.gymnasium.configuration import GymnasiumConfig
 from humanplay.tasks.gymnasium.run import GymnasiumRun, GymnasiumView
 from humanplay.tasks.gymnasium.spaces import from_json
-from humanplay.tasks.gymnasium.values import plain, unpacked
+from humanplay.tasks.gymnasium.values import unpacked
 from humanplay.tasks.processes import Worker
 
 SPACES = "spaces.json"
@@ -119,16 +119,6 @@ class RecordedRun(GymnasiumRun):
                 "its pictures were not recorded: the recordings had reached keep_mb when it was played"
             )
         return GymnasiumView(self, shown["picture"], shown["text"])
-
-    def agent_observation(self, picture: bool, observation: bool) -> AgentObservation:
-        """Return picture or text, and the observation."""
-        view = self.view() if picture else None
-        return {
-            "picture": None if view is None else view.picture,
-            "text": None if view is None else view.text,
-            "observation": plain(self.newest_observation) if observation else None,
-            "allowed": self.allowed_names,
-        }
 
     @property
     def newest_observation(self) -> object:

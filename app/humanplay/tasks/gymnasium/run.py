@@ -173,11 +173,10 @@ class GymnasiumRun:
     def agent_observation(self, picture: bool, observation: bool) -> AgentObservation:
         """Return picture or text, and the observation as numbers, texts, lists and objects."""
         shown = self.view() if picture else None
-        given = plain(self._observation) if observation else None
         return {
             "picture": None if shown is None else shown.picture,
             "text": None if shown is None else shown.text,
-            "observation": given,
+            "observation": plain(self.newest_observation) if observation else None,
             "allowed": self.allowed_names,
         }
 
