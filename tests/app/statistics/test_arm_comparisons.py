@@ -88,3 +88,10 @@ def test_power_is_that_of_the_report_and_grows_with_people_and_difference():
     assert simulate_arm_power(design, 2, 1e-9, 1000) < 0.08
     assert simulate_arm_power(design, 3, 30, 1000) < many
     assert simulate_arm_power(design, 5, 30, 1000) == 0.0, "four people in an arm are too few"
+
+
+def test_few_terrains_have_no_interval_for_others():
+    one, other = (table[0, :, :4] for table in arms(1, (8, 8), 0.0))
+    for terrains_drawn in (True, False):
+        (row,) = compare_arms("score", {"a": one, "b": other}, None, True, terrains_drawn)
+        assert (row.interval is None, row.p_value is None) == (terrains_drawn, terrains_drawn)

@@ -145,7 +145,8 @@ def compare_arms(
 
     Returns:
         A comparison of each pair. It has no interval if one of its arms has fewer than five people,
-        and none has a p if any arm has: Holm's method needs the whole family.
+        or if there are fewer than five terrains for a claim about others. None has a p if any lacks
+        its interval: Holm's method needs the whole family.
     """
     pairs = list(combinations(finished, 2))
     rows = []
@@ -156,7 +157,7 @@ def compare_arms(
         first = _row(of_finished, terrains_drawn)
         second = (None, None) if of_all is None else _row(of_all, terrains_drawn)
         rows.append(ArmComparison(arm, other, metric, *first, *second))
-        if is_tested and min(map(len, of_finished)) >= FEWEST_TO_TEST:
+        if is_tested and _is_enough(of_finished, terrains_drawn):
             p_values[number] = arm_p(of_finished, of_all, terrains_drawn)
     if np.isnan(p_values).any():
         return tuple(rows)
@@ -166,12 +167,18 @@ def compare_arms(
     )
 
 
+def _is_enough(tables: Sequence[Floats], terrains_drawn: bool) -> bool:
+    """Whether the people of each arm, and the terrains, are enough for an interval and a p."""
+    has_terrains = tables[0].shape[-1] >= FEWEST_TO_TEST or not terrains_drawn
+    return has_terrains and min(map(len, tables)) >= FEWEST_TO_TEST
+
+
 def _row(tables: Sequence[Floats], terrains_drawn: bool) -> tuple[float | None, Interval | None]:
     """The difference of two arms, and its interval where people are enough."""
     one, other = tables
     if not len(one) or not len(other):
         return None, None
     difference = float(player_means(one).mean() - player_means(other).mean())
-    if min(len(one), len(other)) < FEWEST_TO_TEST:
+    if not _is_enough(tables, terrains_drawn):
         return difference, None
     return difference, finite_ends(difference_of(one, other, terrains_drawn).interval)

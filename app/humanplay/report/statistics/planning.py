@@ -354,6 +354,10 @@ def metric_in_words(protocol: Protocol) -> str:
     return words.score if protocol.primary_metric == "score" else words.steps
 
 
+def _or_instances(protocol: Protocol) -> str:
+    return "" if protocol.fixed_terrains else " or five instances"
+
+
 def power_in_words(protocol: Protocol) -> str:
     """What the protocol's power says, whole sentences."""
     power, metric = protocol.power, metric_in_words(protocol)
@@ -361,7 +365,7 @@ def power_in_words(protocol: Protocol) -> str:
     sentences = []
     if power.arms_differ is not None and not arms_are_tested(protocol):
         sentences.append(
-            "No interval and no p is given below five people in an arm or five instances, so no difference is seen."
+            f"No interval and no p is given below five people in an arm{_or_instances(protocol)}, so no difference is seen."
         )
     elif power.arms_differ is not None:
         people = counted(protocol.players // len(protocol.arms), "person", "people")
@@ -371,7 +375,7 @@ def power_in_words(protocol: Protocol) -> str:
         )
     elif not design_of(protocol).is_tested:
         sentences.append(
-            "No interval and no p is given below five people or five instances, so no difference is seen."
+            f"No interval and no p is given below five people{_or_instances(protocol)}, so no difference is seen."
         )
     elif power.policy_better is not None and power.people_better is not None:
         difference = f"{protocol.policy_difference:g} in {metric}"
