@@ -78,11 +78,8 @@ def kind_of(conn: sqlite3.Connection, participant: str) -> str:
     return str(kind)
 
 
-def drawing_events(conn: sqlite3.Connection, participant: str, kind: str) -> list[str]:
-    """The details (JSON) of a participant's ORDER_EVENT or ARM_EVENT.
-
-    There is one at most, unless something is wrong.
-    """
+def event_details(conn: sqlite3.Connection, participant: str, kind: str) -> list[str]:
+    """The details (JSON) of a participant's events of a kind."""
     sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = ?"
     return [row[0] for row in conn.execute(sql, (participant, kind))]
 

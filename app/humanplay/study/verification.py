@@ -30,8 +30,8 @@ from humanplay.db.checks import (
     attempts_at,
     chain_state,
     check_chain,
-    drawing_events,
     episodes_of,
+    event_details,
     find_head,
     input_of,
     kind_of,
@@ -265,21 +265,20 @@ def _check_missed(
 ) -> Iterator[Finding]:
     """Yield that somebody missed other attention checks than was noted.
 
-    Nothing is known of a participant without any answer: theirs were erased, or a release left them out.
+    Of a participant without any answer the skipped blocks alone are checked: the others' answers were erased, or a
+    release left them out.
     """
     answers = answers_of(conn, participant)
-    if not answers:
-        return
     blocks = {block.name: block for block in protocol.blocks}
-    for text in drawing_events(conn, participant, BLOCK_EVENT):
+    for text in event_details(conn, participant, BLOCK_EVENT):
         detail = json.loads(text)
         name, turn, noted = detail.get("block"), detail.get("turn"), detail.get("missed")
         person = f"participant {participant}"
         if name not in blocks:
             yield Finding(person, "block of questions", name, f"one of {', '.join(blocks)}")
             continue
-        block = blocks[name]
-        if not attention_checks([block], block.at):
+        block, is_skipped = blocks[name], bool(detail.get("skipped"))
+        if not attention_checks([block], block.at) or not (answers or is_skipped):
             continue
         its = {
             asked: answer for (of, at, asked), answer in answers.items() if (of, at) == (name, turn)
@@ -315,7 +314,7 @@ def _ranked_order(
     key, of = expected.key, expected.series.protocol_hash
     if not any(row["phase"] == "ranked" for row in episodes):
         return None
-    details = drawing_events(conn, participant, ORDER_EVENT)
+    details = event_details(conn, participant, ORDER_EVENT)
     number = _number_in(details)
     if number is None:
         where = f"participant {participant}"
@@ -330,7 +329,7 @@ def _arm(
 ) -> Generator[Finding, None, str | None]:
     """Return a participant's arm; yield what is wrong with their assignment."""
     person = f"participant {participant}"
-    details = drawing_events(conn, participant, ARM_EVENT)
+    details = event_details(conn, participant, ARM_EVENT)
     is_due = stage_of_assignment(protocol) in stages_of(conn, participant)
     if not details and not is_due:
         return None

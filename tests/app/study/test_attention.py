@@ -84,7 +84,7 @@ def test_who_misses_too_many_checks_before_the_ranked_episodes_is_screened_out(
     assert once.where["stage"] == "debrief"
     report = build(close(server, tmp_path, capsys))
     (group,) = report.groups
-    who = "of people who missed at most 1 attention check before the ranked episodes (1 of 3)."
+    who = "of people who missed at most 1 attention check before the ranked episodes (1 began, 2 screened out)."
     assert who in report.sentence
     statuses = {row.status: row.people for row in group.statuses}
     assert statuses == {"finished": 1, "failed_attention": 2}
@@ -165,6 +165,28 @@ def test_verify_counts_missed_checks_again_from_the_answers(serve, tmp_path):
     alter(path, "UPDATE answers SET answer = 2 WHERE question = 'early' AND answer = 1")
     whats = [finding.what for finding in verify_database(path, secrets=secrets).findings]
     assert whats.count("missed attention checks in early_block") == 1
+
+
+def test_verify_counts_the_checks_of_a_skipped_block_without_any_answer(serve, tmp_path):
+    blocks = [check("last", "after", needed=False)]
+    study = freeze(tmp_path / "playground.db-studies", blocks=blocks, warm_up=0)
+    server = serve()
+    person = Person(server)
+    person.call("consent", {"version": "1", "agree": True})
+    person.call("advance", {"from": "instructions"})
+    person.call("next")
+    person.call("give-up", {"episode": person.frame["episode"], "step": 0})
+    person.call("advance", {"from": "tutorial"})
+    person.answer_questions()
+    person.play_on()
+    person.call("skip", {"block": "last_block", "turn": 0})
+    server.stop()
+    path, secrets = tmp_path / "playground.db", {study.name: study.secret}
+    assert verify_database(path, secrets=secrets).findings == ()
+    skipped = "json_extract(detail, '$.skipped')"
+    alter(path, f"UPDATE stage_events SET detail = json_set(detail, '$.missed', 0) WHERE {skipped}")
+    whats = [finding.what for finding in verify_database(path, secrets=secrets).findings]
+    assert whats.count("missed attention checks in last_block") == 1
 
 
 def test_a_page_gets_neither_the_right_answer_nor_that_it_is_a_check(serve, tmp_path):

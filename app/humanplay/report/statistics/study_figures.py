@@ -20,6 +20,7 @@ from humanplay.report.statistics.exclusion_sets import (
     MetricName,
     entry_condition,
     everybody_of,
+    join_rule_texts,
     members,
     people_of,
     practice_verdicts,
@@ -265,10 +266,9 @@ def _headline(data: StudyData, per_protocol: StudyFigure, everybody: StudyFigure
 def _attentive(data: StudyData, limit: int) -> str:
     """What holds of whoever was not screened out by attention checks, and of how many."""
     counts = Counter(statuses(data, people_of(data)).values())
-    began = sum(counts[status] for status in BEGAN)
-    checks = counted(limit, "attention check") if limit else "no attention check"
-    misses = f"missed at most {checks}" if limit else f"missed {checks}"
-    return f"{misses} before the ranked episodes ({began} of {began + counts[Status.FAILED_ATTENTION]})"
+    began, screened = sum(counts[status] for status in BEGAN), counts[Status.FAILED_ATTENTION]
+    rule = join_rule_texts({"most_missed_checks": limit})
+    return f"{rule} before the ranked episodes ({began:,} began, {screened:,} screened out)"
 
 
 def interval_for(protocol: Protocol) -> str:
