@@ -299,7 +299,7 @@ declare namespace Admin {
     bulk: string | null,
     /** what an hour was worth, a sentence; empty if unknown */
     effective_pay: string,
-    /** people who ended before the consent */
+    /** people who have not agreed */
     without_consent: number,
   };
   /** Invitations that were taken back. */

@@ -134,7 +134,7 @@ def test_each_outcome_is_read_by_whoever_comes_to_it_and_is_paid_as_the_protocol
 
     out = tmp_path / "list.csv"
     code, said, _ = command(capsys, "study", "payments", "tiny", "--csv", out, *database)
-    assert (code, "3 people ended before the consent" in said) == (0, True)
+    assert (code, "3 people have not agreed" in said) == (0, True)
     rows = {row["identifier"][0]: row for row in csv.DictReader(io.StringIO(out.read_text()))}
     assert {key: (row["outcome"], row["code"]) for key, row in rows.items()} == {
         "3": ("failed_questions", ""),

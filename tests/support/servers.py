@@ -233,7 +233,7 @@ def running_server(policies, /, sources=None, **settings):
     """Yield a server in a thread of this process, with settings and policies."""
     from humanplay.board.sources import Sources
     from humanplay.web.listening import bound_connections, listen, uvicorn_config
-    from humanplay.web.server import Prepared, create_app
+    from humanplay.web.server import AppParts, create_app
     from humanplay.web.settings import Settings
 
     sock = listen("127.0.0.1", 0)
@@ -241,7 +241,7 @@ def running_server(policies, /, sources=None, **settings):
     clock = MovableClock()
     server = RunningServer(sock.getsockname()[1], clock)
     sources = sources or Sources(clock_ms=clock.now_ms)
-    server.app = create_app(Settings(**settings), Prepared(sources, policies))
+    server.app = create_app(Settings(**settings), AppParts(sources, policies))
     engine = Engine(uvicorn_config(server.app))
     thread = threading.Thread(target=engine.run, kwargs={"sockets": [sock]}, daemon=True)
     thread.start()

@@ -32,7 +32,7 @@ from humanplay.study.outcomes import Ending, ending, read_texts
 from humanplay.study.participation import CLOSED_MESSAGE, Participations, StageError
 from humanplay.study.places import is_full
 from humanplay.study.protocol import Arm, DraftStudyError, StudyError, UnknownStudyError
-from humanplay.study.questions import Sent
+from humanplay.study.questions import EARLY_POSITIONS, Sent
 from humanplay.study.recruitment import Arrival, Recruitment, supervise
 from humanplay.study.seeds import TUTORIAL_SEED, order_group
 from humanplay.task import counted, on_threads
@@ -252,7 +252,11 @@ class ParticipantProgress:
     def answer(
         self, name: str, player_id: str | None, answers: Sequence[int]
     ) -> tuple[list[bool], list[str]]:
-        """Which answers were right, and why others are not; on with all right."""
+        """Check the answers to the instructions' questions; move on if all are right.
+
+        Returns:
+            Which are right, and for each that is not, why.
+        """
         study, participant = self._at(name, player_id, "questions")
         questions = questions_of(study.protocol, self.arm(study, participant))
         if len(answers) != len(questions):
@@ -284,7 +288,7 @@ class ParticipantProgress:
         participant, due = self._due(name, player_id, block, turn)
         with self.lobby.store.transaction():
             store_answers(self.study_store, participant.id, due[0], answers, self._now())
-            if due[0].block.at in ("before", "after_warm_up") and participant.kind == "human":
+            if due[0].block.at in EARLY_POSITIONS and participant.kind == "human":
                 self._screen_attention(name, participant)
 
     def _screen_attention(self, name: str, participant: Participant) -> None:

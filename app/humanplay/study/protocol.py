@@ -32,6 +32,7 @@ from humanplay.db.trial import Required
 from humanplay.study.outcome import BEFORE_CONSENT, Outcome
 from humanplay.study.platforms import PLATFORMS, PlatformName
 from humanplay.study.questions import (
+    EARLY_POSITIONS,
     POSITIONS,
     Block,
     Line,
@@ -492,7 +493,7 @@ class Protocol(Part):
 
     @model_validator(mode="after")
     def _checks_are_asked(self) -> Protocol:
-        early = attention_checks(self.blocks, "before", "after_warm_up")
+        early = attention_checks(self.blocks, *EARLY_POSITIONS)
         if self.attention_limit is not None and early <= self.attention_limit:
             raise ValueError(
                 f"attention_limit is {self.attention_limit}, and {counted(early, 'attention check')} can be missed before the "

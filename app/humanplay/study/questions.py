@@ -334,6 +334,10 @@ class Block(Part):
     questions: tuple[AnyQuestion, ...] = Field(min_length=1, max_length=40)
 
 
+EARLY_POSITIONS: tuple[Position, ...] = ("before", "after_warm_up")
+"""Those before the first ranked episode, at which somebody may still be screened out."""
+
+
 def attention_checks(blocks: Sequence[Block], *positions: Position) -> int:
     """How many attention checks stand in the blocks at some positions."""
     asked = [question for block in blocks if block.at in positions for question in block.questions]

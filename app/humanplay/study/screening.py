@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from humanplay.study.outcome import BEFORE_CONSENT, OUTCOME_IN_WORDS, Outcome
 from humanplay.study.platforms import PLATFORMS
 from humanplay.study.protocol import Protocol
-from humanplay.study.questions import POSITIONS, Position, attention_checks
+from humanplay.study.questions import EARLY_POSITIONS, POSITIONS, attention_checks
 from humanplay.task import counted
 
 BEFORE_PRACTICE_MIN = 5.0
@@ -18,18 +18,21 @@ LATEST_SHARE = 1 / 5
 
 def minutes_until(protocol: Protocol, episodes: int) -> float:
     """The minutes from the first page to the end of so many episodes, roughly."""
-    episode_min = protocol.environment.texts(protocol.env_config).minutes
-    return BEFORE_PRACTICE_MIN + episode_min * episodes
+    return BEFORE_PRACTICE_MIN + _episode_min(protocol) * episodes
+
+
+def _episode_min(protocol: Protocol) -> float:
+    return protocol.environment.texts(protocol.env_config).minutes
 
 
 def playing_minutes(protocol: Protocol) -> float:
     """The minutes that the episodes of whoever finishes take, roughly."""
-    return minutes_in_all(protocol) - BEFORE_PRACTICE_MIN
+    return _episode_min(protocol) * (protocol.warm_up + protocol.ranked)
 
 
 def minutes_in_all(protocol: Protocol) -> float:
     """The minutes that whoever finishes needs, roughly."""
-    return minutes_until(protocol, protocol.warm_up + protocol.ranked)
+    return BEFORE_PRACTICE_MIN + playing_minutes(protocol)
 
 
 def _can_come(protocol: Protocol, outcome: Outcome) -> bool:
@@ -62,8 +65,8 @@ def attention_cautions(protocol: Protocol) -> Iterator[str]:
     """Yield a sentence where attention checks are asked that no rule reads."""
     if any("most_missed_checks" in rules for rules in protocol.rule_sets):
         return
-    late: tuple[Position, ...] = ("between_sets", "after")
-    read_by_none = late if protocol.attention_limit is not None else tuple(POSITIONS)
+    is_early_read = protocol.attention_limit is not None
+    read_by_none = [at for at in POSITIONS if not (is_early_read and at in EARLY_POSITIONS)]
     unread = attention_checks(protocol.blocks, *read_by_none)
     if unread:
         checks = counted(unread, "attention check is", "attention checks are")

@@ -123,7 +123,7 @@ function.
 
 
 @dataclass(frozen=True)
-class Prepared:
+class AppParts:
     """What exists before the app starts; what is None is made then, from the settings.
 
     A store that is given stays open when the app has ended: whoever opened it closes it. Several
@@ -139,17 +139,17 @@ class Prepared:
     jobs: Jobs | None = None
 
 
-def create_app(settings: Settings, prepared: Prepared | None = None) -> FastAPI:
+def create_app(settings: Settings, prepared: AppParts | None = None) -> FastAPI:
     """The app: pages, API, sockets and 3-D view on one database.
 
     Raises:
         ValueError: If the admin password is too short.
     """
-    return _app_of(settings, prepared or Prepared(), AdminPassword.of(settings))
+    return _app_of(settings, prepared or AppParts(), AdminPassword.of(settings))
 
 
 def _app_of(
-    settings: Settings, prepared: Prepared, password: AdminPassword | None, name: str = ""
+    settings: Settings, prepared: AppParts, password: AdminPassword | None, name: str = ""
 ) -> FastAPI:
     metrics = Metrics() if prepared.store is None else prepared.store.metrics
     protection = prepared.protection or _protection(settings, metrics)
@@ -501,7 +501,7 @@ def _started(settings: Settings, hidden: Sequence[Path]) -> Task:
     """The task of the settings, whose processes can start.
 
     Raises:
-        ValueError: If they cannot start, or the task or a word of it is none.
+        ValueError: If they cannot start, the task is invalid, or it describes a column that does not exist.
         LookupError: If there is no task of this name.
         OSError: If a file of it cannot be read.
     """
@@ -573,7 +573,7 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
                         print(f"{name} is left out: {error}", flush=True)
                     else:
                         tasks[name] = site, task
-            shared = Prepared(protection=_protection(settings, metrics), jobs=_jobs())
+            shared = AppParts(protection=_protection(settings, metrics), jobs=_jobs())
             apps = []
             for name, (site, task) in tasks.items():
                 is_first = site is settings

@@ -77,7 +77,7 @@ def test_everybody_who_agreed_is_listed_and_what_follows_from_play_waits(
     out = tmp_path / "list.csv"
     code, said, _ = payments(capsys, tmp_path, "--csv", out)
     assert code == 0
-    assert "1 person ended before the consent" in said
+    assert "1 person has not agreed" in said
     assert out.stat().st_mode & 0o777 == 0o600
     rows = listed(out)
     assert {key: (row["outcome"], row["code"], row["amount"]) for key, row in rows.items()} == {

@@ -123,7 +123,7 @@ def test_over_quota_has_its_code_and_leaves_no_id_and_is_counted_everywhere(
     assert ask(path, "SELECT count(*) FROM identities WHERE name = 'PROLIFIC_PID'") == [(3,)]
     assert count_arrivals(server.services.store.connection, "small", None).over_quota == 1
     code, out, _ = command(capsys, "study", "payments", "small", "--database", path)
-    assert (code, "1 person ended before the consent" in out, "C5FULL" in out) == (0, True, False)
+    assert (code, "1 person has not agreed" in out, "C5FULL" in out) == (0, True, False)
 
 
 @pytest.mark.parametrize(

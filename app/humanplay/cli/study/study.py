@@ -460,7 +460,7 @@ def show(name: str, folder: Folder) -> None:
 @argument("name")
 @STUDIES
 def check(name: str, folder: Folder) -> None:
-    """Print what a draft still lacks, whom its cap lets in, and cautions.
+    """Print what a draft still lacks, how many people may agree, and cautions.
 
     \b
     Example:
@@ -732,14 +732,15 @@ def payments(
     folder: Folder,
     database: Path,
 ) -> None:
-    """List everybody who agreed: identifier, label, outcome, code, minutes from consent to end, amount.
+    """List everybody who agreed, with what each is paid.
 
-    Whoever ended before the consent is a number. Amounts are those of the protocol's `payment`; one that follows
-    from how somebody played is listed once the study is closed. With bonus_at_once in the protocol it is listed
-    earlier: then an entry of the chain says so each time, and the report says how often. --bulk writes the bonuses
-    that the platform does not pay by itself, without zeros; --against names who claims to have finished and has
-    not, who finished without a code, and who timed out. Files are readable by their
-    owner alone.
+    A row has the identifier, the label, the outcome, its code, the minutes from consent to end, the amount with its
+    currency, the share of the ranked episodes that ended, and the arm. People who have not agreed are only counted.
+    Amounts are those of the protocol's `payment`; one that follows from how somebody played is listed once the study
+    is closed. With bonus_at_once in the protocol it is listed earlier: then an entry of the chain says so each time,
+    and the report says how often. --bulk writes the bonuses that the platform does not pay by itself, without zeros;
+    --against names who claims to have finished and has not, who finished without a code, and who timed out. Files are
+    readable by their owner alone.
 
     \b
     Examples:
@@ -770,7 +771,7 @@ def payments(
         write_file(bulk, lines.encode(), "--bulk", private=True)
     for words, idents in against.in_words() if against else ():
         echo(f"{words}: {', '.join(idents) or 'nobody'}")
-    echo(f"{counted(listed.without_consent, 'person', 'people')} ended before the consent")
+    echo(f"{counted(listed.without_consent, 'person has', 'people have')} not agreed")
     if pay := listed.effective_pay():
         echo(pay)
 

@@ -340,4 +340,4 @@ class Payments(Answer):
     csv: str = Field(description="the same as a file")
     bulk: str | None = Field(description="Prolific's lines of bonuses; null if they do not apply")
     effective_pay: str = Field(description="what an hour was worth, a sentence; empty if unknown")
-    without_consent: int = Field(description="people who ended before the consent")
+    without_consent: int = Field(description="people who have not agreed")
