@@ -39,14 +39,12 @@ class Walk(gymnasium.Env):
     def __init__(self, goal=2, step_s=0.0, wanders=False, fails_at=None):
         self.render_mode = "rgb_array"
         self.goal, self.step_s, self.wanders, self.fails_at = goal, step_s, wanders, fails_at
-        self.resets = 0
 
     def get_action_meanings(self):
         return ["left", "right"]
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        self.resets += 1
         self.cell = 0
         return self._look(), {}
 
@@ -56,7 +54,10 @@ class Walk(gymnasium.Env):
 
     def step(self, action):
         assert threading.current_thread() is threading.main_thread()
-        time.sleep(self.step_s)
+        if self.step_s:
+            print("stepping", flush=True)
+            time.sleep(self.step_s)
+            print("stepped", flush=True)
         self.cell += 1 if action == 4 else -1
         if self.cell == self.fails_at:
             raise KeyError("the cell burns")

@@ -371,13 +371,20 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
 
 
 def _delete_recording(conn: sqlite3.Connection, ident: str) -> None:
-    """Delete the recording of an episode, unless somebody else met its seed too."""
-    ((seed,),) = conn.execute("SELECT seed FROM episodes WHERE id = ?", [ident]).fetchall()
-    others = "SELECT 1 FROM episodes WHERE seed = ? AND id <> ?"
-    if seed is None or conn.execute(others, [seed, ident]).fetchone():
-        return
+    """Delete the recordings of an episode; others on its seed stay if somebody else met it."""
     (file,) = [row[2] for row in conn.execute("PRAGMA database_list") if row[1] == "main"]
-    recordings.forget(recordings_beside(Path(file)), seed)
+    folder = recordings_beside(Path(file))
+    if not folder.is_dir():
+        return
+    sql = "SELECT seed, trajectory_hash FROM episodes WHERE id = ?"
+    ((seed, digest),) = conn.execute(sql, [ident]).fetchall()
+    others = "SELECT 1 FROM episodes WHERE seed = ? AND id <> ?"
+    if seed is None:
+        return
+    if not conn.execute(others, [seed, ident]).fetchone():
+        recordings.forget(folder, seed)
+    elif digest is not None:
+        recordings.forget(folder, seed, digest)
 
 
 def _forget_challenges(conn: sqlite3.Connection) -> None:

@@ -107,10 +107,12 @@ def find(task: str, name: str) -> Path | None:
     return next((path for path in paths if path.is_file()), None)
 
 
-def forget(folder: Path, seed: int) -> None:
-    """Delete what was recorded on a seed."""
+def forget(folder: Path, seed: int, digest: str | None = None) -> None:
+    """Delete what was recorded on a seed; with a digest the episodes alone that had it."""
     for path in folder.glob(f"*/{seed}-*.bin"):
-        path.unlink(missing_ok=True)
+        digests = {moment.figures["digest"] for moment in _moments(path)}
+        if digest is None or digest in digests:
+            path.unlink(missing_ok=True)
 
 
 def size_of(folder: Path) -> int:

@@ -188,7 +188,7 @@ class BaseEnvironment:
 
     def observations(self: Environment, record: Record) -> Sequence[object]:
         """What was seen before each move and after the last."""
-        run = self.run(record.config, seed_of(record))
+        run = self.replay(record)
         seen = [run.observation()]
         for action in record.actions:
             run.step(action)
@@ -216,7 +216,7 @@ class BaseEnvironment:
 
     def frames(self: Environment, record: Record, episode_id: str) -> list[dict[str, object]]:
         """The frames of a finished episode from its start to its end; of a long one only every so many."""
-        run = self.run(record.config, seed_of(record))
+        run = self.replay(record)
         views, every = [run.view()], 1 + len(record.actions) // MOST_FRAMES
         for step, action in enumerate(record.actions, 1):
             run.step(action)

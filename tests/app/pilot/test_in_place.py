@@ -27,9 +27,9 @@ def program(tmp_path):
         return programs[-1]
 
     yield start
-    for one in programs:
-        one.close()
-        one.forget_page()
+    for running in programs:
+        running.close()
+        running.forget_page()
 
 
 def visitor(server):
@@ -140,6 +140,40 @@ def test_an_episode_that_would_be_another_one_does_not_go_on(program, tmp_path):
     assert play_out(server, client, other, RIGHT)[-1]["outcome"] == "ended"
 
 
+def test_each_of_two_episodes_on_a_seed_has_its_own_recording(program, tmp_path):
+    running = program(wanders=True)
+    server = running.opened()
+    client = visitor(server)
+    first = play_out(server, client, begin(server, client, player="human"), RIGHT)[-1]
+    again = {"player": "human", "challenges": first["episode"]}
+    second = play_out(server, client, begin(server, client, **again), RIGHT)[-1]
+    running.interrupt()
+    running.ended()
+    ((seeds, hashes),) = ask(
+        tmp_path / "plays.db", "SELECT count(DISTINCT seed), count(DISTINCT trajectory_hash) FROM episodes"
+    )  # fmt: skip
+    assert (seeds, hashes, second["outcome"]) == (1, 2, "ended")
+    findings = plays_in(tmp_path).verify()
+    assert len(findings) == 2
+    assert all("it is not verified" in finding for finding in findings)
+    assert not any("hash" in finding for finding in findings)
+
+
+def test_an_episode_whose_recording_is_gone_does_not_go_on(program, tmp_path):
+    running = program(goal=3)
+    server = running.opened()
+    client = visitor(server)
+    begun = begin(server, client, player="human")
+    move(server, client, begun["session"])
+    running.close()
+    for path in tmp_path.glob("plays.db-recordings/*/*.bin"):
+        path.unlink()
+    running = program(goal=3, options={"port": server.port})
+    running.opened()
+    answer = client.get(f"/api/sessions/{begun['session']}")
+    assert "no recording of it is beside the database" in answer.text
+
+
 def test_who_begins_has_the_board_and_a_taken_one_is_made_again(program):
     running = program(goal=3)
     server = running.opened()
@@ -160,7 +194,7 @@ def test_ctrl_c_waits_for_a_step_and_a_second_one_does_not(program, tmp_path):
     begun = begin(server, client, player="human")
     with server.socket(begun["session"], client) as socket:
         socket.act(socket.receive("frame"), "right", input="key")
-        time.sleep(1)
+        running.until("stepping")
         running.interrupt()
         running.until("Ending after this step; Ctrl-C again ends it at once.")
         assert running.process.poll() is None
@@ -178,9 +212,10 @@ def test_ctrl_c_ends_after_a_short_step(program, tmp_path):
     begun = begin(server, client, player="human")
     with server.socket(begun["session"], client) as socket:
         socket.act(socket.receive("frame"), "right", input="key")
-        time.sleep(1)
+        running.until("stepping")
         running.interrupt()
-        assert "the call has returned" in running.ended()
+        printed = running.ended()
+    assert printed.index("stepped") < printed.index("the call has returned")
     assert ask(tmp_path / "plays.db", "SELECT outcome FROM episodes") == [(None,)]
 
 
@@ -237,7 +272,7 @@ def test_what_cannot_be_stepped_in_place_is_refused_with_the_line_to_write(
         play(env, database=tmp_path / "plays.db", browser=False, **options)
 
 
-def test_a_task_in_place_has_the_same_name_in_each_program():
+def test_a_task_in_place_does_not_depend_on_the_object():
     from humanplay.cli.pilot.in_place import in_place_task
 
     task = in_place_task(Walk())

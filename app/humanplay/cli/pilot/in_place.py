@@ -174,7 +174,7 @@ class Stepper:
                     pass
             finally:
                 asked.close()  # first: an episode that is left here goes on another time
-                self.leave()
+                self._leave()
 
     def _answer_next(self, asked: Connection, interruption: Interruption) -> bool:
         """Wait for a board or a question, and answer it; False once nobody asks any more."""
@@ -191,10 +191,10 @@ class Stepper:
                 elif self._board is not None:
                     self._answer(self._board)
             except (EOFError, OSError):  # nobody asks for this board any more
-                self.leave()
+                self._leave()
         return True
 
-    def leave(self) -> None:
+    def _leave(self) -> None:
         """Leave the episode as it stands."""
         if self._board is not None:
             self._board.close()
@@ -204,12 +204,16 @@ class Stepper:
 
     def _begin(self, request: BoardRequest, board: Connection) -> None:
         """Take the next board, and make the moves that its episode has."""
-        self.leave()
+        self._leave()
         self._board = board
         actions = bytes(request["actions"])
         try:
             config = own_config(self._environment.configuration(request["config"]))
             earlier = _recorded(config.level, request["seed"], actions)
+            if actions and not earlier:
+                raise ValueError(
+                    "the episode cannot go on: no recording of it is beside the database"
+                )
             self._recording = self._recordings.begin(request["seed"])
             self._run = GymnasiumRun(config, request["seed"], self._env)
             self._run.is_live = True
@@ -258,7 +262,7 @@ class Stepper:
 
     def _fail(self, board: Connection, error: Exception) -> None:
         send_failure(board, error)
-        self.leave()
+        self._leave()
 
 
 def _recorded(level: str, seed: int, actions: bytes) -> list[list[Moment]]:

@@ -17,8 +17,18 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from humanplay.board.messages import NewBoard, NewEpisode, ServerMessage
-from humanplay.task import About, Configuration, Messages, Metric, Policies, Record, Texts
-from humanplay.tasks.base import BaseEnvironment, seed_of
+from humanplay.task import (
+    About,
+    Cause,
+    Configuration,
+    Messages,
+    Metric,
+    Policies,
+    Record,
+    Run,
+    Texts,
+)
+from humanplay.tasks.base import BaseEnvironment, give_up, seed_of
 from humanplay.tasks.gymnasium.about import about, texts_of
 from humanplay.tasks.gymnasium.boards import BoardRun, Boards, boards_of, observations
 from humanplay.tasks.gymnasium.codes import ActionCodes
@@ -276,14 +286,17 @@ class InPlaceEnvironment(GymnasiumEnvironment):
         """Return an episode as it was recorded; ValueError if it was not."""
         return RecordedRun(own_config(config), seed, actions)
 
+    def replay(self, cause: Cause, actions: bytes = b"", ended: bool = False) -> Run:
+        """The run of a stored episode as it was recorded."""
+        digest = getattr(cause, "trajectory_hash", None)
+        run = RecordedRun(own_config(cause.config), seed_of(cause), actions, digest)
+        if ended:
+            give_up(cause, run)
+        return run
+
     def observations(self, record: Record) -> Sequence[object]:
         """What was seen before each move and after the last."""
-        run = self.run(record.config, seed_of(record))
-        observed = [run.newest_observation]
-        for action in record.actions:
-            run.step(action)
-            observed.append(run.newest_observation)
-        return observed
+        return BaseEnvironment.observations(self, record)
 
 
 def environment(told: str) -> GymnasiumEnvironment:
