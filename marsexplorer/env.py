@@ -188,7 +188,7 @@ class MarsExplorer(LimitedSpec, gymnasium.Env[NDArray[Any], np.int64]):
         return unsampled(self.config, "uint8" if self._raw else "float32")
 
     def __getstate__(self) -> dict[str, Any]:
-        state = packed(self.__dict__, ("_scalars",))  # a live view
+        state = packed(self.__dict__, ("_scalars", "_action"))  # a live view, and room for a move
         box, discrete = self._spaces()
         if (
             getattr(self.observation_space, "low", None) is box.low
@@ -206,6 +206,7 @@ class MarsExplorer(LimitedSpec, gymnasium.Env[NDArray[Any], np.int64]):
             if not isinstance(generator, spaces.Space):
                 setattr(self, name, copy.copy(space))
                 getattr(self, name)._np_random = generator
+        self._action = np.zeros(1, np.int64)
         self._scalars = self._worlds.head(0)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
@@ -282,10 +283,20 @@ def packed(members: dict[str, Any], views: Collection[str]) -> dict[str, Any]:
 def unpacked(state: dict[str, Any]) -> dict[str, Any]:
     """The attributes of an environment from what `packed` made of them."""
     if isinstance(state.get("_np_random"), dict):
-        bits = np.random.PCG64(0)
+        bits = np.random.PCG64(UNSEEDED)
         bits.state = state["_np_random"]
         return {**state, "_np_random": np.random.Generator(bits)}
     return state
+
+
+class _Unseeded(np.random.SeedSequence):
+    """The seeds of a generator whose state is written over at once: nothing is hashed."""
+
+    def generate_state(self, n_words: int, dtype: Any = np.uint32) -> NDArray[Any]:
+        return np.zeros(n_words, dtype)
+
+
+UNSEEDED = _Unseeded(0)
 
 
 def copied(state: dict[str, Any], memo: dict[int, Any]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ One world is a stack of one.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -51,6 +51,12 @@ from marsexplorer.rules import (
 from marsexplorer.scan import sight_of
 
 
+@lru_cache(maxsize=64)
+def constants_of(config: EnvConfig) -> tuple[NDArray[np.int64], NDArray[np.uint64]]:
+    """What kernels read of a configuration and never write: rules and row masks."""
+    return rules_of(config), row_masks(config)
+
+
 class Worlds:
     """A stack of `num` worlds of one configuration.
 
@@ -82,8 +88,8 @@ class Worlds:
         self._state = np.zeros(num * self._record, np.uint64)
         codes = np.zeros((num, config.rows, config.cols), np.uint8) if codes is None else codes
         self.codes = codes
-        self._codes, sight = self.codes.reshape(-1), sight_of(config.sensor_radius)
-        self._tables = (sight, rules_of(config), row_masks(config))
+        self._codes = self.codes.reshape(-1)
+        self._tables = (sight_of(config.sensor_radius), *constants_of(config))
         self.rewards: NDArray[np.float64] = np.zeros(num)
         self.outcomes: NDArray[np.uint8] = np.zeros(num, np.uint8)
         self._listed = np.zeros(num, np.int64)

@@ -109,16 +109,22 @@ def test_a_copy_has_random_numbers_of_its_own(way, bits):
 
 @pytest.mark.alone
 @pytest.mark.parametrize("way", COPIES)
-def test_a_copy_takes_no_longer_than_planning_allows(way):
-    env = gymnasium.make(ID)
-    env.reset(seed=1)
-    for player, most_us in ((env.unwrapped, 200), (env, 500)):
-        seconds = []
-        for _ in range(2000):
-            began = time.perf_counter()
-            COPIES[way](player)
-            seconds.append(time.perf_counter() - began)
-        assert np.quantile(seconds, 0.1) * 1e6 < most_us, player
+def test_a_copy_takes_less_time_than_one_of_cart_pole(way):
+    """Copied in turn: microseconds alone would measure the machine."""
+    envs = [gymnasium.make(ID), gymnasium.make("CartPole-v1")]
+    for env in envs:
+        env.reset(seed=1)
+    for ours, theirs in (envs, [env.unwrapped for env in envs]):
+        seconds = {ours: [], theirs: []}
+        for _ in range(20):
+            for env, times in seconds.items():
+                for _ in range(100):
+                    began = time.perf_counter()
+                    COPIES[way](env)
+                    times.append(time.perf_counter() - began)
+        least = {env: np.quantile(times, 0.1) * 1e6 for env, times in seconds.items()}
+        print(way, {str(env): f"{microseconds:.0f} us" for env, microseconds in least.items()})
+        assert least[ours] < least[theirs]
 
 
 @pytest.mark.parametrize("mode", MODES)
