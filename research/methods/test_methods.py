@@ -89,8 +89,8 @@ def test_the_interval_of_two_arms_holds_the_truth_and_not_a_shifted_one(monkeypa
 
 def test_the_table_of_two_arms_has_a_column_for_each_kind_of_study():
     header, _, *rows = arm_coverage.table(studies=4, seed=0).splitlines()
-    assert "| 5 people, 0 between |" in header
-    assert "| 20 people, 0.02 between |" in header
+    assert "| 5 people, SD between terrains 0 |" in header
+    assert "| 20 people, SD between terrains 0.02 |" in header
     assert [row.split(" | ")[0] for row in rows] == [
         f"| {population.name}" for population in SCORE_POPULATIONS
     ]

@@ -39,40 +39,38 @@ def test_each_arm_reads_its_instructions_its_hint_and_its_question(
 ):
     studies(pause_after_s=900, arms=ARMS)
     study = Folder(tmp_path / "playground.db-studies").study("tiny")
-    server, walked = serve(), set()
-    for number in range(4):
-        name = study.arm("human", number)
-        arm = next(arm for arm in ARMS if arm["name"] == name)
-        other = next(arm for arm in ARMS if arm["name"] != name)
+    drawn = [study.arm("human", number) for number in range(4)]
+    firsts = {drawn.index("arm_one"): ARMS, drawn.index("arm_two"): ARMS[::-1]}
+    server = serve()
+    for number in range(max(firsts) + 1):
         profile = open_browser((*NO_3D, *AS_A_PERSON)).new_context(reduced_motion="reduce")
         person = Participant(profile.new_page(), server.url).goto()
         person.stands("consent")
         person.choose("agree")
         person.stands("instructions")
-        instructions = person.page.get_by_test_id("instructions").inner_text()
-        assert arm["instructions"] in instructions
-        assert other["instructions"] not in instructions
-        if name in walked:
-            profile.close()
-            continue
-        walked.add(name)
-        assert judge(person.page, f"study-arm-{name}-instructions") == []
-        person.choose("to-tutorial")
-        person.driving()
-        hint = person.page.get_by_test_id("hint")
-        assert (hint.inner_text(), hint.is_visible()) == (arm["hint"], True)
-        assert judge(person.page, f"study-arm-{name}-board") == []
-        person.explore()
-        person.page.keyboard.press("Enter")
-        person.stands("questions")
-        quiz = person.page.locator("section[data-screen=questions]").inner_text()
-        asked, others = (side["questions"][0] for side in (arm, other))
-        assert asked["question"] in quiz
-        assert others["question"] not in quiz
-        assert name not in person.page.content(), "nobody reads an arm's name"
-        person.answer([*RIGHT, asked["answer"]])
-        person.stands("ready")
+        if number in firsts:
+            walk(person, *firsts[number])
         profile.close()
-        if len(walked) == 2:
-            break
-    assert walked == {"arm_one", "arm_two"}
+
+
+def walk(person, arm, other):
+    """Go on to the warm-up, and read what stands in one arm and not in the other."""
+    instructions = person.page.get_by_test_id("instructions").inner_text()
+    assert arm["instructions"] in instructions
+    assert other["instructions"] not in instructions
+    assert judge(person.page, f"study-{arm['name']}-instructions") == []
+    person.choose("to-tutorial")
+    person.driving()
+    hint = person.page.get_by_test_id("hint")
+    assert (hint.inner_text(), hint.is_visible()) == (arm["hint"], True)
+    assert judge(person.page, f"study-{arm['name']}-board") == []
+    person.explore()
+    person.page.keyboard.press("Enter")
+    person.stands("questions")
+    quiz = person.page.locator("section[data-screen=questions]").inner_text()
+    asked, others = (side["questions"][0] for side in (arm, other))
+    assert asked["question"] in quiz
+    assert others["question"] not in quiz
+    assert arm["name"] not in person.page.content(), "nobody reads an arm's name"
+    person.answer([*RIGHT, asked["answer"]])
+    person.stands("ready")

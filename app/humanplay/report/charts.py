@@ -368,8 +368,8 @@ def flow_steps(flow: ParticipantFlow, arms: Sequence[ArmRow] = ()) -> list[FlowS
     arrivals = flow.arrivals
     steps = []
     if arrivals.issued is not None:
-        lost = [("revoked", arrivals.revoked or 0), ("never opened", arrivals.unopened or 0)]
-        steps.append(_step("Invitations issued", arrivals.issued, lost))
+        unused = [("revoked", arrivals.revoked or 0), ("never opened", arrivals.unopened or 0)]
+        steps.append(_step("Invitations issued", arrivals.issued, unused))
     without = _lost(
         flow,
         Status.DECLINED,
@@ -379,17 +379,20 @@ def flow_steps(flow: ParticipantFlow, arms: Sequence[ArmRow] = ()) -> list[FlowS
         Status.ERASED,
     )
     steps.append(_step("Opened the study", flow.joined, without))
-    early = {status: sum(row.statuses.get(status, 0) for row in arms) for status in EARLY}
     if arms:
-        never = [(STATUS_IN_WORDS[status], flow.count(status) - early[status]) for status in EARLY]
-        steps.append(_step("Agreed to take part", flow.agreed, never))
+        left_arms = {status: sum(row.statuses.get(status, 0) for row in arms) for status in EARLY}
+        unassigned = [
+            (STATUS_IN_WORDS[status], flow.count(status) - people)
+            for status, people in left_arms.items()
+        ]
+        steps.append(_step("Agreed to take part", flow.agreed, unassigned))
         assigned = {row.arm: row.assigned - row.statuses.get(Status.ERASED, 0) for row in arms}
-        lost = [(STATUS_IN_WORDS[status], people) for status, people in early.items()]
-        steps.append(_by_arm("Assigned to an arm", sum(assigned.values()), assigned, lost))
+        left = [(STATUS_IN_WORDS[status], people) for status, people in left_arms.items()]
+        steps.append(_by_arm("Assigned to an arm", sum(assigned.values()), assigned, left))
     else:
         steps.append(_step("Agreed to take part", flow.agreed, _lost(flow, *EARLY)))
-    left = (status for status in (Status.BOT, *BEGAN) if status not in ENDED)
-    steps.append(_by_arm("Began the ranked episodes", flow.began, began, _lost(flow, *left)))
+    not_ended = (status for status in (Status.BOT, *BEGAN) if status not in ENDED)
+    steps.append(_by_arm("Began the ranked episodes", flow.began, began, _lost(flow, *not_ended)))
     ended = {row.arm: row.ended for row in arms}
     not_counted = _lost(flow, *ENDED[1:])
     steps.append(_by_arm("Ended all ranked episodes", flow.count(*ENDED), ended, not_counted))

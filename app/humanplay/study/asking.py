@@ -19,7 +19,6 @@ from humanplay.study.questions import (
     Block,
     Position,
     Sent,
-    attention_checks,
     check_answers,
     in_order,
     missed_in,
@@ -98,7 +97,7 @@ def store_answers(
         for question, words in answers.texts.items()
     ]
     detail = _detail(due, is_skipped=False)
-    if attention_checks([block], block.at):
+    if block.attention_checks:
         detail["missed"] = answers.missed
     study_store.note_block(participant_id, at_ms, detail, numbers, texts)
 
@@ -109,7 +108,7 @@ def skip(
     """Note that blocks were skipped, with the attention checks in them as missed."""
     for due in blocks:
         detail = _detail(due, is_skipped=True)
-        if attention_checks([due.block], due.block.at):
+        if due.block.attention_checks:
             detail["missed"] = missed_in(due.block, {})
         study_store.note_block(participant_id, at_ms, detail)
 

@@ -541,7 +541,7 @@ class Protocol(Part):
             if not block.arms and not is_of_some:
                 continue
             of_some |= {question.name for question in block.questions}
-            if attention_checks([block], *POSITIONS):
+            if block.attention_checks:
                 raise ValueError(
                     f"the block {block.name!r} has an attention check for some arms alone, so that checks would leave out "
                     "more of one arm: ask everybody"

@@ -333,6 +333,11 @@ class Block(Part):
     arms: tuple[Name, ...] = Field(default=(), max_length=10)
     questions: tuple[AnyQuestion, ...] = Field(min_length=1, max_length=40)
 
+    @property
+    def attention_checks(self) -> tuple[AttentionCheck, ...]:
+        """Its questions that are attention checks."""
+        return tuple(check for check in self.questions if isinstance(check, AttentionCheck))
+
 
 EARLY_POSITIONS: tuple[Position, ...] = ("before", "after_warm_up")
 """Those before the first ranked episode, at which somebody may still be screened out."""
@@ -340,8 +345,7 @@ EARLY_POSITIONS: tuple[Position, ...] = ("before", "after_warm_up")
 
 def attention_checks(blocks: Sequence[Block], *positions: Position) -> int:
     """How many attention checks stand in the blocks at some positions."""
-    asked = [question for block in blocks if block.at in positions for question in block.questions]
-    return sum(isinstance(question, AttentionCheck) for question in asked)
+    return sum(len(block.attention_checks) for block in blocks if block.at in positions)
 
 
 def in_order(blocks: Sequence[Block]) -> list[Block]:
@@ -446,8 +450,7 @@ def missed_in(block: Block, answers: Mapping[str, float | None]) -> int:
     Args:
         answers: By question; a skipped block has none.
     """
-    checks = [question for question in block.questions if isinstance(question, AttentionCheck)]
-    return sum(answers.get(check.name) != check.answer for check in checks)
+    return sum(answers.get(check.name) != check.answer for check in block.attention_checks)
 
 
 def check_answers(

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from string import Formatter
 
 from humanplay.study.practice import criterion
 from humanplay.study.protocol import Protocol, StudyError, parse_protocol
-from humanplay.study.questions import Block, Question
+from humanplay.study.questions import Block
 from humanplay.study.screening import playing_minutes
 
 PLACEHOLDERS = {
@@ -39,11 +39,12 @@ PLACEHOLDERS = {
 }
 """What a text may name in braces, and what it stands for. `{{` and `}}` are braces themselves."""
 
-_IN_BLOCKS = (
-    *("questions", "title", "about", "intro", "question", "choices", "rows", "points", "low"),
-    *("high", "unit", "why"),
+_PARTS = ("title", "consent", "questions", "arms", "blocks")
+"""The fields of a protocol that hold texts."""
+_TEXTS = frozenset(
+    "text instructions hint questions title about intro question choices why rows points low high unit".split()
 )
-"""The fields of blocks, and of their questions, that participants read."""
+"""The fields of these parts that participants read."""
 _SMALL = (
     "two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen eighteen "
     "nineteen"
@@ -72,45 +73,23 @@ _ONE_OF_MANY = re.compile(
 
 def fill(protocol: Protocol) -> Protocol:
     """Return the protocol with every text filled in; StudyError where a text names what there is not, or a number by hand."""
-    for where, text in _texts(protocol):
-        _check_numbers(where, text)
     values = placeholder_values(protocol)
-    data = protocol.model_dump(mode="json")
-    data["title"] = _filled("title", protocol.title, values)
-    data["consent"]["text"] = _filled("consent.text", protocol.consent.text, values)
-    _fill_questions("questions", data["questions"], values)
-    for number, arm in enumerate(data["arms"]):
-        for part in ("instructions", "hint"):
-            arm[part] = _filled(f"arms[{number}].{part}", arm[part], values)
-        _fill_questions(f"arms[{number}].questions", arm["questions"], values)
-    data["blocks"] = _filled_block("blocks", data["blocks"], values)
-    return parse_protocol(data)
+    fields = protocol.model_dump(mode="json")
+    texts = {part: _filled_in(part, fields[part], values) for part in _PARTS}
+    return parse_protocol({**fields, **texts})
 
 
-def _fill_questions(
-    prefix: str, questions: list[dict[str, object]], values: dict[str, str]
-) -> None:
-    """Fill the texts of questions on the instructions in."""
-    for number, question in enumerate(questions):
-        for part, text in question.items():
-            at = f"{prefix}[{number}].{part}"
-            if isinstance(text, list):
-                question[part] = [_filled(at, choice, values) for choice in text]
-            elif isinstance(text, str):
-                question[part] = _filled(at, text, values)
-
-
-def _filled_block(where: str, content: object, values: dict[str, str]) -> object:
-    """Return a part of the blocks with its texts filled in."""
+def _filled_in(where: str, content: object, values: dict[str, str]) -> object:
+    """Return a part of the protocol with the texts in it filled in."""
     if isinstance(content, list):
-        return [
-            _filled_block(f"{where}[{place}]", part, values) for place, part in enumerate(content)
-        ]
+        return [_filled_in(f"{where}[{place}]", part, values) for place, part in enumerate(content)]
     if isinstance(content, dict):
-        parts = {
-            name: _filled_block(f"{where}.{name}", part, values) for name, part in content.items()
+        texts = {
+            name: _filled_in(f"{where}.{name}", part, values)
+            for name, part in content.items()
+            if name in _TEXTS
         }
-        return {**content, **{name: part for name, part in parts.items() if name in _IN_BLOCKS}}
+        return {**content, **texts}
     if isinstance(content, str):
         _check_numbers(where, content)
         return _filled(where, content, values)
@@ -156,25 +135,6 @@ def _asked(blocks: Sequence[Block]) -> str:
     listed = f"{', '.join(first)}, and {last}" if first else last
     published = "How many people gave which answer will be published."
     return f" We also ask about {listed}; you may leave a question out, or prefer not to say. {published}"
-
-
-def _texts(protocol: Protocol) -> Iterator[tuple[str, str]]:
-    """Yield the place and the text of everything that participants read."""
-    yield "title", protocol.title
-    yield "consent.text", protocol.consent.text
-    yield from _question_texts("questions", protocol.questions)
-    for number, arm in enumerate(protocol.arms):
-        yield f"arms[{number}].instructions", arm.instructions
-        yield f"arms[{number}].hint", arm.hint
-        yield from _question_texts(f"arms[{number}].questions", arm.questions)
-
-
-def _question_texts(prefix: str, questions: Sequence[Question]) -> Iterator[tuple[str, str]]:
-    for number, question in enumerate(questions):
-        yield f"{prefix}[{number}].question", question.question
-        yield f"{prefix}[{number}].why", question.why
-        for choice in question.choices:
-            yield f"{prefix}[{number}].choices", choice
 
 
 def _filled(where: str, text: str, values: dict[str, str]) -> str:

@@ -49,7 +49,7 @@ from humanplay.study.arms import stage_of_assignment
 from humanplay.study.days import START_SLACK_MS, DailyTerrain
 from humanplay.study.folder import Advance, Folder
 from humanplay.study.protocol import Protocol, StudyError, canonical_json, parse_protocol
-from humanplay.study.questions import attention_checks, missed_in
+from humanplay.study.questions import missed_in
 from humanplay.task.registration import environment_of
 
 PARALLEL_FROM = 4_000
@@ -278,7 +278,7 @@ def _check_missed(
             yield Finding(person, "block of questions", name, f"one of {', '.join(blocks)}")
             continue
         block, is_skipped = blocks[name], bool(detail.get("skipped"))
-        if not attention_checks([block], block.at) or not (answers or is_skipped):
+        if not block.attention_checks or not (answers or is_skipped):
             continue
         its = {
             asked: answer for (of, at, asked), answer in answers.items() if (of, at) == (name, turn)

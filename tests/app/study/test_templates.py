@@ -165,7 +165,7 @@ def test_the_title_and_the_questions_are_held_to_the_same():
         ),
         (
             {"questions": [{"question": "?", "choices": ["30 rounds", "b"], "answer": 0}]},
-            r"questions\[0\].choices",
+            r"questions\[0\].choices\[0\]",
         ),
         (
             {

@@ -502,7 +502,7 @@ def list_(folder: Folder) -> None:
 @argument("name")
 @option("--players", type=click.IntRange(1), help="In place of the protocol's.")
 @option("--ranked", type=click.IntRange(1), help="Ranked episodes, in place of the protocol's.")
-@option("--difference", type=float, help="In place of the protocol's policy_difference.")
+@option("--difference", type=float, help="In place of the protocol's policy_difference, or arm_difference if arms are tested.")
 @option("--pilot", metavar="STUDY", help="Take the assumptions about people from a closed study.")
 @DATABASE_AND_STUDIES
 def power(
@@ -531,13 +531,14 @@ def power(
         changes: dict[str, float] = {}
         if pilot is not None:
             changes = _assumptions_from(pilot, protocol, database)
-        options = {"players": players, "ranked": ranked, "policy_difference": difference}
+        planned = "arm_difference" if protocol.primary_family == "arms" else "policy_difference"
+        options = {"players": players, "ranked": ranked, planned: difference}
         changes |= {field: value for field, value in options.items() if value is not None}
         changed = {**protocol.model_dump(mode="json", exclude_unset=True), **changes}
         protocol = parse_protocol(changed)
         protocol = protocol.model_copy(update=_planned(protocol, folder))
     _echo_power(_with_power(protocol))
-    if protocol.policy_difference is not None:
+    if protocol.policy_difference is not None or protocol.primary_family == "arms":
         echo(f"To see more: {'; or '.join(_ways(protocol))}")
 
 

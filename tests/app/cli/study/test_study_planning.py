@@ -82,6 +82,8 @@ def test_a_study_of_arms_freezes_with_the_power_of_its_arms(study, tmp_path):
     code, _, refusal = study("freeze", "mine")
     assert (code, "below five people in an arm" in refusal) == (2, True), refusal
     edit(tmp_path, players=12)
+    power = study("power", "mine", "--difference", 25)[1]
+    assert "Two arms of 6 people each that differ by 25 in steps to 99 %" in power
     code, out, err = study("freeze", "mine")
     assert (code, err) == (0, "")
     frozen = Folder(tmp_path / "playground.db-studies").study("mine").protocol
