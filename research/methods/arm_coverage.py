@@ -46,7 +46,10 @@ def covered_share(
 def table(studies: int, seed: int) -> str:
     """The coverage (%) of each population, by people in each arm and spread."""
     kinds = [(terrain_sd, players) for terrain_sd in TERRAIN_SDS for players in PLAYERS]
-    columns = ["population", *(f"{players} people, SD between terrains {sd:g}" for sd, players in kinds)]
+    columns = [
+        "population",
+        *(f"{players} people, SD between terrains {sd:g}" for sd, players in kinds),
+    ]
     rows = []
     for population in SCORE_POPULATIONS:
         shares = [covered_share(population, players, sd, studies, seed) for sd, players in kinds]

@@ -61,6 +61,7 @@ const connections = startBoards({
 const repaint = createRepaint((isWhole) => paint(isWhole ? null : painted));
 
 whenChanged((before) => {
+  takeKeys(before.participant, state.participant);
   connections.sync(state.game);
   const [was, is] = [before.game.player?.frame ?? null, frame() ?? null];
   if (is && is !== was) {
@@ -73,6 +74,15 @@ whenChanged((before) => {
   if (screenOf(state) === "debrief" && screenOf(before) !== "debrief" && state.participant?.debrief?.warm_up_terrains) load(state.looksBack ? state.participant.debrief.warm_up_terrains : 0);
   repaint();
 });
+
+/** Take the keys of the arm to which somebody was assigned just now.
+ * @param {Study.Participant | null} before @param {Study.Participant | null} participant */
+function takeKeys(before, participant) {
+  if (!before || !participant || JSON.stringify(before.task.keys) === JSON.stringify(participant.task.keys)) return;
+  settings.begin(participant.task.keys);
+  settings.adopt(participant.settings);
+  settingsSync.changed();
+}
 
 /** Begin an episode on the board: moves of the last one are void, and a pause that a reload interrupted goes on.
  * @param {Frame} first */
@@ -90,7 +100,7 @@ function paint(before) {
   const { participant, game } = painted = state;
   paintPages(before);
   paintBlocks(before);
-  if (participant && !before?.participant) paintKeys();
+  if (participant && String(Object.values(participant.task.keys)) !== String(Object.values(before?.participant?.task.keys ?? {}))) paintKeys();
   const colours = look();
   paintPlayScreen(before, colours, keyOf);
   clock.paint();

@@ -26,9 +26,14 @@ export function createSettings({ onChange, onLayout }) {
   /** @param {Partial<Study.Choices>} changed */
   function change(changed) {
     choices = { ...choices, ...changed };
-    browserStore.setItem(KEPT, JSON.stringify(choices));
+    keep();
     paint();
     onChange(choices);
+  }
+  /** Keep the choices in this browser; keys that the study gave are of no other study. */
+  function keep() {
+    const isChosen = JSON.stringify(choices.keys) !== JSON.stringify(own);
+    browserStore.setItem(KEPT, JSON.stringify({ ...choices, keys: isChosen ? choices.keys : undefined }));
   }
   function paint() {
     document.documentElement.dataset.palette = choices.palette;
@@ -65,7 +70,7 @@ export function createSettings({ onChange, onLayout }) {
     adopt(stored) {
       if (!stored.keys || !stored.palette) return;
       choices = { ...choices, keys: readKeys(stored.keys, own), palette: readPalette(stored.palette, false), modality: stored.modality ?? choices.modality };
-      browserStore.setItem(KEPT, JSON.stringify(choices));
+      keep();
       paint();
     },
     /** Note how the last move was made.

@@ -20,6 +20,12 @@ ARMS = [
         "name": "arm_one",
         "instructions": WALLS,
         "hint": "Walls first",
+        "keys": {
+            "north": ["KeyI", "Numpad8"],
+            "east": ["KeyL", "Numpad6"],
+            "south": ["KeyK", "Numpad2"],
+            "west": ["KeyJ", "Numpad4"],
+        },
         "questions": [question("Are the walls first?", 0)],
     },
     {
@@ -31,7 +37,7 @@ ARMS = [
 ]
 
 
-def test_each_arm_reads_its_instructions_its_hint_and_its_question(
+def test_each_arm_reads_its_instructions_its_hint_and_its_question_and_has_its_keys(
     open_browser,
     serve,
     studies,  # noqa: F811
@@ -64,6 +70,11 @@ def walk(person, arm, other):
     hint = person.page.get_by_test_id("hint")
     assert (hint.inner_text(), hint.is_visible()) == (arm["hint"], True)
     assert judge(person.page, f"study-{arm['name']}-board") == []
+    if "keys" in arm:
+        person.page.keyboard.press("ArrowRight")
+        person.keys = {action: codes[0][-1].lower() for action, codes in arm["keys"].items()}
+    person.press(person.next_action())
+    assert person.frame["step"] == 1, "the keys of the other arm do not drive"
     person.explore()
     person.page.keyboard.press("Enter")
     person.stands("questions")

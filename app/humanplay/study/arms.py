@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import partial
 
 from humanplay.db.series import StudyStore
@@ -19,7 +20,8 @@ def stage_of_assignment(protocol: Protocol) -> Stage | None:
     if not protocol.arms:
         return None
     differs_before = any(block.arms and block.at == "before" for block in protocol.blocks)
-    if differs_before or any(arm.instructions for arm in protocol.arms):
+    # the keys stand below the instructions
+    if differs_before or any(arm.instructions or arm.keys for arm in protocol.arms):
         return "instructions"
     if any(arm.hint for arm in protocol.arms):
         return "tutorial"
@@ -43,6 +45,21 @@ def reach_stage(
         if stage == stage_of_assignment(study.protocol):
             draw = partial(study.arm, participant.kind)
             study_store.assign_arm(participant, at_ms, draw)
+            _take_keys(study_store, study, participant, at_ms)
+
+
+def _take_keys(study_store: StudyStore, study: Study, participant: Participant, at_ms: int) -> None:
+    """Choose the keys of somebody's arm for them, in place of those that they had."""
+    arm = arm_of(study_store, study, participant)
+    if arm is not None and arm.keys:
+        settings = {**json.loads(participant.settings), "keys": arm.keys}
+        study_store.set_settings(participant.id, at_ms, settings)
+
+
+def keys_of(protocol: Protocol, arm: Arm | None) -> dict[str, list[str]]:
+    """The keys that somebody begins with, in the order of the actions."""
+    keys = protocol.environment.keys if arm is None or not arm.keys else arm.keys
+    return {action: list(keys[action]) for action in protocol.environment.keys}
 
 
 def arm_of(study_store: StudyStore, study: Study, participant: Participant) -> Arm | None:

@@ -276,6 +276,16 @@ class Payment(Part):
         return outcome is not self.screen_out and not by_time
 
 
+Key = Annotated[
+    str,
+    Field(
+        pattern=r"^(Key[A-Z]|Digit\d|Numpad[A-Z0-9]\w*|Arrow(Up|Right|Down|Left)|Comma|Period|Slash|Semicolon|Quote)$",
+        max_length=32,
+    ),
+]
+"""The `event.code` of a key that may drive."""
+
+
 class Arm(Part):
     """A condition, and what only the people who are assigned to it read.
 
@@ -284,12 +294,14 @@ class Arm(Part):
     name          that no participant reads
     instructions  paragraphs below the instructions, split by blank lines; empty: none
     hint          what stands beside the board in each episode; empty: nothing
+    keys          of each action, as many as the task's; none: the task's. A person may choose others, as everybody
     questions     on the instructions, asked after the protocol's; every arm has as many
     """
 
     name: Name
     instructions: str = Field(default="", max_length=5_000)
     hint: str = Field(default="", max_length=500)
+    keys: dict[Line, tuple[Key, ...]] = Field(default_factory=dict)
     questions: tuple[Question, ...] = Field(default=(), max_length=10)
 
 
@@ -524,13 +536,25 @@ class Protocol(Part):
         reads: dict[object, str] = {}
         for arm in self.arms:
             own_blocks = {block.name for block in self.blocks if arm.name in block.arms}
-            content = arm.instructions, arm.hint, arm.questions, frozenset(own_blocks)
+            keys = tuple(sorted(arm.keys.items()))
+            content = arm.instructions, arm.hint, keys, arm.questions, frozenset(own_blocks)
             if other := reads.get(content):
                 raise ValueError(
-                    f"the arms {other!r} and {arm.name!r} differ in nothing: give one of them instructions, a hint or "
+                    f"the arms {other!r} and {arm.name!r} differ in nothing: give one of them instructions, a hint, keys or "
                     "questions, or name one in the arms of a block"
                 )
             reads[content] = arm.name
+        return self
+
+    @model_validator(mode="after")
+    def _keys_of_arms_drive(self) -> Protocol:
+        wanted = {action: len(codes) for action, codes in self.environment.keys.items()}
+        for arm in self.arms:
+            codes = [code for action_codes in arm.keys.values() for code in action_codes]
+            counts = {action: len(action_codes) for action, action_codes in arm.keys.items()}
+            if arm.keys and (counts != wanted or len(set(codes)) < len(codes)):
+                expected = ", ".join(f"{count} of {action}" for action, count in wanted.items())
+                raise ValueError(f"keys of the arm {arm.name!r} must be different keys: {expected}")
         return self
 
     @model_validator(mode="after")

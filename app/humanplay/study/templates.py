@@ -41,8 +41,9 @@ PLACEHOLDERS = {
 
 _PARTS = ("title", "consent", "questions", "arms", "blocks")
 """The fields of a protocol that hold texts."""
-_TEXTS = frozenset(
-    "text instructions hint questions title about intro question choices why rows points low high unit".split()
+_TEXTS = (
+    *("text", "instructions", "hint", "questions", "title", "about", "intro", "question"),
+    *("choices", "why", "rows", "points", "low", "high", "unit"),
 )
 """The fields of these parts that participants read."""
 _SMALL = (

@@ -16,7 +16,7 @@ from humanplay.board.messages import PRINTABLE, Message
 from humanplay.board.participation import RefusedError
 from humanplay.db.study_rows import Participant, participant_label
 from humanplay.db.trial import Trial
-from humanplay.study.arms import questions_of
+from humanplay.study.arms import keys_of, questions_of
 from humanplay.study.asking import DueBlock, break_due
 from humanplay.study.debrief import NoTerrainError, Shown, own_trial
 from humanplay.study.folder import Study
@@ -287,7 +287,7 @@ async def participant_state(request: Request, study: Study, participant: Partici
     return {
         "study": study.name,
         "title": protocol.title,
-        "task": describe(protocol.environment),
+        "task": {**describe(protocol.environment), "keys": keys_of(protocol, arm)},
         "participant": participant_label(participant.id),
         "stage": participant.stage,
         "consent": protocol.consent.model_dump(),

@@ -42,6 +42,7 @@ CHECK = {
     "choices": ["red", "blue"],
     "answer": 0,
 }
+SAME_KEYS = {action: ["KeyI", "KeyJ"] for action in ("north", "east", "south", "west")}
 CHOICE = {"kind": "choice", "name": "liked", "question": "Liked it?", "choices": ["yes", "no"]}
 NOTICED = {"kind": "statement", "name": "noticed", "question": "I looked for walls."}
 
@@ -195,6 +196,27 @@ def test_each_arm_is_asked_its_own_questions_on_the_instructions(serve, tmp_path
     assert "the question “Is 3 many?”" in preregistration(study.protocol, study)
 
 
+def test_people_of_an_arm_with_keys_begin_with_them_and_may_choose_others(serve, tmp_path):
+    keys = {"north": ["KeyI", "KeyW"], "east": ["KeyL", "KeyD"], "south": ["KeyK", "KeyS"]}
+    keys["west"] = ["KeyJ", "KeyA"]
+    arms = [{"name": "letters", "keys": keys}, {"name": "arrows"}]
+    study = freeze(tmp_path / "playground.db-studies", arms=arms)
+    server = serve()
+    usual = {action: list(codes) for action, codes in study.protocol.environment.keys.items()}
+    for number in range(4):
+        person = Person(server)
+        person.call("settings", {"palette": "high-contrast", "keys": usual})
+        assert person.where["task"]["keys"] == usual, "nobody is assigned yet"
+        person.call("consent", YES)
+        wanted = keys if study.arm("human", number) == "letters" else usual
+        assert list(person.where["task"]["keys"].items()) == list(wanted.items())
+        assert person.where["settings"]["keys"] == wanted
+        assert person.where["settings"]["palette"] == "high-contrast"
+        person.call("settings", {"keys": usual})
+        assert person.where["settings"]["keys"] == usual
+    assert "begin with the keys KeyI, KeyW for north" in preregistration(study.protocol, study)
+
+
 def test_orders_are_rows_of_a_square_of_each_arm(serve, tmp_path):
     study = freeze(tmp_path / "playground.db-studies", arms=ARMS, warm_up=0)
     server = serve()
@@ -292,6 +314,14 @@ def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
         ({"arms": [{"name": "a"}]}, "arms must be none, or two or more"),
         ({"arms": [{"name": "a"}, {"name": "a"}]}, "of different names"),
         ({"arms": [{"name": "a"}, {"name": "b"}]}, "differ in nothing"),
+        (
+            {"arms": [{"name": "a", "keys": {"north": ["KeyI"]}}, {"name": "b"}]},
+            "keys of the arm 'a' must be different keys: 2 of north, 2 of east",
+        ),
+        (
+            {"arms": [{"name": "a", "keys": SAME_KEYS}, {"name": "b"}]},
+            "keys of the arm 'a' must be different keys",
+        ),
         (
             {"blocks": [{**ABOUT, "name": "w", "at": "before", "arms": ["c"], "questions": [NOTICED]}]},
             "for the arm 'c', which there is not: there are none",

@@ -502,7 +502,11 @@ def list_(folder: Folder) -> None:
 @argument("name")
 @option("--players", type=click.IntRange(1), help="In place of the protocol's.")
 @option("--ranked", type=click.IntRange(1), help="Ranked episodes, in place of the protocol's.")
-@option("--difference", type=float, help="In place of the protocol's policy_difference, or arm_difference if arms are tested.")
+@option(
+    "--difference",
+    type=float,
+    help="In place of the protocol's policy_difference, or arm_difference if arms are tested.",
+)
 @option("--pilot", metavar="STUDY", help="Take the assumptions about people from a closed study.")
 @DATABASE_AND_STUDIES
 def power(
