@@ -54,8 +54,8 @@ CELLS_M = (0.5, 0.35, 0.25, 0.2, 0.15, 0.1)
 """Metres of a cell's side that are tried, the width of a usual indoor robot first."""
 LARGE_CELLS_M = (0.75, 1.0)
 """Those that are tried only where all others give more than MOST_CELLS a side."""
-MOST_CELLS = 128
-"""Cells a side that a cell chosen here gives at most."""
+MOST_CELLS = 256
+"""Cells a side that a cell chosen here gives at most: those of the page's largest board."""
 LEAST_SHARE = 0.05
 """Share of the free cells that a playable region has at least."""
 MOST_SEEN = 0.3

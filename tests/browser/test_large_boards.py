@@ -1,8 +1,10 @@
 """Boards of 42x42 and 84x84 in the matrix: the rover is followed, and everybody can zoom."""
 
+import numpy as np
 import pytest
 
 from tests.support.browser import NO_3D, keep_picture
+from tests.support.map_files import write_map
 
 LEAST_PX = 10
 MATRIX = "[data-role=player] .matrix"
@@ -84,3 +86,27 @@ def test_a_board_of_the_common_size_stands_whole(serve, player):
     me.begin(size=21)
     me.page.keyboard.press("+")
     assert me.page.locator(".whole-map").count() == 0
+
+
+def test_a_map_of_256_cells_is_driven_and_no_frame_of_it_takes_more_than_20_kb(
+    serve, player, tmp_path
+):
+    cells = np.zeros((256, 256), bool)
+    cells[40::64, 4:] = True
+    server = serve(maps=(write_map(tmp_path, "hall", cells),))
+    me = player(server, NO_3D)
+    frames = []
+    me.page.on(
+        "websocket", lambda socket: socket.on("framereceived", lambda text: frames.append(text))
+    )
+    me.begin(map="hall", rival="frontier-cost")
+    assert cell_px(me) >= LEAST_PX
+    for way in (*3 * ["north"], *4 * ["east"]):  # from its south-west
+        me.press(way)
+    assert me.state()["outcome"] is None
+    assert me.state()["step"] == 7
+    keep_picture(me.page, "large-256-desk")
+    assert 10 < len(frames)
+    assert max(len(text) for text in frames) <= 20_000
+    me.page.keyboard.press("m")
+    assert me.errors == []

@@ -270,7 +270,7 @@ def test_a_map_is_never_written_over_its_picture(tmp_path, name):
         ({"negate": "1.0"}, "line 4: negate: expected 0 or 1, true or false"),
         ({"occupied_thresh": None}, "occupied_thresh: expected a number.*no such line; add it"),
         ({"mode": "grey"}, "line 7: mode: expected one of trinary, scale, raw, got 'grey'"),
-        ({"resolution": 0.01}, "no cell of 0.1 to 1 m gives 5 to 128 cells a side"),
+        ({"resolution": 0.01}, "no cell of 0.1 to 1 m gives 5 to 256 cells a side"),
     ],
 )
 def test_a_malformed_map_says_what_was_expected_in_which_line(tmp_path, changes, says):

@@ -2,6 +2,7 @@
 import { boardColours, reader } from "../../common/page.js";
 import { paintMistakeMarks } from "./mistake_marks.js";
 import { paintShares } from "./course.js";
+import { linesOf } from "./ground.js";
 import { describe, runs } from "./words.js";
 import { follow, LARGE_SIDE, release, smallMap } from "./zoom.js";
 
@@ -70,7 +71,7 @@ function paintCells(context, frame, size, { shades, edge, rockEdge }) {
   const gap = size >= 7 ? 1 : 0;
   context.fillStyle = shades["?"];
   context.fillRect(0, 0, frame.cols * size, frame.rows * size);
-  frame.grid.forEach((line, row) => {
+  linesOf(frame).forEach((line, row) => {
     for (const [col, length, mark] of runs(line)) {
       if (mark === "?") continue;
       context.fillStyle = mark === "#" ? shades["#"] : shades["."];

@@ -10,6 +10,8 @@ declare namespace Mars {
     cols: number,
     /** a string a row: `?` unknown, `.` free, `#` obstacle, `@` rover */
     grid: string[],
+    /** on a map above 128 cells a side a character of grid stands for four cells; else absent */
+    packed?: true | null,
     /** [row, col], row 0 at the north edge */
     position: [number, number],
     /** cells */

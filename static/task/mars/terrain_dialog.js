@@ -3,6 +3,8 @@ import { create, createSvg } from "../../common/page.js";
 import { firstWish, levelGroups, levelName, policyName } from "./words.js";
 
 export const MAX_SEED = 2 ** 53 - 1;
+/** Cells of a drawn terrain's longer side. */
+const LONGEST_SIDE = 128;
 /** How the value of a map begins among the levels. */
 const MAP = "map:";
 
@@ -14,8 +16,8 @@ export function readWish({ level, side, rows, cols, seed, rival, player }) {
   let size = Number(side);
   if (side === "custom") {
     size = [Number(rows), Number(cols)];
-    const wrong = size.find((length) => !Number.isInteger(length) || length < 5 || length > 128);
-    if (wrong !== undefined) return `Rows and columns must be whole numbers from 5 to 128, got ${rows} and ${cols}.`;
+    const wrong = size.find((length) => !Number.isInteger(length) || length < 5 || length > LONGEST_SIDE);
+    if (wrong !== undefined) return `Rows and columns must be whole numbers from 5 to ${LONGEST_SIDE}, got ${rows} and ${cols}.`;
   }
   const digits = seed.trim();
   if (digits && (!/^[0-9]+$/.test(digits) || Number(digits) > MAX_SEED)) return `A seed is a whole number from 0 to ${MAX_SEED}, got ${digits}.`;
@@ -113,9 +115,10 @@ export function createTerrainDialog(dialog, handlers) {
       const isOffered = choices().some((button) => button.value === value);
       input("level").value = isOffered ? value : "random"; // a map that is not on offer any more
       others.open = [...otherLevels.children].some((button) => /** @type {HTMLButtonElement} */ (button).value === value);
-      const length = frame.rows === frame.cols && [21, 42, 84].includes(frame.rows) ? String(frame.rows) : "custom";
-      side.value = length;
-      if (length === "custom") [input("rows").value, input("cols").value] = [String(frame.rows), String(frame.cols)];
+      const isSquare = frame.rows === frame.cols && [21, 42, 84].includes(frame.rows);
+      const isDrawn = Math.max(frame.rows, frame.cols) <= LONGEST_SIDE; // a map may be larger
+      side.value = isSquare ? String(frame.rows) : isDrawn ? "custom" : "21";
+      if (side.value === "custom") [input("rows").value, input("cols").value] = [String(frame.rows), String(frame.cols)];
       if (rival) select("rival").value = rival.policy;
       if (player !== "human") select("player").value = player;
       follow();

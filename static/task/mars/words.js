@@ -2,7 +2,7 @@
 // that node can test every sentence.
 import { axisOfShares } from "../../common/chart_scale.js";
 import { many, percent, score, within } from "../../common/words.js";
-import { CELL_STATES, cellAfter, markAt, WAYS } from "./ground.js";
+import { CELL_STATES, cellAfter, linesOf, markAt, WAYS } from "./ground.js";
 
 /** @type {Readonly<Record<string, string>>} */
 const POLICIES = Object.freeze({
@@ -160,7 +160,7 @@ export const words = {
     return `${who} needed ${many(Math.abs(a - b), "move")} ${a < b ? "fewer" : "more"} than ${other} (${b}).`;
   },
   inWords(frame, name) {
-    const rows = frame.grid.map((line) => runs(line).map(([, length, mark]) =>
+    const rows = linesOf(frame).map((line) => runs(line).map(([, length, mark]) =>
       (mark === "@" ? stateOf(mark) : `${length} ${mark === "#" ? "rock" : stateOf(mark)}`)).join(", "));
     return { line: describe(frame, name), rows };
   },

@@ -4,9 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from humanplay.board.charges import event_room
+from humanplay.db.input_events import EVENT_BYTES
 from humanplay.db.resimulation import simulate
-from humanplay.tasks.mars.run import View
+from humanplay.tasks.mars.run import View, occupancy_codes
 from marsexplorer.config import MAP, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
@@ -102,8 +106,46 @@ def test_a_map_has_a_terrain_of_its_own_and_must_be_on_offer(serve, warehouse):
     assert "choose one of" in client.post("/api/sessions", json={"level": MAP}).json()["detail"]
 
 
+@given(st.integers(129, 256), st.integers(5, 256), st.integers(0, 2**32 - 1))
+def test_a_frame_of_a_large_map_holds_every_cell_in_20_kb(rows, cols, seed):
+    rng = np.random.default_rng(seed)
+    terrain = rng.random((rows, cols)) < 0.3
+    terrain[0, 0] = False
+    episode = Episode.begin(EnvConfig.of(MAP, (rows, cols)), terrain=terrain, start=(0, 0))
+    for action in rng.integers(0, 4, 20):
+        if not episode.ended:
+            episode.step(int(action))
+    view = View(episode)
+    is_known = rng.random((rows, cols)) < 0.9  # as at the end of an episode
+    view.codes[is_known] = np.where(terrain, 3, 1)[is_known]
+    view.codes[view.position] = 2
+    text = view.frame("e" * 32)
+    assert len(text.encode()) <= 20_000
+    frame = json.loads(text)
+    assert frame["packed"] is True
+    assert (occupancy_codes(frame) == view.codes).all()
+
+
+def test_a_map_of_256_cells_is_played_and_its_moves_leave_room_for_their_keys(serve, tmp_path):
+    cells = np.zeros((256, 256), bool)
+    cells[64::64, 4:] = True
+    server = serve(maps=(write_map(tmp_path, "hall", cells),))
+    client = server.client()
+    begun = client.post("/api/sessions", json={"map": "hall"}).json()
+    assert begun["size"] == 256
+    off = {"episode": begun["frame"]["episode"], "step": 0, "action": "west"}
+    ended = client.post(f"/api/sessions/{begun['session']}/act", json=off).json()
+    assert (ended["outcome"], ended["packed"]) == ("out_of_bounds", True)
+    trial = server.services.store.trial(ended["episode"])
+    assert event_room(trial) // EVENT_BYTES >= 2.5 * trial.config.limit == 50_000
+    url = f"/api/sessions/{begun['session']}/episodes"
+    assert client.post(url, json={"level": "random"}).json()["size"] == 21
+    refused = client.post(url, json={"size": 129})
+    assert "at most 128 over the API" in refused.json()["detail"]
+
+
 REFUSED = [
-    (["missing.yaml"], "missing.yaml"), (["a/hall.yaml", "b/hall.yaml"], "two maps are called 'hall'"), (["wide.yaml"], "129"),
+    (["missing.yaml"], "missing.yaml"), (["a/hall.yaml", "b/hall.yaml"], "two maps are called 'hall'"), (["wide.yaml"], "257"),
 ]  # fmt: skip
 
 
@@ -114,7 +156,7 @@ def test_a_map_that_cannot_be_offered_is_named_before_the_server_starts(
     for folder in (tmp_path / "a", tmp_path / "b"):
         folder.mkdir()
         write_map(folder, "hall")
-    write_map(tmp_path, "wide", np.zeros((9, 129), bool))
+    write_map(tmp_path, "wide", np.zeros((9, 257), bool))
     arguments = [f"--map={tmp_path / name}" for name in files]
     where = "--port=0", "--cell=1", f"--database={tmp_path / 'x.db'}"
     code, _, err = command(capsys, "serve", *where, *arguments)
@@ -126,7 +168,7 @@ def test_a_map_that_cannot_be_offered_is_named_before_the_server_starts(
 def test_a_map_whose_corridors_need_more_cells_than_a_board_has_is_to_be_cut(
     tmp_path, capsys, cell
 ):
-    cells = np.zeros((200, 200), bool)
+    cells = np.zeros((400, 400), bool)
     cells[1::2] = True
     cells[1::4, 0] = cells[3::4, -1] = False
     path = write_map(tmp_path, "maze", cells, metres=0.1)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import (
     AfterValidator,
     BeforeValidator,
+    ConfigDict,
     Field,
     WithJsonSchema,
     model_validator,
@@ -22,7 +23,9 @@ ActionName = Literal["north", "east", "south", "west"]
 Outcome = Literal["explored", "collided", "out_of_bounds", "timed_out", "abandoned"]
 
 MAX_API_SIDE = 128
-"""Longest side of a board over the API (cells)."""
+"""Longest side of a board that is drawn from a seed (cells)."""
+MAX_MAP_SIDE = 256
+"""Longest side of a map that a server is started with (cells)."""
 
 
 def _check_side(name: str, value: object) -> int:
@@ -101,6 +104,8 @@ class NewSession(NewEpisode, messages.NewBoard):
 class Frame(messages.ServerMessage):
     """Everything a board needs, and nothing that the rover has not discovered."""
 
+    model_config = ConfigDict(json_schema_serialization_defaults_required=False)
+
     kind: Literal["frame"]
     episode: str
     step: int
@@ -109,6 +114,10 @@ class Frame(messages.ServerMessage):
     grid: list[str] = Field(
         description="a string a row: `?` unknown, `.` free, `#` obstacle, `@` rover",
         examples=[["@..#?", "...??"]],
+    )
+    packed: Literal[True] | None = Field(
+        default=None,
+        description="on a map above 128 cells a side a character of grid stands for four cells; else absent",
     )
     position: tuple[int, int] = Field(description="[row, col], row 0 at the north edge")
     discovered: int = Field(description="cells")

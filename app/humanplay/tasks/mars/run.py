@@ -29,12 +29,43 @@ def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
     return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
 
 
+PLAIN_SIDE = 128
+"""Longest side of a board whose frames have a character for a cell; above it one stands for four."""
+_DIGITS = np.array([0, 1, 1, 2], np.uint8)
+"""Code of a cell -> its digit to the base 3 in a packed row; the rover's is that of free ground."""
+_PACKED = np.array([number for number in range(35, 117) if number != ord("\\")], np.uint8)
+"""Four digits to the base 3 -> a character that JSON writes as one byte."""
+
+
+def pack_grid(codes: NDArray[np.uint8]) -> list[str]:
+    """Return a known map as the `grid` of a packed frame: four cells in a character."""
+    rows, cols = codes.shape
+    digits = np.zeros((rows, -(-cols // 4) * 4), np.uint8)
+    digits[:, :cols] = _DIGITS[codes]
+    numbers = digits.reshape(rows, -1, 4) @ np.array([27, 9, 3, 1], np.uint8)
+    return [row.tobytes().decode() for row in _PACKED[numbers]]
+
+
 def occupancy_codes(frame: Mapping[str, object]) -> NDArray[np.uint8]:
     """What a frame shows: uint8[rows, cols], 0 unknown, 1 free, 2 rover, 3 obstacle."""
     grid = frame["grid"]
     if not isinstance(grid, list):
         raise TypeError(f"expected a frame whose grid is a list of rows, got {grid!r}")
+    if "packed" in frame:
+        return _unpack_grid(frame, grid)
     return np.array([["?.@#".index(cell) for cell in row] for row in grid], np.uint8)
+
+
+def _unpack_grid(frame: Mapping[str, object], grid: list[str]) -> NDArray[np.uint8]:
+    """What a packed frame shows, as `occupancy_codes` has it."""
+    cols, position = frame["cols"], frame["position"]
+    assert isinstance(cols, int)
+    assert isinstance(position, (list, tuple))
+    numbers = np.searchsorted(_PACKED, np.array([list(row.encode()) for row in grid], np.uint8))
+    digits = numbers[..., None] // np.array([27, 9, 3, 1]) % 3
+    codes = np.array([0, 1, 3], np.uint8)[digits.reshape(len(grid), -1)[:, :cols]]
+    codes[tuple(position)] = 2
+    return codes
 
 
 @cache
@@ -188,13 +219,20 @@ class View:
             "heading": self.heading,
         }
 
+    def _frame_map(self) -> Mapping[str, object]:
+        """The map and the rover, packed on a large board."""
+        shown = self.shown_map()
+        if max(self.codes.shape) <= PLAIN_SIDE:
+            return shown
+        return {**shown, "grid": pack_grid(self.codes), "packed": True}
+
     def frame(self, episode_id: str, hides_scores: bool = False) -> str:
         """Return the frame as JSON text; reward, return and score null if hidden."""
         frame = {
             "kind": "frame",
             "episode": episode_id,
             "step": self.steps,
-            **self.shown_map(),
+            **self._frame_map(),
             "reward": None if hides_scores else float(self.reward),
             "return": None if hides_scores else float(self.total),
             "score": None if hides_scores else float(self.score),

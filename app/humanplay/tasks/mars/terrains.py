@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from click import echo
 from numpy.typing import NDArray
 
+from humanplay.db.input_events import MAX_EVENTS_PER_EPISODE
 from humanplay.task import Cause, Choice
-from humanplay.tasks.mars.messages import MAX_API_SIDE
+from humanplay.tasks.mars.messages import MAX_MAP_SIDE
 from humanplay.tasks.mars.narrowing import own_config
 from marsexplorer.maps import GridMap, MapFileError, MapWarning, read_map
+
+
+MOST_MOVES = MAX_EVENTS_PER_EPISODE * 2 // 5
+"""Most moves on a map: two events a move, a key's down and up, leave a fifth of the events for others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,14 +114,14 @@ def open_map(path: Path, cell_m: float | None) -> GridMap:
 def _read_offer(path: Path, cell_m: float | None) -> tuple[str, Choice]:
     grid_map = open_map(path, cell_m)
     rows, cols = grid_map.terrain.shape
-    if max(rows, cols) > MAX_API_SIDE:
+    if max(rows, cols) > MAX_MAP_SIDE:
         raise ValueError(
-            f"{path}: a board has at most {MAX_API_SIDE} cells a side, and this map has {rows}x{cols}; "
+            f"{path}: a board has at most {MAX_MAP_SIDE} cells a side, and this map has {rows}x{cols}; "
             f"{_smaller_board(path)}"
         )
-    return path.stem, Choice(
-        grid_map.config(), None, GivenTerrain(grid_map.terrain, grid_map.start)
-    )
+    config = grid_map.config()
+    config = replace(config, max_steps=min(config.limit, MOST_MOVES))
+    return path.stem, Choice(config, None, GivenTerrain(grid_map.terrain, grid_map.start))
 
 
 def _smaller_board(path: Path) -> str:

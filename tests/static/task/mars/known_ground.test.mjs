@@ -1,8 +1,17 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { ahead, cellAfter } from "../../../../static/task/mars/ground.js";
+import { ahead, cellAfter, linesOf } from "../../../../static/task/mars/ground.js";
 
 const groundAhead = (...move) => ahead(...move).stop ?? ahead(...move);
+
+test("a packed frame has four cells in a character, and the rover where it stands", () => {
+  const packed = { cols: 6, position: [0, 4], grid: ["AG", "t#"], packed: true };
+  assert.deepEqual(linesOf(packed), [".?.?@.", "####??"]);
+  assert.equal(groundAhead(packed, [], "south"), "unknown");
+  assert.equal(groundAhead(packed, ["west", "west"], "south"), "Stopped before a rock");
+  assert.equal(groundAhead(packed, [], "north"), "Stopped before the edge");
+  assert.equal(linesOf(frame), frame.grid);
+});
 
 const frame = { position: [1, 1], grid: ["?#..", ".@..", "...."] };
 
