@@ -4,7 +4,7 @@ import { paintMistakeMarks } from "./mistake_marks.js";
 import { paintShares } from "./course.js";
 import { linesOf } from "./ground.js";
 import { describe, runs } from "./words.js";
-import { follow, LARGE_SIDE, release, smallMap } from "./zoom.js";
+import { follow, LARGE_SIDE, release, shrunkTo, smallMap } from "./zoom.js";
 
 /** How far the lidar of every board of the playground sees (EnvConfig.sensor_radius). */
 const LIDAR_CELLS = 6;
@@ -28,11 +28,12 @@ export function paint(place, board, look) {
   const whole = { size: fit, left: 0, top: 0, width: fit * frame.cols, height: fit * frame.rows };
   const shown = isFollowed ? follow(place, frame, look, fit, () => paint(place, board, look)) : whole;
   const { size, width, height } = shown;
+  const shrunk = shrunkTo(look.width_px, look.height_px, width / look.dpr, height / look.dpr);
+  canvas.style.width = `${(shrunk * width) / look.dpr}px`;
+  canvas.style.height = `${(shrunk * height) / look.dpr}px`;
   if (canvas.width !== width || canvas.height !== height) {
     canvas.width = width;
     canvas.height = height;
-    canvas.style.width = `${width / look.dpr}px`;
-    canvas.style.height = `${height / look.dpr}px`;
   }
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
   const soil = soilOf(canvas, look.palette);

@@ -38,6 +38,10 @@ export function windowOf({ rows, cols, position: [row, col] }, { width_px, heigh
     left: clamped((col + 0.5) * size - width / 2, cols * size - width), top: clamped((row + 0.5) * size - height / 2, rows * size - height) };
 }
 
+/** Return the factor, at most 1, by which a board shrinks that has more cells than its room has device pixels.
+ * @param {number} room_width_px @param {number} room_height_px @param {number} width_px @param {number} height_px */
+export const shrunkTo = (room_width_px, room_height_px, width_px, height_px) => Math.min(1, room_width_px / width_px, room_height_px / height_px);
+
 /** Follow the rover of a board on its stage.
  * @param {HTMLElement} place @param {Mars.Frame} frame @param {Mars.Look} look @param {number} fit a cell of the whole board
  * @param {() => void} repaint @returns {Mars.Window} what stands there, in device pixels */
@@ -122,11 +126,10 @@ export function smallMap(place, { rows, cols, position: [row, col] }, shown, { w
   if (!canvas) place.append(canvas = create("canvas", [], { class: "whole-map", "aria-hidden": "true" }));
   const side_px = Math.max(MAP.least_px, Math.min(MAP.most_px, MAP.share * Math.min(width_px, height_px)));
   const size = Math.max(1, Math.round((side_px * dpr) / Math.max(rows, cols)));
-  const [width, height] = [cols * size, rows * size];
-  if (canvas.width !== width || canvas.height !== height) {
-    Object.assign(canvas, { width, height });
-    Object.assign(canvas.style, { width: `${width / dpr}px`, height: `${height / dpr}px` });
-  }
+  if (canvas.width !== cols * size || canvas.height !== rows * size) Object.assign(canvas, { width: cols * size, height: rows * size });
+  const shrunk = size > 1 ? 1 : shrunkTo(side_px, side_px, cols / dpr, rows / dpr);
+  const [width, height] = [shrunk * cols * size, shrunk * rows * size];
+  Object.assign(canvas.style, { width: `${width / dpr}px`, height: `${height / dpr}px` });
   const [x, y] = [(col + 0.5) * shown.size - shown.left, (row + 0.5) * shown.size - shown.top];
   const reach = 2 * shown.size + MAP.margin_px * dpr;
   const isUnder = y < height + reach && x > shown.width - width - reach;

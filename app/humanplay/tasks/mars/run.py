@@ -63,7 +63,9 @@ def _unpack_grid(frame: Mapping[str, object], grid: list[str]) -> NDArray[np.uin
     assert isinstance(position, (list, tuple))
     numbers = np.searchsorted(_PACKED, np.array([list(row.encode()) for row in grid], np.uint8))
     digits = numbers[..., None] // np.array([27, 9, 3, 1]) % 3
-    codes = np.array([0, 1, 3], np.uint8)[digits.reshape(len(grid), -1)[:, :cols]]
+    codes: NDArray[np.uint8] = np.array([0, 1, 3], np.uint8)[
+        digits.reshape(len(grid), -1)[:, :cols]
+    ]
     codes[tuple(position)] = 2
     return codes
 

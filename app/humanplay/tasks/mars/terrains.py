@@ -17,7 +17,6 @@ from humanplay.tasks.mars.messages import MAX_MAP_SIDE
 from humanplay.tasks.mars.narrowing import own_config
 from marsexplorer.maps import GridMap, MapFileError, MapWarning, read_map
 
-
 MOST_MOVES = MAX_EVENTS_PER_EPISODE * 2 // 5
 """Most moves on a map: two events a move, a key's down and up, leave a fifth of the events for others."""
 

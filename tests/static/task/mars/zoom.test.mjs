@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { LEAST_PX, windowOf } from "../../../../static/task/mars/zoom.js";
+import { LEAST_PX, shrunkTo, windowOf } from "../../../../static/task/mars/zoom.js";
 
 const at = (side, position) => ({ rows: side, cols: side, position });
 const PHONE = { width_px: 370, height_px: 400, dpr: 1 };
@@ -25,4 +25,10 @@ test("no cell is smaller than ten pixels, and the rover is in the middle or as n
       }
     }
   }
+});
+
+test("a board of more cells than its room has pixels is shrunk into it, and no other", () => {
+  assert.equal(shrunkTo(193, 193, 254, 254), 193 / 254);
+  assert.equal(shrunkTo(400, 100, 200, 200), 0.5);
+  assert.equal(shrunkTo(400, 400, 256, 256), 1);
 });
