@@ -11,14 +11,13 @@ import numpy as np
 from click import echo
 from numpy.typing import NDArray
 
-from humanplay.db.input_events import MAX_EVENTS_PER_EPISODE
 from humanplay.task import Cause, Choice
 from humanplay.tasks.mars.messages import MAX_MAP_SIDE
 from humanplay.tasks.mars.narrowing import own_config
 from marsexplorer.maps import GridMap, MapFileError, MapWarning, read_map
 
-MOST_MOVES = MAX_EVENTS_PER_EPISODE * 2 // 5
-"""Most moves on a map: two events a move, a key's down and up, leave a fifth of the events for others."""
+MOST_MOVES = 20_000
+"""Most moves on a map: two events a move, a key's down and up, leave a fifth of the 50,000 for others."""
 
 
 @dataclass(frozen=True, eq=False)
