@@ -3,6 +3,9 @@ import { many } from "./words.js";
 import { drawDot, paintChart } from "./chart.js";
 import { chartColours } from "./page.js";
 
+/** The fewest columns that an axis has room for: one person's is no slab. */
+const FEWEST = 9;
+
 /** Return columns of one width that hold all values: at most `most` of them, whole numbers of moves wide.
  * @param {[number, number][]} counts [moves, how many people]
  * @param {number[]} others further values that must lie on the axis @param {number} [most] @returns {Bin[]} */
@@ -14,8 +17,10 @@ export function binsOf(counts, others, most = 16) {
   const width = Math.max(1, ...[1, 2, 5, 10, 20, 25, 50, 100, 200, 500, 1000].filter((each) => (high - low) / each > most - 2).map((each) => each * 2));
   const first = Math.floor(low / width) * width;
   const bins = [];
-  for (let from = first; from < high; from += width) bins.push({ from, to: from + width, count: 0 });
-  for (const [moves, count] of counts) bins[Math.floor((moves - first) / width)].count += count;
+  const missing = Math.max(0, FEWEST - Math.ceil((high - first) / width));
+  const before = Math.min(Math.floor(missing / 2), Math.floor(first / width));
+  for (let from = first - width * before; from < high + width * (missing - before); from += width) bins.push({ from, to: from + width, count: 0 });
+  for (const [moves, count] of counts) bins[Math.floor((moves - bins[0].from) / width)].count += count;
   return bins;
 }
 

@@ -81,6 +81,9 @@ function withOpponent(state) {
 /** @param {Task | null} task @param {string} text of the server @returns the text with the plain names of policies */
 const plainly = (task, text) => text.replace(/the policy '([^']+)'/g, (_, name) => task?.nameOf(name) ?? name);
 
+/** @param {string} text whether it says that a policy is compiled for this machine: no fault, and over with its first move */
+const isGettingReady = (text) => text.includes("is getting ready");
+
 /** @param {GameState} state @param {GameEvent} event @returns {GameState} the state after `event` */
 export const apply = (state, event) => withOpponent(applied(state, event));
 
@@ -115,7 +118,12 @@ function applied(state, event) {
       const next = { ...state, [event.role]: received(state.task, state[event.role], event.message) };
       const isOver = event.role === "player" && next.player?.frame.episode !== state.player?.frame.episode;
       if (isOver && next.rival?.isReplay) next.rival = null;
-      return event.message.kind === "error" ? noticed(next, plainly(state.task, event.message.detail), "error") : next;
+      if (event.message.kind === "error") {
+        const { detail } = event.message;
+        return noticed(next, plainly(state.task, detail), isGettingReady(detail) ? "note" : "error");
+      }
+      const isMoved = (next[event.role]?.frame.step ?? 0) > (state[event.role]?.frame.step ?? 0);
+      return isMoved && state.notices.length ? { ...next, notices: state.notices.filter(({ text }) => !isGettingReady(text)) } : next;
     }
     case "link": return { ...state, link: event.link };
     case "notice": return noticed(state, event.text, event.tone ?? "error");

@@ -176,10 +176,12 @@ async function paintRoutes(best, own) {
   by("routes").replaceChildren(...places.map(({ figure }) => figure));
   by("routes").hidden = false;
   const { you, policy } = boardColours(document.documentElement);
-  for (const { course, name, place } of places) {
-    const side = place.clientWidth;
-    task.paint(place, task.boardAt(course, course.actions.length), { name, accent: name === "You" ? you : policy, width_px: side, height_px: side, dpr: devicePixelRatio || 1 });
-  }
+  const routeSizes = createSizes(() => {
+    for (const { course, name, place } of places) {
+      task.paint(place, task.boardAt(course, course.actions.length), { name, accent: name === "You" ? you : policy, ...routeSizes.of(place), dpr: devicePixelRatio || 1 });
+    }
+  });
+  for (const { place } of places) routeSizes.watch(place);
 }
 
 /** Days in a row, today's among them once it is over. */

@@ -3,7 +3,7 @@ import { api, request } from "../common/api.js";
 import { paintDistribution } from "../common/distribution.js";
 import { paintChart } from "../common/chart.js";
 import { ticks, tickText } from "../common/chart_scale.js";
-import { all, boardColours, by, chartColours, create, put } from "../common/page.js";
+import { all, boardColours, by, chartColours, create, createSizes, put } from "../common/page.js";
 import { browserStore } from "../common/storage.js";
 import { tryHash } from "../play/address.js";
 import { loadTask, showTask } from "../common/task.js";
@@ -148,10 +148,12 @@ function addPicture(list, run, step, href, says) {
   list.append(create("li", create("a", [place, create("span", says)], { href })));
   const part = /** @type {HTMLElement} */ (list.closest("section"));
   part.hidden = false;
-  const side = place.clientWidth;
   const { you } = boardColours(document.documentElement);
-  task.paint(place, task.boardAt(run, step), { name: "You", accent: you, width_px: side, height_px: side, dpr: devicePixelRatio || 1 });
-  /** @type {HTMLElement} */ (place.firstElementChild).setAttribute("aria-hidden", "true");
+  const sizes = createSizes(() => { // the part beside it comes later, and takes room
+    task.paint(place, task.boardAt(run, step), { name: "You", accent: you, ...sizes.of(place), dpr: devicePixelRatio || 1 });
+    /** @type {HTMLElement} */ (place.firstElementChild).setAttribute("aria-hidden", "true");
+  });
+  sizes.watch(place);
 }
 
 /** Draw the newest episodes as pictures that lead to their replays, and positions of them from which to try again.
@@ -164,7 +166,7 @@ async function paintPictures(episodes) {
     const replay = await api.replay(id).catch(() => null);
     if (!replay) continue; // today's terrain, or one of another version
     const { run } = replay;
-    addPicture(pictures, run, run.actions.length, `replay/${encodeURIComponent(id)}`, [`${resultOf(episode)}, ${episode.place}`]);
+    addPicture(pictures, run, run.actions.length, `replay/${encodeURIComponent(id)}`, [resultOf(episode), create("br", []), create("small", episode.place.replaceAll(" \u00d7 ", "\u00a0\u00d7\u00a0"))]);
     if (!task.tries || positions.children.length === POSITIONS) continue;
     const idle = idleIn([...Array(run.actions.length + 1).keys()].map((step) => task.progressAt(run, step)));
     if (idle.moves < IDLE_MOVES || (await api.episode(id)).seed === null) continue;

@@ -107,4 +107,4 @@ export function idleIn(progress) {
 }
 
 /** @param {Me.Idle} idle @returns {string} what stands below a position to try from */
-export const idleText = ({ after, moves }) => `after ${many(after, "move")}: then ${many(moves, "move")} showed nothing new`;
+export const idleText = ({ after, moves }) => `after ${many(after, "move")}: then ${moves} showed nothing new`;

@@ -37,7 +37,7 @@ addEventListener("theme", () => repaint());
 function paintBoard({ id, frame, trail }, answer) {
   const best = answers[id]?.best;
   const mistake = { step: 0, position: trail[trail.length - 1], action: answer, expert_action: best, missed: [] };
-  const marks = answer && best ? { mistakes: [mistake], chosen: 0 } : null;
+  const marks = answer && best ? { mistakes: [mistake], chosen: 0, hasNumbers: false } : null;
   const accent = boardColours(matrix).you;
   const board = { session: "", name: "", frame, trail, progress: [], hasGap: false, pace: null, isReplay: false };
   task.paint(matrix, /** @type {Board} */ (/** @type {unknown} */ (board)), { name: "The puzzle", accent, has_range: true, marks, ...sizes.of(matrix), dpr: devicePixelRatio || 1 });

@@ -20,14 +20,14 @@ export function streak(stored, today, count) {
 }
 
 /** @param {number} moves rounded @returns {string} */
-const hereText = (moves) => (moves > 0 ? `on this very terrain ${many(moves, "move")}` : moves === 0 ? "on this very terrain nothing" : `on this very terrain it would have cost ${many(-moves, "move")}`);
+const hereText = (moves) => (moves > 0 ? `${moves} on this terrain` : moves === 0 ? "none on this terrain" : `on this terrain it would have cost ${many(-moves, "move")}`);
 
 /** @param {string} chosen move @param {Answers.PuzzleAnswer} answer @returns {string} the headline after an answer */
 export const verdictText = (chosen, { best }) => (chosen === best ? `${capital(best)} is right.` : `${capital(best)} was better than ${chosen}.`);
 
 /** @param {string} chosen @param {Answers.PuzzleAnswer} answer @returns {string} what the best move saves */
-export function savesText(chosen, { best, means, saves, terrains, here }) {
-  const average = `${capital(best)} saves ${many(Math.round(saves), "move")} on average against the next best, if a rule plays on from there, over ${many(terrains, "terrain")} that agree with what you see; ${hereText(here)}.`;
+export function savesText(chosen, { best, means, saves, here }) {
+  const average = `${capital(best)} saves ${many(Math.round(saves), "move")} on average against the next best; ${hereText(here)}.`;
   const lost = Math.round((means[chosen] ?? 0) - means[best]);
   return chosen === best ? average : `${capital(chosen)} costs ${many(lost, "move")} more on average. ${average}`;
 }

@@ -114,6 +114,9 @@ function paint() {
   scrubber.setAttribute("aria-valuetext", inWords());
 }
 
+/** How long a policy may play an episode, and after how long the page says that it is getting ready, in ms. */
+const GHOST_MS = 200_000, LATE_MS = 8000;
+
 /** Show a policy's course, or none.
  * @param {Course | null} course */
 function showGhost(course) {
@@ -134,14 +137,17 @@ async function choose(name) {
   waiting.hidden = false;
   put(waiting, `${task.nameOf(name)} plays the same ${task.round}\u2026`);
   showGhost(null);
+  const late = setTimeout(() => { if (chosen === name) put(waiting, `${task.nameOf(name)} is getting ready. That can take a minute at first.`); }, LATE_MS);
   try {
-    const course = /** @type {Course} */ (await request(`episodes/${encodeURIComponent(data.episode)}/ghost?${new URLSearchParams({ policy: name })}`, undefined, 60_000));
+    const course = /** @type {Course} */ (await request(`episodes/${encodeURIComponent(data.episode)}/ghost?${new URLSearchParams({ policy: name })}`, undefined, GHOST_MS));
     if (chosen !== name) return;
     waiting.hidden = true;
     parts.ghost.canvas.hidden = false;
     showGhost(course);
   } catch (error) {
     if (chosen === name) put(waiting, error instanceof ApiError ? error.message : `Something went wrong on this page: ${error}`);
+  } finally {
+    clearTimeout(late);
   }
 }
 

@@ -17,6 +17,12 @@ from tests.support.servers import eventually
 SIZES = {"1440": (1440, 900), "820": (820, 1180), "390": (390, 844)}
 
 
+ROUTES_FIT = """() => [...document.querySelectorAll("#routes canvas")].every(
+    (canvas) => canvas.clientWidth <= canvas.parentElement.clientWidth && canvas.parentElement.clientWidth <= 480
+)"""
+"""Whether no route is cut off by its place, nor lost in it."""
+
+
 @pytest.fixture
 def small(monkeypatch):
     """A daily terrain of 7x9 cells."""
@@ -30,6 +36,7 @@ def check_screen(page, name, found, themes=("dark",)):
         assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth"), (
             f"{name} at {size}"
         )
+        eventually(lambda: page.evaluate(ROUTES_FIT))
         keep_picture(page, f"{name}-{size}", full_page=True)
     for theme in themes:
         page.emulate_media(color_scheme=theme)
@@ -148,6 +155,10 @@ def test_on_a_phone_the_head_in_3d_is_one_row_and_the_arrows_are_on_the_screen(s
         assert pad["bottom"] + LINE_PX <= bar["top"], (size, "days in a row take a line")
 
 
+PICTURES_FIT = """() => [...document.querySelectorAll(".pictures canvas")].every((canvas) => {
+  const { clientWidth, clientHeight } = canvas.parentElement;
+  return canvas.clientWidth <= clientWidth && canvas.clientHeight <= clientHeight;
+})"""
 CURVE = """() => {
   const place = document.getElementById("gap-chart");
   const canvas = place.querySelector("canvas");
@@ -188,6 +199,7 @@ def test_the_page_of_ones_own_episodes_heals_and_shows_each_once(serve, player, 
     assert rows.count() == 5
     page.get_by_text("on average, over 4 finished episodes").wait_for(timeout=120_000)
     assert page.get_by_test_id("pictures").locator("canvas").count() == 2, "of the page of two"
+    eventually(lambda: page.evaluate(PICTURES_FIT))
     assert page.get_by_test_id("streaks").get_by_text("not played today").count() == 1
     assert page.get_by_test_id("streaks").get_by_text("not answered today").count() == 1
     page.get_by_text("1 episode was not finished (a cross).").wait_for()

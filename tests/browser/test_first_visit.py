@@ -153,6 +153,13 @@ def test_help_opens_by_button_and_by_key_and_says_what_everything_is(serve, play
     assert me.errors == []
 
 
+def test_on_a_tablet_the_key_stands_right_below_the_board(serve, player):
+    page = arrive(serve, player, width=820, height=1180).page
+    board, key = page.get_by_test_id("board-player"), page.get_by_test_id("key")
+    gap = key.bounding_box()["y"] - board.bounding_box()["y"] - board.bounding_box()["height"]
+    assert 0 <= gap < 30
+
+
 def test_a_first_visit_makes_at_most_forty_requests(server, player):
     me, requests = player(server, NO_3D, is_new=True), []
     me.page.on("request", lambda request: requests.append(request.url))

@@ -144,6 +144,23 @@ def test_whoever_drives_a_replay_before_the_policy_has_come_goes_on_driving(serv
     assert me.errors == []
 
 
+def test_a_replay_says_that_a_policy_gets_ready_and_shows_it_when_it_has_come(serve, player, ended):
+    me, late = player(serve(), NO_3D), []
+    me.page.clock.install()
+    me.page.route("**/ghost?*", lambda route: late.append(route))
+    me.page.goto(f"{me.url}/replay/{ended[0]}")
+    waiting = me.page.locator("#waiting")
+    waiting.get_by_text("plays the same terrain").wait_for()
+    eventually(lambda: me.page.wait_for_timeout(20) or late)
+    me.page.clock.fast_forward(60_000)
+    waiting.get_by_text("Expert is getting ready.").wait_for()
+    me.page.clock.resume()
+    late.pop().continue_()
+    me.wait("window.replay.ghost")
+    waiting.wait_for(state="hidden")
+    assert me.errors == []
+
+
 def test_a_replay_in_one_file_runs_from_a_disk_without_a_network_and_asks_for_nothing(
     open_browser, tmp_path, ended
 ):

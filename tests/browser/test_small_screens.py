@@ -7,10 +7,19 @@ from marsexplorer.config import EnvConfig
 from tests.browser.test_study_page import Participant
 from tests.support.browser import AS_A_PERSON, NO_3D
 from tests.support.recorded import play
+from tests.support.servers import eventually
 from tests.support.study import freeze
 
 SMALL = (320, 640)
 PASSWORD = "red-planet-4"
+CARD_IS_BESIDE = """() => {
+    const card = document.getElementById("end");
+    card.hidden = false;
+    const board = document.querySelector(".field canvas").getBoundingClientRect();
+    const { top, left } = card.getBoundingClientRect();
+    return top >= board.bottom || left >= board.right;
+}"""
+"""Whether the card at the end of an episode covers no part of its board."""
 CUT = "(part) => part.scrollWidth > part.clientWidth || part.scrollHeight > part.clientHeight"
 
 
@@ -41,7 +50,11 @@ def test_on_a_small_phone_a_puzzle_is_answered_and_its_answer_read_without_scrol
     assert bottom(page.locator(".pad")) <= top
     page.locator(".pad button:enabled").first.click()
     page.get_by_test_id("verdict").wait_for()
-    assert bottom(page.locator("#verdict-title")) <= top
+    for width, height in ((820, 1180), (390, 844), SMALL):
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(200)  # the board is drawn anew
+        foot = page.locator(".site").bounding_box()["y"] if width < 480 else height
+        assert bottom(page.get_by_test_id("next")) <= foot, (width, height)
 
 
 def test_on_a_small_phone_the_choice_of_a_terrain_is_whole(small):
@@ -75,11 +88,18 @@ def test_on_a_phone_a_replay_has_a_bar_of_one_row_and_its_buttons_in_sight(small
         return Math.max(...tops) - Math.min(...tops) < 10;
     }"""
     page.wait_for_function(one_row)  # once its words have come
+    # what the policy came to takes room
+    page.get_by_test_id("compared").get_by_text("on the same terrain").wait_for()
     for width, height in (SMALL, (390, 844)):
         page.set_viewport_size({"width": width, "height": height})
         assert page.locator(".bar .brand").bounding_box()["y"] == 0
         assert page.locator(".actions").bounding_box()["height"] <= 40
-    assert bottom(page.get_by_test_id("play")) <= page.locator(".site").bounding_box()["y"]
+        foot = page.locator(".site").bounding_box()["y"]
+        eventually(lambda foot=foot: bottom(page.get_by_test_id("play")) <= foot)
+    for width in (820, 1024, 1180, 1300):
+        page.set_viewport_size({"width": width, "height": 768})
+        assert page.evaluate("document.documentElement.scrollWidth") == width
+        assert page.locator(".actions").bounding_box()["height"] <= 44, "one row"
 
 
 def test_the_page_of_ones_own_episodes_is_whole_on_a_small_phone_and_fills_a_wide_screen(small):
@@ -97,6 +117,23 @@ def test_the_page_of_ones_own_episodes_is_whole_on_a_small_phone_and_fills_a_wid
     )
     assert name["y"] == streaks["y"]
     assert abs(streaks["x"] + streaks["width"] - history["x"] - history["width"]) < 1
+
+
+def test_on_a_tablet_a_study_has_a_bar_of_one_row_and_a_board_as_wide_as_the_screen(small):
+    page = small.page
+    page.set_viewport_size({"width": 820, "height": 1180})
+    person = Participant(page, small.url).goto()
+    for screen, button in (("consent", "agree"), ("instructions", "to-tutorial")):
+        person.stands(screen)
+        person.choose(button)
+    person.stands("play")
+    matrix = page.locator(".field .matrix canvas")
+    eventually(lambda: matrix.bounding_box()["width"] > 700)
+    assert page.locator(".study .bar").bounding_box()["height"] < 60
+    for size in ((820, 1180), (1440, 900)):
+        page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
+        page.wait_for_timeout(200)  # the board is drawn anew
+        assert page.evaluate(CARD_IS_BESIDE), size
 
 
 def test_on_a_small_phone_the_coach_of_a_study_is_read_whole(small):

@@ -44,7 +44,7 @@ export function numberAt(mistakes, point, size, dpr) {
 /** Paint the marks over a board; with one chosen, its arrows and what was missed, and the others fainter.
  * @param {CanvasRenderingContext2D} context @param {Mars.Marks} marks @param {number} size cell, device pixels
  * @param {{made: string, better: string, casing: string, dpr: number}} look */
-export function paintMistakeMarks(context, { mistakes, chosen }, size, { made, better, casing, dpr }) {
+export function paintMistakeMarks(context, { mistakes, chosen, hasNumbers = true }, size, { made, better, casing, dpr }) {
   const radius = markRadius(size, dpr);
   const places = placeMarks(mistakes, size, radius);
   context.save();
@@ -54,10 +54,11 @@ export function paintMistakeMarks(context, { mistakes, chosen }, size, { made, b
     const { action, expert_action, position: [row, col] } = mistakes[index];
     const home = { x: (col + 0.5) * size, y: (row + 0.5) * size };
     const length = Math.max(1.6 * size, 2.4 * radius) * (chosen === null ? 1 : 1.25);
-    paintArrow(context, home, WAYS[action], length, { colour: made, casing, dpr, isDashed: true });
-    paintArrow(context, home, WAYS[expert_action], length, { colour: better, casing, dpr, isDashed: false });
+    const gap = hasNumbers ? 0 : 0.5 * size; // the rover's own arrow stays in sight
+    paintArrow(context, home, WAYS[action], length, { gap, colour: made, casing, dpr, isDashed: true });
+    paintArrow(context, home, WAYS[expert_action], length, { gap, colour: better, casing, dpr, isDashed: false });
   }
-  for (const index of chosen === null ? order : [...order, chosen]) {
+  for (const index of !hasNumbers ? [] : chosen === null ? order : [...order, chosen]) {
     const isChosen = index === chosen;
     context.globalAlpha = chosen === null || isChosen ? 1 : 0.4;
     paintNumber(context, places[index], index + 1, { radius, dpr, ring: made, fill: isChosen ? made : casing, ink: isChosen ? casing : made });
@@ -80,8 +81,8 @@ function paintMissed(context, cells, size, colour, dpr) {
 }
 
 /** @param {CanvasRenderingContext2D} context @param {Point} from @param {Cell} way rows down and columns right
- * @param {number} length @param {{colour: string, casing: string, dpr: number, isDashed: boolean}} look */
-function paintArrow(context, { x, y }, [down, right], length, { colour, casing, dpr, isDashed }) {
+ * @param {number} length @param {{gap: number, colour: string, casing: string, dpr: number, isDashed: boolean}} look gap: before it begins */
+function paintArrow(context, { x, y }, [down, right], length, { gap, colour, casing, dpr, isDashed }) {
   const head = Math.max(7 * dpr, 0.3 * length);
   const neck = length - head;
   const tip = { x: x + right * length, y: y + down * length };
@@ -90,7 +91,7 @@ function paintArrow(context, { x, y }, [down, right], length, { colour, casing, 
     context.lineWidth = width;
     context.setLineDash(isDashed && ink === colour ? [4 * dpr, 3 * dpr] : []);
     context.beginPath();
-    context.moveTo(x, y);
+    context.moveTo(x + right * gap, y + down * gap);
     context.lineTo(x + right * neck, y + down * neck);
     context.stroke();
     context.setLineDash([]);

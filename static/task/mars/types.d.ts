@@ -16,6 +16,6 @@ declare namespace Mars {
   };
   /** The part of a board on its stage, and a cell, in device pixels. */
   type Window = {size: number, left: number, top: number, width: number, height: number};
-  /** Chosen: the index of one of them. */
-  type Marks = {mistakes: Mistake[], chosen: number | null};
+  /** Chosen: the index of one of them; without numbers its arrows stand alone. */
+  type Marks = {mistakes: Mistake[], chosen: number | null, hasNumbers?: boolean};
 }

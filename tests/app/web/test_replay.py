@@ -132,7 +132,7 @@ def test_a_ghost_that_takes_too_long_is_ended_and_not_tried_again(serve, tmp_pat
     ended, _ = recorded(tmp_path / "playground.db")
     client = serve().client()
     ghost = f"/api/episodes/{ended}/ghost?policy=frontier-cost"
-    monkeypatch.setattr("humanplay.web.replays.service.LONGEST_S", 1e-4)
+    monkeypatch.setattr("humanplay.web.replays.service.GHOST_S", 1e-4)
     assert "took longer than 0.0001 s" in client.get(ghost).json()["detail"]
     monkeypatch.undo()
     again = client.get(ghost)

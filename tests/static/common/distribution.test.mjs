@@ -12,6 +12,9 @@ test("columns hold every value once, are few and of one width", () => {
     for (const { from, to, count } of bins) assert.equal(count, 2 * values.filter((each) => each >= from && each < to).length);
   }
   assert.deepEqual(binsOf([], []), []);
+  const alone = binsOf([[94, 1]], []);
+  assert.deepEqual([alone.length, alone[4]], [9, { from: 94, to: 95, count: 1 }], "one person is no slab");
+  assert.equal(binsOf([[1, 1]], [])[0].from, 0);
 });
 
 test("labels stand in rows where they do not lie over each other", () => {

@@ -133,3 +133,10 @@ test("a notice of the server has the plain names of policies", () => {
   const state = receive(begun(), { kind: "error", detail: "a decision took longer than 5 s, so the policy 'ppo' is paused on this board" }, "rival");
   assert.equal(state.notices[0].text, "a decision took longer than 5 s, so Expert is paused on this board");
 });
+
+test("a policy that is getting ready is no fault, and its note goes with its first move", () => {
+  const state = receive(begun(), { kind: "error", detail: "the policy 'ppo' is getting ready: this takes some seconds" }, "rival");
+  assert.equal(state.notices[0].tone, "note");
+  assert.equal(receive(state, frame({ episode: "x" }), "rival").notices.length, 1);
+  assert.equal(receive(state, frame({ episode: "x", step: 1, position: [0, 1] }), "rival").notices.length, 0);
+});

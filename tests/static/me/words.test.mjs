@@ -81,5 +81,5 @@ test("the daily terrain and the puzzles say how today stands, and the days in a 
 test("the longest way that showed nothing new is where one would drive on otherwise", () => {
   assert.deepEqual(idleIn([0.1, 0.2, 0.2, 0.3, 0.3, 0.3, 0.4, 0.4, 0.4, 0.4]), { after: 3, moves: 2 });
   assert.deepEqual(idleIn([0.1, 0.2]), { after: 0, moves: 0 });
-  assert.equal(idleText({ after: 1, moves: 12 }), "after 1 move: then 12 moves showed nothing new");
+  assert.equal(idleText({ after: 1, moves: 12 }), "after 1 move: then 12 showed nothing new");
 });

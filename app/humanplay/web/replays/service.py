@@ -28,8 +28,8 @@ from humanplay.web.replays.page import document
 
 MAX_COURSES, MAX_FILES = 64, 16
 """Courses of policies, and files and replays, that are kept."""
-LONGEST_S = 30.0
-"""Seconds that a policy may take for its whole episode, and a file of a replay to be written."""
+FILE_S, GHOST_S = 30.0, 180.0
+"""Seconds for a file of a replay, and for a policy's whole episode: it is compiled first, perhaps."""
 T = TypeVar("T")
 
 
@@ -135,7 +135,7 @@ class Replays:
         """A file that is kept, or is written and kept."""
         if (cached := self._files.get(key)) is not None:
             return cached
-        options: JobOptions = {"owner": owner, "key": key, "limit_s": LONGEST_S}
+        options: JobOptions = {"owner": owner, "key": key, "limit_s": FILE_S}
         content = await self._jobs.run(write, *arguments, **options)
         return _keep(self._files, MAX_FILES, key, content)
 
@@ -169,7 +169,7 @@ class Replays:
             return cached
         record = await self._replayer.run(owner, lambda: episode.record)
         play, source = courses_of(episode).play_ghost, self._offers[name].source
-        course = await self._jobs.run(play, source, record, owner=owner, key=key, limit_s=LONGEST_S)
+        course = await self._jobs.run(play, source, record, owner=owner, key=key, limit_s=GHOST_S)
         return _keep(self._courses, MAX_COURSES, key, course)
 
 

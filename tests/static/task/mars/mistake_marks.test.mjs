@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { chartMarkAt, numberAt, markRadius, placeMarks, placeOnCurve } from "../../../../static/task/mars/mistake_marks.js";
+import { chartMarkAt, numberAt, markRadius, paintMistakeMarks, placeMarks, placeOnCurve } from "../../../../static/task/mars/mistake_marks.js";
 import { boardBefore } from "../../../../static/task/mars/costs.js";
 
 const at = (row, col) => ({ position: [row, col] });
@@ -39,4 +39,13 @@ test("a chosen move shows the board as it was known before it", () => {
   assert.deepEqual([before.frame.grid, before.frame.position, before.frame.coverage, before.frame.heading, before.frame.outcome],
     [[".@", "??"], [0, 1], 0.5, "east", null]);
   assert.equal(board.frame.step, 3, "the board itself stays as it is");
+});
+
+test("a puzzle's answer is arrows alone, without a number", () => {
+  const texts = [];
+  const context = new Proxy({ fillText: (text) => texts.push(text) }, { get: (own, name) => own[name] ?? (() => {}), set: () => true });
+  const mistakes = [{ ...at(2, 3), action: "north", expert_action: "east", missed: [] }];
+  const look = { made: "red", better: "green", casing: "black", dpr: 1 };
+  for (const hasNumbers of [true, false]) paintMistakeMarks(context, { mistakes, chosen: 0, hasNumbers }, 20, look);
+  assert.deepEqual(texts.map(String), ["1"]);
 });
