@@ -243,10 +243,13 @@ def backup(file: Path, database: Path) -> None:
       humanplay backup /mnt/backups/lab.db --database lab.db
     """
     from humanplay.db.backup import back_up
+    from humanplay.db.file import recordings_beside
 
     with failures("cannot read the database"), progress("copying") as advance:
         size = back_up(database, file, advance)
-    echo(f"wrote {file}: {size / 1e6:.1f} MB, verified")
+    folder = recordings_beside(file)
+    beside = f"; the recordings are in {folder}" if folder.is_dir() else ""
+    echo(f"wrote {file}: {size / 1e6:.1f} MB, verified{beside}")
 
 
 @click.command(short_help="Put a backup in the place of the database.")
@@ -361,6 +364,8 @@ def forget(
     from humanplay.db.file import DatabaseLock
     from humanplay.report.costs import forget_costs
 
+    with failures(f"cannot write {database}"):
+        erasure.end_interrupted(database)
     if player:
         with failures(f"cannot write {database}"):
             erasure.find_player(database, participant)

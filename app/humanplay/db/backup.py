@@ -22,7 +22,9 @@ from pathlib import Path
 
 from humanplay.db.checks import check_chain
 from humanplay.db.database import RUNS, StoreError, reading
-from humanplay.db.file import DatabaseLock, lock_path
+from humanplay.db.file import DatabaseLock, lock_path, recordings_beside
+from humanplay.db.recording_files import TO_DELETE, copy_recordings, remove_folder
+from humanplay.task.recordings import size_of
 
 _log = logging.getLogger(__name__)
 
@@ -52,14 +54,18 @@ def back_up(database: Path, target: Path, advance: Advance | None = None) -> int
         StoreError: If `target` exists, the database cannot be read, the disk has too little room,
             or the copy is not whole.
     """
-    if target.exists():
-        raise StoreError(f"{target} exists already: give a new file's name for the backup")
+    for path in (target, recordings_beside(target)):
+        if path.exists():
+            raise StoreError(f"{path} exists already: give a new file's name for the backup")
     partial = target.with_name(target.name + PARTIAL)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         _remove(partial)
         _copy(database, partial, advance)
         check_whole(partial, advance)
+        _copy_recordings(database, partial)
+        if recordings_beside(partial).is_dir():
+            recordings_beside(partial).replace(recordings_beside(target))
         partial.replace(target)
         sync_folder(target.parent)
     except OSError as error:
@@ -67,6 +73,12 @@ def back_up(database: Path, target: Path, advance: Advance | None = None) -> int
     finally:
         _remove(partial)
     return target.stat().st_size
+
+
+def _copy_recordings(database: Path, copy: Path) -> None:
+    """Copy the recordings that the episodes of a copied database need."""
+    with reading(copy) as conn:
+        copy_recordings(conn, recordings_beside(database), recordings_beside(copy))
 
 
 def check_whole(database: Path, advance: Advance | None = None) -> None:
@@ -106,10 +118,11 @@ def _copy(database: Path, target: Path, advance: Advance | None) -> None:
         with reading(database) as conn, closing(sqlite3.connect(target)) as copy:
             # from here on `conn` sees one moment
             conn.execute("SELECT count(*) FROM meta").fetchone()
-            check_room(conn, target.parent, "make room there, or give another place")
+            recorded = size_of(recordings_beside(database))
+            check_room(conn, target.parent, "make room there, or give another place", recorded)
             conn.backup(copy, pages=PAGES, progress=progress)
             # no server has the copy, and all of it is in the file
-            copy.execute("DELETE FROM meta WHERE name = ?", [RUNS])
+            copy.execute("DELETE FROM meta WHERE name IN (?, ?)", [RUNS, TO_DELETE])
             copy.commit()
             # one file, which can be read where nothing can be written
             copy.execute("PRAGMA journal_mode = DELETE")
@@ -117,18 +130,20 @@ def _copy(database: Path, target: Path, advance: Advance | None) -> None:
         raise StoreError(f"cannot copy {database} to {target}: {error}") from error
 
 
-def check_room(conn: sqlite3.Connection, folder: Path, way_out: str) -> None:
+def check_room(conn: sqlite3.Connection, folder: Path, way_out: str, beside_bytes: int = 0) -> None:
     """Check that a folder's disk has room for a copy of a database.
 
     Args:
         way_out: What the user can do about it, for the error.
+        beside_bytes: What is copied with it.
 
     Raises:
         StoreError: If it has not.
     """
     names = ("page_count", "page_size")
     pages, page_bytes = (conn.execute(f"PRAGMA {name}").fetchone()[0] for name in names)
-    needed, free = pages * page_bytes + SPARE_BYTES, shutil.disk_usage(folder).free
+    needed = pages * page_bytes + beside_bytes + SPARE_BYTES
+    free = shutil.disk_usage(folder).free
     if free < needed:
         raise StoreError(
             f"a copy in {folder} needs {needed:,} bytes ({SPARE_BYTES:,} of them stay free), {free:,} are available: {way_out}"
@@ -147,6 +162,7 @@ def sync_folder(folder: Path) -> None:
 def _remove(path: Path) -> None:
     for name in (path, path.with_name(path.name + "-journal")):
         name.unlink(missing_ok=True)
+    remove_folder(path)
 
 
 def restore(
@@ -170,9 +186,11 @@ def restore(
     lock = DatabaseLock(database)
     new = database.with_name(database.name + ".restored")
     try:
-        new.unlink(missing_ok=True)
+        _remove(new)
         back_up(backup, new, advance)
         old = _set_aside(database, stamp)
+        if recordings_beside(new).is_dir():
+            recordings_beside(new).replace(recordings_beside(database))
         new.replace(database)
         lock.clear_note()
         sync_folder(database.parent)
@@ -181,8 +199,8 @@ def restore(
         raise StoreError(f"cannot restore to {database}: {error.strerror or error}") from error
     finally:
         lock.close()
-        new.unlink(missing_ok=True)
-        new.with_name(new.name + PARTIAL).unlink(missing_ok=True)
+        _remove(new)
+        _remove(new.with_name(new.name + PARTIAL))
 
 
 def check_restorable(backup: Path, database: Path) -> None:
@@ -200,7 +218,7 @@ def check_restorable(backup: Path, database: Path) -> None:
 
 
 def _set_aside(database: Path, stamp: str) -> Path | None:
-    """Give the database and its log a second name, and take the log from the first.
+    """Give the database a second name, and its log and recordings with it.
 
     The log must not meet the restored file. There may be a log without a database, if the file was
     lost.
@@ -214,6 +232,8 @@ def _set_aside(database: Path, stamp: str) -> Path | None:
         path = database.with_name(database.name + suffix)
         if path.exists():
             os.link(path, aside.with_name(aside.name + suffix))
+    if recordings_beside(database).is_dir():
+        recordings_beside(database).replace(recordings_beside(aside))
     if was_there:
         shutil.copy(lock_path(database), lock_path(aside))
     sync_folder(database.parent)
@@ -282,6 +302,7 @@ class Backups:
         existing = self.existing()
         for path in set(existing) - _backups_to_keep(existing):
             path.unlink(missing_ok=True)
+            remove_folder(path)
         return target
 
     async def run(self) -> None:

@@ -36,6 +36,7 @@ from humanplay.db.file import (
     note_of,
     recordings_beside,
 )
+from humanplay.db.recording_files import delete_marked
 from humanplay.task import counted
 from humanplay.task.recordings import look_in
 
@@ -339,6 +340,7 @@ def open_database(path: Path, durable: bool = False) -> Database:
         create_tables(conn)
         with transaction(conn):
             conn.execute("SELECT count(*) FROM meta")
+        delete_marked(conn, path)
         # a new file must be known as ours even if its log is lost: then commits are missing, not the database
         if is_new:
             conn.execute("PRAGMA wal_checkpoint(TRUNCATE)")

@@ -32,10 +32,16 @@ from humanplay.db.database import (
     transaction,
 )
 from humanplay.db.file import DatabaseLock, log_path, note_commit, recordings_beside
+from humanplay.db.recording_files import (
+    TO_DELETE,
+    delete_marked,
+    mark_for_deletion,
+    recorded_episodes,
+)
 from humanplay.db.releases import mark_outdated_releases
 from humanplay.db.rows import AskedBy, ErasedPerson
 from humanplay.db.study_rows import ARM_EVENT, Participant, SeriesRow, participant_label
-from humanplay.task import counted, recordings
+from humanplay.task import counted
 
 FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
 ERASED = "erased"
@@ -105,6 +111,15 @@ def forget(
         return _erase_rows(conn, _find(conn, database, name, study), asked_by)
 
 
+def end_interrupted(database: Path) -> None:
+    """Delete the recordings that an erasure left which was killed."""
+    with reading(database) as conn:
+        is_interrupted = conn.execute("SELECT 1 FROM meta WHERE name = ?", [TO_DELETE]).fetchone()
+    if is_interrupted:
+        with _lock_unless_served(database) as lock, _rewritten(database, lock):
+            pass
+
+
 @contextmanager
 def _lock_unless_served(database: Path) -> Iterator[DatabaseLock | None]:
     """Keep servers out of the database during the block; None if one has it."""
@@ -137,7 +152,9 @@ def _rewritten(database: Path, lock: DatabaseLock | None) -> Iterator[sqlite3.Co
             conn.execute("PRAGMA secure_delete = ON")
             with transaction(conn):
                 conn.execute("PRAGMA defer_foreign_keys = ON")
+                recorded = recorded_episodes(conn, recordings_beside(database))
                 yield conn
+                mark_for_deletion(conn, database, recorded)
                 (commits,) = conn.execute(COUNT_COMMIT).fetchone()
                 if lock is not None:  # a file that is written anew has nothing to compare
                     conn.execute("DELETE FROM meta WHERE name = ?", [RUNS])
@@ -145,6 +162,7 @@ def _rewritten(database: Path, lock: DatabaseLock | None) -> Iterator[sqlite3.Co
                 note_commit(database, commits)
             else:
                 lock.clear_note()
+            delete_marked(conn, database)  # after the commit: a failed erasure takes nothing away
             _write_anew(conn, database)
         finally:
             conn.close()
@@ -354,7 +372,6 @@ def _sessions_of(
 
 def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int) -> None:
     for ident in episodes:
-        _delete_recording(conn, ident)
         sql = f"SELECT {TRAJECTORY} FROM episodes e WHERE e.id = ? AND e.ended_ms IS NOT NULL"
         for driven in conn.execute(sql, [ident]).fetchall():
             values = (trajectory_hash(*driven), now)
@@ -368,23 +385,6 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
         ):
             conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
         conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
-
-
-def _delete_recording(conn: sqlite3.Connection, ident: str) -> None:
-    """Delete the recordings of an episode; others on its seed stay if somebody else met it."""
-    (file,) = [row[2] for row in conn.execute("PRAGMA database_list") if row[1] == "main"]
-    folder = recordings_beside(Path(file))
-    if not folder.is_dir():
-        return
-    sql = "SELECT seed, trajectory_hash FROM episodes WHERE id = ?"
-    ((seed, digest),) = conn.execute(sql, [ident]).fetchall()
-    others = "SELECT 1 FROM episodes WHERE seed = ? AND id <> ?"
-    if seed is None:
-        return
-    if not conn.execute(others, [seed, ident]).fetchone():
-        recordings.forget(folder, seed)
-    elif digest is not None:
-        recordings.forget(folder, seed, digest)
 
 
 def _forget_challenges(conn: sqlite3.Connection) -> None:

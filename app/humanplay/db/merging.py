@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -26,6 +26,8 @@ from humanplay.db.database import (
     transaction,
 )
 from humanplay.db.erasure import forgotten_people, learn_forgotten
+from humanplay.db.file import recordings_beside
+from humanplay.db.recording_files import copy_recordings
 from marsexplorer.files import replace_whole
 
 NOT_MERGED = (
@@ -90,20 +92,26 @@ def merge(
         MergeError: If there is a file at `out` already, or two contents under one id; nothing is
             written then.
     """
-    if out.exists():
-        raise MergeError(
-            f"{out} is there already: a merge is written into a new file; choose another --out"
-        )
+    recorded = recordings_beside(out)
+    for path in (out, recorded):
+        if path.exists():
+            raise MergeError(
+                f"{path} is there already: a merge is written into a new file; choose another --out"
+            )
     total = MergeCounts()
-    with _new_database(out) as conn, transaction(conn):
+    with _new_database(out) as conn, replace_whole(recorded) as unfinished, transaction(conn):
+        unfinished.mkdir(parents=True)
         for path in sources:
             with reading(path) as source:
                 learn_forgotten(conn, source)
         for done, path in enumerate(sources, 1):
             with reading(path) as source:
                 total.add(merge_rows(conn, source, str(path)))
+            copy_recordings(conn, recordings_beside(path), unfinished)
             advance(done, len(sources))
         (twice,) = conn.execute(_TAKEN_PART_TWICE).fetchone()
+    with suppress(OSError):  # unless there is a recording in it
+        recorded.rmdir()
     return total, twice
 
 

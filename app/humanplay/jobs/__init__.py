@@ -42,6 +42,7 @@ RETRY_S = 5
 _LIBRARIES = ("OMP", "MKL", "OPENBLAS", "NUMBA")
 ONE_THREAD = dict.fromkeys((f"{library}_NUM_THREADS" for library in _LIBRARIES), "1")
 """The libraries of a worker compute in one thread: the workers share the cores already."""
+_passed_on: dict[str, Callable[[], str]] = {}
 
 CLOSED = "the server was closed before this was done"
 
@@ -55,6 +56,11 @@ class JobError(RuntimeError):
 
 class JobsFullError(RuntimeError):
     """An owner has too many jobs that wait, or the runner is closed."""
+
+
+def pass_on(variable: str, text: Callable[[], str]) -> None:
+    """Set a variable of the environment for workers that start from now on."""
+    _passed_on[variable] = text
 
 
 def cores() -> int:
@@ -337,7 +343,8 @@ class _Process:
         search = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
         number = others.fileno()
         command = (sys.executable, "-P", "-m", "humanplay.jobs", str(number), str(nice))
-        env = {**os.environ, **ONE_THREAD, "PYTHONPATH": search}
+        passed_on = {variable: text() for variable, text in _passed_on.items()}
+        env = {**os.environ, **ONE_THREAD, **passed_on, "PYTHONPATH": search}
         self._process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, pass_fds=[number], env=env, start_new_session=True
         )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
     from humanplay.task import AgentObservation
 
 FOLDERS = "HUMANPLAY_RECORDINGS"
-"""The variable that holds the folders that are looked in, which processes beside this one read as well."""
+"""The variable that tells a worker of this process where to look."""
+_looked_in = [Path(folder) for folder in os.environ.get(FOLDERS, "").split(os.pathsep) if folder]
 _SIZES = struct.Struct(">II")
 """What a moment begins with: how many bytes of JSON it has, and how many others."""
 
@@ -71,8 +73,14 @@ class Recording:
 
 
 def look_in(folder: Path) -> None:
-    """Look for recordings in a folder too, in this process and those that it starts."""
-    os.environ[FOLDERS] = os.pathsep.join(dict.fromkeys([*map(str, _folders()), str(folder)]))
+    """Look for recordings in a folder too."""
+    if folder.absolute() not in _looked_in:
+        _looked_in.append(folder.absolute())
+
+
+def looked_in() -> str:
+    """The folders that are looked in, as the variable `FOLDERS` holds them."""
+    return os.pathsep.join(map(str, _looked_in))
 
 
 def folder_of(folder: Path, task: str) -> Path:
@@ -80,19 +88,49 @@ def folder_of(folder: Path, task: str) -> Path:
     return folder / task.rpartition(":")[2]
 
 
+def files_of(folder: Path, task: str, seed: int) -> list[Path]:
+    """The recordings of a task on a seed in a folder, the oldest first."""
+    return sorted(folder_of(folder, task).glob(f"{seed}-*.bin"), key=_number)
+
+
 def new(folder: Path, seed: int) -> Recording:
     """Begin the file of an episode on a seed."""
-    number = len(list(folder.glob(f"{seed}-*.bin")))
-    return Recording(folder / f"{seed}-{number}.bin")
+    return Recording(_next_path(folder, seed))
+
+
+def copy(path: Path, folder: Path) -> None:
+    """Copy a recording, with what describes its task, into a task's folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for described in path.parent.glob("*.json"):
+        if not (folder / described.name).exists():
+            shutil.copyfile(described, folder / described.name)
+    shutil.copyfile(path, _next_path(folder, int(path.stem.rpartition("-")[0])))
 
 
 def of_seed(task: str, seed: int) -> list[list[Moment]]:
     """The episodes of a task that were recorded on a seed, the newest first."""
-    paths = [
-        path for folder in _folders() for path in folder_of(folder, task).glob(f"{seed}-*.bin")
-    ]
-    paths.sort(key=lambda path: int(path.stem.rpartition("-")[2]), reverse=True)
+    paths = [path for folder in _looked_in for path in files_of(folder, task, seed)]
+    paths.sort(key=_number, reverse=True)
     return [episode for path in paths if (episode := list(_moments(path)))]
+
+
+def holding(folder: Path, task: str, seed: int, digest: str | None, actions: bytes) -> Path | None:
+    """The recording of an episode; None if there is none.
+
+    Of those that hold all of it it is the shortest, of equals the oldest.
+
+    Args:
+        digest: Of an episode that has ended; without one it is found by its moves.
+    """
+    paths = files_of(folder, task, seed)
+    episodes = {path: list(_moments(path)) for path in paths}
+    lengths = {
+        path: len(moments)
+        for path, moments in episodes.items()
+        if actions_of(moments).startswith(actions)
+        and (digest is None or digest in {moment.figures["digest"] for moment in moments})
+    }
+    return min(lengths, key=lengths.__getitem__, default=None)
 
 
 def actions_of(moments: Sequence[Moment]) -> bytes:
@@ -103,16 +141,8 @@ def actions_of(moments: Sequence[Moment]) -> bytes:
 
 def find(task: str, name: str) -> Path | None:
     """A file of this name beside the recordings of a task; None if there is none."""
-    paths = [folder_of(folder, task) / name for folder in _folders()]
+    paths = [folder_of(folder, task) / name for folder in _looked_in]
     return next((path for path in paths if path.is_file()), None)
-
-
-def forget(folder: Path, seed: int, digest: str | None = None) -> None:
-    """Delete what was recorded on a seed; with a digest the episodes alone that had it."""
-    for path in folder.glob(f"*/{seed}-*.bin"):
-        digests = {moment.figures["digest"] for moment in _moments(path)}
-        if digest is None or digest in digests:
-            path.unlink(missing_ok=True)
 
 
 def size_of(folder: Path) -> int:
@@ -120,8 +150,13 @@ def size_of(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.glob("*/*.bin"))
 
 
-def _folders() -> list[Path]:
-    return [Path(folder) for folder in os.environ.get(FOLDERS, "").split(os.pathsep) if folder]
+def _next_path(folder: Path, seed: int) -> Path:
+    numbers = [_number(path) for path in folder.glob(f"{seed}-*.bin")]
+    return folder / f"{seed}-{max(numbers, default=-1) + 1}.bin"
+
+
+def _number(path: Path) -> int:
+    return int(path.stem.rpartition("-")[2])
 
 
 def _moments(path: Path) -> Iterator[Moment]:

@@ -16,7 +16,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,21 +166,40 @@ class ProcessPolicies(BasePolicies):
             preparer.close()
 
 
-class NoPolicies(ProcessPolicies):
+NO_PROCESS = (
+    "the environment is stepped by the program that holds it, and a policy needs one of its own"
+)
+
+
+class NoPolicies(BasePolicies):
     """None at all: no other process has the environment."""
 
     compared: tuple[str, ...] = ()
     slow: tuple[str, ...] = ()
 
-    def offers(self) -> list[PolicyOffer]:
-        """Nothing may be chosen."""
-        return []
-
-    def load(self, name: str, config: Configuration | None = None) -> ProcessPolicy:
+    def load(self, source: str, config: Configuration | None = None) -> NoReturn:
         """Raise PolicyError."""
-        raise PolicyError(
-            "the environment is stepped by the program that holds it, and a policy needs one of its own"
-        )
+        raise PolicyError(NO_PROCESS)
+
+    def is_rule(self, source: str) -> bool:
+        """True: there is no file."""
+        return True
+
+    def file_of(self, source: str) -> NoReturn:
+        """Raise PolicyError."""
+        raise PolicyError(NO_PROCESS)
+
+    def play(self, policy: Policy, config: Configuration, seed: int, policy_seed: int) -> NoReturn:
+        """Raise PolicyError."""
+        raise PolicyError(NO_PROCESS)
+
+    def play_all(
+        self, sources: Sequence[str], config: Configuration, seeds: Sequence[int]
+    ) -> Iterator[tuple[str, int, bytes, str]]:
+        """Nothing for no policy; PolicyError for one."""
+        for source in sources:
+            self.load(source, config)
+        return iter(())
 
 
 def _summary(source: str) -> str:

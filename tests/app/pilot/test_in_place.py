@@ -1,5 +1,7 @@
 """An environment that cannot be made again is stepped by its program."""
 
+import subprocess
+import sys
 import time
 
 import pytest
@@ -22,8 +24,8 @@ def program(tmp_path):
     """`program(...)` starts one in the test's folder."""
     programs = []
 
-    def start(then="", options=None, **arguments):
-        programs.append(Program(tmp_path, then, options, **arguments))
+    def start(then="", options=None, folder=tmp_path, **arguments):
+        programs.append(Program(folder, then, options, **arguments))
         return programs[-1]
 
     yield start
@@ -32,10 +34,10 @@ def program(tmp_path):
         running.forget_page()
 
 
-def visitor(server):
+def visitor(server, name="Ada"):
     """A person with a name."""
     client = server.page()
-    client.put("/api/me/name", json={"name": "Ada"}).raise_for_status()
+    client.put("/api/me/name", json={"name": name}).raise_for_status()
     return client
 
 
@@ -47,9 +49,44 @@ def move(server, client, session, action="right"):
         return socket.frame_after(frame["step"])
 
 
-def plays_in(folder):
-    ((task,),) = ask(folder / "plays.db", "SELECT DISTINCT task FROM episodes")
-    return Plays(folder / "plays.db", task)
+def plays_in(folder, name="plays.db"):
+    ((task,),) = ask(folder / name, "SELECT DISTINCT task FROM episodes")
+    return Plays(folder / name, task)
+
+
+def walk(program, folder, name="Ada"):
+    """Let somebody walk once in a folder."""
+    running = program(folder=folder)
+    server = running.opened()
+    client = visitor(server, name)
+    play_out(server, client, begin(server, client, player="human"), RIGHT)
+    running.interrupt()
+    running.ended()
+
+
+def recorded(folder, name="plays.db"):
+    return sorted(folder.glob(f"{name}-recordings/*/*.bin"))
+
+
+@pytest.fixture
+def two_on_a_seed(program, tmp_path):
+    """A walk of Ada's that went on after a kill, and Bob's other one on its seed."""
+    running = program(goal=3)
+    server = running.opened()
+    ada = visitor(server)
+    begun = begin(server, ada, player="human")
+    move(server, ada, begun["session"])
+    running.close()
+    running = program(goal=3, options={"port": server.port})
+    running.opened()
+    first = play_out(server, ada, begun, RIGHT)[-1]
+    bob = visitor(server, "Bob")
+    taken_up = begin(server, bob, player="human", challenges=first["episode"])
+    play_out(server, bob, taken_up, ("left", *RIGHT * 4))
+    running.interrupt()
+    running.ended()
+    assert len(recorded(tmp_path)) == 3
+    return tmp_path
 
 
 def test_it_is_played_in_the_calling_thread_until_ctrl_c(program, tmp_path):
@@ -108,6 +145,83 @@ def test_its_plays_are_shown_and_exported_and_never_verified(
     forget = ("forget", "Ada", "--player", "--yes", "--database", plays.database)
     assert command(capsys, *forget)[0] == 0
     assert not list(tmp_path.glob("plays.db-recordings/*/*.bin"))
+
+
+def test_a_backup_takes_the_recordings_along_and_restoring_brings_them_back(
+    program, tmp_path, capsys
+):
+    walk(program, tmp_path)
+    (away := tmp_path / "away").mkdir()
+    before = [path.read_bytes() for path in recorded(tmp_path)]
+    options = ("--database", tmp_path / "plays.db")
+    _, text, _ = command(capsys, "backup", away / "monday.db", *options)
+    assert f"the recordings are in {away / 'monday.db-recordings'}" in text
+    assert plays_in(away, "monday.db").replay(out=tmp_path / "replay.html").is_file()
+    walk(program, tmp_path, "Bob")
+    assert command(capsys, "restore", away / "monday.db", "--yes", *options)[0] == 0
+    assert [path.read_bytes() for path in recorded(tmp_path)] == before
+    (aside,) = tmp_path.glob("plays.db.before-*-recordings")
+    assert len(list(aside.glob("*/*.bin"))) == 2, "nothing is deleted"
+    assert command(capsys, "backup", away / "monday.db", *options)[0] != 0
+    (away / "monday.db").unlink()
+    _, _, error = command(capsys, "backup", away / "monday.db", *options)
+    assert "monday.db-recordings exists already" in error
+
+
+def test_a_merge_takes_the_recordings_of_all_along_once(program, tmp_path, capsys):
+    walk(program, tmp_path)
+    for name in ("berlin", "athens"):
+        (tmp_path / name).mkdir()
+        walk(program, tmp_path / name)
+    sources = [tmp_path / name / "plays.db" for name in ("", "berlin", "athens")]
+    assert command(capsys, "backup", tmp_path / "copy.db", "--database", sources[0])[0] == 0
+    out = ("--out", tmp_path / "all.db")
+    assert command(capsys, "merge", *sources, tmp_path / "copy.db", *out)[0] == 0
+    plays = plays_in(tmp_path, "all.db")
+    assert all("it is not verified" in finding for finding in plays.verify())
+    for number in range(3):
+        plays.replay(number, tmp_path / "replay.html")
+    assert len(recorded(tmp_path, "all.db")) == 3
+    assert "all.db-recordings is there already" in _refused_merge(capsys, tmp_path, sources)
+
+
+def _refused_merge(capsys, folder, sources):
+    (folder / "all.db").unlink()
+    return command(capsys, "merge", *sources, "--out", folder / "all.db")[2]
+
+
+def test_who_is_erased_takes_each_of_their_recordings_along_and_no_other(two_on_a_seed, capsys):
+    options = ("--database", two_on_a_seed / "plays.db")
+    assert command(capsys, "forget", "Ada", "--player", "--yes", *options)[0] == 0
+    assert len(recorded(two_on_a_seed)) == 1
+    (finding,) = plays_in(two_on_a_seed).verify()
+    assert "it is not verified" in finding, "Bob's recording is there"
+
+
+KILLED = """
+import os, sys
+from humanplay.db import erasure
+from humanplay.cli.main import main
+erasure.{name} = lambda *arguments: os._exit(9)
+main(sys.argv[1:])
+"""
+
+
+@pytest.mark.parametrize(
+    ("killed_in", "left"), [("mark_for_deletion", 2), ("delete_marked", 1), ("_write_anew", 1)]
+)
+def test_an_erasure_that_is_killed_keeps_all_recordings_or_is_ended_by_the_next(
+    two_on_a_seed, capsys, killed_in, left
+):
+    forget = ("forget", "Ada", "--player", "--yes", "--database", two_on_a_seed / "plays.db")
+    script = KILLED.format(name=killed_in)
+    killed = subprocess.run([sys.executable, "-c", script, *map(str, forget)], check=False)
+    assert killed.returncode == 9
+    assert ask(two_on_a_seed / "plays.db", "SELECT count(*) FROM episodes") == [(left,)]
+    assert len(recorded(two_on_a_seed)) == (1 if killed_in == "_write_anew" else 3)
+    text = "".join(command(capsys, *forget)[1:])
+    assert ("no player" if left == 1 else "1 episode") in text
+    assert len(recorded(two_on_a_seed)) == 1
 
 
 def test_a_killed_program_goes_on_with_the_same_episode(program, tmp_path):
@@ -278,4 +392,4 @@ def test_a_task_in_place_does_not_depend_on_the_object():
     task = in_place_task(Walk())
     assert in_place_task(Walk(goal=9)) == task
     assert environment_of(task).actions == ("left", "right")
-    assert environment_of(task).policies.offers() == []
+    assert not environment_of(task).policies.offers()

@@ -12,14 +12,14 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import recv_handle
 from pathlib import Path
 from types import FrameType
-from typing import TypedDict
+from typing import TypedDict, cast
 
 from humanplay.cli.pilot.recreation import Env, layers_of
 from humanplay.db.file import recordings_beside
 from humanplay.task import counted, recordings
 from humanplay.task.recordings import Figures, Moment, Recording
 from humanplay.task.registration import environment_of
-from humanplay.tasks.gymnasium.boards import OBSERVATION, PICTURE, told_of
+from humanplay.tasks.gymnasium.boards import answer_to, told_of
 from humanplay.tasks.gymnasium.configuration import own_config
 from humanplay.tasks.gymnasium.description import (
     DEFAULT_LIMIT,
@@ -217,10 +217,9 @@ class Stepper:
             self._recording = self._recordings.begin(request["seed"])
             self._run = GymnasiumRun(config, request["seed"], self._env)
             self._run.is_live = True
-            self._moment(-1, None)
+            self._record(told_of(self._run, -1), None)
             for step, action in enumerate(actions, 1):
-                self._run.step(action)
-                self._moment(step - 1, action)
+                self._record(answer_to(self._run, action), action)
                 self._check(step, earlier)
             answer = told_of(self._run, -1)
         except Exception as error:  # whatever the environment raises
@@ -238,27 +237,20 @@ class Stepper:
     def _answer(self, board: Connection) -> None:
         question = json.loads(board.recv_bytes())
         try:
-            if question == OBSERVATION:
-                answer: object = (None, packed(self._run.newest_observation))
-            elif question == PICTURE:
-                answer = self._run.agent_observation(picture=True, observation=False)
-            else:
-                since = len(self._run.actions)
-                self._run.step(question)
-                answer = self._moment(since, question)
+            answer = answer_to(self._run, question)
+            if isinstance(question, int):
+                self._record(answer, question)
         except Exception as error:  # whatever the environment raises
             self._fail(board, error)
         else:
             send_answer(board, answer)
 
-    def _moment(self, since: int, action: int | None) -> object:
-        """What is told after a move, once it is recorded."""
-        answer = told_of(self._run, since)
-        figures = answer[0] if isinstance(answer, tuple) else answer
+    def _record(self, answer: object, action: int | None) -> None:
+        """Record what is told of a moment, before it is."""
         assert self._recording is not None
-        figures = {**figures, "action": action}
+        told = cast("Figures", answer[0] if isinstance(answer, tuple) else answer)
+        figures: Figures = {**told, "action": action}
         self._recordings.add(self._recording, figures, self._run.newest_observation)
-        return answer
 
     def _fail(self, board: Connection, error: Exception) -> None:
         send_failure(board, error)

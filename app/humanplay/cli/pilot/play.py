@@ -89,7 +89,8 @@ def play(
     show(server.address, plays.links, browser, public_url)
     waits = (not in_notebook()) if wait is None else wait
     if stepper is not None or waits:
-        print(f"Every move is recorded in {path}. Ctrl-C closes the page.", flush=True)
+        end = "Interrupting the kernel" if in_notebook() else "Ctrl-C"
+        print(f"Every move is recorded in {path}. {end} closes the page.", flush=True)
     if stepper is not None:
         with suppress(KeyboardInterrupt):
             stepper.serve(server.boards)

@@ -17,13 +17,12 @@ from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.plays import Plays
 from humanplay.cli.pilot.policies import played_score
 from humanplay.db.playground import ExclusionCounts
-from humanplay.jobs import held
 from humanplay.report.statistics.comparisons import quotient_interval
 from humanplay.report.statistics.formatting import number, percent
 from humanplay.report.statistics.intervals import Interval, estimate
 from humanplay.task import counted
 from humanplay.task.registration import environment_of
-from humanplay.tasks.gymnasium.description import IN_PLACE
+from humanplay.tasks.gymnasium.description import described
 from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from marsexplorer.intervals import FEWEST, Floats
 
@@ -205,8 +204,8 @@ def _cells(line: Line) -> list[str]:
 
 def _study(task: str) -> str:
     """The command that plans a study of a task."""
-    name = task.partition(":")[2] or task
-    if f"{held.SCHEME}:" in name or f"{IN_PLACE}:" in name:
+    name = task.partition(":")[2]
+    if described(name).has_no_module:
         return "move what makes the environment into a module, and `humanplay study new NAME --env MODULE:NAME`"
     if name.startswith("{"):
         return "`humanplay study new NAME --env FILE.toml`, with these fields in the file: " + name

@@ -283,16 +283,9 @@ def _play(run: GymnasiumRun, actions: Sequence[int]) -> Work:
     for step, action in enumerate(actions, 1):
         run.step(action)
         yield step
-    since = -1
+    question = yield told_of(run, -1)
     while True:
-        question = yield told_of(run, since)
-        while question in (OBSERVATION, PICTURE):
-            if question == OBSERVATION:
-                question = yield None, packed(run.newest_observation)
-            else:
-                question = yield run.agent_observation(picture=True, observation=False)
-        since = len(run.actions)
-        run.step(question)
+        question = yield answer_to(run, question)
 
 
 def _observe(run: GymnasiumRun, actions: Sequence[int]) -> Work:
@@ -309,6 +302,17 @@ def _observe(run: GymnasiumRun, actions: Sequence[int]) -> Work:
     if piece:
         yield None, bytes(piece)
     yield None, b""
+
+
+def answer_to(run: GymnasiumRun, question: int | str) -> object:
+    """Answer what a board is asked for: a move, or what can be seen of it."""
+    if question == OBSERVATION:
+        return None, packed(run.newest_observation)
+    if question == PICTURE:
+        return run.agent_observation(picture=True, observation=False)
+    since = len(run.actions)
+    run.step(int(question))
+    return told_of(run, since)
 
 
 def told_of(run: GymnasiumRun, since: int) -> Figures | tuple[Figures, bytes]:

@@ -119,6 +119,11 @@ class Description(BaseModel):
         """Whether the program that holds it steps it, so that nothing makes it again."""
         return self.id.startswith(f"{IN_PLACE}:")
 
+    @property
+    def has_no_module(self) -> bool:
+        """Whether it ends with the program that holds it, or what makes it."""
+        return self.is_in_place or self.id.startswith(f"{held.SCHEME}:")
+
     def begin(self, env: Any, seed: int) -> tuple[Any, dict[str, Any]]:
         """Reset an environment; return its observation and its info."""
         options = {"options": self.options} if self.options else {}

@@ -273,7 +273,7 @@ class InPlaceEnvironment(GymnasiumEnvironment):
     @cached_property
     def policies(self) -> Policies:
         """None: no other process has the environment."""
-        return NoPolicies(self.name, POLICIES)
+        return NoPolicies()
 
     def check_study(self, config: Configuration) -> None:
         """Raise ValueError: nobody else could play it."""

@@ -16,6 +16,7 @@ from threading import Lock
 
 import gymnasium
 
+from humanplay import jobs
 from humanplay.board.participation import RefusedError
 from humanplay.task import recordings
 from humanplay.task.recordings import Moment
@@ -30,6 +31,7 @@ SPACES = "spaces.json"
 """Beside the recordings of a task: its action space and its observation space."""
 THREADS = 4
 _programs: list[Connection] = []
+jobs.pass_on(recordings.FOLDERS, recordings.looked_in)  # to the processes that show and export them
 
 
 def connect(descriptor: int) -> None:

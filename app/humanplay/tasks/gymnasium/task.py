@@ -78,14 +78,13 @@ class InPlaceTask(BaseTask, InPlaceEnvironment):
         """Return a run at its start, in the program; ValueError before a seed is drawn."""
         if choice.seed is None:
             raise ValueError("an episode begins on a seed")
-        return BoardRun(self._board, self.configuration(choice.config.to_dict()), choice.seed, b"")
+        return BoardRun(self._board, own_config(choice.config), choice.seed, b"")
 
     def replay(self, cause: Cause, actions: bytes = b"", ended: bool = False) -> Run:
         """An episode that goes on, in the program, or one that ended, as recorded."""
         if ended:
             return super().replay(cause, actions, ended)
-        config = self.configuration(cause.config.to_dict())
-        return BoardRun(self._board, config, seed_of(cause), actions)
+        return BoardRun(self._board, own_config(cause.config), seed_of(cause), actions)
 
     def guards(self) -> str:
         """Where it steps."""
