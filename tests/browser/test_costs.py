@@ -157,6 +157,10 @@ def test_the_board_is_on_top_while_any_loss_is_shown(serve, player):
     covered = []
     for width, height in ((1440, 900), (1000, 800), (820, 1180), (701, 900), (390, 844)):
         page.set_viewport_size({"width": width, "height": height})
+        if width < 480:
+            page.evaluate("scrollTo(0, 0)")
+            foot, first = page.locator(".site").bounding_box(), mistakes[0].bounding_box()
+            assert first["y"] + first["height"] <= foot["y"], "the first is read without scrolling"
         for number, mistake in enumerate(mistakes, 1):
             mistake.click()
             top = canvas.evaluate(LIES_IN_THE_MIDDLE)

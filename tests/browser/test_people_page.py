@@ -9,6 +9,12 @@ from marsexplorer.config import EnvConfig
 from tests.support.browser import AS_A_PERSON, NO_3D, judge, violations
 from tests.support.recorded import NOW, play
 
+FITS = """(table) => {
+    const { right } = table.parentElement.getBoundingClientRect();
+    return table.getBoundingClientRect().right < right;
+}"""
+"""Whether a table ends within its panel."""
+
 
 def test_a_name_is_chosen_shown_with_its_gap_to_expert_and_hidden(serve, player, tmp_path):
     with closing(Store(tmp_path / "playground.db")) as store:
@@ -27,27 +33,29 @@ def test_a_name_is_chosen_shown_with_its_gap_to_expert_and_hidden(serve, player,
     page.get_by_test_id("name").fill("Bob")
     page.get_by_test_id("save-name").click()
     page.get_by_text("somebody has this name").wait_for()
-    page.get_by_test_id("name").fill("Ada L.")
+    page.get_by_test_id("name").fill("Ada of the Dunes")
     page.keyboard.press("Enter")
     page.get_by_text("Saved. The leaderboard shows it.").wait_for()
     wrong += judge(page, "me-name", full_page=True)
     page.goto(f"{server.url}/leaderboard")
     page.locator("#named tbody [aria-current]").wait_for(timeout=120_000)
-    assert page.locator("#named tbody th").all_inner_texts() == ["Ada L.you", "Bob"]
+    assert page.locator("#named tbody th").all_inner_texts() == ["Ada of the Dunesyou", "Bob"]
     page.get_by_test_id("period-all").click()
     page.locator("#named tbody [aria-current]").wait_for()
     wrong += judge(page, "leaderboard-people", full_page=True)
+    page.set_viewport_size({"width": 320, "height": 640})
+    assert page.locator("#named").evaluate(FITS)
     page.emulate_media(color_scheme="light")
     wrong += violations(page)
     page.goto(f"{server.url}/admin")
     page.get_by_test_id("password").fill("correct horse battery")
     page.keyboard.press("Enter")
     page.get_by_test_id("show-names").click()
-    page.get_by_role("button", name="Hide Ada L.").click()
-    page.get_by_role("button", name="Show Ada L.").wait_for()
+    page.get_by_role("button", name="Hide Ada of the Dunes").click()
+    page.get_by_role("button", name="Show Ada of the Dunes").wait_for()
     page.goto(f"{server.url}/leaderboard")
     page.get_by_text("Bob", exact=True).wait_for()
-    assert not page.get_by_text("Ada L.").count()
+    assert not page.get_by_text("Ada of the Dunes").count()
     page.goto(f"{server.url}/me")
     page.get_by_text("The operator of this server has hidden your name").wait_for()
     assert wrong == []

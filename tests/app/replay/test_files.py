@@ -126,6 +126,13 @@ def test_the_preview_has_the_size_that_sites_show(courses, monkeypatch):
     assert " ".join(drawn).isascii(), "the font has glyphs for these"
 
 
+def test_no_line_of_the_preview_reaches_the_edge(courses):
+    wide = replace(courses[0], name="MMMM WWWWWW MMMM WWWWW")
+    with Image.open(io.BytesIO(file_of("png", "e", [wide]))) as picture:
+        margin = np.asarray(picture.convert("RGB"))[:, -36:]
+    assert (margin == NIGHT).all()
+
+
 def test_a_page_in_one_file_holds_every_module_and_asks_for_nothing(courses):
     text = file_of("html", "e<", courses).decode()
     data = json.loads(re.search(r'id="replay-data">(.*?)</script>', text, re.S)[1])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import itertools
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -233,14 +232,25 @@ def _preview(course: DrawnEpisode, step: int, headline: str, *below: str) -> byt
     draw.rectangle((*corner, corner[0] + board.width, corner[1] + board.height), outline=LINE)
     left, right = room + 2 * 40, PREVIEW[0] - 40
     draw.text((left, 92), "MarsExplorer", MUTED, font(30), anchor="ls")
-    lines = textwrap.wrap(headline.replace(" %", "\u00a0%"), 22)[:5]
-    for number, line in enumerate(lines):
-        whole = line.replace("\u00a0", " ")  # for which the font has no glyph
-        draw.text((left, 185 + 62 * number), whole, TEXT, font(50), anchor="ls")
+    for number, line in enumerate(_lines(headline, 50, right - left)[:5]):
+        draw.text((left, 185 + 62 * number), line, TEXT, font(50), anchor="ls")
     _bar(draw, (left, 470, right, 486), course.coverage(step), AMBER)
     for number, line in enumerate(below):
         draw.text((left, 535 + 40 * number), line, MUTED, font(30), anchor="ls")
     return png(picture)
+
+
+def _lines(text: str, height: int, room: int) -> list[str]:
+    """Break a text into lines at most `room` pixels wide, and never before a per cent sign."""
+    lines: list[str] = []
+    for word in text.replace(" %", "\u00a0%").split(" "):
+        whole = word.replace("\u00a0", " ")  # for which the font has no glyph
+        longer = f"{lines[-1]} {whole}" if lines else whole
+        if lines and font(height).getlength(longer) <= room:
+            lines[-1] = longer
+        else:
+            lines.append(whole)
+    return lines
 
 
 def png(picture: Image.Image) -> bytes:

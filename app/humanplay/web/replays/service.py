@@ -28,8 +28,10 @@ from humanplay.web.replays.page import document
 
 MAX_COURSES, MAX_FILES = 64, 16
 """Courses of policies, and files and replays, that are kept."""
-FILE_S, GHOST_S = 30.0, 180.0
-"""Seconds for a file of a replay, and for a policy's whole episode: it is compiled first, perhaps."""
+FILE_S, GHOST_S = 90.0, 180.0
+"""Seconds for a file of a replay, and for a policy's whole episode: it is compiled first, perhaps.
+
+The job has the lowest priority, and what took too long is refused for ten minutes."""
 T = TypeVar("T")
 
 
