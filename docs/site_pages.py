@@ -39,7 +39,8 @@ FOLDED_PAGES = {
 
 REFERENCE = (
     "marsexplorer.config", "marsexplorer.episode", "marsexplorer.env", "marsexplorer.vector",
-    "marsexplorer.terrain", "marsexplorer.policies.base", "marsexplorer.policies.loading", "marsexplorer.evaluation.table",
+    "marsexplorer.terrain", "marsexplorer.maps", "marsexplorer.policies.base", "marsexplorer.policies.loading",
+    "marsexplorer.policies.priced", "marsexplorer.evaluation.table", "marsexplorer.evaluation.cost", "marsexplorer.compat",
 )  # fmt: skip
 """Modules whose docstrings make the reference."""
 

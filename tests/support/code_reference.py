@@ -1,4 +1,4 @@
-"""The authors' environment, literally and slowly, from docs/from-mars-explorer.md."""
+"""The authors' environment, literally and slowly, from `marsexplorer.compat`."""
 
 import math
 import random

@@ -1,6 +1,6 @@
 """The authors' world agrees with a twin of it, and programs for it run.
 
-The twin is written from docs/from-mars-explorer.md.
+The twin is written from the docstring of `marsexplorer.compat`.
 """
 
 import pickle

@@ -6,6 +6,15 @@ highest mean that is still likely when participants, terrains, or half of each w
 every episode, since no sample's spread knows of a failure that happened to nobody in it. Everything
 works along leading axes, so that `research.coverage` measures the very code that the report prints
 with.
+
+The low end for the values x of n participants (or terrains, whose equal weights 1/n become w) is
+the least sum of w x with -sum log(n w) <= r(n, 1). Here r(n, s) is the radius at which the normal
+scores of ranks i, inverse normal of (i - 3/8) / (n + 1/4), have the lowest mean
+-s t(n - 1; 0.975) / sqrt(n); if none is so low, the end is the least x. For half of each it is half
+the sum of the two lowest means within r(n, sqrt 2). With fewer participants P than terrains T, the
+radius of terrains is at most -log P - (T - 1) log((1 - P/T) / (1 - 1/T)), so that no episode weighs
+more than in its participant's mean. The high end is the same for -x. With gaps a terrain's first
+weight is the share that its episodes have in the mean.
 """
 
 from __future__ import annotations
