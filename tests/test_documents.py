@@ -264,6 +264,10 @@ def test_the_site_builds_without_a_warning_and_asks_nobody_else(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     pages = {path.name: path.read_text() for path in (tmp_path / "site").glob("*.html")}
+    cards = re.search(r'<div class="readers">(.*?)</div>', pages["index.html"], re.DOTALL)[1]
+    for card in re.findall(r"<li>(.*?)</li>", cards, re.DOTALL):
+        words = re.split(r"<a .*?</a>", card, flags=re.DOTALL)[1:]
+        assert "".join(words).strip() == "", "each link has a line of its own, after the sentence"
     assert {
         "index.html",
         "playing.html",
