@@ -9,6 +9,7 @@ import textwrap
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import gymnasium
 import httpx
@@ -17,10 +18,13 @@ import pytest
 from humanplay import play
 from humanplay.cli.pilot.environments import task_of
 from humanplay.cli.pilot.errors import PilotError
+from humanplay.web.simulate import Clock
 from tests.app.tasks.test_gymnasium import begin
 from tests.app.tasks.test_gymnasium import play as play_out
+from tests.app.tasks.test_processes import HIDING
 from tests.support.command import command
 from tests.support.own_environment import Line, make_line
+from tests.support.servers import RunningServer
 
 SCRIPT = """
     import json, sys
@@ -104,6 +108,22 @@ def test_a_script_plays_what_lies_beside_it(tmp_path, what):
     is_held = "mine" not in what and what != "MyEnv"
     assert ("held:" if is_held else "gymnasium:mine:MyEnv") in answer["task"]
     assert (tmp_path / "plays.db").is_file()
+
+
+def test_a_system_without_the_calls_of_linux_plays(opened, tmp_path, monkeypatch, capfd):
+    (tmp_path / "sitecustomize.py").write_text(HIDING + "print('hidden', file=sys.stderr)")
+    monkeypatch.syspath_prepend(tmp_path)
+    plays = opened("FrozenLake-v1")
+    server = RunningServer(urlsplit(plays.link).port, Clock())
+    try:
+        client = server.page()
+        client.put("/api/me/name", json={"name": "Ada"}).raise_for_status()
+        assert play_out(server, client, begin(server, client, player="human"))[-1]["outcome"]
+    finally:
+        server.close()
+    assert plays.verify() == []
+    plays.close()
+    assert "hidden" in capfd.readouterr().out, "in the server's process, whose log is printed"
 
 
 def test_whoever_comes_is_asked_for_a_name_before_the_first_episode(opened, browser_of):

@@ -165,7 +165,7 @@ def test_what_guards_and_what_does_not_is_said():
 
 
 HIDING = """
-import ctypes, sys
+import ctypes, sys, sysconfig
 
 class Elsewhere(ctypes.CDLL):
     def __getattr__(self, name):
@@ -174,6 +174,7 @@ class Elsewhere(ctypes.CDLL):
         return super().__getattr__(name)
 
 ctypes.CDLL = Elsewhere
+sysconfig.get_config_vars()  # by the name that the system has here
 sys.platform = "another"
 """
 """Hides what Linux alone has from each process that starts."""
