@@ -1,4 +1,4 @@
-"""Boards of 42x42 and 84x84 in the matrix: the rover is followed, and everybody can zoom."""
+"""Large boards in the matrix: the rover is followed, and everybody can zoom."""
 
 import numpy as np
 import pytest

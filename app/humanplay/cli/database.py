@@ -55,7 +55,7 @@ def export(
 
     Each episode is replayed on its way out; `verified` is false where the replay differs from what
     was recorded. Players appear under pseudonyms drawn anew for each export. docs/data.md lists the
-    columns. Both files appear whole or not at all.
+    columns, and datapackage.json beside the files has their types. All appear whole or not at all.
 
     \b
     Examples:
@@ -64,12 +64,15 @@ def export(
       humanplay export --database plays.db --out results --parquet --minari lake/people-v0
     """
     from humanplay.db.export import export_to
-    from humanplay.release.plays import minari_of, to_parquet
+    from humanplay.release.plays import ParquetTables, minari_of
 
     with failures(f"cannot write to {out}, choose another --out"), progress("exporting") as advance:
-        summary = export_to(database, out, who, advance, open_studies)
         if parquet:
-            summary += f"; {', '.join(map(str, to_parquet(out)))}"
+            with ParquetTables(out) as tables:
+                summary = export_to(database, out, who, advance, open_studies, tables.keep)
+            summary += f"; {', '.join(map(str, tables.paths))}"
+        else:
+            summary = export_to(database, out, who, advance, open_studies)
         if minari is not None:
             summary += f"; {minari_of(database, minari)}"
     echo(summary)

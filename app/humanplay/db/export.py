@@ -12,6 +12,7 @@ import errno
 import hashlib
 import hmac
 import io
+import json
 import os
 import secrets
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -33,6 +34,7 @@ from humanplay.task import counted
 from marsexplorer.files import to_cell, write_whole
 
 ExportTable = Literal["episodes", "steps"]
+Row = dict[str, object]
 COLUMNS: dict[ExportTable, tuple[str, ...]] = {
     "episodes": TABLES["episodes"].names("export"),
     "steps": TABLES["steps"].names("export"),
@@ -73,6 +75,21 @@ def export_table(
         open_studies: True takes in episodes of studies that are not closed; those whose secrets
             are kept never.
     """
+    rows = export_rows(source, table, who, key, public, at_ms, player, open_studies)
+    return _encoded_pieces(rows, table)
+
+
+def export_rows(
+    source: Reader | Path | str,
+    table: ExportTable,
+    who: Who = "all",
+    key: bytes | None = None,
+    public: bool = False,
+    at_ms: int | None = None,
+    player: str | None = None,
+    open_studies: bool = False,
+) -> Generator[list[Row]]:
+    """Yield the rows that `export_table` writes, an episode's at a time."""
     _check(table, who)
     reader = Reader.open(
         source.path if isinstance(source, Reader) else source, public, at_ms, open_studies
@@ -123,6 +140,7 @@ def write_human_scores(path: Path, most_bytes: int, database: Path, at_ms: int) 
                     lines[table] += piece.count(b"\n")
                     out.write(piece)
         bundle.writestr("DATASHEET.md", _datasheet(lines, at_ms))
+        bundle.writestr(SCHEMA_FILE, table_schema())
 
 
 def _datasheet(lines: Mapping[str, int], at_ms: int) -> str:
@@ -159,18 +177,55 @@ Exported on {day} by version {version} of the playground: {episodes}, {moves}.
 """After Gebru et al. 2021, "Datasheets for Datasets"."""
 
 
+SCHEMA_FILE = "datapackage.json"
+"""What lies beside the tables of an export and says of which type each column is."""
+_SCHEMA_TYPES: dict[ColumnType, str] = {
+    "text": "string", "integer": "integer", "real": "number", "boolean": "boolean",
+}  # fmt: skip
+
+
+def table_schema() -> str:
+    """The types and meanings of all columns, as a Data Package of two tables (JSON)."""
+    resources = [
+        {
+            "name": table,
+            "path": f"{table}.csv",
+            "schema": {
+                "fields": [
+                    {
+                        "name": column.name,
+                        "type": _SCHEMA_TYPES[column.exported_type],
+                        "description": column.meaning,
+                        "constraints": {"required": not column.optional},
+                    }
+                    for column in TABLES[table].columns("export")
+                ],
+                "missingValues": [""],
+            },
+        }
+        for table in COLUMNS
+    ]
+    return json.dumps({"resources": resources}, indent=2, ensure_ascii=False) + "\n"
+
+
+def keep_nothing(table: ExportTable, rows: Sequence[Row]) -> None:
+    """Write rows nowhere else than in the CSV files."""
+
+
 def export_to(
     database: Path,
     folder: Path,
     who: Who,
     advance: Callable[[int, int], None],
     open_studies: bool = False,
+    keep: Callable[[ExportTable, Sequence[Row]], None] = keep_nothing,
 ) -> str:
-    """Write `episodes.csv` and `steps.csv` in the folder, both whole or neither.
+    """Write `episodes.csv`, `steps.csv` and their schema in the folder, all whole or none.
 
     Args:
         advance: Called with (episodes written, episodes in all), both tables counted.
         open_studies: Take in those of open studies, and note it in the chain of the database.
+        keep: Called with the rows of each episode, for a table of another form.
 
     Returns:
         A sentence on what was written.
@@ -185,15 +240,22 @@ def export_to(
             append_marks(conn, map(export_of, running))
     paths = [folder / f"{table}.csv" for table in COLUMNS]
     key, done, lines, unverified = new_key(), 0, [0, 0], 0
-    with write_whole(paths[0]) as episodes, write_whole(paths[1]) as steps:
+    with (
+        write_whole(paths[0]) as episodes,
+        write_whole(paths[1]) as steps,
+        write_whole(folder / SCHEMA_FILE) as schema,
+    ):
         for number, (table, file) in enumerate(zip(COLUMNS, (episodes, steps), strict=True)):
-            for piece in export_table(database, table, who, key, open_studies=open_studies):
-                file.write(piece)
+            file.write(_head(table))
+            for rows in export_rows(database, table, who, key, open_studies=open_studies):
+                file.write(_encoded(rows, TABLES[table].columns("export")))
+                keep(table, rows)
                 done += 1
-                lines[number] += piece.count(b"\n")
-                unverified += number == 0 and piece.endswith(b",false\n")
+                lines[number] += len(rows)
+                unverified += number == 0 and not rows[0]["verified"]
                 advance(min(done, total), total)
-    count, moves = (n - 1 for n in lines)
+        schema.write(table_schema().encode())
+    count, moves = lines
     warning = ""
     if unverified:
         warning = f"; {unverified} of them did not replay as recorded, or cannot be played again: see the column verified"
@@ -215,16 +277,26 @@ def _check(table: str, who: str) -> None:
             raise ValueError(f"{name} must be one of {', '.join(allowed)}, got {chosen!r}")
 
 
+def _head(table: ExportTable) -> bytes:
+    return (",".join(COLUMNS[table]) + "\n").encode()
+
+
+def _encoded_pieces(pieces: Generator[list[Row]], table: ExportTable) -> Generator[bytes]:
+    """The rows as CSV, the header first."""
+    with closing(pieces):
+        yield _head(table)
+        for rows in pieces:
+            yield _encoded(rows, TABLES[table].columns("export"))
+
+
 def _stream(
     reader: Reader, wanted: Callable[[], Iterator[CountedEpisode]], table: ExportTable, key: bytes
-) -> Generator[bytes]:
+) -> Generator[list[Row]]:
     try:
-        yield (",".join(COLUMNS[table]) + "\n").encode()
         with reader.snapshot():
             for row in wanted():
-                rows = _rows_of(row, reader.steps(row["id"]), table, key)
-                if rows:
-                    yield _encoded(rows, TABLES[table].columns("export"))
+                if rows := _rows_of(row, reader.steps(row["id"]), table, key):
+                    yield rows
     finally:
         reader.close()
 

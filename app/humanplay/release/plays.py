@@ -6,51 +6,59 @@ As Parquet tables and as a Minari dataset.
 from __future__ import annotations
 
 import json
-import shutil
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from humanplay.db.columns import TABLES
-from humanplay.db.export import COLUMNS, export_to
+from humanplay.db.export import COLUMNS, ExportTable, Row, export_to
 from humanplay.db.reader import Reader
 from humanplay.db.resimulation import simulate
 from humanplay.db.trial import Trial
 from humanplay.release.errors import ReleaseError, library
 from humanplay.release.minari_data import write_plays
+from humanplay.release.tables import ParquetTable
 from humanplay.task import Run, counted
+from marsexplorer.files import replace_whole
 
 
-def to_parquet(folder: Path) -> list[Path]:
-    """Write `episodes.csv` and `steps.csv` of a folder as Parquet beside them.
+class ParquetTables:
+    """`episodes.parquet` and `steps.parquet` of a folder, of an export's rows.
+
+    Used in a `with` statement; both appear whole at its end, or neither.
 
     Raises:
         ReleaseError: Without pyarrow.
     """
-    pa, pq = library("pyarrow"), library("pyarrow.parquet")
-    csv = library("pyarrow.csv")
-    kinds = {
-        "text": pa.string(),
-        "integer": pa.int64(),
-        "real": pa.float64(),
-        "boolean": pa.bool_(),
-    }
-    written = []
-    for table in COLUMNS:
-        columns = TABLES[table].columns("export")
-        schema = pa.schema(
-            pa.field(
-                column.name, kinds[column.exported_type], True, {"description": column.meaning}
-            )
-            for column in columns
-        )
-        types = {column.name: kinds[column.exported_type] for column in columns}
-        options = csv.ConvertOptions(column_types=types, strings_can_be_null=True)
-        rows = csv.read_csv(folder / f"{table}.csv", convert_options=options)
-        written.append(folder / f"{table}.parquet")
-        pq.write_table(rows.cast(schema), written[-1], compression="zstd")
-    return written
+
+    def __init__(self, folder: Path) -> None:
+        library("pyarrow.parquet")
+        self.paths = [folder / f"{table}.parquet" for table in COLUMNS]
+        self._tables: dict[ExportTable, ParquetTable] = {}
+        self._stack = ExitStack()
+
+    def __enter__(self) -> ParquetTables:
+        for table, path in zip(COLUMNS, self.paths, strict=True):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            place = self._stack.enter_context(replace_whole(path))
+            columns = TABLES[table].columns("export")
+            self._tables[table] = self._stack.enter_context(ParquetTable(place, columns))
+        return self
+
+    def __exit__(self, *error: Any) -> bool | None:
+        return self._stack.__exit__(*error)
+
+    def keep(self, table: ExportTable, rows: Sequence[Row]) -> None:
+        """Add the rows of an episode, as `export_to` hands them on."""
+        self._tables[table].add([{**row, **_truths(table, row)} for row in rows])
+
+
+def _truths(table: ExportTable, row: Row) -> Row:
+    """The truth values of a row, which the database holds as 0 and 1."""
+    truths = [column.name for column in TABLES[table].columns("export") if column.type == "boolean"]
+    return {name: None if row.get(name) is None else bool(row[name]) for name in truths}
 
 
 def parquet_of(database: Path, folder: Path) -> str:
@@ -59,14 +67,12 @@ def parquet_of(database: Path, folder: Path) -> str:
     Returns:
         A sentence on what was written.
     """
-    with TemporaryDirectory() as place:
-        sentence = export_to(database, Path(place), "all", lambda done, total: None)
-        written = to_parquet(Path(place))
-        folder.mkdir(parents=True, exist_ok=True)
-        for path in written:
-            shutil.move(path, folder / path.name)
-    for path in written:
-        sentence = sentence.replace(str(path.with_suffix(".csv")), str(folder / path.name))
+    with TemporaryDirectory() as place, ParquetTables(folder) as tables:
+        sentence = export_to(
+            database, Path(place), "all", lambda done, total: None, keep=tables.keep
+        )
+    for path in tables.paths:
+        sentence = sentence.replace(str(Path(place, path.with_suffix(".csv").name)), str(path))
     return sentence
 
 

@@ -8,14 +8,14 @@ from __future__ import annotations
 import csv
 import re
 import sqlite3
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from humanplay.db.columns import BUNDLE_TABLES, bundle_table
+from humanplay.db.columns import BUNDLE_TABLES, Column, bundle_table
 from humanplay.db.database import rows, stream
 from humanplay.db.export import csv_cell
 from humanplay.db.trial import Trial
@@ -112,22 +112,55 @@ def _csv(path: Path, table: str) -> Iterator[Callable[[list[TableRow]], None]]:
         )
 
 
+class ParquetTable:
+    """A Parquet file that rows are added to; each column carries its meaning.
+
+    Used in a `with` statement, which writes the rows that wait at its end.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[Column]) -> None:
+        self._pa, self._pq = library("pyarrow"), library("pyarrow.parquet")
+        pa = self._pa
+        kinds = {
+            "text": pa.string(), "integer": pa.int64(), "real": pa.float64(), "boolean": pa.bool_(),
+        }  # fmt: skip
+        self._schema = pa.schema(
+            pa.field(
+                column.name,
+                kinds[column.exported_type],
+                column.optional,
+                {"description": column.meaning},
+            )
+            for column in columns
+        )
+        self._path = path
+        self._names = [column.name for column in columns]
+        self._waiting: list[TableRow] = []
+
+    def __enter__(self) -> ParquetTable:
+        self._writer = self._pq.ParquetWriter(self._path, self._schema, compression="zstd")
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        with self._writer:
+            if error[0] is None and self._waiting:
+                self._write()
+
+    def add(self, rows: Sequence[Mapping[str, object]]) -> None:
+        """Add rows; of each the columns of the table."""
+        self._waiting += [{name: row.get(name) for name in self._names} for row in rows]
+        if len(self._waiting) >= ROWS_PER_GROUP:
+            self._write()
+
+    def _write(self) -> None:
+        self._writer.write_table(self._pa.Table.from_pylist(self._waiting, schema=self._schema))
+        self._waiting = []
+
+
 @contextmanager
 def _parquet(path: Path, table: str) -> Iterator[Callable[[list[TableRow]], None]]:
-    pa, pq = library("pyarrow"), library("pyarrow.parquet")
-    text, integer, real, boolean = pa.string(), pa.int64(), pa.float64(), pa.bool_()
-    kinds = {"text": text, "integer": integer, "real": real, "boolean": boolean}
-    schema = pa.schema(
-        pa.field(
-            column.name,
-            kinds[column.exported_type],
-            column.optional,
-            {"description": column.meaning},
-        )
-        for column in bundle_table(table)[1]
-    )
-    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
-        yield lambda group: writer.write_table(pa.Table.from_pylist(group, schema=schema))
+    with ParquetTable(path, bundle_table(table)[1]) as file:
+        yield file.add
 
 
 _WRITERS = {".csv": _csv, ".parquet": _parquet}

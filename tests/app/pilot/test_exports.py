@@ -62,6 +62,6 @@ def test_the_command_writes_the_same_and_leaves_out_what_does_not_replay(plays, 
     assert code == 0, error
     assert "1 episode in the dataset lake/some-v0; 1 episode left out" in text
     assert sorted(path.name for path in out.iterdir()) == [
-        "episodes.csv", "episodes.parquet", "steps.csv", "steps.parquet",
+        "datapackage.json", "episodes.csv", "episodes.parquet", "steps.csv", "steps.parquet",
     ]  # fmt: skip
     assert minari.load_dataset("lake/some-v0").total_episodes == 1

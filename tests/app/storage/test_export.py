@@ -148,6 +148,7 @@ def test_both_files_are_written_whole_or_neither(store, tmp_path):
     )
     assert seen[-1] == (2, 2)
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "datapackage.json",
         "episodes.csv",
         "steps.csv",
     ]
