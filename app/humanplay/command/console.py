@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import os
+import shutil
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import zip_longest
 from pathlib import Path
+from textwrap import wrap
+from typing import TYPE_CHECKING
 
 from click import ClickException, echo
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 PRINTED_WIDTH = 140
 """Width in characters of a table that is printed to a file or a pipe."""
@@ -64,20 +72,18 @@ def noted_progress(label: str, total: int, note: str = "") -> Iterator[Callable[
     If stderr is no terminal it prints the line instead. An empty note leaves the one before, and an
     empty line is not printed.
     """
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console, noted = Console(stderr=True), TextColumn("{task.fields[note]}")
-    columns = (TextColumn(label), BarColumn(), noted, TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=total, note=note)
+    with _bar(label, total, stays=True) as bar:
+        if bar is not None:
+            bar.set_postfix_str(note)
 
         def advance(done: float, note: str = "", line: str = "") -> None:
-            bar.update(task, completed=done)
+            if bar is None:
+                if line:
+                    echo(line, err=True)
+                return
             if note:
-                bar.update(task, note=note)
-            if line and not console.is_terminal:
-                echo(line, err=True)
+                bar.set_postfix_str(note, refresh=False)
+            bar.update(done - bar.n)
 
         yield advance
 
@@ -85,31 +91,89 @@ def noted_progress(label: str, total: int, note: str = "") -> Iterator[Callable[
 @contextmanager
 def progress(label: str) -> Iterator[Callable[[int, int], None]]:
     """Yield `advance(done, total)`, which moves a bar on stderr if that is a terminal."""
-    from rich.console import Console
-    from rich.progress import Progress
+    with _bar(label, None, stays=False) as bar:
 
-    console = Console(stderr=True)
-    bar: Progress
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(label, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        def advance(done: int, total: int) -> None:
+            if bar is not None:
+                bar.total = total
+                bar.update(done - bar.n)
+
+        yield advance
+
+
+@contextmanager
+def _bar(label: str, total: int | None, stays: bool) -> Iterator[tqdm | None]:
+    """Yield a bar on stderr with the time remaining; None if that is no terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from tqdm import tqdm
+
+    tqdm.monitor_interval = 0  # no thread of its own beside the jobs' processes
+    parts = "{percentage:3.0f}%|{bar}| {remaining} {desc}{postfix}"
+    # the label comes last: what a narrow terminal has no room for is its end
+    with tqdm(desc=label, total=total, leave=stays, bar_format=parts, dynamic_ncols=True) as bar:
+        yield bar
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table on stdout.
+    """Print a table on stdout that fits a terminal.
 
-    The first column is on the left and never cut, the others are on the right.
+    The first column is on the left and never wrapped, the others are on the right. If they do not
+    fit side by side, the cells of a row stand below each other.
     """
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=title)
-    table.add_column(columns[0], no_wrap=True)
-    for name in columns[1:]:
-        table.add_column(name, justify="right")
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else PRINTED_WIDTH
+    widths = _column_widths([columns, *rows], width)
+    echo(title)
+    if widths is None:
+        for row in rows:
+            echo(row[0])
+            for name, cell in zip(columns[1:], row[1:], strict=True):
+                echo(f"  {name}: {cell}")
+        return
+    is_unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+    top, middle, bottom, side = (
+        ("┌─┬┐", "├─┼┤", "└─┴┘", "│") if is_unicode else (*["+-++"] * 3, "|")
+    )
+    echo(_rule(widths, top))
+    echo(_row(columns, widths, side))
+    echo(_rule(widths, middle))
     for row in rows:
-        table.add_row(*row)
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=PRINTED_WIDTH)
-    console.print(table)
+        echo(_row(row, widths, side))
+    echo(_rule(widths, bottom))
+
+
+def _rule(widths: Sequence[int], marks: str) -> str:
+    left, line, cross, right = list(marks)
+    return left + cross.join(line * (width + 2) for width in widths) + right
+
+
+def _row(cells: Sequence[str], widths: Sequence[int], side: str) -> str:
+    """A row of a table, in as many lines as its cells need."""
+    wrapped = [
+        wrap(cell, width, break_on_hyphens=False) for cell, width in zip(cells, widths, strict=True)
+    ]
+    lines = []
+    for first, *others in zip_longest(*wrapped, fillvalue=""):
+        texts = [text.rjust(width) for text, width in zip(others, widths[1:], strict=True)]
+        parts = [first.ljust(widths[0]), *texts]
+        lines.append(f"{side} {f' {side} '.join(parts)} {side}")
+    return "\n".join(lines)
+
+
+def _column_widths(rows: Sequence[Sequence[str]], width: int) -> list[int] | None:
+    """How wide the columns of a table are without breaking a word; None if it does not fit."""
+    columns = list(zip(*rows, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    narrowest = [
+        max(len(word) for cell in column for word in cell.split() or [""]) for column in columns
+    ]
+    narrowest[0] = widths[0]
+    # a line at the left of each column with a space on both sides of the text, and one at the end
+    room = width - 3 * len(columns) - 1
+    if sum(narrowest) > room:
+        return None
+    while sum(widths) > room:
+        spare = [number for number, least in enumerate(narrowest) if widths[number] > least]
+        widths[max(spare, key=widths.__getitem__)] -= 1
+    return widths

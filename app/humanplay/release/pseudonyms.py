@@ -118,7 +118,7 @@ def write_pseudonymized(
     arrivals  people who stay out, counted
     """
     pseudonyms = Pseudonyms(key)
-    conn: sqlite3.Connection = open_database(target).conn
+    conn = open_database(target)
     try:
         with transaction(conn):
             conn.execute("PRAGMA defer_foreign_keys = ON")

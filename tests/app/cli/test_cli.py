@@ -162,7 +162,7 @@ for program in (humanplay.cli.main, mars):
         program.main(args)
     except SystemExit:
         pass
-    print(args, sorted({"numpy", "numba", "fastapi", "torch", "scipy", "pydantic", "rich"} & set(sys.modules)), file=sys.stderr)
+    print(args, sorted({"numpy", "numba", "fastapi", "torch", "scipy", "pydantic", "tqdm"} & set(sys.modules)), file=sys.stderr)
 """
     process = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
