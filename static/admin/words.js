@@ -41,7 +41,7 @@ export function summary(study) {
   const who = people.length ? `${many(people.length, "person", "people")} of ${study.planned} planned, ${done} through` : `nobody of ${study.planned} planned has joined yet`;
   const day = new Date(study.closed_ms ?? study.frozen_ms).toISOString().slice(0, 10);
   return `${study.where}, ${study.warm_up} warm-up and ${many(study.ranked, "ranked episode")}. ${study.status === "open" ? "Open since" : "Closed on"} ${day}: `
-    + `${who}${scripts ? `, and ${many(scripts, "script")} outside of every human figure` : ""}.`;
+    + `${who}${scripts ? `, and ${many(scripts, "script")} outside of every human score` : ""}.`;
 }
 
 /** Return what the operator should look at, the worst first.

@@ -1,4 +1,4 @@
-"""A challenge: from a replay to the same terrain against what was done there, both results, and no human figure."""
+"""A challenge: from a replay to the same terrain against what was done there, both results, and no human score."""
 
 from humanplay.db.store import Store
 from marsexplorer import policies
@@ -57,7 +57,7 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     assert f"{abs(gap)} move" in said or "both needed" in said
     assert " a script" in said
     assert judge(page, "challenge-end") == []
-    # a terrain that was chosen: in no human figure, whoever played it
+    # a terrain that was chosen: in no human score, whoever played it
     stored = fetched(page, f"{server.url}/api/episodes/{mine['episode']}").json()
     assert (stored["driver"], stored["counts"]) == ("human", False)
     assert fetched(page, f"{server.url}/api/human-level").json()["figures"] == []

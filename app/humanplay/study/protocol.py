@@ -345,7 +345,7 @@ class Protocol(Part):
                          None: it is never called flat
     recruitment          how participants come: by single-use invitations, from a panel's link, or by a link that is open to all
     panel_links          of recruitment by a panel: signed when only ids that the operator has signed are let in
-    required_attestation the lowest level at which an episode enters a human figure
+    required_attestation the lowest level at which an episode enters a human score
     assumed_mean         of people's episodes that do not fail, in the primary metric; the power follows from this and the next
     assumed_player_sd    between people's true means
     assumed_terrain_sd   between terrains, of policy minus people; None: from playing the policies

@@ -1,7 +1,7 @@
 """How people come into a study: by single-use invitations, from a panel's link, or by a link that is open to all.
 
 An invitation and a panel's id are used up by the consent, in its transaction, and by nothing before it. Scripts are let in
-whatever the recruitment, since they enter no human figure. A join that is refused is noted with the participant who was there
+whatever the recruitment, since they enter no human score. A join that is refused is noted with the participant who was there
 before, without anything of whoever came second.
 
 A session is supervised by the operator's code of the day, typed in the lab under the operator's eyes. The code is worth as

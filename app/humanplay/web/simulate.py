@@ -1,6 +1,6 @@
 """Synthetic participants, who play a study through its page's calls and socket.
 
-They join as scripts, so they are labelled `script` for ever and enter no human figure.
+They join as scripts, so they are labelled `script` for ever and enter no human score.
 `Participant` is one of them; `simulate` lets many take part side by side.
 """
 

@@ -1,4 +1,4 @@
-"""Synthetic participants go through whole studies and enter no human figure."""
+"""Synthetic participants go through whole studies and enter no human score."""
 
 import threading
 from collections import Counter

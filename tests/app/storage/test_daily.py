@@ -1,4 +1,4 @@
-"""Daily attempts in the database: one a day and player, in no human figure."""
+"""Daily attempts in the database: one a day and player, in no human score."""
 
 from contextlib import closing
 

@@ -1,4 +1,4 @@
-"""Names: chosen by oneself, shown with a gap to Expert, and no part of a study or a human figure."""
+"""Names: chosen by oneself, shown with a gap to Expert, and no part of a study or a human score."""
 
 import io
 import json

@@ -21,7 +21,7 @@ test("times and sizes are short", () => {
 test("people and scripts are counted apart", () => {
   assert.match(summary(study()), /Open since 2026-11-02: nobody of 10 planned has joined yet\.$/);
   const participants = [person("A", { stage: "complete" }), person("B"), person("S", { kind: "script", script: "random" })];
-  assert.match(summary(study({ participants })), /2 people of 10 planned, 1 through, and 1 script outside of every human figure\.$/);
+  assert.match(summary(study({ participants })), /2 people of 10 planned, 1 through, and 1 script outside of every human score\.$/);
 });
 
 test("what needs attention: damage and silence first, labels after, nothing of scripts", () => {

@@ -38,7 +38,7 @@ def simulate(study: str, participants: int | None, url: str, **options: Any) -> 
 
     They agree to the consent, play the tutorial, answer the questions, warm up, play the ranked
     episodes and look at the debrief, over the calls and the socket of the study's page. They are
-    labelled `script` for ever and enter no human figure. When the server stops they wait for it for a
+    labelled `script` for ever and enter no human score. When the server stops they wait for it for a
     minute and go on where they stood.
 
     \b

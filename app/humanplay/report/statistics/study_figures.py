@@ -40,7 +40,7 @@ EVERYBODY_RULE = (
     "or a rule ended, count at the lowest score and the limit"
 )
 
-NO_HUMAN_FIGURE = "No human has played this study: it has no human figure."
+NO_HUMAN_FIGURE = "No human has played this study: it has no human score."
 
 
 @dataclass(frozen=True)
