@@ -7,8 +7,13 @@ import sys
 from contextlib import contextmanager
 
 from humanplay.cli.main import cli
+from humanplay.db import database
 from humanplay.db.series import StudyStore
 from tests.support.servers import RunningServer
+
+
+WRITES = ("INSERT", "UPDATE", "DELETE", "COMMIT", "RELEASE")
+"""How statements begin that write."""
 
 
 @contextmanager
@@ -19,7 +24,24 @@ def dying(path, moves):
         moves: Which of its moves to a stage is the last: it is written then, and neither committed
             nor followed by what belongs to it.
     """
-    command = [sys.executable, "-m", __name__, str(path), str(moves)]
+    with _serving(path, "moves", moves) as server:
+        yield server
+
+
+@contextmanager
+def dying_between_writes(path, writes):
+    """A server of a database that dies before it writes.
+
+    Args:
+        writes: Which write is not made any more, from the first on that is of somebody's way.
+    """
+    with _serving(path, "writes", writes) as server:
+        yield server
+
+
+@contextmanager
+def _serving(path, what_ends, number):
+    command = [sys.executable, "-m", __name__, str(path), what_ends, str(number)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         line = next(line for line in process.stdout if "is open at" in line)
         server = RunningServer(int(line.split("http://127.0.0.1:")[1].split()[0]))
@@ -31,19 +53,42 @@ def dying(path, moves):
             server.close()
 
 
-def main(path, moves):
-    """Serve, and die with the move to a stage that has this number."""
+def die():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def die_after_moves(number):
+    """Die with the move to a stage that has this number."""
     whole, done = StudyStore.set_stage, []
 
     def set_stage(*args, **columns):
         whole(*args, **columns)
         done.append(args)
-        if len(done) == moves:
-            os.kill(os.getpid(), signal.SIGKILL)
+        if len(done) == number:
+            die()
 
     StudyStore.set_stage = set_stage
-    cli(["serve", "--port", "0", "--database", path])
+
+
+def die_before_write(number):
+    """Die before the write that has this number, of those since the first of somebody's way."""
+    whole, left = database._connect, []
+
+    def note(statement):
+        is_write = statement.lstrip().startswith(WRITES)
+        if is_write and (left or statement.startswith("INSERT INTO stage_events")):
+            left.append(statement)
+            if len(left) == number:
+                die()
+
+    def connect(*args, **options):
+        connection = whole(*args, **options)
+        connection.set_trace_callback(note)
+        return connection
+
+    database._connect = connect
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]))
+    {"moves": die_after_moves, "writes": die_before_write}[sys.argv[2]](int(sys.argv[3]))
+    cli(["serve", "--port", "0", "--database", sys.argv[1]])
