@@ -11,7 +11,6 @@ from humanplay.db import database
 from humanplay.db.series import StudyStore
 from tests.support.servers import RunningServer
 
-
 WRITES = ("INSERT", "UPDATE", "DELETE", "COMMIT", "RELEASE")
 """How statements begin that write."""
 
