@@ -340,6 +340,11 @@ class StudyStore:
             detail = {"number": number, "arm": draw(number)}
             self.add_stage_event(participant.id, at_ms, ARM_EVENT, detail)
 
+    def note_operators_arm(self, participant_id: str, at_ms: int, arm: str) -> None:
+        """Note the arm to which the operator assigned a participant: no number is drawn for them."""
+        detail = {"arm": arm, "assigned_by": "operator"}
+        self.add_stage_event(participant_id, at_ms, ARM_EVENT, detail)
+
     def order_number(self, participant: Participant, at_ms: int) -> int:
         """The place (from 0) among those of a kind and arm who begin ranked terrains.
 

@@ -13,6 +13,8 @@ SELECT
   p.supervised_ms IS NOT NULL AS supervised,
   p.consent_version,
   (SELECT json_extract(v.detail, '$.arm') FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'arm') AS arm,
+  (SELECT coalesce(json_extract(v.detail, '$.assigned_by'), 'chance')
+    FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'arm') AS arm_assigned_by,
   p.stage,
   p.joined_ms,
   p.completed_ms,

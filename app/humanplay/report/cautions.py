@@ -304,6 +304,12 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
         sentences.append(
             f"{counted(len(early), 'participant')} joined before the protocol was frozen."
         )
+    by_operator = sum(person.has_operators_arm for person in data.people)
+    if by_operator:
+        were = counted(by_operator, "person was", "people were")
+        sentences.append(
+            f"{were} assigned to an arm by the operator, with the invitation, and not by chance."
+        )
     finished = sum(
         person.kind == "human" and person.completed_ms is not None for person in data.people
     )

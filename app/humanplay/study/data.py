@@ -56,6 +56,7 @@ class Person:
     invitation    whether an invitation brought them
     supervised    whether the operator's code was typed at least once
     arm           to which they are assigned; None before, and in a study without arms
+    has_operators_arm  whether the operator assigned them, and not chance
     minutes       from consent to the end of the last ranked episode; None before
     repeated      signs that they take part more than once, in words (`humanplay.study.flow`); none is no proof
     """
@@ -72,6 +73,7 @@ class Person:
     invitation: bool = False
     supervised: bool = False
     arm: str | None = None
+    has_operators_arm: bool = False
     minutes: float | None = None
     repeated: tuple[str, ...] = ()
 
@@ -250,6 +252,10 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
             arm=next(
                 (str(event.detail["arm"]) for event in events[row.id] if event.kind == ARM_EVENT),
                 None,
+            ),
+            has_operators_arm=any(
+                event.kind == ARM_EVENT and event.detail.get("assigned_by") == "operator"
+                for event in events[row.id]
             ),
             minutes=None
             if row.completed_ms is None or row.consent_ms is None

@@ -44,11 +44,16 @@ ID_LENGTH, _SIGNATURE_LENGTH = 4, 12  # 60 bits that nobody can guess
 
 @dataclass(frozen=True, kw_only=True)
 class Invitation:
-    """An invitation; times are ISO 8601, `revoked_at` is None while it holds."""
+    """An invitation; times are ISO 8601.
+
+    revoked_at  None while it holds
+    arm         to which the operator assigns whoever comes with it; None: people are assigned by chance
+    """
 
     id: str
     issued_at: str
     revoked_at: str | None = None
+    arm: str | None = None
 
     @property
     def issued_ms(self) -> int:
@@ -106,8 +111,12 @@ class Invitations:
     def _path(self, name: str) -> Path:
         return self._folder.path(name) / "invitations.json"
 
-    def issue(self, name: str, count: int) -> list[Invitation]:
-        """Issue new invitations to an open study and return them; StudyError when it takes none."""
+    def issue(self, name: str, count: int, arm: str | None = None) -> list[Invitation]:
+        """Issue new invitations to an open study and return them; StudyError when it takes none.
+
+        Args:
+            arm: As of `Invitation`.
+        """
         study = self._folder.study(name)
         if not study.is_running:
             raise StudyError(f"the study {name!r} is closed: nobody can be invited to it any more")
@@ -116,6 +125,10 @@ class Invitations:
                 f"the study {name!r} has recruitment {study.protocol.recruitment!r}: its link is /study/{name}, and only "
                 "a study that was made with `--recruitment invitation` has invitations"
             )
+        arms = [possible.name for possible in study.protocol.arms]
+        if arm is not None and arm not in arms:
+            known = ", ".join(arms) or "none"
+            raise StudyError(f"the study {name!r} has no arm {arm!r}: there are {known}")
         with self._changing(name) as found:
             if not 1 <= count <= MAX_INVITATIONS - len(found):
                 raise StudyError(
@@ -125,7 +138,7 @@ class Invitations:
             before, now = len(found), iso(now_ms())
             for _ in range(count):
                 ident = new_id(found)
-                found[ident] = Invitation(id=ident, issued_at=now)
+                found[ident] = Invitation(id=ident, issued_at=now, arm=arm)
         return list(found.values())[before:]
 
     def revoke(self, name: str, idents: Sequence[str]) -> list[Invitation]:

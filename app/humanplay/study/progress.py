@@ -228,6 +228,8 @@ class ParticipantProgress:
                 if is_full(self.lobby.store, study, now):
                     self.study_store.withdraw(participant, now, outcome=Outcome.OVER_QUOTA)
                     return
+            if arm := self.recruitment.invited_arm(study, participant):
+                self.study_store.note_operators_arm(participant.id, now, arm)
             agreed: dict[str, str | int] = {"consent_version": version, "consent_ms": now}
             if study.protocol.platform == "code":
                 agreed["completion_code"] = self._sources.completion_code()

@@ -333,6 +333,11 @@ def _arm(
     is_due = stage_of_assignment(protocol) in stages_of(conn, participant)
     if not details and not is_due:
         return None
+    if len(details) == 1 and json.loads(details[0]).get("assigned_by") == "operator":
+        name = str(json.loads(details[0]).get("arm"))
+        if protocol.recruitment != "invitation" or name not in {arm.name for arm in protocol.arms}:
+            yield Finding(person, "assignment by the operator", name, "an arm, and an invitation")
+        return name
     number = _number_in(details)
     if number is None or not protocol.arms:
         wanted = "one, with a whole number from 0" if protocol.arms else "none: there are no arms"

@@ -217,6 +217,46 @@ def test_people_of_an_arm_with_keys_begin_with_them_and_may_choose_others(serve,
     assert "begin with the keys KeyI, KeyW for north" in preregistration(study.protocol, study)
 
 
+def test_an_invitation_with_an_arm_is_assigned_by_the_operator_and_takes_no_slot(
+    serve, tmp_path, capsys
+):
+    root = tmp_path / "playground.db-studies"
+    study = freeze(root, arms=ARMS, recruitment="invitation", warm_up=0, ranked=1, players=4)
+    path = tmp_path / "playground.db"
+    invite = "study", "invite", study.name, "2", "--database", path
+    assert "has no arm 'else'" in command(capsys, *invite, "--arm", "else")[2]
+    named = command(capsys, *invite, "--arm", "control", "--csv", tmp_path / "links.csv")[1]
+    drawn = command(capsys, *invite)[1]
+    rows = list(csv.DictReader((tmp_path / "links.csv").read_text().splitlines()))
+    assert [row["arm"] for row in rows] == ["control", "control"]
+    server = serve()
+    for link in (*named.split(), *drawn.split()):
+        person = Person(server, invitation=link.partition("invitation=")[2])
+        person.to_warm_up()
+        person.play_on()
+    assert server.services.store.path == path
+    server.stop()
+    assert ask(path, ASSIGNED) == [
+        *[("human", None, "control")] * 2,
+        *(("human", number, study.arm("human", number)) for number in range(2)),
+    ]
+    assert verify_database(path, secrets={study.name: study.secret}).findings == ()
+    closing = "--yes", "--now", "--database", path
+    assert command(capsys, "study", "close", study.name, *closing)[0] == 0
+    serve().stop()  # it takes note
+    sentence = "2 people were assigned to an arm by the operator, with the invitation, and not by"
+    assert sentence in " ".join(build(load(path, study.name)).deviations)
+    out = tmp_path / "bundle"
+    code, printed, error = command(
+        capsys, "release", "--study", study.name, "--out", out, "--author", "A", "--database", path
+    )
+    assert code == 0, printed + error
+    people = csv.DictReader(next(out.rglob("participants.csv")).read_text().splitlines())
+    assert Counter(row["arm_assigned_by"] for row in people) == {"operator": 2, "chance": 2}
+    code, printed, error = command(capsys, "reproduce", out)
+    assert code == 0, printed + error
+
+
 def test_orders_are_rows_of_a_square_of_each_arm(serve, tmp_path):
     study = freeze(tmp_path / "playground.db-studies", arms=ARMS, warm_up=0)
     server = serve()

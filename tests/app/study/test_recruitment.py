@@ -584,7 +584,10 @@ def test_the_commands_make_list_and_revoke_links_and_print_the_code(tmp_path, ca
     )
     assert {"issued", "revoked"} <= set(capsys.readouterr().out.split())
     lines = table.read_text().splitlines()
-    assert (lines[0], lines[1]) == ("id,state,participant,link", f"{ident},revoked,,{links[0]}")
+    assert (lines[0], lines[1]) == (
+        "id,state,participant,arm,link",
+        f"{ident},revoked,,,{links[0]}",
+    )
     assert table.stat().st_mode & 0o077 == 0, "for its owner alone"
     assert run("study", "supervise", "small", *folder) == 0
     code, until = capsys.readouterr().out.splitlines()

@@ -612,6 +612,7 @@ def _design(protocol: Protocol) -> StudyDesign:
     "--url",
     help="The address at which participants reach the server.  [default: HUMANPLAY_PUBLIC_URL, else a guess that says so]",
 )
+@option("--arm", help="To which whoever comes with one is assigned, in place of by chance.")
 @flag("--list", "lists", "List all invitations with their state instead.")
 @path_option(
     "--ids",
@@ -619,12 +620,18 @@ def _design(protocol: Protocol) -> StudyDesign:
     "A panel's ids, one a line: print a signed link for each, where panel_links is signed.",
     metavar="FILE",
 )
-@path_option("--csv", "table", "Write them to a file, with links: id, state, link.", metavar="FILE")
+@path_option(
+    "--csv",
+    "table",
+    "Write them to a file, with links: id, state, participant, arm, link.",
+    metavar="FILE",
+)
 @DATABASE_AND_STUDIES
 def invite(
     name: str,
     count: int,
     url: str | None,
+    arm: str | None,
     lists: bool,
     panel: Path | None,
     table: Path | None,
@@ -636,6 +643,9 @@ def invite(
     A link is used up when somebody agrees to the consent text, not when it is opened. Send each person one; whoever has a
     link can take part with it. The links are listed in the study's folder by their ids, never by their tokens; --list shows
     ids and states, and with --csv the links once more. A running server knows new links at once.
+
+    With --arm whoever comes with one of them is not assigned by chance: the release says "operator" of each, and the report
+    how many they are.
 
     \b
     Examples:
@@ -658,13 +668,18 @@ def invite(
     with study_errors():
         study = folder.study(name)
         if panel is not None:
-            rows = [(value, "signed", "") for value in _lines(panel)]
+            rows = [(value, "signed", "", "") for value in _lines(panel)]
             links = [panel_link(study, value, base) for value, *_ in rows]
         else:
-            found = list(invitations.of(name).values()) if lists else invitations.issue(name, count)
+            found = (
+                list(invitations.of(name).values())
+                if lists
+                else invitations.issue(name, count, arm)
+            )
     for each in found:
         use = uses.get(each.id)
-        rows.append((each.id, state_of(each, use), use.label if use else ""))
+        label = use.label if use else ""
+        rows.append((each.id, state_of(each, use), label, each.arm or ""))
         links.append(link_of(study, each.id, base))
     if known is None and (table is not None or not lists):
         way_out = (
@@ -679,7 +694,7 @@ def invite(
     else:
         issued = [_day(each.issued_ms) for each in found]
         printed = [(*row, day) for row, day in zip(rows, issued, strict=True)]
-        heads = ("id", "state", "participant", "issued (UTC)")
+        heads = ("id", "state", "participant", "arm", "issued (UTC)")
         print_table(f"Invitations to {name}", heads, printed)
     if table is not None:  # last: links that were issued are told whatever becomes of the file
         _write_csv(table, [(*row, link) for row, link in zip(rows, links, strict=True)])
@@ -898,7 +913,7 @@ def _write_csv(path: Path, rows: list[tuple[str, ...]]) -> None:
     from marsexplorer.files import to_cell
 
     text = io.StringIO()
-    table = [("id", "state", "participant", "link"), *rows]
+    table = [("id", "state", "participant", "arm", "link"), *rows]
     csv.writer(text, lineterminator="\n").writerows(map(to_cell, row) for row in table)
     write_file(path, text.getvalue().encode(), "--csv", private=True)
 
