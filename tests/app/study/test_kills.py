@@ -2,7 +2,6 @@
 
 import random
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 
 import httpx
 import pytest
@@ -59,11 +58,11 @@ ARMS_OF = """SELECT json_extract(detail, '$.number'), json_extract(detail, '$.ar
 
 def take_step(person):
     """Do what is next; an episode is given up at its first move."""
-    where = person.where
-    plays = where["stage"] == "ranked" or (
-        where["stage"] == "tutorial" and not where["tutorial"]["done"]
+    state = person.where
+    plays = state["stage"] == "ranked" or (
+        state["stage"] == "tutorial" and not state["tutorial"]["done"]
     )
-    if where["block"] is not None or not plays:
+    if state["block"] is not None or not plays:
         person.take_step()
         return
     person.call("next")
@@ -86,17 +85,20 @@ def take_part(server, cookies, acknowledged):
     Returns:
         The cookies of who has not come to the end; None if nobody had begun.
     """
-    with suppress(httpx.TransportError):
-        while True:
-            client = server.client(cookies=cookies)
-            person = Person(server, client=client, joins=False)
+    while True:
+        client = server.client(cookies=cookies)
+        person = Person(server, client=client, joins=False)
+        try:
             if cookies is None:
                 person.call("join")
                 cookies = dict(client.cookies)
             person.me()
             go_on(person, acknowledged)
             cookies = None
-    return cookies
+        except httpx.TimeoutException:
+            continue  # a slow server is not a dead one
+        except httpx.TransportError:
+            return cookies
 
 
 def check(path, study, acknowledged):
