@@ -70,7 +70,7 @@ def die_after_moves(number):
 
 
 def die_before_write(number):
-    """Die before the write that has this number, of those since the first of somebody's way."""
+    """Die before the write that has this number, from somebody's first on."""
     whole, left = database._connect, []
 
     def note(statement):

@@ -1,4 +1,4 @@
-"""What others may know of somebody opens nobody's place: an identifier, a label, an old link."""
+"""An identifier, a label or an old link opens nobody's place."""
 
 import pytest
 from websockets.exceptions import ConnectionClosed
@@ -38,7 +38,7 @@ def owner(request, serve, tmp_path):
 
 
 def intruder(owner, brings):
-    """A browser that brings what others may know of the owner, as cookie and in its link."""
+    """A browser that brings what others may know, as a cookie and in its link."""
     (cookie,) = owner.client.cookies
     label, session = owner.where["participant"], owner.where["session"]
     first = next(iter(owner.link.values()))

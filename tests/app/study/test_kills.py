@@ -1,4 +1,4 @@
-"""SIGKILL between two writes, while people answer questions and are assigned, loses nothing."""
+"""SIGKILL between two writes of answers and assignments loses nothing."""
 
 import random
 from concurrent.futures import ThreadPoolExecutor
@@ -102,7 +102,7 @@ def take_part(server, cookies, acknowledged):
 
 
 def check(path, study, acknowledged):
-    """What was acknowledged is there, nothing is there by half, and nobody is assigned twice."""
+    """What was acknowledged is there, nothing by half, and nobody is assigned twice."""
     assert verify_database(path, secrets={study.name: study.secret}).findings == ()
     noted = ask(path, NOTED)
     assert len(set(noted)) == len(noted)
