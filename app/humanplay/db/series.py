@@ -341,7 +341,7 @@ class StudyStore:
             self.add_stage_event(participant.id, at_ms, ARM_EVENT, detail)
 
     def note_operators_arm(self, participant_id: str, at_ms: int, arm: str) -> None:
-        """Note the arm to which the operator assigned a participant: no number is drawn for them."""
+        """Note the arm to which the operator assigned a participant, without a number."""
         detail = {"arm": arm, "assigned_by": "operator"}
         self.add_stage_event(participant_id, at_ms, ARM_EVENT, detail)
 

@@ -164,7 +164,7 @@ class Recruitment:
                 raise _taken_id(name, other)
 
     def invited_arm(self, study: Study, participant: Participant) -> str | None:
-        """The arm to which the operator assigned whoever comes with a participant's invitation."""
+        """The arm that a participant's invitation names; None if chance assigns them."""
         if study.protocol.recruitment != "invitation" or participant.kind != "human":
             return None
         invitation = self._read(study).get(participant.invitation or "")
