@@ -7,9 +7,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import zip_longest
 from pathlib import Path
-from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from click import ClickException, echo
@@ -131,34 +129,19 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
             for name, cell in zip(columns[1:], row[1:], strict=True):
                 echo(f"  {name}: {cell}")
         return
-    is_unicode = (sys.stdout.encoding or "").lower().startswith("utf")
-    top, middle, bottom, side = (
-        ("┌─┬┐", "├─┼┤", "└─┴┘", "│") if is_unicode else (*["+-++"] * 3, "|")
+    from tabulate import tabulate
+
+    table = tabulate(
+        rows,
+        columns,
+        tablefmt="pretty",
+        colalign=["left", *["right"] * (len(columns) - 1)],
+        maxcolwidths=widths,
+        maxheadercolwidths=widths,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
-    echo(_rule(widths, top))
-    echo(_row(columns, widths, side))
-    echo(_rule(widths, middle))
-    for row in rows:
-        echo(_row(row, widths, side))
-    echo(_rule(widths, bottom))
-
-
-def _rule(widths: Sequence[int], marks: str) -> str:
-    left, line, cross, right = list(marks)
-    return left + cross.join(line * (width + 2) for width in widths) + right
-
-
-def _row(cells: Sequence[str], widths: Sequence[int], side: str) -> str:
-    """A row of a table, in as many lines as its cells need."""
-    wrapped = [
-        wrap(cell, width, break_on_hyphens=False) for cell, width in zip(cells, widths, strict=True)
-    ]
-    lines = []
-    for first, *others in zip_longest(*wrapped, fillvalue=""):
-        texts = [text.rjust(width) for text, width in zip(others, widths[1:], strict=True)]
-        parts = [first.ljust(widths[0]), *texts]
-        lines.append(f"{side} {f' {side} '.join(parts)} {side}")
-    return "\n".join(lines)
+    echo(table)
 
 
 def _column_widths(rows: Sequence[Sequence[str]], width: int) -> list[int] | None:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import logging
 import os
 import sqlite3
+import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -38,6 +39,22 @@ from humanplay.db.file import (
 from humanplay.db.recording_files import delete_marked
 from humanplay.task import counted
 from humanplay.task.recordings import look_in
+
+
+@contextmanager
+def _hidden(name: str) -> Iterator[None]:
+    """Let the import of a module fail within the block, unless it is loaded."""
+    is_hidden = sys.modules.setdefault(name, None) is None  # type: ignore[arg-type]
+    try:
+        yield
+    finally:
+        if is_hidden:
+            del sys.modules[name]
+
+
+# if pandas is installed, sqlite_utils would load it to know one more type of column: half a second
+with _hidden("pandas"):
+    from sqlite_utils import Database
 
 APPLICATION_ID = 0x48504C59
 """`HPLY` in ASCII, at byte 68 of the file."""
@@ -301,7 +318,7 @@ def commits_in(path: Path) -> tuple[int, bool]:
     return int(rows.get("commits", 0)), RUNS in rows
 
 
-def open_database(path: Path, durable: bool = False) -> sqlite3.Connection:
+def open_database(path: Path, durable: bool = False) -> Database:
     """Open the database for writing, in WAL mode; create it if it is absent.
 
     It is recognised and compared with its note first.
@@ -327,7 +344,7 @@ def open_database(path: Path, durable: bool = False) -> sqlite3.Connection:
         # a new file must be known as ours even if its log is lost: then commits are missing, not the database
         if is_new:
             conn.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        return conn
+        return Database(conn)
     except BaseException as error:
         conn.close()
         if isinstance(error, sqlite3.Error):
@@ -335,7 +352,7 @@ def open_database(path: Path, durable: bool = False) -> sqlite3.Connection:
         raise
 
 
-def open_read_only(path: Path) -> sqlite3.Connection:
+def open_read_only(path: Path) -> Database:
     """Open the database for reading, whether or not a server has it open.
 
     Raises:
@@ -354,7 +371,7 @@ def open_read_only(path: Path) -> sqlite3.Connection:
         raise StoreError(_explain(path, error)) from error
     try:
         _check_schema(conn, path)
-        return conn
+        return Database(conn)
     except BaseException as error:
         conn.close()
         if isinstance(error, sqlite3.Error):
@@ -397,9 +414,10 @@ def reading(path: Path) -> Iterator[sqlite3.Connection]:
     Raises:
         StoreError: If the file is not one of ours, or turns out to be damaged inside the block.
     """
-    conn = open_read_only(path)
+    db = open_read_only(path)
     release = hold(path)
     try:
+        conn: sqlite3.Connection = db.conn
         conn.execute("BEGIN")
         yield conn
     except sqlite3.DatabaseError as error:
@@ -407,7 +425,7 @@ def reading(path: Path) -> Iterator[sqlite3.Connection]:
             raise
         raise StoreError(damaged(path, str(error))) from error
     finally:
-        conn.close()
+        db.close()
         release()
 
 

@@ -145,7 +145,7 @@ def _rewritten(database: Path, lock: DatabaseLock | None) -> Iterator[sqlite3.Co
     if not database.exists():
         raise StoreError(f"no database at {database}: give its path with --database")
     try:
-        conn = open_database(database)
+        conn: sqlite3.Connection = open_database(database).conn
         try:
             check_room(conn, database.parent, "make room there; nothing was erased")
             # the deleted rows of this transaction are overwritten even before the file is written anew

@@ -327,7 +327,7 @@ def _new_database(out: Path) -> Iterator[sqlite3.Connection]:
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with replace_whole(out) as unfinished:
-            conn = open_database(unfinished)
+            conn: sqlite3.Connection = open_database(unfinished).conn
             try:
                 yield conn
             finally:
@@ -344,7 +344,7 @@ def kept_or_new_database(database: Path) -> Iterator[sqlite3.Connection]:
     """
     was_there = database.exists()
     try:
-        conn = open_database(database)
+        conn: sqlite3.Connection = open_database(database).conn
         try:
             yield conn
         finally:

@@ -7,21 +7,23 @@ holds a player's or a session's id, because a session's id is all that is needed
 
 from __future__ import annotations
 
-import sqlite3
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from humanplay.db.database import SqlValue, StoreError, open_read_only, rows, stream
+from humanplay.db.database import SqlValue, StoreError, open_read_only
 from humanplay.db.file import hold
 from humanplay.db.rows import CountedEpisode, FailureRow, MoveRow
 from humanplay.db.study_rows import SeriesRow
 from humanplay.db.trial import Trial
 from humanplay.task import Configuration, Record
 from humanplay.task.registration import environment_of
+
+if TYPE_CHECKING:
+    from sqlite_utils import Database
 
 Who = Literal["all", "human"]
 
@@ -96,13 +98,13 @@ class Reader:
 
     def __init__(
         self,
-        conn: sqlite3.Connection,
+        db: Database,
         path: Path,
         public: bool = False,
         at_ms: int | None = None,
         open_studies: bool = False,
     ) -> None:
-        self._conn = conn
+        self._db = db
         self.path = path
         at_ms = now_ms() if at_ms is None else at_ms
         is_over = "y.kind != 'study' OR y.closed_ms IS NOT NULL"
@@ -129,28 +131,23 @@ class Reader:
         """
         return cls(open_read_only(Path(path)), Path(path), public, at_ms, open_studies)
 
-    @property
-    def connection(self) -> sqlite3.Connection:
-        """The connection that it reads on, for this package."""
-        return self._conn
-
     def close(self) -> None:
         """Close the connection."""
-        self._conn.close()
+        self._db.close()
         self._release()
 
     @contextmanager
     def snapshot(self) -> Iterator[None]:
         """Let the block see the database as it is at the first query."""
-        self.connection.execute("BEGIN")
+        self._db.conn.execute("BEGIN")
         try:
             yield
         finally:
-            self.connection.execute("ROLLBACK")
+            self._db.conn.execute("ROLLBACK")
 
     def query(self, sql: str, values: Sequence[SqlValue] = ()) -> list[Any]:
         """A query's rows by column, for this package; `values` fill the question marks."""
-        return rows(self.connection, sql, *values)
+        return list(self._db.query(sql, list(values)))
 
     def count(self, who: Who = "all") -> int:
         """The number of finished episodes."""
@@ -172,7 +169,7 @@ class Reader:
         """
         driven, values = ("", []) if player is None else (_DRIVEN_BY_PLAYER, [player])
         sql = f"{self._select}{_FILTER[who]}{driven} ORDER BY e.started_ms, e.id"
-        episodes: Iterator[Any] = stream(self.connection, sql, *values)
+        episodes: Iterator[Any] = self._db.query(sql, values)
         return episodes
 
     def newest_failures(self, most: int) -> list[FailureRow]:
@@ -195,7 +192,7 @@ class Reader:
         """The newest counted episodes of a configuration, oldest first."""
         sql = f"""{self._select}{_FILTER["human"]} AND e.config_hash = ?
             ORDER BY e.started_ms DESC, e.id DESC LIMIT ?"""
-        return list(map(Trial.of, self.query(sql, [config_hash, most])))[::-1]
+        return list(map(Trial.of, self._db.query(sql, [config_hash, most])))[::-1]
 
     def played_by(self, player: str, limit: int = 50, after: str | None = None) -> list[Trial]:
         """The finished episodes that a player drove, newest first, for their own page.
@@ -211,7 +208,7 @@ class Reader:
     def bests_of(self, player: str) -> list[Best]:
         """What a player has played by configuration, the most played first."""
         bests = []
-        self.connection.create_function("succeeded", 2, _succeeded, deterministic=True)
+        self._db.conn.create_function("succeeded", 2, _succeeded, deterministic=True)
         for row in self.query(_BESTS.format(self._select_played + _DRIVEN_BY_PLAYER), [player]):
             (shown,) = self.query(f"{self._select_played} AND e.id = ?", [row["id"]])
             trial = Trial.of(shown)
@@ -264,8 +261,8 @@ class Reader:
 
     def trial(self, episode_id: str) -> Trial | None:
         """One finished episode without its moves; None if there is none."""
-        episodes = self.query(f"{self._select} AND e.id = ?", [episode_id])
-        return Trial.of(episodes[0]) if episodes else None
+        rows = self.query(f"{self._select} AND e.id = ?", [episode_id])
+        return Trial.of(rows[0]) if rows else None
 
     def episode(self, episode_id: str) -> dict[str, object] | None:
         """One finished episode as `episodes` gives it, or None.
@@ -287,7 +284,7 @@ class Reader:
         sql = """SELECT e.driver, s.owner_id = ?2 AND e.driver NOT LIKE 'policy:%' AS own, EXISTS (SELECT 1 FROM participants p
             WHERE p.session_id = s.id AND p.kind = 'script') AS synthetic
             FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.id = ?1"""
-        for row in self.query(sql, [episode_id, viewer]):
+        for row in list(self._db.query(sql, [episode_id, viewer])):
             is_synthetic = row["synthetic"] and not row["driver"].startswith("policy:")
             return "you" if row["own"] else "synthetic" if is_synthetic else str(row["driver"])
         raise StoreError(f"no episode {episode_id!r} in {self.path}")
@@ -295,7 +292,7 @@ class Reader:
     def ids_beginning(self, prefix: str, limit: int) -> list[str]:
         """Ids of finished episodes that begin with a text, in order, at most `limit`."""
         sql = f"SELECT id FROM ({self._select} AND substr(e.id, 1, length(?)) = ?) ORDER BY id LIMIT ?"
-        return [str(row["id"]) for row in self.query(sql, [prefix, prefix, limit])]
+        return [str(row["id"]) for row in self._db.query(sql, [prefix, prefix, limit])]
 
     def load_record(self, episode_id: str) -> Record:
         """The cause of a finished episode, ready to be replayed.
@@ -303,8 +300,11 @@ class Reader:
         Raises:
             StoreError: If there is no such episode.
         """
-        sql = "SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL"
-        for row in self.query(sql, [episode_id]):
+        for row in list(
+            self._db.query(
+                "SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]
+            )
+        ):
             return Trial.of(row).record(self.steps(episode_id))
         raise StoreError(f"no finished episode {episode_id!r} in {self.path}: see `episodes`")
 

@@ -23,7 +23,7 @@ from dataclasses import astuple, dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 from humanplay.db import chain, volunteers
 from humanplay.db.columns import TABLES
@@ -47,6 +47,9 @@ from humanplay.db.reader import JOINED, TRIAL, Reader
 from humanplay.db.rows import EpisodeRow, Input, MoveRow
 from humanplay.db.trial import Trial
 from humanplay.task import Record, counted
+
+if TYPE_CHECKING:
+    from sqlite_utils import Database
 
 __all__ = [
     "Closing",
@@ -542,7 +545,7 @@ class Store(Reader):
         accept_loss: bool = False,
     ) -> None:
         path, self.metrics = Path(path), metrics or Metrics()
-        self._reads: ReadThreads[sqlite3.Connection] | None = None
+        self._reads: ReadThreads[Database] | None = None
         check_writable(path)
         self._lock = DatabaseLock(path)
         try:
@@ -553,6 +556,7 @@ class Store(Reader):
         except BaseException:
             self._lock.close()
             raise
+        self._conn: sqlite3.Connection = self._db.conn
         self._lost: str | None = None
         self._takes_writes = True
         self._is_within, self._began = False, 0.0
@@ -600,10 +604,10 @@ class Store(Reader):
             self._reads = None
             self._conn.execute(f"PRAGMA busy_timeout = {BUSY_MS}")
 
-    def _open_for_reading(self) -> sqlite3.Connection:
-        conn = open_read_only(self.path)
-        conn.execute(f"PRAGMA cache_size = -{READ_CACHE_KB}")
-        return conn
+    def _open_for_reading(self) -> Database:
+        db = open_read_only(self.path)
+        db.conn.execute(f"PRAGMA cache_size = -{READ_CACHE_KB}")
+        return db
 
     async def write(
         self,
@@ -659,15 +663,19 @@ class Store(Reader):
         self._lock.close()
 
     @property
-    def connection(self) -> sqlite3.Connection:
-        """The caller's connection, for this package.
+    def _db(self) -> Database:
+        """The connection for the caller.
 
-        It is the one that writes, inside `transaction` alone, or a reading one of the caller's
-        thread while threads are started.
+        It is the one that writes, or a reading one of the caller's thread while threads are
+        started.
         """
         if self._reads is None or self.writes.is_own_thread:
-            return self._conn
+            return self._own_db
         return self._reads.connection()
+
+    @_db.setter
+    def _db(self, db: Database) -> None:
+        self._own_db = db
 
     @property
     def fault(self) -> str | None:
@@ -681,6 +689,11 @@ class Store(Reader):
         """Raise StoreError while nothing can be recorded."""
         if (fault := self.fault) is not None:
             raise StoreError(fault)
+
+    @property
+    def connection(self) -> sqlite3.Connection:
+        """The connection for this package; it writes inside `transaction` alone."""
+        return self._db.conn
 
     @contextmanager
     def transaction(self, is_one_statement: bool = False) -> Iterator[None]:
@@ -819,8 +832,7 @@ class Store(Reader):
     def add_player(self, player_id: str, at_ms: int) -> None:
         """Add a player; a second time changes nothing."""
         with self.transaction():
-            insert = TABLES["players"].insert(how="INSERT OR IGNORE")
-            self._conn.execute(insert, [player_id, at_ms])
+            self._db.table("players").insert({"id": player_id, "created_ms": at_ms}, ignore=True)
 
     def add_session(self, row: SessionRow) -> None:
         """Add a session; a rival's session belongs to the player whose rival it is."""
@@ -851,7 +863,7 @@ class Store(Reader):
                 self._close(Closing(*end))
             opened = [replace(row, terrain_met_before=self._has_met(row)) for row in rows]
             for row in opened:
-                self._conn.execute(TABLES["episodes"].insert(), list(row.row().values()))
+                self._db.table("episodes").insert(row.row())
         return opened
 
     def add_step(self, row: StepRow, closing: Record | None = None) -> None:

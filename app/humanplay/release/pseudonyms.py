@@ -118,7 +118,7 @@ def write_pseudonymized(
     arrivals  people who stay out, counted
     """
     pseudonyms = Pseudonyms(key)
-    conn = open_database(target)
+    conn: sqlite3.Connection = open_database(target).conn
     try:
         with transaction(conn):
             conn.execute("PRAGMA defer_foreign_keys = ON")

@@ -46,7 +46,9 @@ def delay_commits(server, seconds):
             commits.append(statement)
             time.sleep(seconds)
 
-    server.on_loop(store.write(lambda: store._conn.set_trace_callback(wait if seconds else None)))
+    server.on_loop(
+        store.write(lambda: store._own_db.conn.set_trace_callback(wait if seconds else None))
+    )
     return commits
 
 
@@ -334,7 +336,7 @@ def test_writes_that_wait_are_committed_together_and_one_that_fails_fails_alone(
     commits, published = [], []
 
     async def scenario(store, episodes):
-        store._conn.set_trace_callback(
+        store._own_db.conn.set_trace_callback(
             lambda sql: commits.append(sql) if sql in ("COMMIT", "ROLLBACK") else None
         )
         go_on, _ = await blocked(store)

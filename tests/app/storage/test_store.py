@@ -110,7 +110,7 @@ def test_the_same_bits_in_another_shape_are_another_terrain(store):
     other = replace(first.config, rows=7, cols=5)
     row = replace(first, id="turned", session_id=add_session(store), config=other)
     store.next_episode((), [row])
-    assert store.connection.execute(
+    assert store._db.execute(
         "SELECT terrain_met_before FROM episodes WHERE id = 'turned'"
     ).fetchone() == (0,)
 
@@ -124,7 +124,7 @@ def test_a_player_and_a_rival_opened_together_do_not_meet_each_others_terrain(st
         replace(row, id="a", number=1, terrain=b"other"),
     ]
     store.next_episode([], rows)
-    assert store.connection.execute(
+    assert store._db.execute(
         "SELECT terrain_met_before FROM episodes WHERE id IN ('a', 'b')"
     ).fetchall() == [(0,), (0,)]
 
@@ -181,13 +181,11 @@ def test_a_missing_folder_is_refused_and_not_made(tmp_path):
 
 def test_tables_are_strict_in_wal_mode_and_marked_as_ours(store, path):
     sql = dict(
-        store.connection.execute(
-            "SELECT name, sql FROM sqlite_master WHERE type = 'table'"
-        ).fetchall()
+        store._db.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'").fetchall()
     )
     assert all("STRICT" in text for text in sql.values())
     pragma = {
-        name: store.connection.execute(f"PRAGMA {name}").fetchone()[0]
+        name: store._db.execute(f"PRAGMA {name}").fetchone()[0]
         for name in ("journal_mode", "synchronous", "foreign_keys")
     }
     assert pragma == {"journal_mode": "wal", "synchronous": 1, "foreign_keys": 1}
@@ -196,7 +194,7 @@ def test_tables_are_strict_in_wal_mode_and_marked_as_ours(store, path):
 
 def test_durable_syncs_every_commit(path):
     store = Store(path, durable=True)
-    assert store.connection.execute("PRAGMA synchronous").fetchone() == (2,)
+    assert store._db.execute("PRAGMA synchronous").fetchone() == (2,)
     store.close()
 
 
@@ -207,7 +205,7 @@ def test_reading_goes_on_while_a_server_runs(store, path):
     play(store, seed=2)
     assert reader.count() == 2
     with pytest.raises(sqlite3.OperationalError, match="readonly"):
-        reader.connection.execute("DELETE FROM steps")
+        reader._db.execute("DELETE FROM steps")
     reader.close()
 
 
