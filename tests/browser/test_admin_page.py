@@ -336,7 +336,8 @@ def test_the_leaderboard_shows_people_once_they_are_enough(serve, player, quick,
     with page.expect_download() as downloading:
         page.get_by_test_id("human-scores").click()
     with zipfile.ZipFile(downloading.value.path()) as bundle:
-        assert bundle.namelist() == ["episodes.csv", "steps.csv", "DATASHEET.md"]
+        files = ["episodes.csv", "steps.csv", "DATASHEET.md", "datapackage.json"]
+        assert bundle.namelist() == files
         moves = bundle.read("steps.csv").count(b"\n") - 1
         assert f"27 episodes, {moves:,} moves" in bundle.read("DATASHEET.md").decode()
     page.get_by_test_id("by-score").click()

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from types import TracebackType
 
 from humanplay.db.columns import TABLES
 from humanplay.db.export import COLUMNS, ExportTable, Row, export_to
@@ -47,8 +47,13 @@ class ParquetTables:
             self._tables[table] = self._stack.enter_context(ParquetTable(place, columns))
         return self
 
-    def __exit__(self, *error: Any) -> bool | None:
-        return self._stack.__exit__(*error)
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> bool | None:
+        return self._stack.__exit__(kind, error, trace)
 
     def keep(self, table: ExportTable, rows: Sequence[Row]) -> None:
         """Add the rows of an episode, as `export_to` hands them on."""
