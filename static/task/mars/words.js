@@ -74,8 +74,9 @@ export const stepsToGoal = ({ outcome: found, step }) => (found === "explored" ?
 
 /** Return the matrix in words: where the rover stands and what lies next to it.
  * @param {Mars.Frame} frame @param {string} name */
-export function describe({ grid, position, rows, cols, coverage, step }, name) {
-  const around = Object.keys(WAYS).map((way) => `${way} ${stateOf(markAt(grid, cellAfter(position, way)))}`);
+export function describe(frame, name) {
+  const { position, rows, cols, coverage, step } = frame;
+  const around = Object.keys(WAYS).map((way) => `${way} ${stateOf(markAt(linesOf(frame), cellAfter(position, way)))}`);
   return `State matrix of ${name}: ${many(rows, "row")}, ${many(cols, "column")}. Rover at row ${position[0] + 1}, column ${position[1] + 1}. `
     + `${around.join(", ")}. ${percent(coverage)} percent mapped in ${many(step, "move")}.`;
 }
@@ -90,7 +91,7 @@ export const runs = (line) => Array.from(line.matchAll(/(.)\1*/g), ({ index, 0: 
 const FIRST_MOVES = 8;
 
 /** @param {Mars.Frame} frame @returns what lies in front of the rover: the grid's character, or "edge" */
-export const inFront = ({ grid, position, heading }) => markAt(grid, cellAfter(position, heading)) ?? "edge";
+export const inFront = (frame) => markAt(linesOf(frame), cellAfter(frame.position, frame.heading)) ?? "edge";
 
 /** The sentences in the order of their weight; the first one that fits and has not been said is said. What the lidar
  * does comes with the first move, or with the one after it where a rock lies ahead.
@@ -99,7 +100,7 @@ const LINES = [
   ["rock", (after) => inFront(after) === "#", "A rock is right in front of you. Hitting it ends the episode."],
   ["edge", (after) => after.step > 1 && inFront(after) === "edge", "The edge of the map is right in front of you. Driving over it ends the episode."],
   ["first", () => true, "Your lidar uncovers what is in sight."],
-  ["rocks", ({ grid }) => grid.some((line) => line.includes("#")), "Pale blocks are rocks. Drive round them."],
+  ["rocks", (after) => linesOf(after).some((line) => line.includes("#")), "Pale blocks are rocks. Drive round them."],
   ["nothing", (_after, gained) => gained === 0, "Nothing new there. Head for the dark."],
   ["quarter", ({ coverage }) => coverage >= 0.25 && coverage < 0.5, "A quarter of the ground is on the map. Rocks hide what is behind them."],
   ["half", ({ coverage }) => coverage >= 0.5 && coverage < 0.9, "Half of the ground. Plan a way that passes each dark patch once."],

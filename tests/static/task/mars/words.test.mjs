@@ -71,6 +71,14 @@ test("the matrix in words names the four neighbours, edges too", () => {
   assert.match(said, /north edge, east free, south obstacle, west edge/);
 });
 
+test("a packed frame is read as four cells in a character", () => {
+  const known = board({ rows: 1, cols: 4, position: [0, 0], heading: "east", grid: ["P"], packed: true });
+  assert.match(describe(known, "You"), /north edge, east obstacle, south edge, west edge/);
+  assert.match(words.hint(board({ discovered: 0 }), { ...known, discovered: 0 }, new Set()).line, /rock is right in front/);
+  const unknown = { ...known, grid: ["#"], step: 20, discovered: 0 };
+  assert.doesNotMatch(words.hint(board({ discovered: 0 }), unknown, new Set(["first", "nothing"]))?.line ?? "", /rock|edge|Rocks/i);
+});
+
 test("the map in words names runs of cells", () => {
   assert.deepEqual(words.inWords(board(), "You").rows, ["rover, 1 free, 1 unknown, 1 rock", "1 rock, 1 free, 2 unknown", "4 unknown"]);
 });
