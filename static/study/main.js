@@ -75,10 +75,11 @@ whenChanged((before) => {
   repaint();
 });
 
-/** Take the keys of the arm to which somebody was assigned just now.
+/** Take the keys of the arm to which somebody was assigned just now, which is before the instructions.
  * @param {Study.Participant | null} before @param {Study.Participant | null} participant */
 function takeKeys(before, participant) {
-  if (!before || !participant || JSON.stringify(before.task.keys) === JSON.stringify(participant.task.keys)) return;
+  if (before?.stage !== "consent" || participant?.stage !== "instructions") return;
+  if (JSON.stringify(before.settings.keys) === JSON.stringify(participant.settings.keys)) return;
   settings.begin(participant.task.keys);
   settings.adopt(participant.settings);
   settingsSync.changed();

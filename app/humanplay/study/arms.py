@@ -49,10 +49,10 @@ def reach_stage(
 
 
 def _take_keys(study_store: StudyStore, study: Study, participant: Participant, at_ms: int) -> None:
-    """Choose the keys of somebody's arm for them, in place of those that they had."""
-    arm = arm_of(study_store, study, participant)
-    if arm is not None and arm.keys:
-        settings = {**json.loads(participant.settings), "keys": arm.keys}
+    """Where arms differ in keys, give somebody those of their arm for what they had."""
+    if any(arm.keys for arm in study.protocol.arms):
+        keys = keys_of(study.protocol, arm_of(study_store, study, participant))
+        settings = {**json.loads(participant.settings), "keys": keys}
         study_store.set_settings(participant.id, at_ms, settings)
 
 

@@ -279,7 +279,7 @@ class Payment(Part):
 Key = Annotated[
     str,
     Field(
-        pattern=r"^(Key[A-Z]|Digit\d|Numpad[A-Z0-9]\w*|Arrow(Up|Right|Down|Left)|Comma|Period|Slash|Semicolon|Quote)$",
+        pattern=r"^(Key[A-Z]|Digit\d|Numpad(\d|Add|Subtract|Multiply|Divide|Decimal)|Arrow(Up|Right|Down|Left)|Comma|Period|Slash|Semicolon|Quote)$",
         max_length=32,
     ),
 ]

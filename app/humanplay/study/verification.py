@@ -271,7 +271,7 @@ def _check_missed(
     answers = answers_of(conn, participant)
     blocks = {block.name: block for block in protocol.blocks}
     for text in event_details(conn, participant, BLOCK_EVENT):
-        detail = json.loads(text)
+        detail = _detail_of(text)
         name, turn, noted = detail.get("block"), detail.get("turn"), detail.get("missed")
         person = f"participant {participant}"
         if name not in blocks:
@@ -333,8 +333,9 @@ def _arm(
     is_due = stage_of_assignment(protocol) in stages_of(conn, participant)
     if not details and not is_due:
         return None
-    if len(details) == 1 and json.loads(details[0]).get("assigned_by") == "operator":
-        name = str(json.loads(details[0]).get("arm"))
+    detail = _detail_of(details[0]) if len(details) == 1 else {}
+    name = str(detail.get("arm"))
+    if detail.get("assigned_by") == "operator":
         if protocol.recruitment != "invitation" or name not in {arm.name for arm in protocol.arms}:
             yield Finding(person, "assignment by the operator", name, "an arm, and an invitation")
         return name
@@ -343,7 +344,6 @@ def _arm(
         wanted = "one, with a whole number from 0" if protocol.arms else "none: there are no arms"
         yield Finding(person, "assignment to an arm", details, wanted)
         return None
-    name = str(json.loads(details[0]).get("arm"))
     if expected.key is not None:
         kind, arms = kind_of(conn, participant), protocol.arms
         drawn = seeds.drawn_arm(
@@ -352,6 +352,15 @@ def _arm(
         if name != arms[drawn].name:
             yield Finding(person, "arm", name, f"{arms[drawn].name}, by their number {number}")
     return name
+
+
+def _detail_of(text: str) -> dict[str, object]:
+    """The details of an event; none if they are no JSON object."""
+    try:
+        detail = json.loads(text)
+    except ValueError:
+        return {}
+    return detail if isinstance(detail, dict) else {}
 
 
 def _number_in(details: list[str]) -> int | None:

@@ -203,9 +203,10 @@ def test_people_of_an_arm_with_keys_begin_with_them_and_may_choose_others(serve,
     study = freeze(tmp_path / "playground.db-studies", arms=arms)
     server = serve()
     usual = {action: list(codes) for action, codes in study.protocol.environment.keys.items()}
+    remembered = {action: list(reversed(codes)) for action, codes in usual.items()}
     for number in range(4):
         person = Person(server)
-        person.call("settings", {"palette": "high-contrast", "keys": usual})
+        person.call("settings", {"palette": "high-contrast", "keys": remembered})
         assert person.where["task"]["keys"] == usual, "nobody is assigned yet"
         person.call("consent", YES)
         wanted = keys if study.arm("human", number) == "letters" else usual
@@ -225,6 +226,8 @@ def test_an_invitation_with_an_arm_is_assigned_by_the_operator_and_takes_no_slot
     path = tmp_path / "playground.db"
     invite = "study", "invite", study.name, "2", "--database", path
     assert "has no arm 'else'" in command(capsys, *invite, "--arm", "else")[2]
+    listed = "study", "invite", study.name, "--list", "--arm", "control", "--database", path
+    assert "--arm goes with the number of links" in command(capsys, *listed)[2]
     named = command(capsys, *invite, "--arm", "control", "--csv", tmp_path / "links.csv")[1]
     drawn = command(capsys, *invite)[1]
     rows = list(csv.DictReader((tmp_path / "links.csv").read_text().splitlines()))

@@ -659,6 +659,8 @@ def invite(
     if [count > 0, lists, panel is not None].count(True) != 1:
         given = "the number of links to make, such as 10, --list to see all, or --ids FILE"
         raise UsageError(f"expected {given}")
+    if arm is not None and count == 0:
+        raise UsageError("--arm goes with the number of links to make, not with --list or --ids")
     server = place()
     known = url or server.public_url
     base = known or f"http://{server.host}:{server.port}"
