@@ -150,6 +150,8 @@ def _rewritten(database: Path, lock: DatabaseLock | None) -> Iterator[sqlite3.Co
             check_room(conn, database.parent, "make room there; nothing was erased")
             # the deleted rows of this transaction are overwritten even before the file is written anew
             conn.execute("PRAGMA secure_delete = ON")
+            # the commit is on the disk before recordings are deleted, which nothing would bring back
+            conn.execute("PRAGMA synchronous = FULL")
             with transaction(conn):
                 conn.execute("PRAGMA defer_foreign_keys = ON")
                 recorded = recorded_episodes(conn, recordings_beside(database))
