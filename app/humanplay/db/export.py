@@ -196,7 +196,10 @@ def table_schema() -> str:
                         "name": column.name,
                         "type": _SCHEMA_TYPES[column.exported_type],
                         "description": column.meaning,
-                        "constraints": {"required": not column.optional},
+                        # a text may be empty, which a table cannot tell from absent
+                        "constraints": {
+                            "required": not column.optional and column.exported_type != "text"
+                        },
                     }
                     for column in TABLES[table].columns("export")
                 ],

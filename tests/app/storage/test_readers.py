@@ -4,6 +4,8 @@ import csv
 import json
 import re
 
+import duckdb
+import polars
 import pytest
 
 from humanplay.board.sources import Sources
@@ -64,7 +66,6 @@ def by_pandas(path, kinds):
 
 
 def by_polars(path, kinds):
-    polars = pytest.importorskip("polars")
     names = {
         "string": polars.String, "integer": polars.Int64, "number": polars.Float64, "boolean": polars.Boolean,
     }  # fmt: skip
@@ -73,7 +74,6 @@ def by_polars(path, kinds):
 
 
 def by_duckdb(path, kinds):
-    duckdb = pytest.importorskip("duckdb")
     names = {
         "string": "VARCHAR",
         "integer": "BIGINT",

@@ -53,7 +53,7 @@ def reproduce(capsys, tmp_path, monkeypatch):
 
 def counts(out):
     """{section: (compared, differ)} of the printed table."""
-    rows = [line.split("│")[1:-1] for line in out.splitlines() if line.startswith("│")]
+    _, *rows = (line.split("|")[1:-1] for line in out.splitlines() if line.startswith("|"))
     return {
         name.strip(): (int(compared.replace(",", "")), int(differ))
         for name, compared, differ in rows
