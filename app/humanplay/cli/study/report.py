@@ -38,7 +38,7 @@ def report(
     """Print a study's figures: that of its people with its interval, and policies on the same terrains.
 
     The unit is the player: the figure is the mean of the players' means with an interval that is right for few and
-    skewed players; docs/report.md says how that was measured. Scripts never enter a human score.
+    skewed players; docs/statistics.md says how that was measured. Scripts never enter a human score.
     An open study shows how many have finished, and no figure and no page before it is closed.
 
     \b
