@@ -368,7 +368,7 @@ def forget(
     from humanplay.report.costs import forget_costs
 
     with failures(f"cannot write {database}"):
-        erasure.end_interrupted(database)
+        erasure.finish_erasure(database)
     if player:
         with failures(f"cannot write {database}"):
             erasure.find_player(database, participant)

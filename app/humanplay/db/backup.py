@@ -23,7 +23,7 @@ from pathlib import Path
 from humanplay.db.checks import check_chain
 from humanplay.db.database import RUNS, StoreError, reading
 from humanplay.db.file import DatabaseLock, lock_path, recordings_beside
-from humanplay.db.recording_files import TO_DELETE, copy_recordings, remove_folder
+from humanplay.db.recording_files import UNENDED_ERASURE, copy_recordings, remove_folder
 from humanplay.task.recordings import size_of
 
 _log = logging.getLogger(__name__)
@@ -122,7 +122,7 @@ def _copy(database: Path, target: Path, advance: Advance | None) -> None:
             check_room(conn, target.parent, "make room there, or give another place", recorded)
             conn.backup(copy, pages=PAGES, progress=progress)
             # no server has the copy, and all of it is in the file
-            copy.execute("DELETE FROM meta WHERE name IN (?, ?)", [RUNS, TO_DELETE])
+            copy.execute("DELETE FROM meta WHERE name IN (?, ?)", [RUNS, UNENDED_ERASURE])
             copy.commit()
             # one file, which can be read where nothing can be written
             copy.execute("PRAGMA journal_mode = DELETE")

@@ -33,7 +33,7 @@ from humanplay.db.database import (
 )
 from humanplay.db.file import DatabaseLock, log_path, note_commit, recordings_beside
 from humanplay.db.recording_files import (
-    TO_DELETE,
+    UNENDED_ERASURE,
     delete_marked,
     mark_for_deletion,
     recorded_episodes,
@@ -111,10 +111,12 @@ def forget(
         return _erase_rows(conn, _find(conn, database, name, study), asked_by)
 
 
-def end_interrupted(database: Path) -> None:
-    """Delete the recordings that an erasure left which was killed."""
+def finish_erasure(database: Path) -> None:
+    """Finish an erasure that was killed: delete recordings, and copies of rows in file and log."""
     with reading(database) as conn:
-        is_interrupted = conn.execute("SELECT 1 FROM meta WHERE name = ?", [TO_DELETE]).fetchone()
+        is_interrupted = conn.execute(
+            "SELECT 1 FROM meta WHERE name = ?", [UNENDED_ERASURE]
+        ).fetchone()
     if is_interrupted:
         with _lock_unless_served(database) as lock, _rewritten(database, lock):
             pass
@@ -166,6 +168,7 @@ def _rewritten(database: Path, lock: DatabaseLock | None) -> Iterator[sqlite3.Co
                 lock.clear_note()
             delete_marked(conn, database)  # after the commit: a failed erasure takes nothing away
             _write_anew(conn, database)
+            conn.execute("DELETE FROM meta WHERE name = ?", [UNENDED_ERASURE])
         finally:
             conn.close()
     except sqlite3.Error as error:

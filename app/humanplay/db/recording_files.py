@@ -12,8 +12,11 @@ from pathlib import Path
 from humanplay.db.file import recordings_beside
 from humanplay.task import recordings
 
-TO_DELETE = "recordings to delete"
-"""The row of `meta` that holds, as JSON, the files that an erasure deletes once it is committed."""
+UNENDED_ERASURE = "unended erasure"
+"""The row of `meta` from an erasure's commit until the file is written anew.
+
+It holds, as JSON, the recordings that the erasure deletes.
+"""
 
 Instance = tuple[str, int]
 """Level and seed."""
@@ -57,18 +60,16 @@ def mark_for_deletion(
         if after.get(instance) != episodes
         for path in _unneeded(conn, folder, *instance)
     ]
-    if paths:
-        names = json.dumps([str(path.relative_to(folder)) for path in paths])
-        conn.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", [TO_DELETE, names])
+    names = json.dumps([str(path.relative_to(folder)) for path in paths])
+    conn.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", [UNENDED_ERASURE, names])
 
 
 def delete_marked(conn: sqlite3.Connection, database: Path) -> None:
     """Delete the recordings that a committed erasure noted, also after a kill."""
     sql = "SELECT value FROM meta WHERE name = ?"
-    for (names,) in conn.execute(sql, [TO_DELETE]).fetchall():
+    for (names,) in conn.execute(sql, [UNENDED_ERASURE]):
         for name in json.loads(names):
             (recordings_beside(database) / name).unlink(missing_ok=True)
-        conn.execute("DELETE FROM meta WHERE name = ?", [TO_DELETE])
 
 
 def remove_folder(database: Path) -> None:

@@ -1,5 +1,6 @@
 """An environment that cannot be made again is stepped by its program."""
 
+import sqlite3
 import subprocess
 import sys
 import time
@@ -198,6 +199,10 @@ def test_who_is_erased_takes_each_of_their_recordings_along_and_no_other(two_on_
     assert "it is not verified" in finding, "Bob's recording is there"
 
 
+def _has(path, text):
+    return path.is_file() and text in path.read_bytes()
+
+
 KILLED = """
 import os, sys
 from humanplay.db import erasure
@@ -214,6 +219,8 @@ def test_an_erasure_that_is_killed_keeps_all_recordings_or_is_ended_by_the_next(
     two_on_a_seed, capsys, killed_in, left
 ):
     forget = ("forget", "Ada", "--player", "--yes", "--database", two_on_a_seed / "plays.db")
+    reader = sqlite3.connect(two_on_a_seed / "plays.db")  # while it is open the log stays
+    reader.execute("SELECT count(*) FROM meta").fetchone()
     script = KILLED.format(name=killed_in)
     killed = subprocess.run([sys.executable, "-c", script, *map(str, forget)], check=False)
     assert killed.returncode == 9
@@ -222,6 +229,8 @@ def test_an_erasure_that_is_killed_keeps_all_recordings_or_is_ended_by_the_next(
     text = "".join(command(capsys, *forget)[1:])
     assert ("no player" if left == 1 else "1 episode") in text
     assert len(recorded(two_on_a_seed)) == 1
+    assert not [path for path in two_on_a_seed.glob("plays.db*") if _has(path, b"Ada")]
+    reader.close()
 
 
 def test_a_killed_program_goes_on_with_the_same_episode(program, tmp_path):
