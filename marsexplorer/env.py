@@ -269,7 +269,10 @@ def drawn(codes: NDArray[np.uint8], render_mode: str | None) -> Any:
 
 
 class RestoredSeeds(np.random.SeedSequence):
-    """The seeds of a restored generator; what they spawn is hashed as ever."""
+    """The seeds of a restored generator; what they spawn is hashed as ever.
+
+    NumPy hashes the seeds of a new generator, even if its state is written over at once.
+    """
 
     is_written_over = False
     """Whether the state that they would give is not needed, and so not hashed."""

@@ -238,6 +238,10 @@ class Cause(Protocol):
     def start(self) -> tuple[int, int]:
         """Return where the episode starts."""
 
+    @property
+    def trajectory_hash(self) -> str | None:
+        """Return the hash of an episode that has ended."""
+
 
 class Record(Cause, Protocol):
     """The cause of an episode with what it came to, as `Run.record` returns it; replaying compares it.
@@ -463,12 +467,13 @@ class Choice:
 
 @dataclass(frozen=True)
 class DrawnInstance:
-    """The cause of an episode on the instance of a seed (`Cause`)."""
+    """The cause (`Cause`) of an episode on the instance of a seed."""
 
     config: Configuration
     seed: int
     terrain: bytes
     start: tuple[int, int]
+    trajectory_hash: None = None
 
 
 class Lock(Protocol):

@@ -288,14 +288,15 @@ class InPlaceEnvironment(GymnasiumEnvironment):
 
     def replay(self, cause: Cause, actions: bytes = b"", ended: bool = False) -> Run:
         """The run of a stored episode as it was recorded."""
-        digest = getattr(cause, "trajectory_hash", None)
-        run = RecordedRun(own_config(cause.config), seed_of(cause), actions, digest)
+        config, seed = own_config(cause.config), seed_of(cause)
+        run = RecordedRun(config, seed, actions, cause.trajectory_hash)
         if ended:
             give_up(cause, run)
         return run
 
     def observations(self, record: Record) -> Sequence[object]:
         """What was seen before each move and after the last."""
+        # of its own replay: a Gymnasium environment asks a process, and here is none
         return BaseEnvironment.observations(self, record)
 
 
