@@ -112,7 +112,7 @@ def forget(
 
 
 def finish_erasure(database: Path) -> None:
-    """Finish an erasure that was killed: delete recordings, and copies of rows in file and log."""
+    """Finish an erasure that was killed before the file was written anew."""
     with reading(database) as conn:
         is_interrupted = conn.execute(
             "SELECT 1 FROM meta WHERE name = ?", [UNENDED_ERASURE]
