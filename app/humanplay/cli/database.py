@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,6 +23,7 @@ from humanplay.command.options import KEY, PATH, flag, path_option
 from humanplay.task import counted
 
 if TYPE_CHECKING:
+    from humanplay.db.export import Keep
     from humanplay.db.reader import Who
     from humanplay.db.rows import AskedBy
     from humanplay.db.study_rows import Participant
@@ -64,15 +65,16 @@ def export(
       humanplay export --database plays.db --out results --parquet --minari lake/people-v0
     """
     from humanplay.db.export import export_to
-    from humanplay.release.plays import ParquetTables, minari_of
+    from humanplay.release.plays import minari_of, parquet_paths, parquet_tables
 
     with failures(f"cannot write to {out}, choose another --out"), progress("exporting") as advance:
+        tables: AbstractContextManager[Keep | None] = (
+            parquet_tables(out) if parquet else nullcontext()
+        )
+        with tables as keep:
+            summary = export_to(database, out, who, advance, open_studies, keep)
         if parquet:
-            with ParquetTables(out) as tables:
-                summary = export_to(database, out, who, advance, open_studies, tables.keep)
-            summary += f"; {', '.join(map(str, tables.paths))}"
-        else:
-            summary = export_to(database, out, who, advance, open_studies)
+            summary += f"; {', '.join(map(str, parquet_paths(out)))}"
         if minari is not None:
             summary += f"; {minari_of(database, minari)}"
     echo(summary)

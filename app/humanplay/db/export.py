@@ -15,7 +15,7 @@ import io
 import json
 import os
 import secrets
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -35,6 +35,7 @@ from marsexplorer.files import to_cell, write_whole
 
 ExportTable = Literal["episodes", "steps"]
 Row = dict[str, object]
+Keep = Callable[[ExportTable, Sequence[Row]], None]
 COLUMNS: dict[ExportTable, tuple[str, ...]] = {
     "episodes": TABLES["episodes"].names("export"),
     "steps": TABLES["steps"].names("export"),
@@ -60,7 +61,6 @@ def export_table(
     public: bool = False,
     at_ms: int | None = None,
     player: str | None = None,
-    open_studies: bool = False,
 ) -> Generator[bytes]:
     """Yield the table in pieces, the header first, one piece an episode.
 
@@ -72,29 +72,11 @@ def export_table(
             are not over.
         at_ms: When a public export is made (None: now).
         player: What they drove alone.
-        open_studies: True takes in episodes of studies that are not closed; those whose secrets
-            are kept never.
     """
-    rows = export_rows(source, table, who, key, public, at_ms, player, open_studies)
-    return _encoded_pieces(rows, table)
-
-
-def export_rows(
-    source: Reader | Path | str,
-    table: ExportTable,
-    who: Who = "all",
-    key: bytes | None = None,
-    public: bool = False,
-    at_ms: int | None = None,
-    player: str | None = None,
-    open_studies: bool = False,
-) -> Generator[list[Row]]:
-    """Yield the rows that `export_table` writes, an episode's at a time."""
     _check(table, who)
-    reader = Reader.open(
-        source.path if isinstance(source, Reader) else source, public, at_ms, open_studies
-    )
-    return _stream(reader, lambda: reader.finished(who, player), table, key or new_key())
+    path = source.path if isinstance(source, Reader) else source
+    rows = _stream(Reader.open(path, public, at_ms), table, who, player, key or new_key())
+    return _encoded_pieces(rows, table)
 
 
 def write_table(
@@ -211,17 +193,13 @@ def table_schema() -> str:
     return json.dumps({"resources": resources}, indent=2, ensure_ascii=False) + "\n"
 
 
-def keep_nothing(table: ExportTable, rows: Sequence[Row]) -> None:
-    """Write rows nowhere else than in the CSV files."""
-
-
 def export_to(
     database: Path,
     folder: Path,
     who: Who,
     advance: Callable[[int, int], None],
     open_studies: bool = False,
-    keep: Callable[[ExportTable, Sequence[Row]], None] = keep_nothing,
+    keep: Keep | None = None,
 ) -> str:
     """Write `episodes.csv`, `steps.csv` and their schema in the folder, all whole or none.
 
@@ -250,9 +228,11 @@ def export_to(
     ):
         for number, (table, file) in enumerate(zip(COLUMNS, (episodes, steps), strict=True)):
             file.write(_head(table))
-            for rows in export_rows(database, table, who, key, open_studies=open_studies):
+            reader = Reader.open(database, open_studies=open_studies)
+            for rows in _stream(reader, table, who, None, key):
                 file.write(_encoded(rows, TABLES[table].columns("export")))
-                keep(table, rows)
+                if keep is not None:
+                    keep(table, rows)
                 done += 1
                 lines[number] += len(rows)
                 unverified += number == 0 and not rows[0]["verified"]
@@ -293,11 +273,12 @@ def _encoded_pieces(pieces: Generator[list[Row]], table: ExportTable) -> Generat
 
 
 def _stream(
-    reader: Reader, wanted: Callable[[], Iterator[CountedEpisode]], table: ExportTable, key: bytes
+    reader: Reader, table: ExportTable, who: Who, player: str | None, key: bytes
 ) -> Generator[list[Row]]:
+    """Yield the table's rows, an episode's at a time, and close the reader."""
     try:
         with reader.snapshot():
-            for row in wanted():
+            for row in reader.finished(who, player):
                 if rows := _rows_of(row, reader.steps(row["id"]), table, key):
                     yield rows
     finally:

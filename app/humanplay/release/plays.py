@@ -6,64 +6,49 @@ As Parquet tables and as a Minari dataset.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
 
 from humanplay.db.columns import TABLES
-from humanplay.db.export import COLUMNS, ExportTable, Row, export_to
+from humanplay.db.export import COLUMNS, ExportTable, Keep, export_to
 from humanplay.db.reader import Reader
 from humanplay.db.resimulation import simulate
 from humanplay.db.trial import Trial
 from humanplay.release.errors import ReleaseError, library
 from humanplay.release.minari_data import write_plays
-from humanplay.release.tables import ParquetTable
+from humanplay.release.tables import ParquetTable, with_truths
 from humanplay.task import Run, counted
 from marsexplorer.files import replace_whole
 
 
-class ParquetTables:
-    """`episodes.parquet` and `steps.parquet` of a folder, of an export's rows.
+def parquet_paths(folder: Path) -> list[Path]:
+    """Where `parquet_tables` writes the tables of an export."""
+    return [folder / f"{table}.parquet" for table in COLUMNS]
 
-    Used in a `with` statement; both appear whole at its end, or neither.
+
+@contextmanager
+def parquet_tables(folder: Path) -> Iterator[Keep]:
+    """Yield what takes an export's rows and writes them as Parquet.
+
+    Both tables appear whole when the block ends well, or neither.
 
     Raises:
         ReleaseError: Without pyarrow.
     """
-
-    def __init__(self, folder: Path) -> None:
-        library("pyarrow.parquet")
-        self.paths = [folder / f"{table}.parquet" for table in COLUMNS]
-        self._tables: dict[ExportTable, ParquetTable] = {}
-        self._stack = ExitStack()
-
-    def __enter__(self) -> ParquetTables:
-        for table, path in zip(COLUMNS, self.paths, strict=True):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            place = self._stack.enter_context(replace_whole(path))
-            columns = TABLES[table].columns("export")
-            self._tables[table] = self._stack.enter_context(ParquetTable(place, columns))
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> bool | None:
-        return self._stack.__exit__(kind, error, trace)
-
-    def keep(self, table: ExportTable, rows: Sequence[Row]) -> None:
-        """Add the rows of an episode, as `export_to` hands them on."""
-        self._tables[table].add([{**row, **_truths(table, row)} for row in rows])
-
-
-def _truths(table: ExportTable, row: Row) -> Row:
-    """The truth values of a row, which the database holds as 0 and 1."""
-    truths = [column.name for column in TABLES[table].columns("export") if column.type == "boolean"]
-    return {name: None if row.get(name) is None else bool(row[name]) for name in truths}
+    library("pyarrow.parquet")  # before a folder is made
+    folder.mkdir(parents=True, exist_ok=True)
+    columns = {table: TABLES[table].columns("export") for table in COLUMNS}
+    episodes, steps = parquet_paths(folder)
+    with (
+        replace_whole(episodes) as new_episodes,
+        replace_whole(steps) as new_steps,
+        ParquetTable(new_episodes, columns["episodes"]) as episode_rows,
+        ParquetTable(new_steps, columns["steps"]) as step_rows,
+    ):
+        files: dict[ExportTable, ParquetTable] = {"episodes": episode_rows, "steps": step_rows}
+        yield lambda table, rows: files[table].add(list(with_truths(rows, columns[table])))
 
 
 def parquet_of(database: Path, folder: Path) -> str:
@@ -72,11 +57,9 @@ def parquet_of(database: Path, folder: Path) -> str:
     Returns:
         A sentence on what was written.
     """
-    with TemporaryDirectory() as place, ParquetTables(folder) as tables:
-        sentence = export_to(
-            database, Path(place), "all", lambda done, total: None, keep=tables.keep
-        )
-    for path in tables.paths:
+    with TemporaryDirectory() as place, parquet_tables(folder) as keep:
+        sentence = export_to(database, Path(place), "all", lambda done, total: None, keep=keep)
+    for path in parquet_paths(folder):
         sentence = sentence.replace(str(Path(place, path.with_suffix(".csv").name)), str(path))
     return sentence
 

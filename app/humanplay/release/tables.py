@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import re
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from itertools import islice
@@ -46,14 +46,20 @@ def select(conn: sqlite3.Connection, table: str) -> Iterator[TableRow]:
     Truth values are bool, and actions are names.
     """
     columns = bundle_table(table)[1]
-    truths = [column.name for column in columns if column.type == "boolean"]
     actions = _actions(conn) if table == "steps" else ()
-    for row in stream(conn, queries()[table]):
-        for name in truths:
-            row[name] = None if row[name] is None else bool(row[name])
+    for row in with_truths(stream(conn, queries()[table]), columns):
         if table == "steps":
             row["action"] = actions[row["action"]]
         yield {column.name: row[column.name] for column in columns}
+
+
+def with_truths(
+    rows: Iterable[Mapping[str, object]], columns: Sequence[Column]
+) -> Iterator[TableRow]:
+    """Yield the rows with truth values as bool, which SQLite holds as 0 and 1."""
+    names = [column.name for column in columns if column.type == "boolean"]
+    for row in rows:
+        yield {**row, **{name: bool(row[name]) for name in names if row.get(name) is not None}}
 
 
 def _actions(conn: sqlite3.Connection) -> Sequence[str]:
@@ -134,8 +140,7 @@ class ParquetTable:
             for column in columns
         )
         self._path = path
-        self._names = [column.name for column in columns]
-        self._waiting: list[TableRow] = []
+        self._waiting: list[Mapping[str, object]] = []
 
     def __enter__(self) -> ParquetTable:
         self._writer = self._pq.ParquetWriter(self._path, self._schema, compression="zstd")
@@ -148,7 +153,7 @@ class ParquetTable:
 
     def add(self, rows: Sequence[Mapping[str, object]]) -> None:
         """Add rows; of each the columns of the table."""
-        self._waiting += [{name: row.get(name) for name in self._names} for row in rows]
+        self._waiting += rows
         if len(self._waiting) >= ROWS_PER_GROUP:
             self._write()
 
