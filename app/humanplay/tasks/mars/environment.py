@@ -29,7 +29,7 @@ from humanplay.tasks.base import BaseEnvironment, ExactLock
 from humanplay.tasks.mars.about import ABOUT, texts_of
 from humanplay.tasks.mars.boards import MarsBoards
 from humanplay.tasks.mars.messages import (
-    MAX_API_SIDE,
+    MAX_DRAWN_SIDE,
     Course,
     Frame,
     History,
@@ -181,9 +181,9 @@ class MarsEnvironment(BaseEnvironment):
                 f"a study's terrains are of the levels of the paper, of which all cells count; got {config.level!r}, "
                 "where those count that can be discovered"
             )
-        if max(settings.rows, settings.cols) > MAX_API_SIDE:
+        if max(settings.rows, settings.cols) > MAX_DRAWN_SIDE:
             got = f"got {settings.rows}x{settings.cols}"
-            raise ValueError(f"a study's boards have at most {MAX_API_SIDE} cells a side, {got}")
+            raise ValueError(f"a study's boards have at most {MAX_DRAWN_SIDE} cells a side, {got}")
 
     def prepare(self) -> None:
         """Compile the rules now: a moment if the cache has them, seconds otherwise."""

@@ -22,10 +22,8 @@ DRAWN_LEVELS = tuple(name for name in ALL_LEVELS if name != MAP)
 ActionName = Literal["north", "east", "south", "west"]
 Outcome = Literal["explored", "collided", "out_of_bounds", "timed_out", "abandoned"]
 
-MAX_API_SIDE = 128
+MAX_DRAWN_SIDE = 128
 """Longest side of a board that is drawn from a seed (cells)."""
-MAX_MAP_SIDE = 256
-"""Longest side of a map that a server is started with (cells)."""
 
 
 def _check_side(name: str, value: object) -> int:
@@ -33,8 +31,8 @@ def _check_side(name: str, value: object) -> int:
         raise ValueError(f"{name} must be a whole number, got {value!r}")
     if value < MIN_SIDE:
         raise ValueError(f"{name} must be at least {MIN_SIDE}, got {value}")
-    if value > MAX_API_SIDE:
-        raise ValueError(f"{name} must be at most {MAX_API_SIDE} over the API, got {value}")
+    if value > MAX_DRAWN_SIDE:
+        raise ValueError(f"{name} must be at most {MAX_DRAWN_SIDE} over the API, got {value}")
     return value
 
 
@@ -52,7 +50,7 @@ def parse_size(value: object) -> tuple[int, int]:
     return side, side
 
 
-_SIDE_SCHEMA = {"type": "integer", "minimum": MIN_SIDE, "maximum": MAX_API_SIDE}
+_SIDE_SCHEMA = {"type": "integer", "minimum": MIN_SIDE, "maximum": MAX_DRAWN_SIDE}
 _SIZE_SCHEMA = {
     "title": "Size",
     "description": "One side for a square board, or [rows, cols]; cells.",
@@ -104,6 +102,7 @@ class NewSession(NewEpisode, messages.NewBoard):
 class Frame(messages.ServerMessage):
     """Everything a board needs, and nothing that the rover has not discovered."""
 
+    # unlike the defaults of other messages, `packed` is not sent: most frames are without it
     model_config = ConfigDict(json_schema_serialization_defaults_required=False)
 
     kind: Literal["frame"]
@@ -117,7 +116,7 @@ class Frame(messages.ServerMessage):
     )
     packed: Literal[True] | None = Field(
         default=None,
-        description="on a map above 128 cells a side a character of grid stands for four cells; else absent",
+        description=f"on a map above {MAX_DRAWN_SIDE} cells a side a character of grid stands for four cells; else absent",
     )
     position: tuple[int, int] = Field(description="[row, col], row 0 at the north edge")
     discovered: int = Field(description="cells")

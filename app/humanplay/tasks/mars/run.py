@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from humanplay.task import AgentObservation, Allowed, counted
 from humanplay.tasks.mars.colours import data_url
+from humanplay.tasks.mars.messages import MAX_DRAWN_SIDE
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
 from marsexplorer.warmup import step_once
@@ -29,8 +30,6 @@ def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
     return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
 
 
-PLAIN_SIDE = 128
-"""Longest side of a board whose frames have a character for a cell; above it one stands for four."""
 _DIGITS = np.array([0, 1, 1, 2], np.uint8)
 """Code of a cell -> its digit to the base 3 in a packed row; the rover's is that of free ground."""
 _PACKED = np.array([number for number in range(35, 117) if number != ord("\\")], np.uint8)
@@ -224,7 +223,7 @@ class View:
     def _frame_map(self) -> Mapping[str, object]:
         """The map and the rover, packed on a large board."""
         shown = self.shown_map()
-        if max(self.codes.shape) <= PLAIN_SIDE:
+        if max(self.codes.shape) <= MAX_DRAWN_SIDE:
             return shown
         return {**shown, "grid": pack_grid(self.codes), "packed": True}
 

@@ -19,7 +19,7 @@ from humanplay.task.registration import Start
 from humanplay.tasks.base import BaseTask
 from humanplay.tasks.mars.compilation import Compilation
 from humanplay.tasks.mars.environment import MarsEnvironment, environment
-from humanplay.tasks.mars.messages import DRAWN_LEVELS, MAX_API_SIDE, NewEpisode, NewSession
+from humanplay.tasks.mars.messages import DRAWN_LEVELS, MAX_DRAWN_SIDE, NewEpisode, NewSession
 from humanplay.tasks.mars.narrowing import own_config
 from humanplay.tasks.mars.policies import PolicyCatalogue, check_file
 from humanplay.tasks.mars.run import MarsRun
@@ -98,7 +98,7 @@ class Mars(BaseTask, MarsEnvironment):
         if config.level == MAP and message.leaves_terrain:
             return self.again(cause)
         level = message.level or ("random" if config.level == MAP else config.level)
-        size = config.size if max(config.size) <= MAX_API_SIDE else SIDE
+        size = config.size if max(config.size) <= MAX_DRAWN_SIDE else SIDE
         return Choice(EnvConfig.of(level, message.size or size), message.seed)
 
     def again(self, cause: Cause) -> Choice:

@@ -12,9 +12,8 @@ from click import echo
 from numpy.typing import NDArray
 
 from humanplay.task import Cause, Choice
-from humanplay.tasks.mars.messages import MAX_MAP_SIDE
 from humanplay.tasks.mars.narrowing import own_config
-from marsexplorer.maps import GridMap, MapFileError, MapWarning, read_map
+from marsexplorer.maps import MOST_CELLS, GridMap, MapFileError, MapWarning, read_map
 
 MOST_MOVES = 20_000
 """Most moves on a map: two events a move, a key's down and up, leave a fifth of the 50,000 for others."""
@@ -112,9 +111,9 @@ def open_map(path: Path, cell_m: float | None) -> GridMap:
 def _read_offer(path: Path, cell_m: float | None) -> tuple[str, Choice]:
     grid_map = open_map(path, cell_m)
     rows, cols = grid_map.terrain.shape
-    if max(rows, cols) > MAX_MAP_SIDE:
+    if max(rows, cols) > MOST_CELLS:
         raise ValueError(
-            f"{path}: a board has at most {MAX_MAP_SIDE} cells a side, and this map has {rows}x{cols}; "
+            f"{path}: a board has at most {MOST_CELLS} cells a side, and this map has {rows}x{cols}; "
             f"{_smaller_board(path)}"
         )
     config = grid_map.config()
