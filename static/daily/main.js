@@ -28,7 +28,13 @@ const part = partsOf(root);
 const viewer = /** @type {HTMLIFrameElement} */ (part.viewer);
 const panel = { role: /** @type {const} */ ("player"), root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer };
 const views = modules?.createViews({ panels: [panel], onChange: () => repaint() });
-const sizes = createSizes(() => repaint());
+/** The best route of a day that is over, and one's own beside it.
+ * @type {{course: Course, name: string, place: HTMLElement}[]} */
+let routes = [];
+const sizes = createSizes(() => {
+  repaint();
+  paintRoutes();
+});
 sizes.watch(part.matrix);
 /** @type {Board | null} */
 let painted = null;
@@ -164,24 +170,26 @@ function paintCalendar(past) {
   by("calendar-part").hidden = past.length === 0;
 }
 
-/** Draw the best route of a day that is over, and one's own beside it.
+/** Show the best route of a day that is over, and one's own beside it.
  * @param {string} best the episode @param {string | null} own */
-async function paintRoutes(best, own) {
+async function showRoutes(best, own) {
   const courses = await Promise.all([best, ...(own && own !== best ? [own] : [])].map(async (id) => (await api.replay(id)).run));
-  const places = courses.map((course, index) => {
+  const figures = courses.map((course, index) => {
     const name = index || best === own ? "You" : "The best";
     const place = create("div", create("canvas", [], { role: "img" }), { class: "matrix" });
     return { course, name, place, figure: create("figure", [create("figcaption", `${name}: ${many(course.actions.length, "move")}`), place]) };
   });
-  by("routes").replaceChildren(...places.map(({ figure }) => figure));
+  by("routes").replaceChildren(...figures.map(({ figure }) => figure));
   by("routes").hidden = false;
+  routes = figures;
+  for (const { place } of routes) sizes.watch(place);
+}
+
+function paintRoutes() {
   const { you, policy } = boardColours(document.documentElement);
-  const routeSizes = createSizes(() => {
-    for (const { course, name, place } of places) {
-      task.paint(place, task.boardAt(course, course.actions.length), { name, accent: name === "You" ? you : policy, ...routeSizes.of(place), dpr: devicePixelRatio || 1 });
-    }
-  });
-  for (const { place } of places) routeSizes.watch(place);
+  for (const { course, name, place } of routes) {
+    task.paint(place, task.boardAt(course, course.actions.length), { name, accent: name === "You" ? you : policy, ...sizes.of(place), dpr: devicePixelRatio || 1 });
+  }
 }
 
 /** Days in a row, today's among them once it is over. */
@@ -242,7 +250,7 @@ async function showPast({ day: nowadays, yesterday }) {
   if (isChosen) by("yesterday").scrollIntoView({ block: "nearest" });
   const first = people.table[0]?.episode ?? null;
   const own = attempt?.state === "ended" ? attempt.episode : null;
-  if (first ?? own) await paintRoutes(/** @type {string} */ (first ?? own), own);
+  if (first ?? own) await showRoutes(/** @type {string} */ (first ?? own), own);
 }
 
 if (forgets()) dispatch({ kind: "notice", text: forgets(), tone: "note" });

@@ -3,7 +3,7 @@ import { api, request } from "../common/api.js";
 import { paintDistribution } from "../common/distribution.js";
 import { paintChart } from "../common/chart.js";
 import { ticks, tickText } from "../common/chart_scale.js";
-import { all, boardColours, by, chartColours, create, createSizes, put } from "../common/page.js";
+import { all, boardColours, by, chartColours, create, createRepaint, createSizes, put } from "../common/page.js";
 import { browserStore } from "../common/storage.js";
 import { tryHash } from "../play/address.js";
 import { loadTask, showTask } from "../common/task.js";
@@ -141,6 +141,11 @@ const PICTURES = 6;
 /** How many positions to try from stand there, and the fewest moves without anything new that make one. */
 const POSITIONS = 3, IDLE_MOVES = 6;
 
+/** The small pictures on the page.
+ * @type {{place: HTMLElement, board: ReturnType<Task["boardAt"]>}[]} */
+const drawn = [];
+const sizes = createSizes(createRepaint(paintDrawn));
+
 /** Draw a board as a small picture that leads somewhere.
  * @param {Element} list @param {Course} run @param {number} step @param {string} href @param {(Node | string)[]} says */
 function addPicture(list, run, step, href, says) {
@@ -148,12 +153,16 @@ function addPicture(list, run, step, href, says) {
   list.append(create("li", create("a", [place, create("span", says)], { href })));
   const part = /** @type {HTMLElement} */ (list.closest("section"));
   part.hidden = false;
+  drawn.push({ place, board: task.boardAt(run, step) });
+  sizes.watch(place); // the part beside it comes later, and takes room
+}
+
+function paintDrawn() {
   const { you } = boardColours(document.documentElement);
-  const sizes = createSizes(() => { // the part beside it comes later, and takes room
-    task.paint(place, task.boardAt(run, step), { name: "You", accent: you, ...sizes.of(place), dpr: devicePixelRatio || 1 });
+  for (const { place, board } of drawn) {
+    task.paint(place, board, { name: "You", accent: you, ...sizes.of(place), dpr: devicePixelRatio || 1 });
     /** @type {HTMLElement} */ (place.firstElementChild).setAttribute("aria-hidden", "true");
-  });
-  sizes.watch(place);
+  }
 }
 
 /** Draw the newest episodes as pictures that lead to their replays, and positions of them from which to try again.
