@@ -82,6 +82,7 @@ function withOpponent(state) {
 const plainly = (task, text) => text.replace(/the policy '([^']+)'/g, (_, name) => task?.nameOf(name) ?? name);
 
 /** @param {string} text whether it says that a policy is compiled for this machine: no fault, and over with its first move */
+// its words are those of GETTING_READY in app/humanplay/task/__init__.py
 const isGettingReady = (text) => text.includes("is getting ready");
 
 /** @param {GameState} state @param {GameEvent} event @returns {GameState} the state after `event` */

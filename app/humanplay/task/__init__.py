@@ -57,6 +57,7 @@ class Configuration(Protocol):
         """The values that `Environment.configuration` takes."""
 
 
+# static/common/game_state.js knows a message that says it by its first two words: isGettingReady
 GETTING_READY = "getting ready: this is compiled for this machine once, which takes some seconds"
 
 
