@@ -53,7 +53,7 @@ function episodeRow(episode) {
   return create("tr", [
     create("th", when, { scope: "row" }), create("td", episode.place), kindCell,
     create("td", outcomeOf(outcome), { class: task.successes.includes(outcome) ? "good" : outcome === "abandoned" ? "left" : "bad" }),
-    create("td", String(moves), { class: "number" }), ...(task.shareText ? [create("td", coverage === null ? "" : `${percent(coverage)} %`, { class: "number wide" })] : []), create("td", score(episode.score), { class: "number wide" }),
+    create("td", String(moves), { class: "number" }), ...(task.shareText ? [create("td", coverage === null ? "" : `${percent(coverage)} %`, { class: "number" })] : []), create("td", score(episode.score), { class: "number" }),
   ]);
 }
 

@@ -13,13 +13,18 @@ from tests.support.study import freeze
 SMALL = (320, 640)
 PASSWORD = "red-planet-4"
 CARD_IS_BESIDE = """() => {
-    const card = document.getElementById("end");
-    card.hidden = false;
     const board = document.querySelector(".field canvas").getBoundingClientRect();
-    const { top, left } = card.getBoundingClientRect();
+    const { top, left } = document.getElementById("end").getBoundingClientRect();
     return top >= board.bottom || left >= board.right;
 }"""
 """Whether the card at the end of an episode covers no part of its board."""
+ROWS_OF_TEXT = """(row) => [...row.cells].map((cell) => {
+    const range = new Range();
+    range.selectNodeContents(cell);
+    const rows = new Set([...range.getClientRects()].map(({ bottom }) => Math.round(bottom)));
+    return rows.size;
+})"""
+"""How many lines of text a table's row has in its cells, none where a cell is not shown."""
 CUT = "(part) => part.scrollWidth > part.clientWidth || part.scrollHeight > part.clientHeight"
 
 
@@ -52,9 +57,9 @@ def test_on_a_small_phone_a_puzzle_is_answered_and_its_answer_read_without_scrol
     page.get_by_test_id("verdict").wait_for()
     for width, height in ((820, 1180), (390, 844), SMALL):
         page.set_viewport_size({"width": width, "height": height})
-        page.wait_for_timeout(200)  # the board is drawn anew
         foot = page.locator(".site").bounding_box()["y"] if width < 480 else height
-        assert bottom(page.get_by_test_id("next")) <= foot, (width, height)
+        # once the board is drawn anew
+        eventually(lambda foot=foot: bottom(page.get_by_test_id("next")) <= foot)
 
 
 def test_on_a_small_phone_the_choice_of_a_terrain_is_whole(small):
@@ -109,7 +114,12 @@ def test_the_page_of_ones_own_episodes_is_whole_on_a_small_phone_and_fills_a_wid
     small.wait("window.playground.state.player.frame.outcome")
     page.goto(f"{small.url}/me")
     page.locator("#rows tr").first.wait_for()
-    assert page.locator("#history").evaluate("(part) => part.scrollWidth <= part.clientWidth")
+    for width, height in ((390, 844), SMALL):
+        page.set_viewport_size({"width": width, "height": height})
+        assert page.locator("#history").evaluate("(part) => part.scrollWidth <= part.clientWidth")
+        for row in page.locator("#rows tr").all():
+            assert row.evaluate(ROWS_OF_TEXT) == [1] * 7, width
+            assert row.bounding_box()["height"] < 60, "two lines"
     page.set_viewport_size({"width": 1440, "height": 900})
     page.locator("#streaks li").first.wait_for()
     name, streaks, history = (
@@ -130,10 +140,10 @@ def test_on_a_tablet_a_study_has_a_bar_of_one_row_and_a_board_as_wide_as_the_scr
     matrix = page.locator(".field .matrix canvas")
     eventually(lambda: matrix.bounding_box()["width"] > 700)
     assert page.locator(".study .bar").bounding_box()["height"] < 60
+    person.explore()
     for size in ((820, 1180), (1440, 900)):
         page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
-        page.wait_for_timeout(200)  # the board is drawn anew
-        assert page.evaluate(CARD_IS_BESIDE), size
+        eventually(lambda: page.evaluate(CARD_IS_BESIDE))  # once the board is drawn anew
 
 
 def test_on_a_small_phone_the_coach_of_a_study_is_read_whole(small):
