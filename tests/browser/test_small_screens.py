@@ -129,6 +129,17 @@ def test_the_page_of_ones_own_episodes_is_whole_on_a_small_phone_and_fills_a_wid
     assert abs(streaks["x"] + streaks["width"] - history["x"] - history["width"]) < 1
 
 
+def test_beside_two_boards_on_a_low_screen_the_end_card_is_read_without_scrolling(small):
+    page = small.page
+    page.set_viewport_size({"width": 1024, "height": 768})
+    small.goto()
+    small.hand.press(page.keyboard, "ArrowUp")  # over the edge
+    card = page.get_by_test_id("end-card")
+    card.get_by_text("which ends the episode.").wait_for()
+    card.get_by_text("is still exploring").wait_for()
+    assert not card.evaluate(CUT)
+
+
 def test_on_a_tablet_a_study_has_a_bar_of_one_row_and_a_board_as_wide_as_the_screen(small):
     page = small.page
     page.set_viewport_size({"width": 820, "height": 1180})
