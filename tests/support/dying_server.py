@@ -16,31 +16,16 @@ WRITES = ("INSERT", "UPDATE", "DELETE", "COMMIT", "RELEASE")
 
 
 @contextmanager
-def dying(path, moves):
-    """A server of a database that dies as it moves somebody to a stage.
+def dying(path, **last):
+    """A server of a database that dies after so many moves, or before a write.
 
     Args:
-        moves: Which of its moves to a stage is the last: it is written then, and neither committed
-            nor followed by what belongs to it.
+        last: `moves`: which of its moves to a stage is the last: it is written then, and neither
+            committed nor followed by what belongs to it. Or `writes`: which write is not made any
+            more, from the first on that is of somebody's way.
     """
-    with _serving(path, "moves", moves) as server:
-        yield server
-
-
-@contextmanager
-def dying_between_writes(path, writes):
-    """A server of a database that dies before it writes.
-
-    Args:
-        writes: Which write is not made any more, from the first on that is of somebody's way.
-    """
-    with _serving(path, "writes", writes) as server:
-        yield server
-
-
-@contextmanager
-def _serving(path, what_ends, number):
-    command = [sys.executable, "-m", __name__, str(path), what_ends, str(number)]
+    ((counted, number),) = last.items()
+    command = [sys.executable, "-m", __name__, str(path), counted, str(number)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         line = next(line for line in process.stdout if "is open at" in line)
         server = RunningServer(int(line.split("http://127.0.0.1:")[1].split()[0]))
@@ -58,10 +43,10 @@ def die():
 
 def die_after_moves(number):
     """Die with the move to a stage that has this number."""
-    whole, done = StudyStore.set_stage, []
+    original, done = StudyStore.set_stage, []
 
     def set_stage(*args, **columns):
-        whole(*args, **columns)
+        original(*args, **columns)
         done.append(args)
         if len(done) == number:
             die()
@@ -71,17 +56,17 @@ def die_after_moves(number):
 
 def die_before_write(number):
     """Die before the write that has this number, from somebody's first on."""
-    whole, left = database._connect, []
+    original, writes = database._connect, []
 
     def note(statement):
         is_write = statement.lstrip().startswith(WRITES)
-        if is_write and (left or statement.startswith("INSERT INTO stage_events")):
-            left.append(statement)
-            if len(left) == number:
+        if is_write and (writes or statement.startswith("INSERT INTO stage_events")):
+            writes.append(statement)
+            if len(writes) == number:
                 die()
 
     def connect(*args, **options):
-        connection = whole(*args, **options)
+        connection = original(*args, **options)
         connection.set_trace_callback(note)
         return connection
 

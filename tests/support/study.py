@@ -16,6 +16,13 @@ from marsexplorer.config import EnvConfig
 from tests.support.declared import DECLARATIONS
 
 SIZE = (7, 9)
+CHECK = {
+    "kind": "attention",
+    "name": "check",
+    "question": "Choose red.",
+    "choices": ["red", "blue"],
+    "answer": 0,
+}
 
 
 def freeze(root, name="small", **rest):

@@ -22,7 +22,7 @@ from tests.support.golden_study import moves_of
 from tests.support.recorded import alter, ask
 from tests.support.stored_studies import StudyRecorder
 from tests.support.stored_studies import freeze as freeze_stored
-from tests.support.study import Person, agree_at_once, freeze
+from tests.support.study import CHECK, Person, agree_at_once, freeze
 
 YES, NO = ({"version": "1", "agree": agree} for agree in (True, False))
 TOLD = {"name": "told", "instructions": "Walls first.\n\nThen the rest of {ranked} rounds."}
@@ -35,13 +35,6 @@ ORDERS = """SELECT json_extract(a.detail, '$.arm'), json_extract(v.detail, '$.nu
     JOIN stage_events v ON v.participant_id = p.id AND v.kind = 'order'
     JOIN series_episodes x ON x.participant_id = p.id AND x.phase = 'ranked' AND x.trial = 0"""
 ABOUT = {"title": "Walls", "about": "walls"}
-CHECK = {
-    "kind": "attention",
-    "name": "check",
-    "question": "Choose red.",
-    "choices": ["red", "blue"],
-    "answer": 0,
-}
 SAME_KEYS = {action: ["KeyI", "KeyJ"] for action in ("north", "east", "south", "west")}
 CHOICE = {"kind": "choice", "name": "liked", "question": "Liked it?", "choices": ["yes", "no"]}
 NOTICED = {"kind": "statement", "name": "noticed", "question": "I looked for walls."}
@@ -97,7 +90,7 @@ def test_a_server_that_dies_between_the_page_and_the_assignment_assigns_everybod
 ):
     study = freeze(tmp_path / "playground.db-studies", arms=ARMS)
     path = tmp_path / "playground.db"
-    with dying(path, 6) as server:
+    with dying(path, moves=6) as server:
         crowd = [Person(server) for _ in range(12)]
         cookies = [dict(person.client.cookies) for person in crowd]
         agree_at_once(crowd)

@@ -8,9 +8,9 @@ import pytest
 
 from humanplay.db.study_rows import participant_label
 from humanplay.study.verification import verify_database
-from tests.support.dying_server import dying_between_writes
+from tests.support.dying_server import dying
 from tests.support.recorded import ask
-from tests.support.study import Person, freeze
+from tests.support.study import CHECK, Person, freeze
 
 PEOPLE = 3
 """Who take part at the same time."""
@@ -26,13 +26,6 @@ RESTED = {
     "points": ["no", "yes"],
 }
 WORDS = {"kind": "text", "name": "words", "question": "In your words?"}
-CHECK = {
-    "kind": "attention",
-    "name": "check",
-    "question": "Choose red.",
-    "choices": ["red", "blue"],
-    "answer": 0,
-}
 BLOCKS = (
     {**ABOUT, "name": "night", "at": "before", "questions": [SLEEP, RESTED, WORDS]},
     {
@@ -128,7 +121,7 @@ def test_a_kill_between_two_writes_loses_no_answer_and_assigns_nobody_twice(
     path, dice = tmp_path / "playground.db", random.Random(batch)
     unfinished, acknowledged, before = [None] * PEOPLE, set(), set()
     for _ in range(kills):
-        with dying_between_writes(path, dice.randrange(1, LATEST_WRITE)) as server:
+        with dying(path, writes=dice.randrange(1, LATEST_WRITE)) as server:
             with ThreadPoolExecutor(PEOPLE) as pool:
                 walks = [
                     pool.submit(take_part, server, cookies, acknowledged) for cookies in unfinished

@@ -43,7 +43,7 @@ def test_a_crowd_at_a_server_that_dies_amid_a_consent_and_at_the_next_is_not_ove
 ):
     freeze(tmp_path / "playground.db-studies", cap=5)
     path = tmp_path / "playground.db"
-    with dying(path, 4) as server:
+    with dying(path, moves=4) as server:
         crowd = [Person(server) for _ in range(12)]
         cookies = [dict(person.client.cookies) for person in crowd]
         agree_at_once(crowd)
