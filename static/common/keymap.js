@@ -125,6 +125,9 @@ export function readKeys(stored, own) {
   return Object.fromEntries(Object.keys(own).map((action, index) => [action, /** @type {string[]} */ (lists[index].list)]));
 }
 
+/** @param {Keys | null | undefined} keys @param {Keys | null | undefined} others @returns whether the same keys drive the same way */
+export const sameKeys = (keys, others) => JSON.stringify(keys) === JSON.stringify(others);
+
 /** @param {Pick<Task, "name" | "keys">} task @returns {Keys} those that were chosen in this browser, else the task's own */
 export const chosenKeys = ({ name, keys }) => readKeys(browserStore.read(CHOSEN)?.[name], keys);
 

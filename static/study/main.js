@@ -2,7 +2,7 @@
 import { startBoards } from "../common/socket.js";
 import { createClock } from "../common/clock.js";
 import { codesOf, partOf, startControls } from "../common/keyboard.js";
-import { paintKeys as paintKeyLines } from "../common/keymap.js";
+import { paintKeys as paintKeyLines, sameKeys } from "../common/keymap.js";
 import { createTelemetry, onScreen, tabStorage } from "../common/telemetry.js";
 import { createRepaint, by, paintLink, paintNotices, reader } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
@@ -79,7 +79,7 @@ whenChanged((before) => {
  * @param {Study.Participant | null} before @param {Study.Participant | null} participant */
 function takeKeys(before, participant) {
   if (before?.stage !== "consent" || participant?.stage !== "instructions") return;
-  if (JSON.stringify(before.settings.keys) === JSON.stringify(participant.settings.keys)) return;
+  if (sameKeys(before.settings.keys, participant.settings.keys)) return;
   settings.begin(participant.task.keys);
   settings.adopt(participant.settings);
   settingsSync.changed();
@@ -101,7 +101,7 @@ function paint(before) {
   const { participant, game } = painted = state;
   paintPages(before);
   paintBlocks(before);
-  if (participant && String(Object.values(participant.task.keys)) !== String(Object.values(before?.participant?.task.keys ?? {}))) paintKeys();
+  if (participant && !sameKeys(participant.task.keys, before?.participant?.task.keys)) paintKeys();
   const colours = look();
   paintPlayScreen(before, colours, keyOf);
   clock.paint();

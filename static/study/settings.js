@@ -1,5 +1,5 @@
 // Keys, colours and arrow buttons: chosen in a dialog, kept in this browser, sent to the server.
-import { readKeys, startKeymap } from "../common/keymap.js";
+import { readKeys, sameKeys, startKeymap } from "../common/keymap.js";
 import { create, by } from "../common/page.js";
 import { browserStore } from "../common/storage.js";
 
@@ -32,7 +32,7 @@ export function createSettings({ onChange, onLayout }) {
   }
   /** Keep the choices in this browser; keys that the study gave are of no other study. */
   function keep() {
-    const isChosen = JSON.stringify(choices.keys) !== JSON.stringify(own);
+    const isChosen = !sameKeys(choices.keys, own);
     browserStore.setItem(KEPT, JSON.stringify({ ...choices, keys: isChosen ? choices.keys : undefined }));
   }
   function paint() {

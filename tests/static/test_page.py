@@ -43,6 +43,22 @@ def test_the_pure_modules_pass_under_node(tmp_path):
     assert re.search(r"# pass [1-9]", done.stdout)
 
 
+def test_an_arms_keys_are_those_that_a_person_may_choose():
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("NO NODE: the keys that may drive were not compared; install node 20 or newer")
+    script = f"""import {{ mayDrive }} from "{(STATIC / "common" / "keymap.js").as_uri()}";
+        console.log(JSON.stringify({json.dumps(sorted(messages.KEY_CODES))}.filter(mayDrive)));"""
+    done = subprocess.run(
+        [node, "--input-type=module", "--eval", script],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert set(json.loads(done.stdout)) == messages.DRIVING_KEYS
+
+
 def test_the_library_of_charts_is_the_one_that_was_published():
     folder = VENDOR / "uplot"
     published, ours = (folder / "uPlot.js").read_text().rsplit("\n", 2)[:2]

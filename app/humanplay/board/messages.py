@@ -8,6 +8,7 @@ copy.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from string import ascii_uppercase
 from typing import Annotated, Literal
@@ -48,6 +49,12 @@ KEY_CODES = frozenset(
     (f"F{number}" for number in range(1, 25)),
 )
 """The keys of the standard (UI Events KeyboardEvent code Values, section 3)."""
+_DRIVING = re.compile(
+    r"Key[A-Z]|Digit\d|Numpad\w+|Arrow\w+|Intl\w+|Bracket\w+|Comma|Period|Slash|Semicolon|Quote"
+    r"|Backslash|Minus|Equal|Backquote|Home|End|PageUp|PageDown|Insert|Delete"
+)
+DRIVING_KEYS = frozenset(filter(_DRIVING.fullmatch, KEY_CODES)) - {"NumpadEnter"}
+"""The keys that may drive: those that a person may choose (static/common/keymap.js)."""
 UNIDENTIFIED = "Unidentified"
 """The standard's code of a key that is none of these."""
 PaceMode = Literal["follow", "timed", "paused"]

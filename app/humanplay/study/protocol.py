@@ -15,6 +15,7 @@ from decimal import Decimal
 from typing import Annotated, Literal
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Field,
     SerializerFunctionWrapHandler,
@@ -27,7 +28,7 @@ from pydantic import (
 )
 
 from humanplay.board.controls import ClockLimits
-from humanplay.board.messages import describe_errors
+from humanplay.board.messages import DRIVING_KEYS, describe_errors
 from humanplay.db.trial import Required
 from humanplay.study.outcome import BEFORE_CONSENT, Outcome
 from humanplay.study.platforms import PLATFORMS, PlatformName
@@ -276,13 +277,13 @@ class Payment(Part):
         return outcome is not self.screen_out and not by_time
 
 
-Key = Annotated[
-    str,
-    Field(
-        pattern=r"^(Key[A-Z]|Digit\d|Numpad(\d|Add|Subtract|Multiply|Divide|Decimal)|Arrow(Up|Right|Down|Left)|Comma|Period|Slash|Semicolon|Quote)$",
-        max_length=32,
-    ),
-]
+def _check_drives(code: str) -> str:
+    if code not in DRIVING_KEYS:
+        raise ValueError("expected the code of a key that may drive, like KeyI or ArrowUp")
+    return code
+
+
+Key = Annotated[str, Field(max_length=32), AfterValidator(_check_drives)]
 """The `event.code` of a key that may drive."""
 
 

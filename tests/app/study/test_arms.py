@@ -373,6 +373,10 @@ def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
             ]},
             "the block 'v' has an attention check for some arms alone",
         ),
+        (
+            {"arms": [{"name": "a", "keys": {**SAME_KEYS, "north": ["KeyI", "Space"]}}, {"name": "b"}]},
+            "expected the code of a key that may drive",
+        ),
         ({"arms": [{"name": "a b"}, {"name": "b"}]}, "name: String should match pattern"),
         ({"primary_family": "arms"}, "primary_family arms needs arms, and arm_difference"),
         (
