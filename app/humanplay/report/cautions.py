@@ -304,7 +304,7 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
         sentences.append(
             f"{counted(len(early), 'participant')} joined before the protocol was frozen."
         )
-    by_operator = sum(person.has_operators_arm for person in data.people)
+    by_operator = sum(person.arm_assigned_by == "operator" for person in data.people)
     if by_operator:
         were = counted(by_operator, "person was", "people were")
         sentences.append(

@@ -56,7 +56,7 @@ class Person:
     invitation    whether an invitation brought them
     supervised    whether the operator's code was typed at least once
     arm           to which they are assigned; None before, and in a study without arms
-    has_operators_arm  whether the operator assigned them, and not chance
+    arm_assigned_by  `chance` or `operator`; None before
     minutes       from consent to the end of the last ranked episode; None before
     repeated      signs that they take part more than once, in words (`humanplay.study.flow`); none is no proof
     """
@@ -73,7 +73,7 @@ class Person:
     invitation: bool = False
     supervised: bool = False
     arm: str | None = None
-    has_operators_arm: bool = False
+    arm_assigned_by: str | None = None
     minutes: float | None = None
     repeated: tuple[str, ...] = ()
 
@@ -236,6 +236,7 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
     joined = participants(reader, study)
     agreed = (row.invitation for row in joined if row.consent_ms is not None)
     used = Counter(invitation for invitation in agreed if invitation is not None)
+    assignments = {row.id: _assignment_in(events[row.id]) for row in joined}
     return tuple(
         Person(
             id=row.id,
@@ -249,14 +250,8 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
             events=tuple(events[row.id]),
             invitation=row.invitation is not None,
             supervised=row.supervised_ms is not None,
-            arm=next(
-                (str(event.detail["arm"]) for event in events[row.id] if event.kind == ARM_EVENT),
-                None,
-            ),
-            has_operators_arm=any(
-                event.kind == ARM_EVENT and event.detail.get("assigned_by") == "operator"
-                for event in events[row.id]
-            ),
+            arm=assignments[row.id][0],
+            arm_assigned_by=assignments[row.id][1],
             minutes=None
             if row.completed_ms is None or row.consent_ms is None
             else (row.completed_ms - row.consent_ms) / 60_000,
@@ -266,6 +261,14 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
         )
         for row in joined
     )
+
+
+def _assignment_in(events: Sequence[StageEvent]) -> tuple[str | None, str | None]:
+    """The arm to which somebody is assigned, and by whom; None for both before."""
+    for event in events:
+        if event.kind == ARM_EVENT:
+            return str(event.detail["arm"]), str(event.detail.get("assigned_by", "chance"))
+    return None, None
 
 
 def _with_input(reader: Reader, trial: Trial, protocol: Protocol) -> Trial:

@@ -365,10 +365,7 @@ def _detail_of(text: str) -> dict[str, object]:
 
 def _number_in(details: list[str]) -> int | None:
     """The number in the one event of a drawing; None if there is no such number."""
-    try:
-        (number,) = (json.loads(detail)["number"] for detail in details)
-    except (ValueError, TypeError, KeyError):
-        return None
+    number = _detail_of(details[0]).get("number") if len(details) == 1 else None
     return number if isinstance(number, int) and number >= 0 else None
 
 
