@@ -76,32 +76,34 @@ def fill(protocol: Protocol) -> Protocol:
     """Return the protocol with every text filled in; StudyError where a text names what there is not, or a number by hand."""
     values = placeholder_values(protocol)
     fields = protocol.model_dump(mode="json")
-    texts = {part: _filled_in(part, fields[part], values) for part in _PARTS}
+    texts = {part: _part_filled(part, fields[part], values) for part in _PARTS}
     return parse_protocol({**fields, **texts})
 
 
-def _filled_in(where: str, content: object, values: dict[str, str]) -> object:
+def _part_filled(where: str, content: object, values: dict[str, str]) -> object:
     """Return a part of the protocol with the texts in it filled in."""
     if isinstance(content, list):
-        return [_filled_in(f"{where}[{place}]", part, values) for place, part in enumerate(content)]
+        return [
+            _part_filled(f"{where}[{place}]", part, values) for place, part in enumerate(content)
+        ]
     if isinstance(content, dict):
         texts = {
-            name: _filled_in(f"{where}.{name}", part, values)
+            name: _part_filled(f"{where}.{name}", part, values)
             for name, part in content.items()
             if name in _TEXTS
         }
         return {**content, **texts}
     if isinstance(content, str):
         _check_numbers(where, content)
-        return _filled(where, content, values)
+        return _text_filled(where, content, values)
     return content
 
 
 def filled(text: str, protocol: Protocol) -> str:
     """Return a text that goes with a study, its placeholders filled in; `{title}` is the study's title."""
     values = placeholder_values(protocol)
-    title = _filled("title", protocol.title, values)
-    return _filled("the text", text, {**values, "title": title})
+    title = _text_filled("title", protocol.title, values)
+    return _text_filled("the text", text, {**values, "title": title})
 
 
 def placeholder_values(protocol: Protocol) -> dict[str, str]:
@@ -138,7 +140,7 @@ def _asked(blocks: Sequence[Block]) -> str:
     return f" We also ask about {listed}; you may leave a question out, or prefer not to say. {published}"
 
 
-def _filled(where: str, text: str, values: dict[str, str]) -> str:
+def _text_filled(where: str, text: str, values: dict[str, str]) -> str:
     """Return a text with its placeholders filled in."""
     found = []
     try:
