@@ -196,7 +196,7 @@ class NoPolicies(BasePolicies):
     def play_all(
         self, sources: Sequence[str], config: Configuration, seeds: Sequence[int]
     ) -> Iterator[tuple[str, int, bytes, str]]:
-        """Nothing for no policy; PolicyError for one."""
+        """Raise PolicyError if any policy is asked for."""
         for source in sources:
             self.load(source, config)
         return iter(())

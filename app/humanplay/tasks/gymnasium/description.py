@@ -121,7 +121,7 @@ class Description(BaseModel):
 
     @property
     def has_no_module(self) -> bool:
-        """Whether it ends with the program that holds it, or what makes it."""
+        """Whether no module makes it, so that another program cannot make it again."""
         return self.is_in_place or self.id.startswith(f"{held.SCHEME}:")
 
     def begin(self, env: Any, seed: int) -> tuple[Any, dict[str, Any]]:

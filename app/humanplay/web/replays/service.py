@@ -26,12 +26,17 @@ from humanplay.web.replays.episodes import (
 from humanplay.web.replays.files import Format, file_of
 from humanplay.web.replays.page import document
 
-MAX_COURSES, MAX_FILES = 64, 16
-"""Courses of policies, and files and replays, that are kept."""
-FILE_S, GHOST_S = 90.0, 180.0
-"""Seconds for a file of a replay, and for a policy's whole episode: it is compiled first, perhaps.
+MAX_COURSES = 64
+"""Courses of policies that are kept."""
+MAX_FILES = 16
+"""Files and replays that are kept."""
+FILE_S = 90.0
+"""Seconds for a file of a replay."""
+GHOST_S = 180.0
+"""Seconds for a policy's whole episode: it is compiled first, perhaps.
 
-The job has the lowest priority, and what took too long is refused for ten minutes."""
+The job has the lowest priority, and what took too long is refused for ten minutes.
+"""
 T = TypeVar("T")
 
 
