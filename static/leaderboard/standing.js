@@ -73,7 +73,7 @@ export function headline({ target, round, nameOf, isInformed }, { board, people,
   const policy = best?.figure ? ` ${which}, ${nameOf(best.name)}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
   const terrain = board.place;
   if (!people) {
-    if (board.study) return `No person finished the study ${board.study}, so it has no figure of people.${policy}`;
+    if (board.study) return `No person finished the study ${board.study}, so it has no human score.${policy}`;
     return `Volunteers on this playground, ${terrain}: ${missingText(board)}${policy}`;
   }
   const spread = people.steps.low === null ? `no interval: ${people.players < 5 ? "fewer than five players" : "these players do not differ"}` : `95 % interval ${intervalText(people.steps, "steps")}`;

@@ -159,7 +159,7 @@ def play_forged(person, forger):
 
 
 @pytest.mark.parametrize("times", [1, pytest.param(10, marks=pytest.mark.long)])
-def test_no_forger_in_a_study_enters_a_human_figure_but_as_one_who_left(server, tmp_path, times):
+def test_no_forger_in_a_study_enters_a_human_score_but_as_one_who_left(server, tmp_path, times):
     small = {"size": SIZE, "ranked": 1, "warm_up": 1, "recruitment": "invitation"}
     study = freeze(tmp_path / "playground.db-studies", **small)
     issued = Invitations(Folder(tmp_path / "playground.db-studies")).issue(

@@ -17,7 +17,7 @@ from humanplay.report.model import SYNTHETIC
 from humanplay.report.page import render
 from humanplay.report.statistics.formatting import utc
 from humanplay.report.statistics.intervals import interval
-from humanplay.report.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
+from humanplay.report.statistics.study_figures import NO_HUMAN_SCORE, live_figure, metric_bounds
 from humanplay.report.tables import group_tables
 from humanplay.study.data import load
 from humanplay.study.folder import Folder
@@ -115,13 +115,13 @@ def test_steps_count_the_limit_for_an_unfinished_episode():
 
 def test_a_study_with_scripts_alone_says_that_nobody_has_played():
     report = build(study(*played(SCORES, "script", "noisy-frontier")), [run("ppo", [0.9] * 6)])
-    assert report.sentence == NO_HUMAN_FIGURE
+    assert report.sentence == NO_HUMAN_SCORE
     assert report.scripts == {"noisy-frontier": 3}
     assert report.groups[0].figures[0].players == 0
     page = render(report)
     assert "3 scripted participants took part (noisy-frontier)" in page
     assert "0.79" not in page.split("Methods")[0]
-    assert live_figure(study(*played(SCORES, "script", "random")))["sentence"] == NO_HUMAN_FIGURE
+    assert live_figure(study(*played(SCORES, "script", "random")))["sentence"] == NO_HUMAN_SCORE
 
 
 def test_scripts_change_nothing_of_the_people(data):
@@ -450,7 +450,7 @@ def test_the_live_figure_is_the_reports(data):
     assert (live["score"]["low"], live["score"]["high"]) == (None, None), "three players"
     assert live["steps"]["mean"] == figure.steps.mean
     nobody = live_figure(study())
-    assert (nobody["players"], nobody["score"], nobody["sentence"]) == (0, None, NO_HUMAN_FIGURE)
+    assert (nobody["players"], nobody["score"], nobody["sentence"]) == (0, None, NO_HUMAN_SCORE)
 
 
 def test_where_nobody_finished_the_live_figure_is_of_everybody():

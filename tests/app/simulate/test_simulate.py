@@ -96,7 +96,7 @@ def check_database(path, study, moves, kills):
     assert moves <= events <= moves + 2 * kills * len(people)
 
 
-def check_no_human_figure(path, study):
+def check_no_human_score(path, study):
     """Nothing of it enters a figure about people."""
     with closing(Reader.open(path)) as reader:
         assert human_level(reader)["figures"] == []
@@ -114,13 +114,13 @@ def check_whole_study(spawn, tmp_path, study, participants, moves, **rest):
     spawn(port=server.port)
     outcomes, path = simulation.result(3000), tmp_path / "playground.db"
     check_database(path, study, simulation.moves, kills=1)
-    check_no_human_figure(path, study)
+    check_no_human_score(path, study)
     verified = verify_database(path, secrets={study.name: study.secret})
     assert verified.findings == ()
     return outcomes, verified
 
 
-def test_a_small_study_survives_a_kill_and_enters_no_human_figure(spawn, tmp_path):
+def test_a_small_study_survives_a_kill_and_enters_no_human_score(spawn, tmp_path):
     study = freeze(tmp_path / "playground.db-studies", size=9)
     outcomes, verified = check_whole_study(spawn, tmp_path, study, 3, 40, seed=3)
     assert [outcome.stage for outcome in outcomes] == ["complete"] * 3

@@ -62,7 +62,7 @@ def test_a_daily_episode_is_public_once_its_day_is_over_and_nobodys_before_that(
         assert (f",{DAY},true\n" in text) == (daily in shown)
 
 
-def test_a_daily_episode_enters_no_human_figure(store):
+def test_a_daily_episode_enters_no_human_score(store):
     play_daily(store)
     ranked = play(store, seed=7).id
     with closing(Reader.open(store.path, public=True, at_ms=AFTER_MS)) as reader:

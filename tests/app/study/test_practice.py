@@ -136,7 +136,7 @@ def test_a_study_in_which_nobody_passed_has_no_figure_and_says_so(serve, tmp_pat
     gives_up(practising(serve()))
     sentence = build(closed(tmp_path, capsys)).sentence
     assert sentence == (
-        "0 of 1 person passed the practice, and nobody began a ranked episode: there is no figure of people."
+        "0 of 1 person passed the practice, and nobody began a ranked episode: there is no human score."
     )
 
 

@@ -228,7 +228,7 @@ def test_forget_erases_a_player_by_name(played, capsys):
         forget_player(played, "Lovelace")
 
 
-def test_no_name_reaches_a_study_or_a_human_figure(serve, played, tmp_path):
+def test_no_name_reaches_a_study_or_a_human_score(serve, played, tmp_path):
     for place in ("chain", "export", "bundle", "bundle database", "scores"):
         assert TABLES["names"].columns(place) == (), place
     freeze(tmp_path / "playground.db-studies")

@@ -80,7 +80,7 @@ test("a study's board says so, and who enters it", () => {
   assert.deepEqual(rows(task, { board: study, people, policies }, "steps").map(({ name }) => name), ["ppo", "People"]);
   assert.match(headline(task, { board, people: { ...people, abandoned: 2 }, policies }), /38 episodes, 2 of them abandoned; 2 players/);
   assert.doesNotMatch(headline(task, { board, people, policies }), /human level/i, "that is a closed study's figure alone");
-  assert.match(headline(task, { board: study, people: null, policies }), /^No person finished the study dunes, so it has no figure of people/);
+  assert.match(headline(task, { board: study, people: null, policies }), /^No person finished the study dunes, so it has no human score/);
   assert.match(reading(task, { board: study, people: { ...people, set: "per protocol" }, policies })[0], /who finished as its protocol asks/);
   const both = { ...people, set: "per protocol", everybody: { players: 3, steps: { mean: 99 } } };
   assert.match(headline(task, { board: study, people: both, policies }), /Everybody who began \(3 players\): 99\.0 moves\./);

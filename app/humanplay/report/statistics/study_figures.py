@@ -40,7 +40,7 @@ EVERYBODY_RULE = (
     "or a rule ended, count at the lowest score and the limit"
 )
 
-NO_HUMAN_FIGURE = "No human has played this study: it has no human score."
+NO_HUMAN_SCORE = "No human has played this study: it has no human score."
 
 
 @dataclass(frozen=True)
@@ -244,9 +244,9 @@ def _headline(data: StudyData, per_protocol: StudyFigure, everybody: StudyFigure
     passed = sum(verdicts.values())
     if not everybody.players:
         if not verdicts:
-            return NO_HUMAN_FIGURE
+            return NO_HUMAN_SCORE
         people = counted(len(verdicts), "person", "people")
-        return f"{passed} of {people} passed the practice, and nobody began a ranked episode: there is no figure of people."
+        return f"{passed} of {people} passed the practice, and nobody began a ranked episode: there is no human score."
     screens, of_one = [], ""
     who = f"passed the practice ({passed} of {len(verdicts)})"
     if protocol.practice is not None and protocol.practice.then == "screen_out":
