@@ -17,7 +17,7 @@ EPISODES = """SELECT e.id, e.ended_ms FROM series_episodes s JOIN episodes e ON 
 
 
 @pytest.fixture(params=["panel", "invitation"])
-def owner(request, serve, tmp_path):
+def owner_and_link(request, serve, tmp_path):
     """Somebody who plays the tutorial of a study, and what their link held."""
     by_panel = {
         "recruitment": "panel",
@@ -31,45 +31,51 @@ def owner(request, serve, tmp_path):
         (issued,) = Invitations(Folder(tmp_path / "playground.db-studies")).issue("small", 1)
         link = {"invitation": token_of(study, issued.id)}
     person = Person(serve(), **link)
-    person.link = link
     person.to_tutorial()
     person.call("next")
-    return person
+    return person, link
 
 
-def intruder(owner, brings):
-    """A browser that brings what others may know, as a cookie and in its link."""
-    (cookie,) = owner.client.cookies
-    label, session = owner.where["participant"], owner.where["session"]
-    first = next(iter(owner.link.values()))
-    identifier = first["PROLIFIC_PID"] if "outside_ids" in owner.link else first
-    cookies, link = {
-        "the link that was used": ({}, owner.link),
-        "the identifier in another link": ({}, {"outside_ids": {"PROLIFIC_PID": identifier}}),
-        "the identifier as a cookie": ({cookie: identifier}, owner.link),
-        "the label as a cookie": ({cookie: label}, {"outside_ids": {"PROLIFIC_PID": label}}),
-        "the label as an invitation": ({}, {"invitation": label}),
-        "the board's address": ({cookie: session}, {}),
-    }[brings]
-    return Person(owner.server, client=owner.server.client(cookies=cookies), joins=False), link
+def identifier_in(link):
+    """The participant ID of a platform's link, or the token of an invitation."""
+    return link["outside_ids"]["PROLIFIC_PID"] if "outside_ids" in link else link["invitation"]
 
 
-@pytest.mark.parametrize(
-    "brings",
-    [
-        "the link that was used",
-        "the identifier in another link",
-        "the identifier as a cookie",
-        "the label as a cookie",
-        "the label as an invitation",
-        "the board's address",
-    ],
-)
-def test_who_brings_what_others_know_comes_to_nobodys_place(owner, brings):
+def platform_link(participant_id):
+    return {"outside_ids": {"PROLIFIC_PID": participant_id}}
+
+
+BRINGS = {
+    "the link that was used": lambda where, link: (None, link),
+    "the identifier in another link": lambda where, link: (
+        None,
+        platform_link(identifier_in(link)),
+    ),
+    "the identifier as a cookie": lambda where, link: (identifier_in(link), link),
+    "the label as a cookie": lambda where, link: (
+        where["participant"],
+        platform_link(where["participant"]),
+    ),
+    "the label as an invitation": lambda where, link: (None, {"invitation": where["participant"]}),
+    "the board's address": lambda where, link: (where["session"], {}),
+}
+"""The cookie and the link of a browser that brings what others may know."""
+
+
+def intruder(owner, cookie):
+    (name,) = owner.client.cookies
+    cookies = {} if cookie is None else {name: cookie}
+    return Person(owner.server, client=owner.server.client(cookies=cookies), joins=False)
+
+
+@pytest.mark.parametrize("brought", BRINGS.values(), ids=BRINGS)
+def test_who_brings_what_others_know_comes_to_nobodys_place(owner_and_link, brought):
+    owner, used_link = owner_and_link
     path, session = owner.server.services.store.path, owner.where["session"]
     (ident,) = ask(path, "SELECT id FROM participants")[0]
     before = ask(path, PLACE, ident), ask(path, EPISODES, ident)
-    other, link = intruder(owner, brings)
+    cookie, link = brought(owner.where, used_link)
+    other = intruder(owner, cookie)
     assert other.refused("join", link), "nobody is let in as somebody else"
     with pytest.raises(RefusedError) as refusal:
         other.me()
