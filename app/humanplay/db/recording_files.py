@@ -24,14 +24,14 @@ Instance = tuple[str, int]
 
 def recorded_episodes(conn: sqlite3.Connection, folder: Path) -> dict[Instance, set[str]]:
     """The episodes of each instance whose level has recordings in a folder."""
-    found = defaultdict[Instance, set[str]](set)
+    episodes = defaultdict[Instance, set[str]](set)
     if folder.is_dir():
         sql = "SELECT level, seed, id FROM episodes WHERE seed IS NOT NULL"
         levels = {path.name for path in folder.iterdir()}
         for level, seed, episode in conn.execute(sql):
             if recordings.folder_of(folder, level).name in levels:
-                found[level, seed].add(episode)
-    return found
+                episodes[level, seed].add(episode)
+    return episodes
 
 
 def copy_recordings(conn: sqlite3.Connection, source: Path, target: Path) -> None:

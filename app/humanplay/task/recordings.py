@@ -101,9 +101,9 @@ def new(folder: Path, seed: int) -> Recording:
 def copy(path: Path, folder: Path) -> None:
     """Copy a recording, with what describes its task, into a task's folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    for described in path.parent.glob("*.json"):
-        if not (folder / described.name).exists():
-            shutil.copyfile(described, folder / described.name)
+    for description in path.parent.glob("*.json"):
+        if not (folder / description.name).exists():
+            shutil.copyfile(description, folder / description.name)
     shutil.copyfile(path, _next_path(folder, int(path.stem.rpartition("-")[0])))
 
 

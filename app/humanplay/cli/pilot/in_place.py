@@ -248,8 +248,8 @@ class Stepper:
     def _record(self, answer: object, action: int | None) -> None:
         """Record what is told of a moment, before it is."""
         assert self._recording is not None
-        told = cast("Figures", answer[0] if isinstance(answer, tuple) else answer)
-        figures: Figures = {**told, "action": action}
+        figures = cast("Figures", answer[0] if isinstance(answer, tuple) else answer)
+        figures = {**figures, "action": action}
         self._recordings.add(self._recording, figures, self._run.newest_observation)
 
     def _fail(self, board: Connection, error: Exception) -> None:
