@@ -37,9 +37,11 @@ def recorded_episodes(conn: sqlite3.Connection, folder: Path) -> dict[Instance, 
 def copy_recordings(conn: sqlite3.Connection, source: Path, target: Path) -> None:
     """Copy what the episodes of a database need and the target lacks."""
     for level, seed in recorded_episodes(conn, source):
-        for digest, actions in _played(conn, level, seed):
-            if recordings.holding(target, level, seed, digest, actions) is None:
-                path = recordings.holding(source, level, seed, digest, actions)
+        recorded = recordings.of_instance(source, level, seed)
+        for actions, digest in _played(conn, level, seed):
+            copied = recordings.of_instance(target, level, seed)
+            if recordings.holding(copied, actions, digest) is None:
+                path = recordings.holding(recorded, actions, digest)
                 if path is not None:
                     recordings.copy(path, recordings.folder_of(target, level))
 
@@ -78,16 +80,17 @@ def remove_folder(database: Path) -> None:
 
 
 def _unneeded(conn: sqlite3.Connection, folder: Path, level: str, seed: int) -> set[Path]:
+    recorded = recordings.of_instance(folder, level, seed)
     needed = {
-        recordings.holding(folder, level, seed, digest, actions)
-        for digest, actions in _played(conn, level, seed)
+        recordings.holding(recorded, actions, digest)
+        for actions, digest in _played(conn, level, seed)
     }
-    return set(recordings.files_of(folder, level, seed)) - needed
+    return recorded.keys() - needed
 
 
-def _played(conn: sqlite3.Connection, level: str, seed: int) -> Iterator[tuple[str | None, bytes]]:
-    """Each episode of an instance: its digest, None while it runs, and moves."""
+def _played(conn: sqlite3.Connection, level: str, seed: int) -> Iterator[tuple[bytes, str | None]]:
+    """Each episode of an instance: its moves and digest, None while it runs."""
     sql = "SELECT id, trajectory_hash FROM episodes WHERE level = ? AND seed = ?"
     moves = "SELECT action FROM steps WHERE episode_id = ? ORDER BY step"
     for episode, digest in conn.execute(sql, [level, seed]).fetchall():
-        yield digest, bytes(action for (action,) in conn.execute(moves, [episode]))
+        yield bytes(action for (action,) in conn.execute(moves, [episode])), digest

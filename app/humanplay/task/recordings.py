@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NotRequired, TypedDict
@@ -114,23 +114,32 @@ def of_seed(task: str, seed: int) -> list[list[Moment]]:
     return [episode for path in paths if (episode := list(_moments(path)))]
 
 
-def holding(folder: Path, task: str, seed: int, digest: str | None, actions: bytes) -> Path | None:
+def of_instance(folder: Path, task: str, seed: int) -> dict[Path, list[Moment]]:
+    """What each recording of a task on a seed in a folder holds, the oldest first."""
+    return {path: list(_moments(path)) for path in files_of(folder, task, seed)}
+
+
+def holding(
+    recorded: Mapping[Path, Sequence[Moment]], actions: bytes, digest: str | None
+) -> Path | None:
     """The recording of an episode; None if there is none.
 
-    Of those that hold all of it it is the shortest, of equals the oldest.
-
-    Args:
-        digest: Of an episode that has ended; without one it is found by its moves.
+    The shortest that holds all of it; of equals, the oldest.
     """
-    paths = files_of(folder, task, seed)
-    episodes = {path: list(_moments(path)) for path in paths}
     lengths = {
-        path: len(moments)
-        for path, moments in episodes.items()
-        if actions_of(moments).startswith(actions)
-        and (digest is None or digest in {moment.figures["digest"] for moment in moments})
+        path: len(moments) for path, moments in recorded.items() if holds(moments, actions, digest)
     }
     return min(lengths, key=lengths.__getitem__, default=None)
+
+
+def holds(moments: Sequence[Moment], actions: bytes, digest: str | None = None) -> bool:
+    """Whether a recording holds all of an episode.
+
+    Args:
+        digest: Of an episode that has ended; without one its moves are enough.
+    """
+    digests = {moment.figures["digest"] for moment in moments}
+    return actions_of(moments).startswith(actions) and (digest is None or digest in digests)
 
 
 def actions_of(moments: Sequence[Moment]) -> bytes:

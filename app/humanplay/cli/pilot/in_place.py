@@ -260,7 +260,5 @@ class Stepper:
 def _recorded(level: str, seed: int, actions: bytes) -> list[list[Moment]]:
     """What is recorded of episodes that began with some moves."""
     return [
-        moments
-        for moments in recordings.of_seed(level, seed)
-        if recordings.actions_of(moments).startswith(actions)
+        moments for moments in recordings.of_seed(level, seed) if recordings.holds(moments, actions)
     ]

@@ -83,21 +83,17 @@ class RecordedRun(GymnasiumRun):
         self.actions, self._rewards, self._scores = bytearray(), list[float](), list[float]()
         self._allowed = []
         self.outcome, self.total = "running", 0.0
-        recorded = [
-            (recordings.actions_of(moments), moments)
-            for moments in recordings.of_seed(config.level, seed)
-        ]
-        self._episodes = [episode for episode in recorded if episode[0].startswith(actions)]
-        if not self._episodes:
+        recorded = recordings.of_seed(config.level, seed)
+        candidates = [moments for moments in recorded if recordings.holds(moments, actions)]
+        if not candidates:
             raise ValueError(
                 f"{self._described.title} was stepped in place, and no recording of this episode is beside the database"
             )
-        exact = [
-            episode
-            for episode in self._episodes
-            if digest in [moment.figures["digest"] for moment in episode[1]]
+        exact = [moments for moments in candidates if recordings.holds(moments, actions, digest)]
+        self._episodes = [
+            (recordings.actions_of(moments), moments)
+            for moments in exact or candidates  # else `verify` finds that the digests differ
         ]
-        self._episodes = exact or self._episodes  # else `verify` finds that the digests differ
         self._take(self._episodes[0][1][0])
         for action in actions:
             self.step(action)
