@@ -50,6 +50,17 @@ def move(server, client, session, action="right"):
         return socket.frame_after(frame["step"])
 
 
+def killed_after_a_move(program, **arguments):
+    """Ada's episode whose program was killed: its server, her, and the board."""
+    running = program(goal=3, **arguments)
+    server = running.opened()
+    ada = visitor(server)
+    begun = begin(server, ada, player="human")
+    assert move(server, ada, begun["session"])["step"] == 1
+    running.close()
+    return server, ada, begun
+
+
 def plays_in(folder, name="plays.db"):
     ((task,),) = ask(folder / name, "SELECT DISTINCT task FROM episodes")
     return Plays(folder / name, task)
@@ -72,12 +83,7 @@ def recorded(folder, name="plays.db"):
 @pytest.fixture
 def two_on_a_seed(program, tmp_path):
     """A walk of Ada's that went on after a kill, and Bob's other one on its seed."""
-    running = program(goal=3)
-    server = running.opened()
-    ada = visitor(server)
-    begun = begin(server, ada, player="human")
-    move(server, ada, begun["session"])
-    running.close()
+    server, ada, begun = killed_after_a_move(program)
     running = program(goal=3, options={"port": server.port})
     running.opened()
     first = play_out(server, ada, begun, RIGHT)[-1]
@@ -234,12 +240,7 @@ def test_an_erasure_that_is_killed_keeps_all_recordings_or_is_ended_by_the_next(
 
 
 def test_a_killed_program_goes_on_with_the_same_episode(program, tmp_path):
-    running = program(goal=3)
-    server = running.opened()
-    client = visitor(server)
-    begun = begin(server, client, player="human")
-    assert move(server, client, begun["session"])["step"] == 1
-    running.close()
+    server, client, begun = killed_after_a_move(program)
     running = program(goal=3, options={"port": server.port})
     running.opened()
     frames = play_out(server, client, begun, RIGHT)
@@ -248,12 +249,7 @@ def test_a_killed_program_goes_on_with_the_same_episode(program, tmp_path):
 
 
 def test_an_episode_that_would_be_another_one_does_not_go_on(program, tmp_path):
-    running = program(goal=3, wanders=True)
-    server = running.opened()
-    client = visitor(server)
-    begun = begin(server, client, player="human")
-    move(server, client, begun["session"])
-    running.close()
+    server, client, begun = killed_after_a_move(program, wanders=True)
     running = program(goal=3, wanders=True, options={"port": server.port})
     running.opened()
     answer = client.get(f"/api/sessions/{begun['session']}")
@@ -283,12 +279,7 @@ def test_each_of_two_episodes_on_a_seed_has_its_own_recording(program, tmp_path)
 
 
 def test_an_episode_whose_recording_is_gone_does_not_go_on(program, tmp_path):
-    running = program(goal=3)
-    server = running.opened()
-    client = visitor(server)
-    begun = begin(server, client, player="human")
-    move(server, client, begun["session"])
-    running.close()
+    server, client, begun = killed_after_a_move(program)
     for path in tmp_path.glob("plays.db-recordings/*/*.bin"):
         path.unlink()
     running = program(goal=3, options={"port": server.port})
