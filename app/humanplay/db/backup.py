@@ -23,7 +23,12 @@ from pathlib import Path
 from humanplay.db.checks import check_chain
 from humanplay.db.database import RUNS, StoreError, reading
 from humanplay.db.file import DatabaseLock, lock_path, recordings_beside
-from humanplay.db.recording_files import UNENDED_ERASURE, copy_recordings, remove_folder
+from humanplay.db.recording_files import (
+    UNENDED_ERASURE,
+    copy_recordings,
+    move_folder,
+    remove_folder,
+)
 from humanplay.task.recordings import size_of
 
 _log = logging.getLogger(__name__)
@@ -64,8 +69,7 @@ def back_up(database: Path, target: Path, advance: Advance | None = None) -> int
         _copy(database, partial, advance)
         check_whole(partial, advance)
         _copy_recordings(database, partial)
-        if recordings_beside(partial).is_dir():
-            recordings_beside(partial).replace(recordings_beside(target))
+        move_folder(partial, target)
         partial.replace(target)
         sync_folder(target.parent)
     except OSError as error:
@@ -171,8 +175,8 @@ def restore(
     """Put a verified copy of a backup in the place of a database.
 
     Args:
-        stamp: Distinguishes the name that the old file gets, NAME.before-STAMP; its log and note
-            (-wal, -lock) go with it.
+        stamp: Distinguishes the name that the old file gets, NAME.before-STAMP; its log, note and
+            recordings (-wal, -lock, -recordings) go with it.
 
     Returns:
         The new name of what stood there; None if nothing did.
@@ -189,8 +193,8 @@ def restore(
         _remove(new)
         back_up(backup, new, advance)
         old = _set_aside(database, stamp)
-        if recordings_beside(new).is_dir():
-            recordings_beside(new).replace(recordings_beside(database))
+        remove_folder(database)
+        move_folder(new, database)
         new.replace(database)
         lock.clear_note()
         sync_folder(database.parent)
@@ -218,7 +222,7 @@ def check_restorable(backup: Path, database: Path) -> None:
 
 
 def _set_aside(database: Path, stamp: str) -> Path | None:
-    """Give the database a second name, and its log and recordings with it.
+    """Give the database a second name, and its log and recordings too.
 
     The log must not meet the restored file. There may be a log without a database, if the file was
     lost.
@@ -233,7 +237,9 @@ def _set_aside(database: Path, stamp: str) -> Path | None:
         if path.exists():
             os.link(path, aside.with_name(aside.name + suffix))
     if recordings_beside(database).is_dir():
-        recordings_beside(database).replace(recordings_beside(aside))
+        shutil.copytree(
+            recordings_beside(database), recordings_beside(aside), copy_function=os.link
+        )
     if was_there:
         shutil.copy(lock_path(database), lock_path(aside))
     sync_folder(database.parent)

@@ -74,6 +74,12 @@ def delete_marked(conn: sqlite3.Connection, database: Path) -> None:
             (recordings_beside(database) / name).unlink(missing_ok=True)
 
 
+def move_folder(database: Path, to: Path) -> None:
+    """Put the recordings beside a database, if there are any, beside another one."""
+    if recordings_beside(database).is_dir():
+        recordings_beside(database).replace(recordings_beside(to))
+
+
 def remove_folder(database: Path) -> None:
     """Delete all recordings beside a database."""
     shutil.rmtree(recordings_beside(database), ignore_errors=True)

@@ -21,6 +21,7 @@ from humanplay.db import backup
 from humanplay.db.backup import Backups, StoppedError, back_up, restore
 from humanplay.db.checks import quick_check
 from humanplay.db.database import StoreError
+from humanplay.db.file import lock_path, recordings_beside
 from humanplay.db.store import Store
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import default_protocol
@@ -231,6 +232,25 @@ def test_a_restored_backup_is_the_database_and_what_stood_there_stays(database, 
     assert replaced == crashed.with_name("play.db.before-now")
     assert steps_in(replaced) == after > before
     assert not verify_database(crashed).findings
+
+
+def test_a_restoring_that_fails_leaves_the_database_and_its_recordings(database, tmp_path):
+    copy = tmp_path / "copy.db"
+    back_up(database, copy)
+    recording = recordings_beside(database) / "Walk" / "0-0.bin"
+    recording.parent.mkdir(parents=True)
+    recording.write_bytes(b"a recording")
+    note = lock_path(tmp_path / "play.db.before-now")
+    note.symlink_to(tmp_path / "nowhere" / "note")  # it cannot be written
+    before = database.read_bytes()
+    with pytest.raises(StoreError, match="cannot restore"):
+        restore(copy, database, "now")
+    assert (database.read_bytes(), recording.read_bytes()) == (before, b"a recording")
+    note.unlink()
+    restore(copy, database, "later")
+    assert not recording.exists()
+    aside = recordings_beside(tmp_path / "play.db.before-later")
+    assert (aside / "Walk" / "0-0.bin").read_bytes() == b"a recording"
 
 
 def test_a_backup_is_restored_through_a_link_by_the_command(database, tmp_path, capsys):
