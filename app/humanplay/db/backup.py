@@ -268,8 +268,9 @@ class StoppedError(Exception):
 class Backups:
     """The backups of one database in a folder, `NAME-YYYYMMDDTHHMMSSZ.db`.
 
-    After a new one was verified, those beyond `KEPT` are deleted: at most 21 stay. Other files in
-    the folder stay as they are.
+    After a new one was verified, those beyond `KEPT` are deleted: at most 21 stay. What a killed
+    server left of one that it had not ended is deleted too. Other files in the folder stay as they
+    are.
 
     Args:
         every_s: Seconds between them; the first one is made at once when the newest in the
@@ -304,12 +305,25 @@ class Backups:
         """
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
         target = self._folder / f"{self._database.stem}-{stamp}.db"
+        self._remove_unended()
         back_up(self._database, target, self._check_going_on)
         existing = self.existing()
         for path in set(existing) - _backups_to_keep(existing):
             path.unlink(missing_ok=True)
             remove_folder(path)
         return target
+
+    def _remove_unended(self) -> None:
+        """Delete what a killed server left of backups that are not there."""
+        if not self._folder.is_dir():
+            return
+        names = {
+            match[0] for path in self._folder.iterdir() if (match := self._pattern.match(path.name))
+        }
+        for backup in (self._folder / name for name in names):
+            if not backup.exists():
+                _remove(backup.with_name(backup.name + PARTIAL))
+                remove_folder(backup)
 
     async def run(self) -> None:
         """Make one backup after the other until cancelled; log those that fail."""

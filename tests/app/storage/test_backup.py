@@ -152,7 +152,7 @@ def test_the_last_backups_of_hours_days_and_weeks_stay_and_other_files_are_left_
     """
     folder = tmp_path / "backups"
     folder.mkdir()
-    others = ["play-notes.db", "other-20200101T000000Z.db", "play-20200101T000000Z.db.partial"]
+    others = ["play-notes.db", "other-20200101T000000Z.db", "play-20200101T000000Z.db.notes"]
     last = datetime(2020, 4, 1, 23, 40, tzinfo=UTC)  # a Wednesday
     times = [last - timedelta(minutes=30 * number) for number in range(24 * 2 * 90)]
     names = [f"play-{time:%Y%m%dT%H%M%S}Z.db" for time in times]
@@ -168,6 +168,27 @@ def test_the_last_backups_of_hours_days_and_weeks_stay_and_other_files_are_left_
     )
     assert all((folder / name).exists() for name in others)
     assert 0 <= backups.age_s() < 60
+
+
+def test_what_a_killed_server_left_of_a_backup_is_deleted_with_the_next(database, tmp_path):
+    folder = tmp_path / "backups"
+    backups = Backups(database, folder, 60)
+    back_up(database, folder / "play-20200101T000000Z.db")
+    left = ["play-20200102T000000Z.db", "play-20200103T000000Z.db.partial"]
+    others = [
+        "play-20200101T000000Z.db",
+        "other-20200102T000000Z.db.partial",
+        "play.db",
+        "play-mine.db",
+    ]
+    for name in (*left, *others):
+        recordings_beside(folder / name).mkdir()
+    for name in (left[1], f"{left[1]}-journal", others[1]):
+        (folder / name).write_bytes(b"")
+    newest = backups.make()
+    assert sorted(path.name for path in folder.iterdir()) == sorted(
+        [others[0], others[1], newest.name, *(f"{name}-recordings" for name in others)]
+    )
 
 
 def test_a_backup_that_does_not_fit_is_refused_with_both_sizes_and_leaves_nothing(
