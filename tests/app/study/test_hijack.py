@@ -46,18 +46,18 @@ def platform_link(participant_id):
 
 
 BRINGS = {
-    "the link that was used": lambda where, link: (None, link),
-    "the identifier in another link": lambda where, link: (
+    "the link that was used": lambda state, link: (None, link),
+    "the identifier in another link": lambda state, link: (
         None,
         platform_link(identifier_in(link)),
     ),
-    "the identifier as a cookie": lambda where, link: (identifier_in(link), link),
-    "the label as a cookie": lambda where, link: (
-        where["participant"],
-        platform_link(where["participant"]),
+    "the identifier as a cookie": lambda state, link: (identifier_in(link), link),
+    "the label as a cookie": lambda state, link: (
+        state["participant"],
+        platform_link(state["participant"]),
     ),
-    "the label as an invitation": lambda where, link: (None, {"invitation": where["participant"]}),
-    "the board's address": lambda where, link: (where["session"], {}),
+    "the label as an invitation": lambda state, link: (None, {"invitation": state["participant"]}),
+    "the board's address": lambda state, link: (state["session"], {}),
 }
 """The cookie and the link of a browser that brings what others may know."""
 
