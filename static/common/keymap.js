@@ -119,7 +119,8 @@ export function assign(keys, action, slot, code) {
  * @param {Record<string, unknown> | null | undefined} stored @param {Keys} own @returns {Keys} */
 export function readKeys(stored, own) {
   const lists = Object.entries(own).map(([action, codes]) => ({ list: stored?.[action], of: codes.length }));
-  const isWhole = lists.every(({ list, of }) => Array.isArray(list) && list.length === of && list.every((code) => typeof code === "string" && mayDrive(code)));
+  const usual = Object.values(own).flat();
+  const isWhole = lists.every(({ list, of }) => Array.isArray(list) && list.length === of && list.every((code) => typeof code === "string" && (mayDrive(code) || usual.includes(code))));
   const codes = lists.flatMap(({ list }) => list);
   if (!isWhole || new Set(codes).size !== codes.length) return { ...own };
   return Object.fromEntries(Object.keys(own).map((action, index) => [action, /** @type {string[]} */ (lists[index].list)]));

@@ -8,6 +8,7 @@ from functools import partial
 from humanplay.db.series import StudyStore
 from humanplay.db.study_rows import Participant, Stage
 from humanplay.study.folder import Study
+from humanplay.study.invitations import Invitations
 from humanplay.study.protocol import Arm, Protocol
 from humanplay.study.questions import Question
 
@@ -34,18 +35,35 @@ def reach_stage(
     participant: Participant,
     at_ms: int,
     stage: Stage,
+    invitations: Invitations,
     **columns: str | int,
 ) -> None:
     """Move a participant to a stage, and assign them to an arm if that is due there.
 
-    Both are one write: nobody comes to a page that differs without an arm, and nobody is assigned twice.
+    Both are one write: nobody comes to a page that differs without an arm, and nobody is assigned twice. The operator's
+    assignments are noted when chance's are, so that attrition by arm begins at the same page for everybody.
+
+    Raises:
+        StudyError: If the invitations, which may name an arm, cannot be read.
     """
     with study_store.transaction():
         study_store.set_stage(participant.id, at_ms, stage, **columns)
-        if stage == stage_of_assignment(study.protocol):
+        if stage != stage_of_assignment(study.protocol):
+            return
+        if arm := _operators_arm(invitations, study, participant):
+            study_store.note_operators_arm(participant.id, at_ms, arm)
+        else:
             draw = partial(study.arm, participant.kind)
             study_store.assign_arm(participant, at_ms, draw)
-            _take_keys(study_store, study, participant, at_ms)
+        _take_keys(study_store, study, participant, at_ms)
+
+
+def _operators_arm(invitations: Invitations, study: Study, participant: Participant) -> str | None:
+    """The arm that a participant's invitation names; None if chance assigns them."""
+    if study.protocol.recruitment != "invitation" or participant.kind != "human":
+        return None
+    invitation = invitations.of(study.name).get(participant.invitation or "")
+    return None if invitation is None else invitation.arm
 
 
 def _take_keys(study_store: StudyStore, study: Study, participant: Participant, at_ms: int) -> None:

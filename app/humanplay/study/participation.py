@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from humanplay.board.controls import ClockLimits
 from humanplay.board.participation import RefusedError, StudyUnavailableError
@@ -14,6 +16,7 @@ from humanplay.study.arms import reach_stage
 from humanplay.study.asking import due_blocks
 from humanplay.study.flow import STOPPED
 from humanplay.study.folder import Folder, Study, StudyError
+from humanplay.study.invitations import Invitations
 from humanplay.study.outcome import Outcome
 from humanplay.study.practice import has_passed
 
@@ -28,10 +31,15 @@ class StudyParticipation:
     """The participation of one participant; the study is looked up at every move, so that closing it shows at once."""
 
     def __init__(
-        self, participant: Participant, folder: Folder, study_store: StudyStore, sources: Sources
+        self,
+        participant: Participant,
+        folder: Folder,
+        study_store: StudyStore,
+        sources: Sources,
+        invitations: Invitations,
     ) -> None:
         self._participant, self._folder, self._study_store = participant, folder, study_store
-        self._clock = sources.clock_ms
+        self._clock, self._invitations = sources.clock_ms, invitations
         self.driver, self.study = participant.kind, participant.study
 
     def is_erased(self) -> bool:
@@ -86,7 +94,10 @@ class StudyParticipation:
                 failed = Outcome.FAILED_PRACTICE
                 self._study_store.withdraw(participant, now, outcome=failed)
             elif passed is not None:
-                reach_stage(self._study_store, study, participant, now, "ranked")
+                with self._available():
+                    reach_stage(
+                        self._study_store, study, participant, now, "ranked", self._invitations
+                    )
         elif participant.stage == "ranked" and ended["ranked"] >= protocol.ranked:
             self._study_store.set_stage(participant.id, now, "debrief", completed_ms=now)
 
@@ -112,8 +123,14 @@ class StudyParticipation:
         return bool(due_blocks(self._study_store, self._study(), participant, trials))
 
     def _study(self) -> Study:
-        try:
+        with self._available():
             return self._folder.study(self._participant.study)
+
+    @contextmanager
+    def _available(self) -> Iterator[None]:
+        """Say of files that cannot be read that the study cannot go on now."""
+        try:
+            yield
         except StudyError as error:
             raise StudyUnavailableError(
                 f"the study {self._participant.study!r} cannot go on now; tell whoever invited you"
@@ -123,8 +140,15 @@ class StudyParticipation:
 class Participations:
     """Finds the participation that a session belongs to; a lobby asks it when it resumes a session."""
 
-    def __init__(self, folder: Folder, study_store: StudyStore, sources: Sources) -> None:
+    def __init__(
+        self,
+        folder: Folder,
+        study_store: StudyStore,
+        sources: Sources,
+        invitations: Invitations | None = None,
+    ) -> None:
         self._folder, self._study_store, self._sources = folder, study_store, sources
+        self._invitations = invitations or Invitations(folder)
 
     def of_session(self, session_id: str) -> StudyParticipation | None:
         """Return the participation at a session; None when it is no participant's board."""
@@ -133,4 +157,5 @@ class Participations:
 
     def of(self, participant: Participant) -> StudyParticipation:
         """Return the participation of a participant."""
-        return StudyParticipation(participant, self._folder, self._study_store, self._sources)
+        files = self._folder, self._study_store, self._sources, self._invitations
+        return StudyParticipation(participant, *files)

@@ -33,7 +33,7 @@ from humanplay.study.participation import CLOSED_MESSAGE, Participations, StageE
 from humanplay.study.places import is_full
 from humanplay.study.protocol import Arm, DraftStudyError, StudyError, UnknownStudyError
 from humanplay.study.questions import EARLY_POSITIONS, Sent
-from humanplay.study.recruitment import Arrival, Recruitment, supervise
+from humanplay.study.recruitment import UNREADABLE, Arrival, Recruitment, supervise
 from humanplay.study.seeds import TUTORIAL_SEED, order_group
 from humanplay.task import counted, on_threads
 
@@ -62,7 +62,8 @@ class ParticipantProgress:
         self.lobby, self.folder, self.study_store = lobby, folder, study_store
         self._sources = lobby.sources
         self.recruitment = Recruitment(folder, study_store)
-        self._participations = Participations(folder, study_store, lobby.sources)
+        invitations = self.recruitment.invitations
+        self._participations = Participations(folder, study_store, lobby.sources, invitations)
         self._locks = Locks()
         self._note_freezings()
 
@@ -228,8 +229,6 @@ class ParticipantProgress:
                 if is_full(self.lobby.store, study, now):
                     self.study_store.withdraw(participant, now, outcome=Outcome.OVER_QUOTA)
                     return
-            if arm := self.recruitment.invited_arm(study, participant):
-                self.study_store.note_operators_arm(participant.id, now, arm)
             agreed: dict[str, str | int] = {"consent_version": version, "consent_ms": now}
             if study.protocol.platform == "code":
                 agreed["completion_code"] = self._sources.completion_code()
@@ -486,7 +485,11 @@ class ParticipantProgress:
     def _reach(
         self, study: Study, participant: Participant, stage: Stage, **columns: str | int
     ) -> None:
-        reach_stage(self.study_store, study, participant, self._now(), stage, **columns)
+        now, invitations = self._now(), self.recruitment.invitations
+        try:
+            reach_stage(self.study_store, study, participant, now, stage, invitations, **columns)
+        except StudyError as error:
+            raise StageError(UNREADABLE) from error
 
     def _add(self, study: Study, new: Participant, kept: Mapping[str, str]) -> None:
         """Add a participant, with what is known of their outside id if they are a person."""

@@ -15,7 +15,6 @@ from decimal import Decimal
 from typing import Annotated, Literal
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
     Field,
     SerializerFunctionWrapHandler,
@@ -277,14 +276,8 @@ class Payment(Part):
         return outcome is not self.screen_out and not by_time
 
 
-def _check_drives(code: str) -> str:
-    if code not in DRIVING_KEYS:
-        raise ValueError("expected the code of a key that may drive, like KeyI or ArrowUp")
-    return code
-
-
-Key = Annotated[str, Field(max_length=32), AfterValidator(_check_drives)]
-"""The `event.code` of a key that may drive."""
+Key = Annotated[str, Field(max_length=32)]
+"""The `event.code` of a key."""
 
 
 class Arm(Part):
@@ -549,9 +542,17 @@ class Protocol(Part):
 
     @model_validator(mode="after")
     def _keys_of_arms_drive(self) -> Protocol:
-        wanted = {action: len(codes) for action, codes in self.environment.keys.items()}
+        usual = self.environment.keys
+        wanted = {action: len(codes) for action, codes in usual.items()}
+        # the task's own, such as Space in a game that fires with it, drive in every arm
+        may_drive = DRIVING_KEYS.union(*usual.values())
         for arm in self.arms:
             codes = [code for action_codes in arm.keys.values() for code in action_codes]
+            if strange := [code for code in codes if code not in may_drive]:
+                raise ValueError(
+                    f"keys of the arm {arm.name!r}: expected the code of a key that may drive, like KeyI or ArrowUp, or one "
+                    f"of the task's own, got {strange[0]!r}"
+                )
             counts = {action: len(action_codes) for action, action_codes in arm.keys.items()}
             if arm.keys and (counts != wanted or len(set(codes)) < len(codes)):
                 expected = ", ".join(f"{count} of {action}" for action, count in wanted.items())

@@ -163,13 +163,6 @@ class Recruitment:
             if other is not None:
                 raise _taken_id(name, other)
 
-    def invited_arm(self, study: Study, participant: Participant) -> str | None:
-        """The arm that a participant's invitation names; None if chance assigns them."""
-        if study.protocol.recruitment != "invitation" or participant.kind != "human":
-            return None
-        invitation = self._read(study).get(participant.invitation or "")
-        return None if invitation is None else invitation.arm
-
     def obstacle(self, study: Study, participant: Participant) -> str | None:
         """Return why somebody at the consent cannot agree any more, in a sentence; None when nothing stands in the way."""
         if participant.stage != "consent" or participant.kind != "human" or not study.is_running:

@@ -456,3 +456,47 @@ def test_a_study_of_arms_tests_them_and_no_policy(tmp_path):
     items = {item.number: item for item in report.checklist}
     assert items["4.1.1"].answer.startswith("Test of the differences between arms")
     assert items["1.8.1"].detail == "5 steps to 99 % between two arms, named before the study."
+
+
+@pytest.mark.parametrize(
+    ("arms", "blocks", "before"),
+    [
+        ([{"name": "hinted", "hint": "Walls first."}, {"name": "control"}], [], "instructions"),
+        (
+            [{"name": "hinted"}, {"name": "control"}],
+            [{**ABOUT, "name": "w", "at": "after", "arms": ["hinted"], "questions": [NOTICED]}],
+            "warm_up",
+        ),
+    ],
+)
+def test_the_operators_arm_is_noted_when_chances_is_so_that_attrition_counts_the_same_people(
+    serve, tmp_path, capsys, arms, blocks, before
+):
+    root, path = tmp_path / "playground.db-studies", tmp_path / "playground.db"
+    study = freeze(root, arms=arms, blocks=blocks, recruitment="invitation", warm_up=1, ranked=1)
+    invite = "study", "invite", study.name, "1", "--database", path
+    named = command(capsys, *invite, "--arm", "control")[1].split()
+    drawn = command(capsys, *invite)[1].split()
+    server = serve()
+    for number, link in enumerate((*named, *drawn)):
+        person = Person(server, invitation=link.partition("invitation=")[2])
+        person.call("consent", YES)
+        if before == "warm_up":
+            person.call("advance", {"from": "instructions"})
+            person.call("next")
+            frame = person.frame
+            person.call("give-up", {"episode": frame["episode"], "step": frame["step"]})
+            person.call("advance", {"from": "tutorial"})
+            person.answer_questions()
+        assert len(ask(path, ASSIGNED)) == number, "nobody is assigned before the page that differs"
+        if before == "instructions":
+            person.call("advance", {"from": "instructions"})
+        else:
+            person.call("next")
+            person.play()
+        assert len(ask(path, ASSIGNED)) == number + 1
+    server.stop()
+    assert ask(path, ASSIGNED) == [
+        ("human", None, "control"),
+        ("human", 0, study.arm("human", 0)),
+    ]

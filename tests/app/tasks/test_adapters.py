@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+from humanplay.study.protocol import StudyError, default_protocol
 from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.adapters import Fresh, OneAtATime
 from humanplay.tasks.gymnasium.doctor import examine
@@ -69,3 +70,19 @@ def test_crafter_is_exact_with_the_adapter_and_not_as_shipped():
     assert (exact.differences, exact.used) == ((), None)
     shipped = examine("gymnasium:tests.support.environments:Shipped-v0", seeds=1, steps=300)
     assert {each.variant for each in shipped.differences} >= {"without rendering"}
+
+
+def test_an_arm_may_have_a_key_of_the_tasks_own_that_nobody_could_choose():
+    environment = environment_of("gymnasium:humanplay.tasks.gymnasium.adapters:Crafter-v0")
+    keys = {action: list(codes) for action, codes in environment.keys.items()}
+    keys["do"], keys["sleep"] = keys["sleep"], keys["do"]
+    arms = [{"name": "swapped", "keys": keys}, {"name": "control"}]
+    protocol = default_protocol("arms", environment.default, environment.name, arms=arms)
+    assert protocol.arms[0].keys["sleep"] == ("Space",)
+    with pytest.raises(StudyError, match=r"keys of the arm 'swapped': expected the code .* 'Tab'"):
+        default_protocol(
+            "arms",
+            environment.default,
+            environment.name,
+            arms=[{"name": "swapped", "keys": {**keys, "do": ["Tab"]}}, {"name": "control"}],
+        )

@@ -12,6 +12,9 @@ test("kept keys and colours are whole or none", () => {
   assert.deepEqual(readKeys({ ...DEFAULT_KEYS, north: ["KeyS", "KeyW"] }, DEFAULT_KEYS), { ...DEFAULT_KEYS });
   const keys = assign(DEFAULT_KEYS, "west", 0, "KeyJ");
   assert.deepEqual(readKeys(JSON.parse(JSON.stringify(keys)), DEFAULT_KEYS), keys);
+  const game = { fire: ["Space"], left: ["KeyA"] };
+  assert.deepEqual(readKeys({ fire: ["KeyB"], left: ["Space"] }, game), { fire: ["KeyB"], left: ["Space"] });
+  assert.deepEqual(readKeys({ fire: ["Space"], left: ["Tab"] }, game), game);
   assert.equal(readPalette("pink", false), "standard");
   assert.equal(readPalette(undefined, true), "high-contrast");
   assert.equal(readPalette("constructor", false), "standard");
