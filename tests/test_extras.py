@@ -1,5 +1,6 @@
 """What an extra leaves out is not needed by what the extra is for."""
 
+import json
 import re
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from tests.support.recorded import play
 from tests.support.servers import RunningServer
 
 IN_PLAY = {*EXTRAS["play"], *EXTRAS["mars"]}
+IN_EXTRAS = sorted({module for modules in EXTRAS.values() for module in modules})
 MORE_THAN_PLAY = sorted({module for modules in EXTRAS.values() for module in modules} - IN_PLAY)
 
 
@@ -61,6 +63,30 @@ def test_play_evaluates_policies(tmp_path):
     )
     assert process.returncode == 0, process.stderr
     assert "frontier-cost" in process.stdout
+
+
+def test_people_are_scored_beside_a_policy_where_no_extra_is_installed(tmp_path):
+    """The interval of the human-normalized score too."""
+    code = """
+import json
+import numpy as np
+from humanplay import score
+from humanplay.report.statistics.comparisons import quotient_interval
+generator = np.random.default_rng(7)
+people = generator.normal(10, 2, (8, 12))
+print(json.dumps([score.__name__, *quotient_interval(generator.normal(9, 2, 12), people)]))
+"""
+    process = subprocess.run(
+        [sys.executable, "-c", code],
+        env=environment_without(IN_EXTRAS, tmp_path),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert process.returncode == 0, process.stderr
+    name, ratio, (low, high) = json.loads(process.stdout)
+    assert name == "score"
+    assert low < ratio < high
 
 
 def test_a_missing_pygame_is_named_with_the_line_of_the_installed_gymnasium(tmp_path):

@@ -151,6 +151,24 @@ def test_the_quotients_interval_holds_what_the_test_keeps(worst):
         assert p(end + 0.01 * outwards) < 0.05 < p(end - 0.01 * outwards)
 
 
+def test_the_quotients_ends_are_those_that_scipy_finds():
+    generator = np.random.default_rng(12)
+    for _ in range(10):
+        table = generator.normal(10, 3, (6, 1)) + generator.normal(0, 4, (6, 9))
+        top = generator.normal(9, 3, 9)
+        quotient, (low, high) = quotient_interval(top, table)
+
+        def end(side, top=top, table=table):
+            return lambda q: float(interval(top - q * table, None)[side])
+
+        reach = 2 * (high - low)
+        ends = [
+            scipy.optimize.brentq(end(1), quotient, quotient + reach, xtol=1e-13, rtol=1e-12),
+            scipy.optimize.brentq(end(0), quotient - reach, quotient, xtol=1e-13, rtol=1e-12),
+        ]
+        assert (low, high) == pytest.approx(sorted(ends), rel=1e-10)
+
+
 def test_a_policy_that_is_a_share_of_the_people_everywhere_has_that_ratio_whatever_the_terrains():
     # the terrains cancel, the players do not
     terrain = np.random.default_rng(5).normal(1, 0.3, 30).clip(0.2)

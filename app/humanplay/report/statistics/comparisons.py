@@ -13,13 +13,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from humanplay.report.statistics.intervals import Interval, interval, p_value, player_means
 from marsexplorer.intervals import CONFIDENCE, Floats
 
 FEWEST_TO_TEST = 5
 """Players below whom no p value is given: their spread is too poorly known."""
+
+XTOL, RTOL = 1e-13, 1e-12
+"""How near an end of an interval is found: this far, and this share of it further."""
 
 
 def finite_ends(ends: tuple[Floats, Floats]) -> Interval | None:
@@ -186,7 +188,45 @@ def _end(reach: Callable[[float], float], inside: float, step: float) -> float:
         outside = inside + step
     if not reach(inside) > 0:
         return inside
-    return float(scipy.optimize.brentq(reach, inside, outside, xtol=1e-13, rtol=1e-12))
+    return _crossing(reach, inside, outside)
+
+
+def _crossing(reach: Callable[[float], float], start: float, end: float) -> float:
+    """Where `reach` is 0 between two numbers at which its signs differ.
+
+    This is Chandrupatla's method (1997, Advances in Engineering Software 28): inverse quadratic
+    interpolation where that is safe, else halving. `score` needs it without SciPy.
+    """
+    newest, opposite = end, start
+    at_newest, at_opposite = reach(newest), reach(opposite)
+    share = 0.5
+    while True:
+        middle = newest + share * (opposite - newest)
+        at_middle = reach(middle)
+        if (at_middle > 0) == (at_newest > 0):
+            dropped, at_dropped = newest, at_newest
+        else:
+            dropped, at_dropped = opposite, at_opposite
+            opposite, at_opposite = newest, at_newest
+        newest, at_newest = middle, at_middle
+
+        is_newest_nearer = abs(at_newest) < abs(at_opposite)
+        nearest = newest if is_newest_nearer else opposite
+        least_share = (XTOL + RTOL * abs(nearest)) / abs(opposite - newest)
+        if least_share > 0.5 or min(abs(at_newest), abs(at_opposite)) == 0:
+            return nearest
+
+        place = (newest - opposite) / (dropped - opposite)
+        height = (at_newest - at_opposite) / (at_dropped - at_opposite)
+        share = 0.5
+        if height**2 < place and (1 - height) ** 2 < 1 - place:
+            by_opposite = at_newest / (at_opposite - at_newest) * at_dropped
+            by_dropped = at_newest / (at_dropped - at_newest) * at_opposite
+            ratio = (dropped - newest) / (opposite - newest)
+            share = by_opposite / (at_opposite - at_dropped) + ratio * by_dropped / (
+                at_dropped - at_opposite
+            )
+        share = min(1 - least_share, max(least_share, share))
 
 
 def holm(p_values: Floats) -> Floats:
