@@ -230,6 +230,18 @@ def test_the_words_of_a_world_are_found_where_they_stand():
     assert all(word in found for word in ("lidar", "rover", "obstacle", "rock", "99%"))
 
 
+def test_commands_for_operators_stand_behind_run_one_yourself_on_visitors_pages():
+    behind = re.compile(
+        r"<details[^>]*>\s*<summary>Run one yourself</summary>.*?</details>", re.DOTALL
+    )
+    # whoever has a file verifies it
+    commands = re.compile(r"\bhumanplay (?!agents verify)[a-z]+\b")
+    visitors = [part for part in PARTS if part.parent.name != "admin"]
+    texts = {part: part.read_text(encoding="utf-8") for part in visitors}
+    assert [part for part, text in texts.items() if commands.search(behind.sub("", text))] == []
+    assert sum(len(commands.findall(text)) for text in texts.values()) == 10
+
+
 def test_every_id_the_page_looks_up_is_there():
     for path in MODULES:
         folder = path.relative_to(STATIC).parts[:2]
