@@ -16,9 +16,9 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "export": ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography"),
     "ray": ("ray",),
     "video": ("av",),
-    "agents": ("cryptography", "openenv", "openai"),
+    "agents": ("cryptography",),
 }
-"""Extra -> the modules that it brings itself, by the names they are imported by.
+"""Extra -> the modules that it brings itself and a command needs, by the names they are imported by.
 
 If a command names no extra with the missing module, the first one here that brings it is named.
 """

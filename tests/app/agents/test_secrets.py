@@ -249,7 +249,9 @@ def test_agents_enter_no_figure_of_people(serve, root, capsys):
     )
 
 
-ROOM = re.compile(r"[Rr]eceipt|[Ss]ealed|OpenEnv|\bMCP\b|[Aa]gents?\b.{0,3} cards?\b|CardError")
+ROOM = re.compile(
+    r"[Rr]eceipt|[Ss]ealed|(?i:open_?env)|\bMCP\b|[Aa]gents?\b.{0,3} cards?\b|CardError"
+)
 
 
 def test_the_rooms_words_stand_in_the_room_and_its_page_alone():

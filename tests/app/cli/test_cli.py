@@ -134,6 +134,9 @@ def test_the_extras_are_those_of_the_package():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     declared = project["optional-dependencies"]
     del declared["audit"], declared["dev"], declared["docs"]  # no command needs them
+    declared["agents"] = [  # the examples of agents need these, and no command
+        line for line in declared["agents"] if not line.startswith(("openenv", "openai"))
+    ]
     imported_as = {
         "pillow": "PIL",
         "pyyaml": "yaml",
