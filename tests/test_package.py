@@ -19,6 +19,18 @@ def test_nothing_imports_the_package_by_the_name_of_its_folder():
     assert [str(path) for path in texts if imports.search(path.read_text())] == []
 
 
+def test_every_format_but_a_policys_has_the_packages_name():
+    """A policy's file is MarsExplorer's own."""
+    texts = [
+        path.read_text() for name in ("app", "marsexplorer") for path in (ROOT / name).rglob("*.py")
+    ]
+    formats = {name for text in texts for name in re.findall(r'"([a-z]+-[a-z]+-\d+)"', text)}
+    assert len(formats) > 5
+    assert {name for name in formats if not name.startswith("humanplay-")} == {
+        "marsexplorer-policy-1"
+    }
+
+
 def test_documents_name_the_wheel_as_it_is_built():
     texts = [path.read_text() for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]]
     wheels = {name for text in texts for name in re.findall(r"dist/(\S+?)-py3-none-any", text)}

@@ -105,7 +105,7 @@ class Invitations:
             found = dict(self.of(name))
             yield found
             told = [asdict(each) for each in found.values()]
-            content = {"format": "marsexplorer-invitations-1", "invitations": told}
+            content = {"format": "humanplay-invitations-1", "invitations": told}
             write_object(self._path(name), content)
 
     def _path(self, name: str) -> Path:
