@@ -47,9 +47,11 @@ _WATCHABLE = """SELECT e.session_id, e.ended_ms FROM episodes e LEFT JOIN series
     LEFT JOIN series y ON y.name = x.series
     WHERE e.id = :episode AND (x.series IS NULL OR y.closed_ms <= :now OR x.player_id = :viewer)"""
 
-# Boards with their rival's: nothing has happened on either, and neither is the newest session.
-_UNPLAYED = """SELECT s.rowid, s.id, s.player_id, r.id FROM sessions s LEFT JOIN sessions r ON r.rival_of = s.id
-    WHERE s.rowid > :after AND s.created_ms < :before AND s.rival_of IS NULL
+# Boards with their rival's: nothing has happened on either, and neither is the newest session. The few open episodes are
+# read first, not all sessions: moves wait meanwhile.
+_UNPLAYED = """SELECT DISTINCT s.rowid, s.id, s.player_id, r.id FROM episodes o CROSS JOIN sessions b ON b.id = o.session_id
+    CROSS JOIN sessions s ON s.id = coalesce(b.rival_of, b.id) LEFT JOIN sessions r ON r.rival_of = s.id
+    WHERE o.ended_ms IS NULL AND o.started_ms < :before AND s.rowid > :after AND s.created_ms < :before
     AND max(s.rowid, coalesce(r.rowid, 0)) < (SELECT max(rowid) FROM sessions)
     AND NOT EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id)
     AND NOT EXISTS (SELECT 1 FROM episodes e WHERE e.session_id IN (s.id, r.id) AND (

@@ -1,6 +1,7 @@
 """Boards left for a day are deleted if unplayed, else closed; a study's stay."""
 
 import asyncio
+import itertools
 import secrets
 from contextlib import closing
 
@@ -15,11 +16,12 @@ from humanplay.tasks.mars.policies import PolicyCatalogue
 from humanplay.tasks.mars.task import Mars
 from humanplay.web.settings import Limits
 from tests.support.page_loads import LOAD
-from tests.support.recorded import ask
+from tests.support.recorded import NOW, ask, open_episode, play
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 
 DAY_H = 24
+LATER = NOW + 3_600_000
 TABLES = (
     "players",
     "sessions",
@@ -135,11 +137,30 @@ def test_boards_that_are_in_use_do_not_keep_later_ones_from_being_deleted(tmp_pa
     with closing(Store(tmp_path / "playground.db")) as store:
         for number in range(7):
             store.add_session(SessionRow(f"s{number}", None, "human", None, "follow", 8.0, number))
+            open_episode(store, f"s{number}", number)
         deleted, after, in_use = [], 0, {"s0", "s1", "s3"}
         while after is not None:
-            sessions, _, after = delete_unplayed(store, 1000, in_use.__contains__, after, most=2)
+            sessions, _, after = delete_unplayed(store, LATER, in_use.__contains__, after, most=2)
             deleted += sessions
         assert deleted == ["s2", "s4", "s5"], "s6 is the newest of all"
+
+
+def test_a_look_for_them_is_as_short_beside_many_episodes_that_have_ended(tmp_path):
+    """All moves wait for it, once a minute."""
+
+    def steps_of_a_look(store):
+        steps = itertools.count()
+        store.connection.set_progress_handler(lambda: next(steps) < 0, 1)
+        assert delete_unplayed(store, LATER, lambda _: False) == ([], [], None)
+        store.connection.set_progress_handler(None, 1)
+        return next(steps)
+
+    with closing(Store(tmp_path / "playground.db")) as store:
+        play(store, 0)
+        once = steps_of_a_look(store)
+        for seed in range(1, 60):
+            play(store, seed)
+        assert steps_of_a_look(store) < 2 * once
 
 
 def test_a_running_server_deletes_them_by_itself(serve, tmp_path):
