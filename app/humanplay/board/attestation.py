@@ -90,6 +90,7 @@ who hands over what goes badly: that must leave them in the estimate for everybo
 
 _STEP = re.compile(r"step (\d+): ")
 _KINDS = {"key": "keydown", "touch": "touchdown"}
+_PRESSES = frozenset(_KINDS.values())
 KeyMap = Mapping[tuple[str, str], Collection[int]]
 """(kind of event, its code) -> the actions that it may cause."""
 
@@ -253,7 +254,7 @@ def _check_ticks(
                 runs_from_ms = event["server_ms"] + PAUSE_MS - CLOCK_SLACK_MS
             elif event["kind"] in ("hidden", "pause"):
                 runs_from_ms = None
-            elif event["kind"] in _KINDS.values() and not event["repeat"]:
+            elif event["kind"] in _PRESSES and not event["repeat"]:
                 presses.append(_Sent(event["client_ms"], event["client_ms"], event["server_ms"]))
                 loads.append(event["page_load"])
                 if not 0 <= (event["step"] or 0) <= step:
@@ -344,7 +345,7 @@ def _presses(
 
     The events come in the order of the moves, and were received before them.
     """
-    rest = [event for event in events if event["kind"] in _KINDS.values()]
+    rest = [event for event in events if event["kind"] in _PRESSES]
     sent, presses, at = list[_Sent](), list[EventRow](), 0
     for step, move in enumerate(moves):
         if move["driver"] != "human" or move["input"] is None or move["input"] not in _KINDS:
