@@ -49,6 +49,8 @@ CAUSES: Mapping[str, str] = {
     "used environment": "a state that reset leaves as it was",
 }
 """Variant -> the usual causes of a difference from the first run, in the order in which a difference is blamed on one."""
+FIRST = "first"
+"""The variant that the others are compared with."""
 GLOBALS = "seeded globals"
 """The variant that tells causes apart: random numbers of Python and numpy are seeded before each episode."""
 PROPOSALS = "proposals"
@@ -155,13 +157,13 @@ def examine(
         if limit_s is not None and steps > PROBED:
             # the first run, the others side by side, and those that look for a cause
             turns = 1 + math.ceil((total - 1) / workers) + 4 / min(2, workers)
-            fixed_s, step_s = _probed({**request, "variant": "first"}, here)
+            fixed_s, step_s = _probed({**request, "variant": FIRST}, here)
             whole_s = turns * (fixed_s + step_s * steps)
             if whole_s > limit_s:
                 steps = min(steps, max(PROBED, int((limit_s / turns - fixed_s) / step_s)))
                 request["steps"] = steps
                 shortened(whole_s, steps)
-        first = _play({**request, "variant": "first"}, here, {})
+        first = _play({**request, "variant": FIRST}, here, {})
         advance(1, total)
 
         def compare(run: tuple[str, Mapping[str, str]]) -> Difference | None:
@@ -224,7 +226,7 @@ def _cause_of(difference: Difference, request: Mapping[str, object], folder: str
     description = described(str(request["task"]).partition(":")[2])
     if description.seeding != "kwarg":
         by_keyword = description.model_copy(update={"seeding": "kwarg"})
-        if is_mended(task=f"gymnasium:{by_keyword.told}", variant="first"):
+        if is_mended(task=f"gymnasium:{by_keyword.told}", variant=FIRST):
             return (
                 'it heeds the seed of `make` alone, not that of `reset`: write `seeding = "kwarg"` '
                 "into its file (`humanplay doctor ENV --toml`)"
@@ -318,7 +320,8 @@ def _child(request: Mapping[str, Any]) -> None:
             if variant == GLOBALS:
                 random.seed(begun)
                 np.random.seed(begun)  # what an environment may draw from
-            played = _episode(env, codes, begun, choose, left, renders, described)
+            is_first = variant == FIRST
+            played = _episode(env, codes, begun, choose, left, renders, described, is_first)
             if used is None:
                 env.close()
             moves_s = played.pop("moves_s")
@@ -349,8 +352,11 @@ def _episode(
     steps: int,
     renders: bool,
     described: Description,
+    measures: bool = False,
 ) -> dict[str, Any]:
     """Return an episode of at most so many steps: the hashes of PARTS at each, what they cost, and the picture's size.
+
+    measures  also how large pictures are as PNG, which takes as long as drawing them
 
     ValueError where a reward, or the score that `info` tells, is not finite.
     """
@@ -370,8 +376,8 @@ def _episode(
                 shape = (len(rows), max(map(len, rows), default=0))
             else:
                 pixels = pixels_of(drawn)
-                picture, shape = _digest(bytes_of(pixels)), pixels.shape[:2]
-                if len(hashes) % 100 == 0:
+                picture, shape = _digest(pixels.data, repr(pixels.shape).encode()), pixels.shape[:2]
+                if measures and len(hashes) % 100 == 0:
                     costs["bytes"].append(_png_size(pixels))
         end = _digest(repr(ends).encode())
         seen, paid = (
@@ -399,8 +405,11 @@ def _episode(
         ends = bool(terminated), bool(truncated)
 
 
-def _digest(content: bytes) -> str:
-    return hashlib.blake2b(content, digest_size=6).hexdigest()
+def _digest(content: bytes | memoryview, about: bytes = b"") -> str:
+    # processors have instructions for SHA-256, so that it takes half the time of a shorter hash
+    digest = hashlib.sha256(content)
+    digest.update(about)
+    return digest.hexdigest()[:12]
 
 
 def _png_size(pixels: Any) -> int:
