@@ -58,6 +58,11 @@ def page(
     return _html(request, f"{name}/index.html", headers, **context)
 
 
+def waiting_page(request: Request) -> Response:
+    """The page of a replay whose episode is still being played again; it asks again by itself."""
+    return _html(request, "replay/waiting.html")
+
+
 def _html(
     request: Request, template: str, headers: Mapping[str, str] = NO_CACHE, **context: object
 ) -> Response:

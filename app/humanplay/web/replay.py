@@ -19,7 +19,7 @@ from humanplay.web.answers.base import Course, file_of
 from humanplay.web.answers.people import Challenger
 from humanplay.web.answers.replays import Replay
 from humanplay.web.errors import bad_input
-from humanplay.web.pages import page
+from humanplay.web.pages import page, waiting_page
 from humanplay.web.protection import SHARED
 from humanplay.web.replays.episodes import UnknownReplayError
 from humanplay.web.replays.files import MEDIA_TYPES, Format, offered
@@ -141,7 +141,9 @@ async def challenge_page(request: Request, episode_id: str) -> Response:
     """
     asker, owner = asker_of(request), owner_of(request)
     with bad_input():
-        replay = await services_of(request).replays.replay(episode_id, asker, owner)
+        replay = await services_of(request).replays.replay_soon(episode_id, asker, owner)
+    if replay is None:
+        return waiting_page(request)
     return page(request, "challenge", headline=replay.course.challenge)
 
 
@@ -149,13 +151,14 @@ async def challenge_page(request: Request, episode_id: str) -> Response:
 async def replay_page(request: Request, episode_id: str) -> Response:
     """Serve the page of a replay.
 
-    It leads to the live view where the episode of somebody on the playground still runs.
+    It leads to the live view where the episode of somebody on the playground still runs, and says so
+    while the episode is played again.
     """
     asker = asker_of(request)
     try:
         with bad_input():
             replays, owner = services_of(request).replays, owner_of(request)
-            replay = await replays.replay(episode_id, asker, owner)
+            replay = await replays.replay_soon(episode_id, asker, owner)
     except UnknownReplayError:
         services = services_of(request)
         store, now = services.store, services.lobby.sources.clock_ms()
@@ -164,6 +167,8 @@ async def replay_page(request: Request, episode_id: str) -> Response:
         if watchable is not None and not watchable[1]:
             return RedirectResponse(f"../watch/{episode_id}", 303)
         raise
+    if replay is None:
+        return waiting_page(request)
     rendered = render(
         replay.document(),
         replay.course,

@@ -37,6 +37,8 @@ GHOST_S = 180.0
 
 The job has the lowest priority, and what took too long is refused for ten minutes.
 """
+SOON_S = 0.2
+"""Seconds that a page waits for an environment that is played again."""
 T = TypeVar("T")
 
 
@@ -79,6 +81,7 @@ class Replays:
         self._courses: dict[Hashable, Course] = {}
         self._files: dict[Hashable, bytes] = {}
         self._replays: dict[Hashable, Replay] = {}
+        self._begun: dict[Hashable, asyncio.Task[Replay]] = {}
 
     async def has(self, episode_id: str, asker: Asker) -> bool:
         """Whether there is a replay of an episode for whoever asks."""
@@ -99,6 +102,25 @@ class Replays:
         if not self._plays(task := episode.trial.task):
             raise UnknownReplayError(f"this server plays no episodes of {task}")
         return await self._replayer.run(owner, self._replay, episode)
+
+    async def replay_soon(self, episode_id: str, asker: Asker, owner: str) -> Replay | None:
+        """The same as `replay`; None while an environment in a process is played again.
+
+        It goes on, whoever asks meanwhile.
+        """
+        if self._task.courses is not None:
+            return await self.replay(episode_id, asker, owner)
+        key = episode_id, asker
+        if (begun := self._begun.get(key)) is None:
+            begun = asyncio.create_task(self.replay(episode_id, asker, owner))
+            # nobody may ask for it again, and then nobody would take what it raised
+            begun.add_done_callback(lambda task: task.cancelled() or task.exception())
+            _keep(self._begun, MAX_FILES, key, begun)
+        await asyncio.wait({begun}, timeout=SOON_S)
+        if not begun.done():
+            return None
+        self._begun.pop(key, None)
+        return begun.result()
 
     async def ghost(self, episode_id: str, name: str, asker: Asker, owner: str) -> Course:
         """The course of a policy on the terrain of an episode.
