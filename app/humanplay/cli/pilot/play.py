@@ -104,7 +104,7 @@ def _task_in_place(error: NotRecreatedError, people: int, wait: bool | None) -> 
     """The task of an environment that this program steps; PilotError if it cannot."""
     if people or wait is False:
         raise PilotError(
-            f"{error.reason}, so that this program would step it itself: one board, while the call lasts. "
+            f"{error.reason}. This program would step it itself: one board, while the call lasts. "
             f"Leave `people` and `wait` out, or write {error.line}"
         )
     try:
