@@ -5,7 +5,8 @@
 First a person presses keys in a real Chromium: FourRooms and Crafter in turns, Breakout in real
 time, as far as installed. A time goes from the key's event to the task after the animation frame
 with the picture which shows it; of Breakout that is the first on which the paddle stands elsewhere,
-two ticks after the key at the earliest. Then `--boards` people play Breakout for `--seconds`, the
+two ticks after the key at the earliest. Beside it stands what step and picture take the environment
+itself. Then `--boards` people play Breakout for `--seconds`, the
 server and its boards' processes on one core and the people on another, chain and commits on. The
 exit code is 1 where a board makes fewer than 59 ticks a second, or `verify` finds something. Wants
 a quiet machine.
@@ -37,6 +38,9 @@ from websockets.asyncio.client import connect
 
 from humanplay.board.controls import COUNTDOWN_S, late_share
 from humanplay.study.verification import verify_database
+from humanplay.task.registration import environment_of
+from humanplay.tasks.gymnasium.codes import ActionCodes
+from humanplay.tasks.gymnasium.configuration import own_config
 from tests.support.browser import AS_A_PERSON, NO_3D, QUIET, chromium_path, free_port
 
 ROOMS, CRAFTER, BREAKOUT = (
@@ -99,6 +103,25 @@ def served(env: str, folder: Path, cores: set[int] | None = None) -> Iterator[tu
         if process.poll() is None:
             process.send_signal(signal.SIGTERM)
         process.wait(60)
+
+
+def own_ms(env: str, moves: int = 200) -> np.ndarray:
+    """Return the milliseconds that moves and pictures take the environment itself."""
+    environment = environment_of(f"gymnasium:{env}")
+    config = own_config(environment.configuration({}))
+    dice, times = random.Random(1), []
+    with closing(config.make(0)) as made:
+        codes = ActionCodes(config.level, made.action_space)
+        config.description.begin(made, 0)
+        made.render()
+        for number in range(1, moves + 1):
+            began = time.perf_counter()
+            ended = any(made.step(codes.own(dice.randrange(codes.count)))[2:4])
+            made.render()
+            times.append(1000 * (time.perf_counter() - began))
+            if ended:
+                config.description.begin(made, number)
+    return np.array(times)
 
 
 def key_to_picture(env: str, presses: int) -> np.ndarray:
@@ -264,9 +287,14 @@ def main() -> int:
             print(f"{error}: it said why")
             continue
         p50, p95 = np.percentile(times, (50, 95)) if len(times) else (np.nan, np.nan)
-        figures[env] = {"presses": len(times), "p50_ms": p50, "p95_ms": p95}
+        own = np.percentile(own_ms(env), 95)
+        figures[env] = {"presses": len(times), "p50_ms": p50, "p95_ms": p95, "own_p95_ms": own}
         print(f"{env}: key to picture, {len(times)} of {wanted.presses} presses: ", end="")
-        print(f"p50 {p50:.1f}, p95 {p95:.1f} ms; wanted below {most}", flush=True)
+        print(f"p50 {p50:.1f}, p95 {p95:.1f} ms, ", end="")
+        print(
+            f"of which its own step and picture {own:.1f}; wanted below {most}",
+            flush=True,
+        )
     fails = False
     if wanted.boards:
         rates, late, findings, size, cpu = many_boards(wanted.boards, wanted.seconds)
