@@ -126,7 +126,7 @@ def read_map(
     """Read a map_server YAML file as a terrain; MapFileError if that is impossible.
 
     Args:
-        path: The YAML file.
+        path: The YAML file; as in Nav2 a first `~` is the user's home.
         cell: Metres of a cell's side, at least a pixel. None takes the largest of CELLS_M from
             which the start is playable and at least half of the free cells are reached, or the
             share that is reached at the size of a pixel if that is less. Where no size reaches that
@@ -136,7 +136,7 @@ def read_map(
             playable. None takes the free cell nearest to (0, 0), where mapping usually begins, in
             the nearest playable region; of several the northernmost, then the westernmost.
     """
-    path = Path(path)
+    path = Path(path).expanduser()
     occupancy = read_occupancy(path)
     reading = _Reading(path, occupancy, inflation, start)
     if cell is not None and not (math.isfinite(cell) and cell >= occupancy.resolution):

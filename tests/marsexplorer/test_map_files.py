@@ -1,9 +1,12 @@
 """What a map file says of each pixel, by modes, thresholds and numbers of Nav2."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from PIL import Image
 
 from marsexplorer.map_files import MapFileError, MapWarning, read_occupancy
@@ -61,6 +64,67 @@ def test_modes_and_thresholds_mean_what_they_mean_in_nav2(tmp_path, mode, negate
         cells = read_occupancy(path).cells
     expected = [occupancy(grey, name, free, occupied, negate == "true") for grey in range(256)]
     assert cells.reshape(-1).tolist() == expected
+
+
+THRESHOLDS = st.integers(0, 100).map(lambda percent: percent / 100)
+NOTATIONS = ("{:.2f}", "{:e}", "{:.3E}", "+{}", "'{}'", '"{:.2f}"', "!!str {}")
+"""Ways to write a number that yaml-cpp reads as one."""
+PIXELS = st.lists(
+    st.tuples(st.integers(0, 255), st.sampled_from([255, 255, 254, 1, 0])), min_size=1
+)
+"""Greys, and how opaque they are."""
+
+
+def picture_of(pixels, kind):
+    """A row of pixels as a file's name and its bytes or picture."""
+    greys = np.array([[grey for grey, _ in pixels]], np.uint8)
+    if kind == "plain":
+        return "m.pgm", f"P2 {greys.size} 1 255 {' '.join(map(str, greys[0]))}".encode()
+    if kind == "deep":
+        deep = greys.astype(">u2") * 257 + 128 * (greys < 255)
+        return "m.pgm", b"P5 %d 1 65535\n" % greys.size + deep.astype(">u2").tobytes()
+    if kind == "alpha":
+        alphas = np.array([[alpha for _, alpha in pixels]], np.uint8)
+        return "m.png", Image.fromarray(np.dstack([greys, greys, greys, alphas]))
+    return f"m.{kind}", greys
+
+
+@settings(deadline=None)
+@given(
+    pixels=PIXELS,
+    kind=st.sampled_from(["pgm", "plain", "deep", "png", "bmp", "tif", "alpha"]),
+    mode=st.sampled_from(["trinary", "Trinary", "scale", "SCALE", "raw", "'raw'"]),
+    negate=st.sampled_from(["0", "1", "-1", "0x0", "0xF", "true", "False", "yes", "OFF"]),
+    free=THRESHOLDS,
+    occupied=THRESHOLDS,
+    notations=st.tuples(*2 * [st.sampled_from(NOTATIONS)]),
+)
+def test_a_drawn_map_file_means_what_it_means_in_nav2(
+    tmp_path_factory, pixels, kind, mode, negate, free, occupied, notations
+):
+    name, picture = picture_of(pixels, kind)
+    written = [way.format(number) for way, number in zip(notations, (free, occupied), strict=True)]
+    path = map_file(
+        tmp_path_factory.mktemp("map"),
+        picture,
+        image=name,
+        mode=mode,
+        negate=negate,
+        free_thresh=written[0],
+        occupied_thresh=written[1],
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MapWarning)
+        cells = read_occupancy(path).cells
+    is_negated = negate not in ("0", "0x0", "False", "OFF")
+    plain = mode.strip("'").lower()
+    expected = [
+        -1
+        if kind == "alpha" and plain != "raw" and alpha < 255
+        else occupancy(grey, plain, free, occupied, is_negated)
+        for grey, alpha in pixels
+    ]
+    assert cells.tolist() == [expected]
 
 
 @pytest.mark.parametrize(

@@ -80,6 +80,12 @@ def test_cells_and_inflation_are_those_of_the_definition(tmp_path, cell, inflati
     assert (terrain == expected).all()
 
 
+def test_a_tilde_is_the_home_as_in_nav2(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    path = saved(tmp_path, hall())
+    assert (read_map("~/hall.yaml").terrain == read_map(path).terrain).all()
+
+
 def test_cells_and_metres_are_one_another(tmp_path):
     turned = GridMap(np.zeros((6, 10), bool), 0.5, (3.0, -1.0, 0.7), (0, 0))
     straight = read_map(saved(tmp_path, hall()))
