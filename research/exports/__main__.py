@@ -5,9 +5,9 @@ As their documentation does; the files are read and played.
     pip install stable-baselines3 sb3-contrib tianshou "ray[rllib]" torch onnxscript
     python -m research.exports
 
-Each agent decides on 200 observations of real episodes, four episodes at a time in its own library,
-and alone through the file that `marsexplorer policies add` writes. A library that is not installed
-is named as such.
+Each agent decides on 200 observations of real episodes, in its own library four boards at a time
+and then board by board, and through the file that `marsexplorer policies add` writes. A library
+that is not installed is named as such.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -43,7 +43,7 @@ class Agent:
     outputs  names of its outputs
     answers  to what its shapes leave open
     moves    (observations float32[boards, rows, cols], masks bool[boards, 4], whether each begins
-             an episode) -> moves
+             an episode) -> moves; where all begin one, nothing is remembered
     """
 
     module: nn.Module
@@ -145,7 +145,10 @@ def recurrent() -> Agent:
     def moves(seen: np.ndarray, _masks: np.ndarray, starts: np.ndarray) -> np.ndarray:
         chosen: np.ndarray
         chosen, states[0] = model.predict(
-            seen, state=states[0], episode_start=starts, deterministic=True
+            seen,
+            state=None if starts.all() else states[0],
+            episode_start=starts,
+            deterministic=True,
         )
         return chosen
 
@@ -180,7 +183,9 @@ def plain() -> Agent:
     def moves(seen: np.ndarray, _masks: np.ndarray, starts: np.ndarray) -> np.ndarray:
         newest = np.round(seen * 3.2).clip(0, 3)[:, None]
         again = np.repeat(newest, 4, axis=1)
-        shifted = again if frames[0] is None else np.concatenate([frames[0][:, 1:], newest], axis=1)
+        if frames[0] is None or starts.all():
+            frames[0] = again
+        shifted = np.concatenate([frames[0][:, 1:], newest], axis=1)
         frames[0] = np.where(starts[:, None, None, None], again, shifted).astype(np.float32)
         return _best(net(torch.as_tensor(frames[0])))
 
@@ -265,8 +270,8 @@ AGENTS: dict[str, tuple[str, Callable[[], Agent]]] = {
 """Name of an agent -> the package that it is of, and what makes it."""
 
 
-def compare(agent: Agent, folder: Path) -> tuple[int, int]:
-    """Export an agent, read the file, and count (equal moves, moves)."""
+def compare(agent: Agent, folder: Path) -> tuple[int, int, int]:
+    """Export an agent, read the file, and count (equal moves batched, alone, moves)."""
     file, out = folder / "net.onnx", folder / "added.onnx"
     with torch.no_grad():
         torch.onnx.export(
@@ -279,22 +284,40 @@ def compare(agent: Agent, folder: Path) -> tuple[int, int]:
             verbose=False,
         )
     adopt(file, out, agent.answers, observations)
-    alone = [policies.load(out) for _ in range(BOARDS)]
     boards = [
         list(observations((SIDE, SIDE), (board + 1) * MOVES))[-MOVES:] for board in range(BOARDS)
     ]
-    equal = 0
+    ours = [_moves_of_file(out, board) for board in boards]
+    batched = np.transpose(_moves_of_agent(agent, boards))
+    alone = [_moves_of_agent(agent, [board])[:, 0] for board in boards]
+    return int(np.sum(batched == ours)), int(np.sum(np.equal(alone, ours))), BOARDS * MOVES
+
+
+Episodes = Sequence[tuple[np.ndarray, bool]]
+"""The codes of a board in some episodes, and whether each begins one."""
+
+
+def _moves_of_file(file: Path, board: Episodes) -> list[int]:
+    """The moves of a policy file on a board."""
+    policy = policies.load(file)
+    moves = []
+    for step, (codes, is_start) in enumerate(board):
+        if step == 0 or is_start:
+            policy.reset(0)
+        moves.append(policy.act(codes))
+    return moves
+
+
+def _moves_of_agent(agent: Agent, boards: Sequence[Episodes]) -> np.ndarray:
+    """The moves of an agent in its own library on boards side by side: int[moves, boards]."""
+    moves = []
     for step in range(MOVES):
         codes = np.array([board[step][0] for board in boards])
         starts = np.array([step == 0 or board[step][1] for board in boards])
         masks = action_masks(codes, np.array([rover_position(board) for board in codes]))
         with torch.no_grad():
-            theirs = agent.moves(STATE_VALUES[codes], masks, starts)
-        for policy, board, start, move in zip(alone, codes, starts, theirs, strict=True):
-            if start:
-                policy.reset(0)
-            equal += policy.act(board) == int(move)
-    return equal, BOARDS * MOVES
+            moves.append(agent.moves(STATE_VALUES[codes], masks, starts))
+    return np.array(moves, int)
 
 
 def _flat(module: nn.Module, scores: Callable[[Tensor], Tensor]) -> Agent:
@@ -319,18 +342,19 @@ def _make() -> Any:
 
 def lines() -> Iterator[str]:
     """The rows of a table, one for each agent."""
-    yield "|agent|package|equal moves|"
-    yield "|---|---|---|"
+    yield "|agent|package|equal moves, batched|alone|"
+    yield "|---|---|---|---|"
     for name, (package, make) in AGENTS.items():
         torch.manual_seed(3)
         try:
             agent = make()
         except ModuleNotFoundError as error:
-            yield f"|{name}|{package}|not installed: {error.name}|"
+            yield f"|{name}|{package}|not installed: {error.name}||"
             continue
         with tempfile.TemporaryDirectory() as folder:
-            equal, count = compare(agent, Path(folder))
-        yield f"|{name}|{package} {version(package)}|{equal} of {count}|"
+            batched, alone, count = compare(agent, Path(folder))
+        equal = f"{batched} of {count}|{alone} of {count}"
+        yield f"|{name}|{package} {version(package)}|{equal}|"
 
 
 def main() -> None:
@@ -339,8 +363,9 @@ def main() -> None:
     differs = False
     for line in lines():
         print(line, flush=True)
-        cells = line.split("|")[3].split(" of ")
-        differs |= len(cells) == 2 and cells[0] != cells[1]
+        for cell in line.split("|")[3:]:
+            equal, of, count = cell.partition(" of ")
+            differs |= bool(of) and equal != count
     sys.exit(differs)
 
 
