@@ -19,9 +19,8 @@ an id that begins with "-".
 def to_cell(content: Any) -> Any:
     """Convert content to a cell of a CSV file that no spreadsheet runs as a formula.
 
-    Such text gets an apostrophe in front, which spreadsheets hide; numbers stay numbers. A program
-    that wants the text itself reads the JSON Lines, the Parquet or the database beside the CSV,
-    where nothing is changed.
+    Such text gets an apostrophe in front; numbers stay numbers. A program that wants the text
+    itself reads the Parquet or the database, where nothing is changed.
     """
     return f"'{content}" if isinstance(content, str) and _FORMULA.match(content) else content
 

@@ -29,7 +29,9 @@ from marsexplorer.training.ppo import TrainingRun, UpdateMetrics, forward
 VALIDATION_SEED = 2 * 10**9
 """Seed of the first validation terrain: those are neither trained on nor evaluated on."""
 NUM_VALIDATIONS = 20
-"""Times in a run that the greedy policy is measured on the validation terrains."""
+"""Times in a run that the greedy policy is measured on the validation terrains, besides the one
+after the first update: readers of JSON lines take the columns from the first lines.
+"""
 VALIDATION_EPISODES = 100
 CHECKPOINT_INTERVAL_S = 60.0
 """Seconds between checkpoints."""
@@ -104,7 +106,7 @@ class RunFolder:
         line["seconds"] = round(self.seconds, 1)
         run = self._run
         interval = max(1, run.num_updates // NUM_VALIDATIONS)
-        if run.updates_done % interval == 0 or run.updates_done == run.num_updates:
+        if run.updates_done % interval == 0 or run.updates_done in (1, run.num_updates):
             line["greedy"], line["greedy_explored"] = validate(run)
         self._lines.append(line)
         for name, number in line.items():

@@ -271,7 +271,7 @@ AGENTS: dict[str, tuple[str, Callable[[], Agent]]] = {
 
 
 def compare(agent: Agent, folder: Path) -> tuple[int, int, int]:
-    """Export an agent, read the file, and count (equal moves batched, alone, moves)."""
+    """Export an agent, read the file, and count (equal batched, equal alone, all)."""
     file, out = folder / "net.onnx", folder / "added.onnx"
     with torch.no_grad():
         torch.onnx.export(
@@ -309,7 +309,7 @@ def _moves_of_file(file: Path, board: Episodes) -> list[int]:
 
 
 def _moves_of_agent(agent: Agent, boards: Sequence[Episodes]) -> np.ndarray:
-    """The moves of an agent in its own library on boards side by side: int[moves, boards]."""
+    """The moves of an agent in its library, boards abreast: int[moves, boards]."""
     moves = []
     for step in range(MOVES):
         codes = np.array([board[step][0] for board in boards])

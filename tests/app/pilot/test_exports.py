@@ -5,6 +5,7 @@ import pytest
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.plays import Plays
 from humanplay.release.errors import ReleaseError
+from humanplay.task.registration import environment_of
 from tests.app.pilot.test_score import LAKE, played
 from tests.support.command import command
 from tests.support.recorded import alter, ask
@@ -28,7 +29,16 @@ def test_plays_leave_as_parquet_minari_and_a_page(plays, tmp_path):
     episodes = parquet.read_table(tmp_path / "tables" / "episodes.parquet").to_pylist()
     assert [row["verified"] for row in episodes] == [True, True]
     assert plays.to_minari("lake/people-v0") == "2 episodes in the dataset lake/people-v0"
-    assert minari.load_dataset("lake/people-v0").total_steps == moves
+    dataset = minari.load_dataset("lake/people-v0")
+    assert dataset.total_steps == moves
+    steps = parquet.read_table(tmp_path / "tables" / "steps.parquet").to_pylist()
+    loaded = [number for episode in dataset for number in episode.rewards.tolist()]
+    assert loaded == [step["reward"] for step in steps]
+    names = environment_of(plays.task).actions
+    actions = [names[code] for episode in dataset for code in episode.actions.tolist()]
+    assert actions == [step["action"] for step in steps]
+    seeds = [about["seed"] for about in dataset.storage.get_episode_metadata([0, 1])]
+    assert seeds == [row["seed"] for row in episodes]
     page = plays.replay(out=tmp_path / "replay.html")
     assert page.read_text().startswith("<!doctype html>")
     assert plays.verify() == []

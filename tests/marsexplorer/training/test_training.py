@@ -3,9 +3,11 @@
 import json
 import os
 import signal
-from dataclasses import replace
+from dataclasses import fields, replace
 
+import duckdb
 import numpy as np
+import polars
 import pytest
 import torch
 
@@ -90,6 +92,40 @@ def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
     assert [line["moves"] for line in lines] == [512 * (k + 1) for k in range(6)]
     assert lines[-1]["greedy"] < lines[0]["greedy"]
     assert lines[-1]["steps"] < lines[3]["steps"]
+
+
+def by_pandas(path):
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.read_json(path, lines=True, precise_float=True)
+    return frame.astype(object).where(frame.notna(), None).to_dict("records")
+
+
+def by_polars(path):
+    return polars.read_ndjson(path).to_dicts()
+
+
+def by_duckdb(path):
+    log = duckdb.read_json(str(path))
+    return [dict(zip(log.columns, line, strict=True)) for line in log.fetchall()]
+
+
+@pytest.mark.parametrize("reader", [by_pandas, by_polars, by_duckdb])
+@pytest.mark.usefixtures("no_curve")
+def test_a_long_log_is_read_as_it_was_written(reader, tmp_path, monkeypatch):
+    """polars takes the columns from the first hundred lines, and drops others."""
+    monkeypatch.setattr(run_folder, "validate", lambda run: (run.updates_done / 3, 0.5))
+    run = TrainingRun.begin(BEST, [SMALL], 3000 * BEST.batch_size, 3)
+    folder = RunFolder(tmp_path, run, {}, silent)
+    numbers = [number / 7 for number in range(len(fields(ppo.UpdateMetrics)))]
+    for run.updates_done in range(1, 301):
+        ends = {"episode_steps": float("nan")} if run.updates_done < 5 else {}
+        metrics = replace(ppo.UpdateMetrics(*numbers), global_step=run.updates_done, **ends)
+        folder.on_update(metrics)
+    path = tmp_path / "log.jsonl"
+    run_folder.write_log(path, folder._lines)
+    lines = run_folder.read_log(path)
+    assert [number for number, line in enumerate(lines, 1) if "greedy" in line] == [1, 150, 300]
+    assert reader(path) == [{**dict.fromkeys(lines[0]), **line} for line in lines]
 
 
 @pytest.mark.parametrize(
